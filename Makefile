@@ -1,0 +1,40 @@
+# `make figures` and `make test` need Python 3.10 or newer and nothing else; each makes .venv first.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CONFIG ?=
+FIGURES := variance montecarlo sensitivity budget
+
+.PHONY: figures test lint format clean
+
+# The runtime packages are enough for the figures; what tests and linting need is installed with them.
+$(VENV)/installed: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' \
+		|| { echo "radar-sense needs Python 3.10 or newer; try make PYTHON=python3.12" >&2; exit 1; }
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/installed-dev: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	touch $@
+
+figures: $(VENV)/installed
+	@for analysis in $(FIGURES); do \
+		$(BIN)/radar-sense $$analysis $(CONFIG) --out figures --format pdf --format png || exit; \
+	done
+
+test: $(VENV)/installed-dev
+	$(BIN)/python -m pytest -n 2
+
+lint: $(VENV)/installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(VENV)/installed-dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis

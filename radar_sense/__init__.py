@@ -1,0 +1,71 @@
+"""How sure can you be of a radar's probability of detection?
+
+The names below are loaded when they are first used, so that the command line can answer `--help`
+without loading NumPy and SciPy.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "ConstantRCS": "rcs",
+    "DetectionModel": "model",
+    "EllipsoidRCS": "rcs",
+    "Linearization": "model",
+    "MonteCarlo": "montecarlo",
+    "Result": "analyses",
+    "Scenario": "scenario",
+    "ScenarioError": "reader",
+    "SpikeballRCS": "rcs",
+    "SurveillanceRadar": "detection",
+    "budget": "analyses",
+    "load_scenario": "scenario",
+    "monte_carlo": "montecarlo",
+    "parse_scenario": "scenario",
+    "sensitivity": "analyses",
+    "variance": "analyses",
+}
+
+if TYPE_CHECKING:
+    from radar_sense.analyses import Result, budget, sensitivity, variance
+    from radar_sense.detection import SurveillanceRadar
+    from radar_sense.model import DetectionModel, Linearization
+    from radar_sense.montecarlo import MonteCarlo, monte_carlo
+    from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+    from radar_sense.reader import ScenarioError
+    from radar_sense.scenario import Scenario, load_scenario, parse_scenario
+
+__all__ = [
+    "ConstantRCS",
+    "DetectionModel",
+    "EllipsoidRCS",
+    "Linearization",
+    "MonteCarlo",
+    "Result",
+    "Scenario",
+    "ScenarioError",
+    "SpikeballRCS",
+    "SurveillanceRadar",
+    "__version__",
+    "budget",
+    "load_scenario",
+    "monte_carlo",
+    "parse_scenario",
+    "sensitivity",
+    "variance",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module 'radar_sense' has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(f"radar_sense.{_HOME[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,338 @@
+"""The command line: read, analyse, write; nothing else.
+
+Whatever is slow to import is imported by the command that needs it.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+
+import click
+
+from radar_sense import __version__
+
+if TYPE_CHECKING:
+    from radar_sense.analyses import Result
+    from radar_sense.scenario import Scenario
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+FORMATS = ("png", "pdf", "svg")
+MAX_WORKERS = 256
+
+
+class BadInput(click.ClickException):
+    """Input that the user can put right; one line and exit code 2."""
+
+    exit_code = 2
+
+
+class Cli(click.Group):
+    """The group of commands, with every error in one line on standard error."""
+
+    def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
+        """Run a command and exit with its code."""
+        args = list(sys.argv[1:] if args is None else args)
+        options.update(standalone_mode=False, obj=["radar-sense", *args])
+        try:
+            code = super().main(args, *rest, **options)
+        except click.ClickException as error:
+            message = " ".join(error.format_message().split())
+            click.echo(f"Error: {message}", err=True)
+            code = error.exit_code
+        except (click.Abort, KeyboardInterrupt):
+            click.echo("Interrupted; nothing was written.", err=True)
+            code = 130
+        except BrokenPipeError:
+            # The reader of our output went away; Python must not complain when it flushes.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            code = 1
+        except OSError as error:
+            click.echo(f"Error: {error}", err=True)
+            code = 1
+        sys.exit(code)
+
+
+class WholeNumber(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """A whole number; `1e6` is one."""
+
+    name = "N"
+
+    def __init__(self, at_least: int, at_most: float = float("inf")) -> None:
+        self.at_least, self.at_most = at_least, at_most
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> int:
+        """Turn the text of an option into an int."""
+        try:
+            number = int(value) if str(value).lstrip("+-").isdigit() else float(value)
+            allowed = number == int(number) and self.at_least <= number <= self.at_most
+        except (ValueError, OverflowError):  # not a number, or infinite
+            allowed = False
+        if not allowed:
+            upper = f" to {self.at_most:g}" if self.at_most < float("inf") else " or more"
+            self.fail(f"must be a whole number, {self.at_least}{upper}, got {value!r}", param, ctx)
+        return int(number)
+
+
+def _stacked(*decorators: Callable[[F], F]) -> Callable[[F], F]:
+    def apply(function: F) -> F:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return apply
+
+
+_config = click.argument("config", required=False, type=click.Path(path_type=Path))
+_level = click.option("--level", metavar="NAME", help="Level of radar uncertainty.")
+_quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
+_output = _stacked(
+    click.option(
+        "--out",
+        metavar="DIR",
+        default="figures",
+        show_default=True,
+        type=click.Path(path_type=Path),
+        help="Folder to write to.",
+    ),
+    click.option(
+        "--format",
+        "formats",
+        multiple=True,
+        default=["pdf"],
+        show_default=True,
+        type=click.Choice(FORMATS),
+        help="Format of the figure; may be given several times.",
+    ),
+    click.option("--no-plot", is_flag=True, help="Write no figure."),
+    _quiet,
+)
+
+
+@click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(__version__, prog_name="radar-sense")
+def cli() -> None:
+    r"""How sure can you be of a radar's probability of detection?
+
+    CONFIG is a scenario file; without it, the scenario of the paper is used.
+    Every analysis writes a CSV table, a figure, and a JSON record of how they were made.
+
+    \b
+    Examples:
+      radar-sense budget                    the paper's error budget, into figures/
+      radar-sense init my.yaml              a scenario of your own to start from
+      radar-sense montecarlo my.yaml        is the linearization good enough for it?
+    """
+
+
+@cli.command()
+@_config
+@_level
+@_output
+@click.pass_obj
+def variance(command: list[str], /, config: Path | None, level: str | None, **output: Any) -> None:
+    r"""Linearized deviation of P_D along the geometry.
+
+    \b
+    Examples:
+      radar-sense variance
+      radar-sense variance my.yaml --level high --format png
+    """
+    from radar_sense import analyses
+
+    scenario = _scenario(config, level=level)
+    _run(command, lambda: analyses.variance(scenario), **output)
+
+
+@cli.command()
+@_config
+@_level
+@click.option("--runs", type=WholeNumber(2, 1e9), help="Number of runs.")
+@click.option("--seed", type=WholeNumber(0), help="Seed of the random draws.")
+@click.option(
+    "--workers",
+    type=WholeNumber(1, MAX_WORKERS),
+    help="Threads to compute with; the numbers do not depend on it.  [default: all cores]",
+)
+@_output
+@click.pass_obj
+def montecarlo(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    runs: int | None,
+    seed: int | None,
+    workers: int | None,
+    **output: Any,
+) -> None:
+    r"""Monte Carlo draws of P_D against the linearized band.
+
+    \b
+    Examples:
+      radar-sense montecarlo
+      radar-sense montecarlo my.yaml --runs 10000 --seed 7
+    """
+    scenario = _scenario(config, level=level, runs=runs, seed=seed)
+    workers = workers or min(os.cpu_count() or 1, MAX_WORKERS)
+
+    from radar_sense import analyses
+
+    def analyse() -> Result:
+        with _progress(scenario.runs) as advance:
+            return analyses.montecarlo(scenario, workers=workers, progress=advance)
+
+    _run(command, analyse, **output)
+
+
+@cli.command()
+@_config
+@_output
+@click.pass_obj
+def sensitivity(command: list[str], /, config: Path | None, **output: Any) -> None:
+    r"""3 sigma of P_D for every level of radar uncertainty.
+
+    \b
+    Examples:
+      radar-sense sensitivity
+      radar-sense sensitivity my.yaml --out results
+    """
+    from radar_sense import analyses
+
+    scenario = _scenario(config)
+    _run(command, lambda: analyses.sensitivity(scenario), **output)
+
+
+@cli.command()
+@_config
+@_level
+@_output
+@click.pass_obj
+def budget(command: list[str], /, config: Path | None, level: str | None, **output: Any) -> None:
+    r"""Error budget: 3 sigma of P_D from each source alone.
+
+    \b
+    Examples:
+      radar-sense budget
+      radar-sense budget my.yaml --level low --no-plot
+    """
+    from radar_sense import analyses
+
+    scenario = _scenario(config, level=level)
+    _run(command, lambda: analyses.budget(scenario), **output)
+
+
+@cli.command()
+@_config
+@_quiet
+def check(config: Path | None, quiet: bool) -> None:
+    r"""Read and validate a scenario and print it in full; compute nothing.
+
+    What is printed is a scenario file itself, with every default filled in.
+
+    \b
+    Examples:
+      radar-sense check
+      radar-sense check my.yaml
+    """
+    import yaml
+
+    scenario = _scenario(config)
+    if not quiet:
+        click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
+        # default_flow_style None: lists of numbers on one line, mappings spread out
+        resolved = yaml.safe_dump(
+            scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True
+        )
+        click.echo(resolved, nl=False)
+
+
+@cli.command()
+@click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
+@_quiet
+def init(file: Path, quiet: bool) -> None:
+    r"""Write a commented scenario to start from.
+
+    FILE is scenario.yaml if left out; - writes to the terminal.
+
+    \b
+    Examples:
+      radar-sense init
+      radar-sense init my.yaml
+    """
+    from radar_sense.output import write
+    from radar_sense.scenario import default_text
+
+    if str(file) == "-":
+        click.echo(default_text(), nl=False)
+        return
+    if file.exists() or file.is_symlink():
+        raise BadInput(f"{file}: exists already; choose another name")
+    try:
+        write({file: default_text().encode()})
+    except OSError as error:
+        raise BadInput(f"{file}: cannot be written: {error.strerror}") from error
+    if not quiet:
+        click.echo(f"{file} written; next: radar-sense check {file}")
+
+
+def _scenario(config: Path | None, **choices: Any) -> Scenario:
+    from radar_sense.reader import ScenarioError
+    from radar_sense.scenario import load_scenario
+
+    try:
+        return load_scenario(config).with_analysis(**choices)
+    except ScenarioError as error:
+        raise BadInput(str(error)) from error
+
+
+def _run(
+    command: list[str],
+    analyse: Callable[[], Result],
+    *,
+    out: Path,
+    formats: tuple[str, ...],
+    no_plot: bool,
+    quiet: bool,
+) -> None:
+    """Analyse, then write all files, then say what was found and written."""
+    from radar_sense import output
+
+    try:
+        output.require_folder(out)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInput(f"--out: cannot write to {out}: {reason}") from error
+    result = analyse()
+    stem = output.stem(result)
+    files = {out / f"{stem}.csv": output.csv(result.table)}
+    if not no_plot:
+        from radar_sense import figures
+
+        figure = figures.draw(result)
+        for name in dict.fromkeys(formats):
+            files[out / f"{stem}.{name}"] = figures.render(figure, name)
+    files[out / f"{stem}.json"] = output.record(result, command)
+    output.write(files)
+    if not quiet:
+        for line in result.report:
+            click.echo(line)
+        for warning in result.warnings:
+            click.echo(f"Warning: {warning}", err=True)
+        for path in files:
+            click.echo(path)
+
+
+@contextmanager
+def _progress(runs: int) -> Iterator[Callable[[int], None] | None]:
+    """Show progress on standard error, if that is a terminal."""
+    if not sys.stderr.isatty():
+        yield None
+        return
+    with click.progressbar(length=runs, label="runs", show_pos=True, file=sys.stderr) as bar:
+        yield bar.update

@@ -1,0 +1,66 @@
+"""Covariance matrices: made from standard deviations, checked, masked, and factored for drawing."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from radar_sense.states import FloatArray
+
+#: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
+TOLERANCE = 1e-9
+
+
+def from_std(std: ArrayLike) -> FloatArray:
+    """Covariance (n, n) of independent components with standard deviations (n,)."""
+    return np.diag(np.square(np.asarray(std, dtype=float)))
+
+
+def problem(covariance: FloatArray) -> str | None:
+    """Say why a matrix (n, n) is not a covariance, or None if it is one."""
+    variances = np.diagonal(covariance)
+    if np.any(variances < 0):
+        return f"has a negative variance on its diagonal, {variances.min():g}"
+    correlation = _correlation(covariance)
+    if not np.allclose(correlation, correlation.T, rtol=0, atol=TOLERANCE):
+        i, j = np.unravel_index(np.argmax(abs(correlation - correlation.T)), correlation.shape)
+        return (
+            f"is not symmetric: entry [{i + 1}][{j + 1}] is {covariance[i, j]:g}, "
+            f"[{j + 1}][{i + 1}] is {covariance[j, i]:g}"
+        )
+    if np.any(covariance[variances == 0]):
+        return "is not positive semidefinite: a component without variance has a covariance"
+    lowest = np.linalg.eigvalsh(correlation).min()
+    if lowest < -TOLERANCE:
+        return (
+            f"is not positive semidefinite: its correlation matrix has the eigenvalue {lowest:.3g}"
+        )
+    return None
+
+
+def only(covariance: FloatArray, components: slice) -> FloatArray:
+    """Return the covariance (..., n, n) with all but the named components made certain."""
+    alone = np.zeros_like(covariance)
+    alone[..., components, components] = covariance[..., components, components]
+    return alone
+
+
+def factor(covariance: FloatArray) -> FloatArray:
+    """Return F (n, n) with F Fᵀ = C, for a C that may be singular.
+
+    The eigenvectors of the correlation matrix are used, so that metres beside radians cost no
+    accuracy; for independent components F is the diagonal of standard deviations.
+    """
+    std: FloatArray = np.sqrt(np.diagonal(covariance))
+    if np.array_equal(covariance, np.diag(np.diagonal(covariance))):
+        return np.diag(std)
+    values, vectors = np.linalg.eigh(_correlation(covariance))
+    root: FloatArray = std[:, np.newaxis] * vectors * np.sqrt(np.maximum(values, 0.0))
+    return root
+
+
+def _correlation(covariance: FloatArray) -> FloatArray:
+    std = np.sqrt(np.diagonal(covariance))
+    std = np.where(std > 0, std, 1.0)
+    correlation: FloatArray = covariance / np.outer(std, std)
+    return correlation

@@ -1,0 +1,184 @@
+"""From a result to its figure: one function for each analysis, one style for all.
+
+The figures fit one column of a journal (3.5 in), are told apart by line style as well as by colour,
+and have their legend beside the axes, not on the data. Matplotlib is used without pyplot, which
+keeps no global state and loads faster.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from radar_sense.analyses import Result
+from radar_sense.states import SOURCES, FloatArray
+
+_STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7.5,
+    "mathtext.fontset": "dejavusans",
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "legend.frameon": False,
+    "legend.handlelength": 2.8,
+    "pdf.fonttype": 42,  # real fonts: text in a PDF stays text
+    "svg.hashsalt": "radar-sense",  # the same figure is the same bytes
+    "savefig.dpi": 300,
+}
+_WIDTH = 3.5
+
+#: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
+_LINES: tuple[tuple[str, Any], ...] = (
+    ("#0072B2", "-"),
+    ("#D55E00", (0, (5, 1.5))),
+    ("#009E73", (0, (1.2, 1.2))),
+    ("#CC79A7", (0, (5, 1.5, 1.2, 1.5))),
+    ("#56B4E9", (0, (8, 2))),
+    ("#E69F00", (0, (3, 1, 1.2, 1, 1.2, 1))),
+)
+_BAND = _LINES[1]
+_HAIR = "0.5"
+
+
+def draw(result: Result) -> Figure:
+    """Draw the figure of a result."""
+    with mpl.rc_context(_STYLE):
+        return _FIGURES[result.analysis](result)
+
+
+def render(figure: Figure, kind: str) -> bytes:
+    """Encode a figure as png, pdf or svg; the same figure gives the same bytes."""
+    undated: Mapping[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    buffer = io.BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(buffer, format=kind, metadata=undated.get(kind))
+    return buffer.getvalue()
+
+
+def _variance(result: Result) -> Figure:
+    figure, (axes,) = _new(1)
+    table, theta = result.table, result.table["theta_r_deg"]
+    _line(axes, theta, table["p_d"], ("black", "-"), label=r"$P_D$")
+    axes.fill_between(
+        theta, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0
+    )
+    _band(axes, theta, table["lower_3sigma"], table["upper_3sigma"], result)
+    axes.set_ylabel(r"Probability of detection $P_D$")
+    _legend(figure, axes)
+    return figure
+
+
+def _montecarlo(result: Result) -> Figure:
+    if result.monte_carlo is None:
+        raise ValueError("a Monte Carlo figure needs the draws")
+    mc, theta = result.monte_carlo, result.table["theta_r_deg"]
+    figure, (top, bottom) = _new(2)
+    shown = len(mc.hairs)
+    label = f"{mc.runs} runs" if shown == mc.runs else f"{shown} of {mc.runs} runs"
+    _hairs(top, theta, mc.hairs, label)
+    _line(top, theta, mc.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
+    _band(top, theta, result.table["lower_3sigma"], result.table["upper_3sigma"], result)
+    top.set_ylabel(r"$P_D$")
+    _hairs(bottom, theta, mc.hairs - mc.p_d, label)
+    _band(bottom, theta, -3 * mc.sigma_pd, 3 * mc.sigma_pd, result)
+    bottom.set_ylabel(r"Error $P_D - \bar P_D$")
+    _legend(figure, top)
+    return figure
+
+
+def _sensitivity(result: Result) -> Figure:
+    figure, (axes,) = _new(1)
+    levels = list(result.scenario.cov_radar)
+    for i, level in enumerate(levels):
+        values = result.table[f"three_sigma_{level}"]
+        _line(axes, result.table["theta_r_deg"], values, _LINES[i % len(_LINES)], label=level)
+    axes.set_ylabel(r"$3\,\sigma_{pd}$")
+    _from_zero(axes)
+    _legend(figure, axes)
+    return figure
+
+
+def _budget(result: Result) -> Figure:
+    figure, (axes,) = _new(1)
+    table, theta = result.table, result.table["theta_r_deg"]
+    for source, style in zip(SOURCES, _LINES, strict=False):
+        label = source.replace("_", " ")
+        _line(axes, theta, table[f"three_sigma_{source}"], style, label=label)
+    _line(axes, theta, table["three_sigma_total"], ("black", "-"), label="total")
+    axes.set_ylabel(r"$3\,\sigma_{pd}$")
+    _from_zero(axes)
+    _legend(figure, axes)
+    return figure
+
+
+_FIGURES: Mapping[str, Callable[[Result], Figure]] = {
+    "variance": _variance,
+    "montecarlo": _montecarlo,
+    "sensitivity": _sensitivity,
+    "budget": _budget,
+}
+
+
+def _new(panels: int) -> tuple[Figure, list[Axes]]:
+    """Make a figure with panels below each other that share the azimuth axis."""
+    figure = Figure(figsize=(_WIDTH, 1.0 + 1.7 * panels), layout="constrained")
+    axes = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
+    axes[-1].set_xlabel(r"Radar azimuth $\theta_r$ [deg]")
+    axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 2, 3, 4.5, 6, 9, 10]))
+    for ax in axes:
+        ax.margins(x=0)
+    return figure, axes
+
+
+def _from_zero(axes: Axes) -> None:
+    """Start the vertical axis so little below zero that a line at zero is still seen."""
+    axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
+
+
+def _line(
+    axes: Axes, x: FloatArray, y: FloatArray, style: tuple[str, Any], label: str | None = None
+) -> None:
+    colour, dashes = style
+    marker = "o" if len(x) == 1 else None  # a line through one pose would show nothing
+    axes.plot(x, y, color=colour, linestyle=dashes, marker=marker, markersize=3, label=label)
+
+
+def _band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, result: Result) -> None:
+    label = rf"$\pm 3\,\sigma_{{pd}}$ ({result.scenario.level})"
+    _line(axes, x, upper, _BAND, label=label)
+    _line(axes, x, lower, _BAND)
+
+
+def _hairs(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
+    """Draw one thin line per run; as pixels, so that a vector file stays small."""
+    points = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
+    axes.add_collection(
+        LineCollection(
+            list(points), colors=_HAIR, linewidths=0.3, alpha=0.3, rasterized=True, label=label
+        )
+    )
+    axes.autoscale_view()
+
+
+def _legend(figure: Figure, axes: Axes) -> None:
+    """Put the legend above the axes, in as many columns as the longest label leaves room for."""
+    handles, labels = axes.get_legend_handles_labels()
+    longest = max(len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels)
+    columns = min(3, max(1, 54 // (7 + longest)))
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2)

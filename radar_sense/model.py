@@ -1,0 +1,195 @@
+"""The detection model: geometry, RCS, radar equation and detector in one chain, with its gradient.
+
+Each link of the chain has a function for its value and one called `linearize` for its value and
+derivative. Here they are multiplied together, `eq:pd_partial_long`, over blocks of poses small
+enough that all intermediate arrays stay in the processor's cache.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from radar_sense.detection import North, snr
+from radar_sense.geometry import Attitude, Vector, join, radar_from_aircraft
+from radar_sense.propagation import linear_variance
+from radar_sense.rcs import RCS
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+
+#: Poses per block: the arrays in use at a time then stay within a second-level cache of 1 MB.
+BLOCK = 8192
+
+
+@dataclass(frozen=True)
+class Linearization:
+    """P_D and its partials at the given states, `eq:pd_partial_short`.
+
+    Attributes:
+        p_d: Probability of detection (...).
+        jac_aircraft: A_Pa (..., 6), partials for north, east, down [1/m], roll, pitch, yaw [1/rad].
+        jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)].
+    """
+
+    p_d: FloatArray
+    jac_aircraft: FloatArray
+    jac_radar: FloatArray
+
+    def std(self, cov_aircraft: ArrayLike, cov_radar: ArrayLike) -> FloatArray:
+        """Standard deviation of P_D to first order, `eq:pd_var`.
+
+        Args:
+            cov_aircraft: C_aa (..., 6, 6), in metres and radians.
+            cov_radar: C_rr (..., 4, 4), in metres and J m²/K.
+
+        Returns:
+            σ_pd (...).
+        """
+        return np.sqrt(
+            linear_variance(self.jac_aircraft, np.asarray(cov_aircraft, dtype=float))
+            + linear_variance(self.jac_radar, np.asarray(cov_radar, dtype=float))
+        )
+
+
+@dataclass(frozen=True)
+class DetectionModel:
+    """Probability that a radar detects an aircraft with a single pulse.
+
+    Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
+    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. The two broadcast against each
+    other. Where aircraft and radar coincide everything is NaN.
+
+    Attributes:
+        rcs: Radar cross section by aspect.
+        p_fa: Probability of false alarm, between 0 and 1.
+        detector: From signal-to-noise ratio to P_D; North's approximation unless another is given.
+    """
+
+    rcs: RCS
+    p_fa: float
+    detector: North = field(default_factory=North)
+
+    def __post_init__(self) -> None:
+        if not 0 < self.p_fa < 1:
+            raise ValueError(f"p_fa must lie between 0 and 1, got {self.p_fa}")
+
+    def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
+        """Signal-to-noise ratio (...), a ratio of powers.
+
+        Raises:
+            ValueError: If a shape does not fit or a radar constant is negative.
+        """
+        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar)
+        return snr
+
+    def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
+        """Probability of detection (...).
+
+        Raises:
+            ValueError: If a shape does not fit or a radar constant is negative.
+        """
+        (p_d,) = _in_blocks(
+            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),), ((),), aircraft, radar
+        )
+        return p_d
+
+    def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
+        """Probability of detection and its partials for all ten states.
+
+        Raises:
+            ValueError: If a shape does not fit or a radar constant is negative.
+        """
+        tails = ((), (len(AIRCRAFT),), (len(RADAR),))
+        return Linearization(*_in_blocks(self._linearize, tails, aircraft, radar))
+
+    def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+        line = radar_from_aircraft(aircraft, radar)
+        body = Attitude.from_state(aircraft).to_body(line)
+        return snr(radar[..., 3], self.rcs.cross_section(join(body)), _squared(line))
+
+    def _linearize(
+        self, aircraft: FloatArray, radar: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        attitude = Attitude.from_state(aircraft)
+        line = radar_from_aircraft(aircraft, radar)
+        body = attitude.to_body(line)
+        range_squared = _squared(line)
+        sigma, sigma_gradient = self.rcs.linearize(join(body))
+        constant = radar[..., 3]
+        # S is a product, so ∂S/∂c_r and ∂S/∂σ_r are S without that factor (and exist where it is 0)
+        ds_dconstant = snr(np.ones_like(constant), sigma, range_squared)
+        ds_dsigma = snr(constant, np.ones_like(sigma), range_squared)
+        ratio = constant * ds_dconstant
+        p_d, dp_ds = self.detector.linearize(ratio, self.p_fa)
+
+        # The RCS turns with the aircraft, the range does not: only the first is rotated back.
+        dp_dsigma = dp_ds * ds_dsigma
+        by_aspect, by_attitude = attitude.pull_back(
+            body, Vector(*(dp_dsigma * sigma_gradient[..., i] for i in range(3)))
+        )
+        # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
+        by_range = -4.0 * dp_ds * ratio / range_squared
+        by_position = [g + by_range * d for g, d in zip(by_aspect, line, strict=True)]
+        return (
+            p_d,
+            join((*(-g for g in by_position), *by_attitude)),
+            join((*by_position, dp_ds * ds_dconstant)),
+        )
+
+
+def _squared(vector: Vector) -> FloatArray:
+    x, y, z = vector
+    return x * x + y * y + z * z
+
+
+def _in_blocks(
+    function: Callable[[FloatArray, FloatArray], tuple[FloatArray, ...]],
+    tails: tuple[tuple[int, ...], ...],
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+) -> tuple[FloatArray, ...]:
+    """Broadcast the states against each other and apply a function to block after block of them.
+
+    Args:
+        function: From aircraft (m, 6) and radar (m, 4) or (1, 4) to arrays of m poses.
+        tails: The shape of what it gives for one pose, an entry per array.
+        aircraft: (..., 6).
+        radar: (..., 4).
+
+    Returns:
+        One array (..., *tail) for each entry of `tails`.
+    """
+    aircraft = _states("aircraft", AIRCRAFT, aircraft)
+    radar = _states("radar", RADAR, radar)
+    if radar.size and radar[..., 3].min() < 0:
+        raise ValueError(f"radar constant must not be negative, got {radar[..., 3].min()}")
+    shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
+    poses = int(np.prod(shape))
+    flat = [_flatten(states, shape) for states in (aircraft, radar)]
+    results = tuple(np.empty((poses, *tail)) for tail in tails)
+    for start in range(0, poses, BLOCK):
+        block = slice(start, start + BLOCK)
+        values = function(*(s[block] if len(s) > 1 else s for s in flat))
+        for result, value in zip(results, values, strict=True):
+            result[block] = value
+    return tuple(r.reshape(shape + tail)[()] for r, tail in zip(results, tails, strict=True))
+
+
+def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
+    states = np.asarray(values, dtype=float)
+    if states.shape[-1:] != (len(components),):
+        raise ValueError(
+            f"{whose} states must have shape (..., {len(components)}) for "
+            f"{', '.join(components)}, got {states.shape}"
+        )
+    return states
+
+
+def _flatten(states: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """View states as (poses, n), or as (1, n) where a single state serves every pose."""
+    n = states.shape[-1]
+    if states.size == n:
+        return states.reshape(1, n)
+    return np.broadcast_to(states, (*shape, n)).reshape(-1, n)

@@ -1,0 +1,98 @@
+"""From a result to files: CSV and JSON as bytes, and writing that is whole or not at all."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import platform
+import tempfile
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from radar_sense.analyses import Result
+from radar_sense.states import FloatArray
+
+_PACKAGES = ("radar-sense", "numpy", "scipy", "click", "matplotlib", "pyyaml")
+
+
+def stem(result: Result) -> str:
+    """Name of the result's files without folder and ending."""
+    return f"{result.scenario.name}_{result.analysis}"
+
+
+def csv(table: Mapping[str, FloatArray]) -> bytes:
+    """Header and numbers, each with as many digits as it takes to read the same number back."""
+    rows = zip(*(column.tolist() for column in table.values()), strict=True)
+    lines = [",".join(table), *(",".join(map(repr, row)) for row in rows), ""]
+    return "\n".join(lines).encode()
+
+
+def record(result: Result, command: Sequence[str]) -> bytes:
+    """JSON record of how the result was made and what it says."""
+    content = {
+        "analysis": result.analysis,
+        "command": list(command),
+        "versions": {"python": platform.python_version(), **{p: version(p) for p in _PACKAGES}},
+        "seed": result.scenario.seed,
+        "scenario": result.scenario.resolved(),
+        "warnings": list(result.warnings),
+        "summary": result.summary,
+    }
+    return (json.dumps(_finite(content), indent=2, ensure_ascii=False) + "\n").encode()
+
+
+def require_folder(folder: Path) -> None:
+    """Make sure, before anything is computed, that files can be written to the folder.
+
+    Raises:
+        OSError: If they cannot.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryFile(dir=folder):
+        pass
+
+
+def write(files: Mapping[Path, bytes]) -> None:
+    """Write all files or none; each appears under its name only when it is complete.
+
+    Raises:
+        OSError: If one of them cannot be written.
+    """
+    finished: dict[Path, Path] = {}
+    try:
+        for path, content in files.items():
+            descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+            finished[path] = Path(name)
+            with os.fdopen(descriptor, "wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            # mkstemp makes files private; these are to be as readable as any other.
+            finished[path].chmod(0o666 & ~_umask())
+        for path, temporary in finished.items():
+            temporary.replace(path)
+    finally:
+        for temporary in finished.values():
+            with contextlib.suppress(OSError):
+                temporary.unlink()
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no NaN and no infinity; null stands for them."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, Mapping):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return value

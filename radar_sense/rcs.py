@@ -1,0 +1,166 @@
+"""Radar cross section by aspect: one small frozen class per model.
+
+A model has two methods over body-frame vectors to the radar (..., 3), of any length but zero:
+`cross_section` gives σ_r (...) [m²], `linearize` gives σ_r and its gradient (..., 3) with respect
+to that vector. An RCS depends on direction alone, so the gradient is perpendicular to the vector.
+
+λ = atan2(y, x) and φ = atan2(z, √(x² + y²)) are only a way to write such a function, so they do not
+appear here unless a model needs λ itself: the direction cosines they stand for have no singular
+angle but the one that is real, straight above and below the aircraft, where λ is undefined. There
+the models take λ = 0 (as atan2 does), and the gradient of one that depends on λ is NaN.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from radar_sense.geometry import join, split
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
+from radar_sense.states import FloatArray
+
+
+class RCS(Protocol):
+    """What the rest of the package asks of an RCS model."""
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        ...
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantRCS:
+    """The same cross section from everywhere.
+
+    Attributes:
+        rcs: σ_r [m²], positive.
+    """
+
+    rcs: float = parameter("rcs_m2", POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        return np.full(np.shape(body_vector)[:-1], self.rcs)
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3), which is zero."""
+        return self.cross_section(body_vector), np.zeros(np.shape(body_vector))
+
+
+@dataclass(frozen=True)
+class EllipsoidRCS:
+    """The paper's ellipsoid, `eq:rcs_ellipsoid`, taken literally.
+
+    σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0) that
+    is π a²b²/c²: in the formula c acts along the nose, a along the wing and b down, whatever the
+    paper's text (a forward) and table (c up) say.
+
+    Attributes:
+        a: Axis that acts along the wing [m], positive.
+        b: Axis that acts down [m], positive.
+        c: Axis that acts along the nose [m], positive.
+    """
+
+    a: float = parameter("a_m", POSITIVE)
+    b: float = parameter("b_m", POSITIVE)
+    c: float = parameter("c_m", POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        x, y, z = split(np.asarray(body_vector, dtype=float))
+        xx, yy, zz = x * x, y * y, z * z
+        hh = xx + yy
+        rr = hh + zz
+        with np.errstate(invalid="ignore"):
+            return self._numerator / self._denominator(xx, yy, zz, hh, rr) ** 2
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
+        x, y, z = split(np.asarray(body_vector, dtype=float))
+        aa, bb, cc = self.a**2, self.b**2, self.c**2
+        xx, yy, zz = x * x, y * y, z * z
+        hh = xx + yy
+        rr = hh + zz
+        with np.errstate(divide="ignore", invalid="ignore"):
+            denominator = self._denominator(xx, yy, zz, hh, rr)
+            sigma = self._numerator / denominator**2
+            # D = c² + s (b² − c² + (a² − b²) q) with s = sin²λ = y²/h² and q = cos²φ = h²/r²;
+            # ∇s = 2xy/h⁴ (−y, x, 0), ∇q = 2z/r⁴ (xz, yz, −h²), and dσ = −2 σ/D dD.
+            outer = -4.0 * sigma / denominator
+            along_s = outer * (bb - cc + (aa - bb) * hh / rr) * x * y / (hh * hh)
+            along_q = outer * (aa - bb) * (yy / hh) * z / (rr * rr)
+        gradient = join(
+            (
+                along_q * x * z - along_s * y,
+                along_q * y * z + along_s * x,
+                -along_q * hh,
+            )
+        )
+        return sigma, gradient
+
+    @property
+    def _numerator(self) -> float:
+        return float(np.pi * (self.a * self.b * self.c) ** 2)
+
+    def _denominator(
+        self, xx: FloatArray, yy: FloatArray, zz: FloatArray, hh: FloatArray, rr: FloatArray
+    ) -> FloatArray:
+        """D of `eq:rcs_ellipsoid`, as a sum of positive terms so that nothing cancels."""
+        # sin²λ cos²φ = y²/r²,  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
+        around = (self.b**2 * yy * (zz / rr) + self.c**2 * xx) / hh
+        # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
+        return self.a**2 * yy / rr + np.where(hh > 0, around, self.c**2)
+
+
+@dataclass(frozen=True)
+class SpikeballRCS:
+    """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
+
+    The slope jumps at the bottom of each lobe. There the gradient is that of the lobe towards
+    larger λ; the other side's has the same size, so the linearized deviation is that of either
+    side and not a zero.
+
+    Attributes:
+        lobes: n, a positive whole number.
+        amplitude: A [m²], not negative.
+        floor: σ_min [m²], not negative; A and σ_min are not both zero.
+    """
+
+    lobes: int = parameter("lobes", Limit(at_least=1, at_most=1e6, whole=True))
+    amplitude: float = parameter("amplitude_m2", NOT_NEGATIVE)
+    floor: float = parameter("floor_m2", NOT_NEGATIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.amplitude + self.floor == 0:
+            raise ValueError("amplitude and floor must not both be 0")
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        x, y, _ = split(np.asarray(body_vector, dtype=float))
+        return self.floor + self.amplitude * np.abs(np.sin(0.5 * self.lobes * np.arctan2(y, x)))
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
+        x, y, _ = split(np.asarray(body_vector, dtype=float))
+        half = 0.5 * self.lobes
+        phase = half * np.arctan2(y, x)
+        wave = np.sin(phase)
+        slope = np.where(wave < 0, -half, half) * self.amplitude * np.cos(phase)
+        # ∇λ = (−y, x, 0)/h²
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = slope / (x * x + y * y)
+            gradient = join((-y * turn, x * turn, np.zeros_like(turn)))
+        return self.floor + self.amplitude * np.abs(wave), gradient

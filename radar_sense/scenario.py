@@ -1,0 +1,320 @@
+"""The scenario: who flies where, which radar looks, and how uncertain each of them is.
+
+A scenario file has degrees, kilometres and decibels in it. They become radians, metres and ratios
+here and nowhere else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from radar_sense import covariance
+from radar_sense.detection import SurveillanceRadar
+from radar_sense.geometry import orbit, slant_range
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, PROBABILITY, Limit
+from radar_sense.model import DetectionModel
+from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.reader import (
+    LARGEST,
+    SMALLEST,
+    Entry,
+    ScenarioError,
+    did_you_mean,
+    parse,
+    read_file,
+)
+from radar_sense.states import FloatArray
+
+#: The RCS models that a scenario can name. Their keys are declared with their fields.
+RCS_MODELS: Mapping[str, type[Any]] = {
+    "constant": ConstantRCS,
+    "ellipsoid": EllipsoidRCS,
+    "spikeball": SpikeballRCS,
+}
+
+MAX_POSES = 1_000_000
+#: The model is one of the far field; nearer than this the aircraft is on top of the radar.
+MIN_RANGE = 1.0
+
+RUNS = Limit(at_least=2, at_most=1e9, whole=True)
+SEED = Limit(at_least=0, whole=True)
+DEFAULT_RUNS = 500
+DEFAULT_SEED = 1
+
+_DEG = np.pi / 180.0
+#: Keys of an uncertainty block: name, number of components, and its unit in SI.
+_AIRCRAFT_PARTS = (("position_m", 3, 1.0), ("attitude_deg", 3, _DEG))
+_RADAR_PARTS = (("position_m", 3, 1.0), ("constant", 1, 1.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """A scenario, checked, in SI units and radians.
+
+    Attributes:
+        name: Stem of the names of the files written.
+        model: RCS, P_fa and detector.
+        theta_r_deg: Azimuth of each pose along the orbit (n,) [deg], as tables and plots show it.
+        aircraft: Nominal aircraft states (n, 6).
+        radar: Nominal radar state (4,).
+        cov_aircraft: C_aa (6, 6).
+        cov_radar: C_rr (4, 4) for each level of radar uncertainty, in the file's order.
+        level: The level that an analysis of a single one uses.
+        runs: Monte Carlo runs.
+        seed: Seed of the Monte Carlo draws.
+        document: The file's content, checked and with defaults filled in, in the file's units.
+    """
+
+    name: str
+    model: DetectionModel
+    theta_r_deg: FloatArray
+    aircraft: FloatArray
+    radar: FloatArray
+    cov_aircraft: FloatArray
+    cov_radar: Mapping[str, FloatArray]
+    level: str
+    runs: int
+    seed: int
+    document: Mapping[str, Any]
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the scenario as a document that reads back as this scenario."""
+        chosen = {"level": self.level, "runs": self.runs, "seed": self.seed}
+        return {**self.document, "analysis": chosen}
+
+    def with_analysis(
+        self, *, level: str | None = None, runs: int | None = None, seed: int | None = None
+    ) -> Scenario:
+        """Return the scenario with other choices of analysis; None leaves one as it is.
+
+        Raises:
+            ScenarioError: If there is no such level, or runs or seed are out of range.
+        """
+        if level is not None and level not in self.cov_radar:
+            raise ScenarioError(
+                f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
+                + did_you_mean(level, self.cov_radar)
+            )
+        for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
+            if value is not None and not limit.allows(value):
+                raise ScenarioError(f"{name} must be {limit}, got {value}")
+        return dataclasses.replace(
+            self,
+            level=self.level if level is None else level,
+            runs=self.runs if runs is None else int(runs),
+            seed=self.seed if seed is None else int(seed),
+        )
+
+
+def default_text() -> str:
+    """Text of the embedded default, the scenario of the paper."""
+    return resources.files("radar_sense").joinpath("paper.yaml").read_text(encoding="utf-8")
+
+
+def load_scenario(path: str | Path | None = None) -> Scenario:
+    """Read and check a scenario file; the paper's own scenario if no path is given.
+
+    Raises:
+        ScenarioError: If the file cannot be read or anything in it is not allowed.
+    """
+    if path is None:
+        return parse_scenario(default_text(), "paper.yaml")
+    return parse_scenario(read_file(path), str(path))
+
+
+def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+    """Check the text of a scenario.
+
+    Args:
+        text: YAML.
+        source: What to call it in errors.
+
+    Raises:
+        ScenarioError: If anything in it is not allowed.
+    """
+    root = parse(text, source)
+    found = root.mapping(["name", "radar", "aircraft", "geometry", "uncertainty", "analysis"])
+    document: dict[str, Any] = {
+        "name": found["name"].text(
+            r"\w[\w.-]{0,99}", "a name of up to 100 letters, digits, '_', '-' or '.'"
+        )
+    }
+    radar, p_fa, document["radar"] = _radar(found["radar"])
+    rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"])
+    theta_r_deg, position, document["geometry"] = _geometry(found["geometry"])
+    aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
+    _refuse_collision(found["geometry"], theta_r_deg, aircraft, radar)
+    cov_aircraft, cov_radar, document["uncertainty"] = _uncertainty(found["uncertainty"])
+    level, runs, seed = _analysis(found["analysis"], cov_radar)
+    for array in (theta_r_deg, aircraft, radar, cov_aircraft, *cov_radar.values()):
+        array.flags.writeable = False
+    return Scenario(
+        name=document["name"],
+        model=DetectionModel(rcs=rcs, p_fa=p_fa),
+        theta_r_deg=theta_r_deg,
+        aircraft=aircraft,
+        radar=radar,
+        cov_aircraft=cov_aircraft,
+        cov_radar=MappingProxyType(cov_radar),
+        level=level,
+        runs=runs,
+        seed=seed,
+        document=MappingProxyType(document),
+    )
+
+
+def _radar(entry: Entry) -> tuple[FloatArray, float, dict[str, Any]]:
+    found = entry.mapping(["position_m", "p_fa"], ["constant", "surveillance"])
+    if ("constant" in found) == ("surveillance" in found):
+        raise entry.error("needs one of the keys 'constant' and 'surveillance', and not both")
+    document: dict[str, Any] = {"position_m": found["position_m"].numbers(3)}
+    if "constant" in found:
+        document["constant"] = constant = found["constant"].number(POSITIVE)
+    else:
+        surveillance, document["surveillance"] = found["surveillance"].instance(SurveillanceRadar)
+        constant = surveillance.constant()
+        if not SMALLEST <= constant <= LARGEST:
+            raise found["surveillance"].error(
+                f"makes the radar constant {constant:g} J m^2/K, "
+                f"allowed is {SMALLEST:g} to {LARGEST:g}"
+            )
+    document["p_fa"] = found["p_fa"].number(PROBABILITY)
+    return np.array([*document["position_m"], constant]), document["p_fa"], document
+
+
+def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
+    found = entry.mapping(["rcs", "attitude_deg"])
+    choices = found["rcs"].entries()
+    if "model" not in choices:
+        raise found["rcs"].error(f"missing key 'model', one of {', '.join(RCS_MODELS)}")
+    name = choices["model"].choice(RCS_MODELS)
+    rcs, values = found["rcs"].instance(RCS_MODELS[name], besides=["model"])
+    attitude = found["attitude_deg"].numbers(3, Limit(at_least=-360, at_most=360))
+    document = {"rcs": {"model": name, **values}, "attitude_deg": attitude}
+    return rcs, np.array(attitude) * _DEG, document
+
+
+def _geometry(entry: Entry) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+    found = entry.mapping(["type", "range_km", "down_km", "azimuth_deg"], ["azimuth_from"])
+    document: dict[str, Any] = {
+        "type": found["type"].choice(["orbit"]),
+        "range_km": found["range_km"].number(NOT_NEGATIVE),
+        "down_km": found["down_km"].number(),
+    }
+    theta_r_deg, document["azimuth_deg"] = _sweep(found["azimuth_deg"])
+    document["azimuth_from"] = (
+        found["azimuth_from"].choice(["east", "north"]) if "azimuth_from" in found else "east"
+    )
+    position = orbit(
+        theta_r_deg * _DEG,
+        radius=document["range_km"] * 1e3,
+        down=document["down_km"] * 1e3,
+        azimuth_from=document["azimuth_from"],
+    )
+    return theta_r_deg, position, document
+
+
+def _sweep(entry: Entry) -> tuple[FloatArray, dict[str, float]]:
+    found = entry.mapping(["start", "stop", "step"])
+    angle = Limit(at_least=-360, at_most=720)
+    start, stop = found["start"].number(angle), found["stop"].number(angle)
+    step = found["step"].number()
+    if step == 0 or (stop - start) * step < 0:
+        raise found["step"].error(
+            f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}"
+        )
+    # Rounding must not lose the last pose, as in (180 − 0)/0.1 = 1799.9999999999998.
+    steps = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9)
+    if steps >= MAX_POSES:
+        raise found["step"].error(f"makes {steps + 1:,} poses, allowed are {MAX_POSES:,}")
+    # Rounding to 1e-12 degrees turns 3 · 0.1 = 0.30000000000000004 back into what was meant.
+    degrees = np.round(start + step * np.arange(steps + 1), 12)
+    return degrees, {"start": start, "stop": stop, "step": step}
+
+
+def _refuse_collision(
+    entry: Entry, theta_r_deg: FloatArray, aircraft: FloatArray, radar: FloatArray
+) -> None:
+    distance = slant_range(aircraft, radar)
+    nearest = int(np.argmin(distance))
+    if distance[nearest] < MIN_RANGE:
+        raise entry.error(
+            f"the aircraft is on top of the radar at azimuth {theta_r_deg[nearest]:g} deg, "
+            f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+        )
+
+
+def _uncertainty(entry: Entry) -> tuple[FloatArray, dict[str, FloatArray], dict[str, Any]]:
+    found = entry.mapping(["aircraft", "radar"])
+    cov_aircraft, aircraft_document = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
+    levels = found["radar"].named(
+        r"\w[\w-]{0,39}", "the name of a level, up to 40 letters, digits, '_' or '-'"
+    )
+    if not levels:
+        raise found["radar"].error("needs at least one level of uncertainty")
+    cov_radar: dict[str, FloatArray] = {}
+    radar_document: dict[str, Any] = {}
+    for level, level_entry in levels.items():
+        cov_radar[level], radar_document[level] = _covariance(level_entry, _RADAR_PARTS)
+    return cov_aircraft, cov_radar, {"aircraft": aircraft_document, "radar": radar_document}
+
+
+def _covariance(
+    entry: Entry, parts: Sequence[tuple[str, int, float]]
+) -> tuple[FloatArray, dict[str, Any]]:
+    """Read one state's covariance: a key for each part, or `covariance` for all of it at once."""
+    keys = [key for key, _, _ in parts]
+    units = np.repeat([unit for _, _, unit in parts], [size for _, size, _ in parts])
+    found = entry.mapping([], [*keys, "covariance"])
+    if "covariance" in found:
+        if len(found) > 1:
+            raise entry.error(f"has 'covariance' beside {', '.join(keys)}; allowed is one or other")
+        matrix, document = _matrix(found["covariance"], len(units))
+        return matrix * np.outer(units, units), {"covariance": document}
+    found = entry.mapping(keys, ["covariance"])
+    total = np.zeros((len(units), len(units)))
+    documents: dict[str, Any] = {}
+    start = 0
+    for key, size, unit in parts:
+        part, documents[key] = _part(found[key], size)
+        total[start : start + size, start : start + size] = part * unit**2
+        start += size
+    return total, documents
+
+
+def _part(entry: Entry, size: int) -> tuple[FloatArray, Any]:
+    """Read a standard deviation for all components, one for each, or a covariance matrix."""
+    if size > 1 and entry.is_matrix():
+        return _matrix(entry, size)
+    if size > 1 and entry.is_list():
+        std = entry.numbers(size, NOT_NEGATIVE)
+        return covariance.from_std(std), std
+    number = entry.number(NOT_NEGATIVE)
+    return covariance.from_std([number] * size), number
+
+
+def _matrix(entry: Entry, size: int) -> tuple[FloatArray, list[list[float]]]:
+    rows = entry.matrix(size)
+    matrix = np.array(rows)
+    problem = covariance.problem(matrix)
+    if problem:
+        raise entry.error(problem)
+    return (matrix + matrix.T) / 2, rows
+
+
+def _analysis(entry: Entry, levels: Mapping[str, FloatArray]) -> tuple[str, int, int]:
+    found = entry.mapping(["level"], ["runs", "seed"])
+    return (
+        found["level"].choice(levels),
+        found["runs"].integer(RUNS) if "runs" in found else DEFAULT_RUNS,
+        found["seed"].integer(SEED) if "seed" in found else DEFAULT_SEED,
+    )
