@@ -16,7 +16,8 @@ from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
 from radar_sense.scenario import Scenario
 from radar_sense.states import SOURCES, FloatArray
 
-#: First order has nothing to say of a source whose effect is this much smaller than elsewhere.
+#: First order has nothing to say of a source whose part in the total is so much smaller than its
+#: part elsewhere: its gradient passes through zero there.
 VANISHING = 1e-3
 
 
@@ -150,7 +151,7 @@ def budget(scenario: Scenario) -> Result:
         ),
         warnings=(
             *_doubts(linear.p_d, total / 3, theta),
-            *_vanishing(alone, theta),
+            *_vanishing(alone, total, theta),
             *_correlated(alone, total),
         ),
     )
@@ -164,13 +165,15 @@ def montecarlo(
     mc = monte_carlo(scenario, workers=workers, progress=progress)
     low, high = mc.coverage_interval()
     pose = int(np.argmin(mc.coverage))
-    off = (high < WITHIN_3_SIGMA) | (low > WITHIN_3_SIGMA)
+    # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
+    lowest, highest = mc.coverage_interval(1 - 0.05 / len(theta))
+    off = (highest < WITHIN_3_SIGMA) | (lowest > WITHIN_3_SIGMA)
     overall = float(mc.coverage.mean())
     warnings = list(_doubts(mc.p_d, mc.sigma_pd, theta))
     if off.any():
         warnings.append(
             "the linearized band does not hold the 99.73 % of the draws that it should "
-            f"(95 % confidence) {_where(off, theta)}"
+            f"{_where(off, theta)} (95 % confidence for all poses together)"
         )
     if mc.clipped:
         warnings.append(
@@ -242,14 +245,19 @@ def _doubts(p_d: FloatArray, sigma: FloatArray, theta: FloatArray) -> tuple[str,
     return tuple(doubts)
 
 
-def _vanishing(alone: Mapping[str, FloatArray], theta: FloatArray) -> tuple[str, ...]:
+def _vanishing(
+    alone: Mapping[str, FloatArray], total: FloatArray, theta: FloatArray
+) -> tuple[str, ...]:
     """Say where first order reports (nearly) nothing for a source that matters elsewhere."""
-    return tuple(
-        f"the gradient for {source} vanishes {where}: only effects of second order remain there, "
-        "which the linearized budget leaves out"
-        for source, values in alone.items()
-        if (where := _where(values < VANISHING * np.nanmax(values, initial=0), theta))
-    )
+    doubts = []
+    for source, values in alone.items():
+        part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
+        if where := _where((part < VANISHING * part.max()) & (total > 0), theta):
+            doubts.append(
+                f"the gradient for {source} vanishes {where}: only effects of second order remain "
+                "there, which the linearized budget leaves out"
+            )
+    return tuple(doubts)
 
 
 def _correlated(alone: Mapping[str, FloatArray], total: FloatArray) -> tuple[str, ...]:
@@ -286,7 +294,8 @@ def _at(peak: Mapping[str, Any]) -> str:
     if len(angles) > 3:
         place = f"{len(angles)} poses"
     else:
-        place = " and ".join(f"{angle:g}" for angle in angles) + " deg"
+        *others, last = (f"{angle:g}" for angle in angles)
+        place = f"{', '.join(others)} and {last} deg" if others else f"{last} deg"
     return f"{peak['value']:.4f} at {place}"
 
 

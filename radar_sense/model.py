@@ -22,6 +22,8 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 #: Poses per block: the arrays in use at a time then stay within a second-level cache of 1 MB.
 BLOCK = 8192
 
+_ONE = np.ones(())
+
 
 @dataclass(frozen=True)
 class Linearization:
@@ -118,10 +120,10 @@ class DetectionModel:
         range_squared = _squared(line)
         sigma, sigma_gradient = self.rcs.linearize(join(body))
         constant = radar[..., 3]
+        ratio = snr(constant, sigma, range_squared)
         # S is a product, so ∂S/∂c_r and ∂S/∂σ_r are S without that factor (and exist where it is 0)
-        ds_dconstant = snr(np.ones_like(constant), sigma, range_squared)
-        ds_dsigma = snr(constant, np.ones_like(sigma), range_squared)
-        ratio = constant * ds_dconstant
+        ds_dconstant = snr(_ONE, sigma, range_squared)
+        ds_dsigma = snr(constant, _ONE, range_squared)
         p_d, dp_ds = self.detector.linearize(ratio, self.p_fa)
 
         # The RCS turns with the aircraft, the range does not: only the first is rotated back.

@@ -95,7 +95,9 @@ class _Sampler:
         generator = np.random.default_rng(stream)
         runs = min(RUNS_PER_BLOCK, self.runs - index * RUNS_PER_BLOCK)
         poses = len(self.aircraft)
-        radar = self.radar + _colour(self.factor_radar, generator.standard_normal((runs, 4)))
+        # A last block that is not full draws as many, so that more runs begin with the same ones.
+        white = generator.standard_normal((RUNS_PER_BLOCK, len(self.radar)))[:runs]
+        radar = self.radar + _colour(self.factor_radar, white)
         negative = radar[:, CONSTANT] < 0
         radar[negative, CONSTANT] = 0.0
         p_d = np.empty((runs, poses))

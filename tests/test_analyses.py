@@ -1,0 +1,145 @@
+"""The analyses: what the tables say to each other, and what they warn of."""
+
+import numpy as np
+import pytest
+from scenarios import scenario
+
+from radar_sense import analyses
+from radar_sense.scenario import load_scenario
+from radar_sense.states import SOURCES
+
+ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
+
+
+def test_the_analyses_agree_with_each_other():
+    s = load_scenario()
+    total = analyses.budget(s).table["three_sigma_total"]
+    np.testing.assert_array_equal(total, analyses.sensitivity(s).table["three_sigma_medium"])
+    np.testing.assert_array_equal(total, 3 * analyses.variance(s).table["sigma_pd"])
+    np.testing.assert_array_equal(total, 3 * analyses.montecarlo(s).table["sigma_pd"])
+
+
+@pytest.mark.parametrize("level", ["low", "medium", "high"])
+def test_total_is_the_root_sum_of_squares(level):
+    table = analyses.budget(load_scenario().with_analysis(level=level)).table
+    squares = sum(table[f"three_sigma_{source}"] ** 2 for source in SOURCES)
+    np.testing.assert_allclose(table["three_sigma_total"], np.sqrt(squares), rtol=1e-13)
+
+
+def test_the_numbers_of_the_paper():
+    s = load_scenario()
+    at_45 = {name: column[90] for name, column in analyses.budget(s).table.items()}
+    assert at_45["theta_r_deg"] == 45
+    assert at_45["three_sigma_total"] == pytest.approx(0.0912, abs=5e-5)
+    assert at_45["three_sigma_radar_constant"] == pytest.approx(0.0728, abs=5e-5)
+    assert at_45["three_sigma_aircraft_orientation"] == pytest.approx(0.0550, abs=5e-5)
+    assert at_45["three_sigma_radar_position"] == pytest.approx(0.0020, abs=5e-5)
+    assert at_45["three_sigma_aircraft_position"] == pytest.approx(0.0002, abs=5e-5)
+    peaks = analyses.sensitivity(s).summary["largest_three_sigma"]
+    for level, value in {"low": 0.0579, "medium": 0.0916, "high": 0.1570}.items():
+        assert peaks[level]["value"] == pytest.approx(value, abs=5e-5)
+    assert peaks["medium"]["theta_r_deg"] == [46.5, 133.5]
+    # P_D was published for k = 1.38e-23; a larger c_r makes up for the larger SI value
+    p_d = analyses.variance(scenario(radar__constant=167 * 1.380649 / 1.38)).table["p_d"]
+    assert p_d[90] == pytest.approx(0.5939, abs=5e-5)
+    assert (p_d.min(), p_d.max()) == pytest.approx((0.2186, 0.9881), abs=5e-5)
+
+
+def test_variance_table_holds_the_chain():
+    table = analyses.variance(load_scenario()).table
+    np.testing.assert_allclose(table["range_m"], np.hypot(500e3, 3e3), rtol=1e-15)
+    snr = 167 * table["rcs_m2"] / (1.380649e-23 * table["range_m"] ** 4)
+    np.testing.assert_allclose(table["snr_db"], 10 * np.log10(snr), rtol=1e-13)
+    # nose on, c acts along the nose
+    assert table["rcs_m2"][0] == pytest.approx(np.pi * (0.15 * 0.13 / 0.21) ** 2, rel=1e-4)
+
+
+def test_correlated_sources_are_said_not_to_add_up():
+    result = analyses.budget(load_scenario("configs/covariance.yaml"))
+    gap = result.table["three_sigma_total"] ** 2 - sum(
+        result.table[f"three_sigma_{source}"] ** 2 for source in SOURCES
+    )
+    assert np.max(abs(gap)) > 1e-3
+    assert any("correlated" in warning for warning in result.warnings)
+    independent = analyses.budget(load_scenario())
+    assert not any("correlated" in warning for warning in independent.warnings)
+
+
+def test_a_band_outside_zero_and_one_is_said_to_be():
+    s = load_scenario()
+    assert analyses.variance(s).warnings == ()
+    (warning,) = analyses.variance(s.with_analysis(level="high")).warnings
+    assert "leaves [0, 1] at 67.5 to 112.5 deg" in warning
+    table = analyses.variance(s.with_analysis(level="high")).table
+    over = table["theta_r_deg"][table["upper_3sigma"] > 1]
+    assert (over.min(), over.max()) == (67.5, 112.5)
+
+
+def test_a_vanishing_gradient_is_not_a_confident_zero():
+    (warning,) = analyses.budget(load_scenario()).warnings
+    assert "aircraft_orientation vanishes at 0, 180 deg" in warning
+
+
+def test_an_undefined_linearization_is_said_to_be():
+    # pitch 90: the horizon is straight below the aircraft, and at azimuth 0 (from east, heading
+    # east) so is the radar
+    s = scenario(
+        aircraft__attitude_deg=[0, 0, 0],
+        radar__position_m=[500e3, 0, 10e3],
+        geometry__azimuth_deg={"start": 0, "stop": 90, "step": 90},
+        geometry__azimuth_from="north",
+    )
+    result = analyses.variance(s)
+    assert np.isnan(result.table["sigma_pd"][0])
+    assert np.isfinite(result.table["p_d"]).all()
+    assert "undefined" in result.warnings[0]
+    assert "at 0 deg" in result.warnings[0]
+    for analysis in ALL:
+        analysis(s)  # none of them stumbles
+
+
+def test_negative_constants_are_reported():
+    s = scenario(
+        uncertainty__radar={"huge": {"position_m": 0, "constant": 100}}, analysis__level="huge"
+    )
+    result = analyses.montecarlo(s)
+    count = result.summary["radar_constants_set_to_zero"]
+    assert count > 0
+    assert any(f"set to zero in {count} of 500 runs" in warning for warning in result.warnings)
+
+
+def test_inconsistent_coverage_is_a_number():
+    s = load_scenario().with_analysis(level="high", runs=5000)
+    result = analyses.montecarlo(s)
+    assert any("does not hold the 99.73 %" in warning for warning in result.warnings)
+    lowest = result.summary["coverage_lowest"]
+    low, high = lowest["confidence_95"]
+    assert low < lowest["value"] < high < 0.9973
+    assert len(result.summary["coverage_confidence_95"]["lower"]) == 361
+    assert result.summary["poses_inconsistent"] > 50
+
+
+@pytest.mark.parametrize(
+    ("mask", "says"),
+    [
+        ([0, 0, 0], ""),
+        ([1, 1, 1], "at every pose"),
+        ([1, 0, 1], "at 0, 20 deg"),
+        ([0, 1, 1], "at 10 to 20 deg"),
+        ([1, 0] * 6, "at 6 of 12 poses between 0 and 100 deg"),
+    ],
+)
+def test_poses_in_words(mask, says):
+    assert analyses._where(np.array(mask, dtype=bool), 10.0 * np.arange(len(mask))) == says
+
+
+def test_no_uncertainty_at_all():
+    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
+    s = scenario(
+        uncertainty={**certain, "radar": {"none": {"position_m": 0, "constant": 0}}},
+        analysis={"level": "none", "runs": 2},
+    )
+    for analysis in ALL:
+        result = analysis(s)
+        assert not any("nan" in line for line in result.report)
+    assert not analyses.budget(s).table["three_sigma_total"].any()

@@ -1,0 +1,67 @@
+"""Covariance matrices: what is one, what is not, and factors that give it back."""
+
+import numpy as np
+import pytest
+
+from radar_sense.covariance import factor, from_std, only, problem
+
+
+def random_covariance(rng, size, rank):
+    scale = 10.0 ** rng.uniform(-6, 3, size)  # metres beside radians
+    mix = rng.standard_normal((size, rank))
+    return np.outer(scale, scale) * (mix @ mix.T)
+
+
+@pytest.mark.parametrize("size", [1, 4, 6])
+def test_factors_give_the_covariance_back(size):
+    rng = np.random.default_rng(size)
+    for rank in range(1, size + 1):
+        for _ in range(50):
+            covariance = random_covariance(rng, size, rank)
+            assert problem(covariance) is None
+            root = factor(covariance)
+            scale = np.sqrt(np.outer(np.diagonal(covariance), np.diagonal(covariance)))
+            assert np.max(abs(root @ root.T - covariance) / scale) < 1e-14 * size**2
+
+
+def test_independent_components_have_the_diagonal_factor():
+    std = np.array([10.0, 0.0, 3.0, 1e-9])
+    np.testing.assert_array_equal(factor(from_std(std)), np.diag(std))
+
+
+def test_a_component_without_variance_stays_certain():
+    covariance = np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 9.0]])
+    assert problem(covariance) is None
+    root = factor(covariance)
+    np.testing.assert_allclose(root @ root.T, covariance, atol=1e-14)
+    assert not root[1].any()
+
+
+@pytest.mark.parametrize(
+    ("matrix", "says"),
+    [
+        ([[1, 0], [0, -1]], "negative variance"),
+        ([[1, 0.5], [0.4, 1]], "not symmetric"),
+        ([[1, 1.01], [1.01, 1]], "not positive semidefinite"),
+        ([[1, 0.1], [0.1, 0]], "without variance"),
+        # each pair is possible, the three together are not
+        ([[1, 0.9, -0.9], [0.9, 1, 0.9], [-0.9, 0.9, 1]], "not positive semidefinite"),
+        # a tiny variance beside a large one must not hide the fault
+        ([[1e12, 2.0], [2.0, 1e-12]], "not positive semidefinite"),
+    ],
+)
+def test_what_is_not_a_covariance(matrix, says):
+    assert says in problem(np.array(matrix, dtype=float))
+
+
+def test_rounding_is_forgiven():
+    covariance = random_covariance(np.random.default_rng(7), 6, 2)
+    assert problem(covariance * (1 + 1e-13 * np.random.default_rng(8).uniform(size=(6, 6)))) is None
+
+
+def test_only_leaves_one_block():
+    covariance = np.arange(1.0, 33.0).reshape(2, 4, 4)
+    alone = only(covariance, slice(0, 3))
+    np.testing.assert_array_equal(alone[:, :3, :3], covariance[:, :3, :3])
+    assert not alone[:, 3].any()
+    assert not alone[:, :, 3].any()
