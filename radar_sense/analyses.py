@@ -116,7 +116,7 @@ def budget(scenario: Scenario) -> Result:
     }
     total = 3 * linear.std(scenario.cov_aircraft, cov_radar)
     worst = _peak(total, theta)
-    pose = int(np.nanargmax(total)) if np.isfinite(total).any() else 0
+    pose = int(np.argmax(_reached(total)))  # the first of several that differ by rounding alone
     at_worst = {source: float(values[pose]) for source, values in alone.items()}
     ranked = sorted(at_worst, key=at_worst.__getitem__, reverse=True)
     dominant = np.argmax(np.stack([alone[source] for source in SOURCES]), axis=0)
@@ -276,10 +276,16 @@ def _peak(values: FloatArray, theta: FloatArray) -> dict[str, Any]:
     """Return the largest value and all angles at which it is reached."""
     if not np.isfinite(values).any():
         return {"value": float("nan"), "theta_r_deg": []}
-    top = float(np.nanmax(values))
-    # Poses that mirror each other differ by rounding alone.
-    reached = values >= top - 1e-9 * abs(top)
-    return {"value": top, "theta_r_deg": theta[reached].tolist()}
+    return {"value": float(np.nanmax(values)), "theta_r_deg": theta[_reached(values)].tolist()}
+
+
+def _reached(values: FloatArray) -> NDArray[np.bool_]:
+    """Mark the poses at which the largest value is reached.
+
+    Poses that mirror each other differ by rounding, which must not decide between them.
+    """
+    top = np.nanmax(values, initial=-np.inf)
+    return np.greater_equal(values, top - 1e-9 * abs(top))
 
 
 def _trough(values: FloatArray, theta: FloatArray) -> dict[str, Any]:

@@ -1,0 +1,48 @@
+"""What the README shows is so."""
+
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from radar_sense.cli import cli
+from radar_sense.scenario import load_scenario, parse_scenario
+
+README = Path("README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+def test_the_scenario_shown_is_the_papers():
+    (text,) = blocks("yaml")
+    assert parse_scenario(text).resolved() == load_scenario().resolved()
+
+
+def test_the_python_shown_runs():
+    (code,) = blocks("python")
+    names = {}
+    exec(code, names)
+    assert 3 * names["sigma_pd"][90] == pytest.approx(0.0912, abs=5e-5)
+    assert names["mc"].runs == 500
+
+
+def test_the_output_shown_is_printed(tmp_path, monkeypatch):
+    shown = re.search(r"    \$ radar-sense budget\n((?:    .*\n)+)", README).group(1)
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli, ["budget"])
+    assert sorted(line.strip() for line in shown.splitlines()) == sorted(
+        line.strip() for line in result.output.splitlines()
+    )
+
+
+def test_files_linked_exist():
+    for target in re.findall(r"\]\(([^)#:]+)\)", README):
+        assert Path(target).exists(), target
+
+
+def test_every_command_is_named():
+    for command in cli.commands:
+        assert f"radar-sense {command}" in README or f"| `{command}` |" in README
