@@ -17,7 +17,7 @@ from radar_sense.detection import North, snr
 from radar_sense.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.propagation import linear_variance
 from radar_sense.rcs import RCS
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
 
 #: Poses per block: the arrays in use at a time then stay within a second-level cache of 1 MB.
 BLOCK = 8192
@@ -48,10 +48,13 @@ class Linearization:
 
         Returns:
             σ_pd (...).
+
+        Raises:
+            ValueError: If a covariance has another shape.
         """
         return np.sqrt(
-            linear_variance(self.jac_aircraft, np.asarray(cov_aircraft, dtype=float))
-            + linear_variance(self.jac_radar, np.asarray(cov_radar, dtype=float))
+            linear_variance(self.jac_aircraft, cov_aircraft)
+            + linear_variance(self.jac_radar, cov_radar)
         )
 
 
@@ -109,7 +112,7 @@ class DetectionModel:
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
         body = Attitude.from_state(aircraft).to_body(line)
-        return snr(radar[..., 3], self.rcs.cross_section(join(body)), _squared(line))
+        return snr(radar[..., CONSTANT], self.rcs.cross_section(join(body)), _range_squared(line))
 
     def _linearize(
         self, aircraft: FloatArray, radar: FloatArray
@@ -117,9 +120,9 @@ class DetectionModel:
         attitude = Attitude.from_state(aircraft)
         line = radar_from_aircraft(aircraft, radar)
         body = attitude.to_body(line)
-        range_squared = _squared(line)
+        range_squared = _range_squared(line)
         sigma, sigma_gradient = self.rcs.linearize(join(body))
-        constant = radar[..., 3]
+        constant = radar[..., CONSTANT]
         ratio = snr(constant, sigma, range_squared)
         # S is a product, so ∂S/∂c_r and ∂S/∂σ_r are S without that factor (and exist where it is 0)
         ds_dconstant = snr(_ONE, sigma, range_squared)
@@ -141,9 +144,11 @@ class DetectionModel:
         )
 
 
-def _squared(vector: Vector) -> FloatArray:
-    x, y, z = vector
-    return x * x + y * y + z * z
+def _range_squared(line: Vector) -> FloatArray:
+    """R² (...), NaN where aircraft and radar coincide and nothing has a meaning."""
+    x, y, z = line
+    squared = x * x + y * y + z * z
+    return np.where(squared > 0, squared, np.nan)
 
 
 def _in_blocks(
@@ -165,8 +170,10 @@ def _in_blocks(
     """
     aircraft = _states("aircraft", AIRCRAFT, aircraft)
     radar = _states("radar", RADAR, radar)
-    if radar.size and radar[..., 3].min() < 0:
-        raise ValueError(f"radar constant must not be negative, got {radar[..., 3].min()}")
+    if np.any(radar[..., CONSTANT] < 0):
+        raise ValueError(
+            f"radar constant must not be negative, got {np.nanmin(radar[..., CONSTANT])}"
+        )
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     poses = int(np.prod(shape))
     flat = [_flatten(states, shape) for states in (aircraft, radar)]

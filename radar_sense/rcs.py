@@ -101,13 +101,13 @@ class EllipsoidRCS:
             outer = -4.0 * sigma / denominator
             along_s = outer * (bb - cc + (aa - bb) * hh / rr) * x * y / (hh * hh)
             along_q = outer * (aa - bb) * (yy / hh) * z / (rr * rr)
-        gradient = join(
-            (
-                along_q * x * z - along_s * y,
-                along_q * y * z + along_s * x,
-                -along_q * hh,
+            gradient = join(
+                (
+                    along_q * x * z - along_s * y,
+                    along_q * y * z + along_s * x,
+                    -along_q * hh,
+                )
             )
-        )
         return sigma, gradient
 
     @property
@@ -128,9 +128,9 @@ class EllipsoidRCS:
 class SpikeballRCS:
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
 
-    The slope jumps at the bottom of each lobe. There the gradient is that of the lobe towards
-    larger λ; the other side's has the same size, so the linearized deviation is that of either
-    side and not a zero.
+    The slope jumps at the bottom of each lobe. There the gradient is that of one of the two lobes
+    that meet; the other's has the same size and the other sign, so the linearized deviation is that
+    of either side and not a zero.
 
     Attributes:
         lobes: n, a positive whole number.

@@ -1,0 +1,290 @@
+"""Each misprint of the paper is one: what is printed is wrong by this much, what is done is right.
+
+The numbers are those of the paper's scenario unless said otherwise: "Medium" uncertainty, 500 km,
+θ_r = 45°, k = 1.38e-23. What is printed is written out here, test by test. What concerns the
+perturbed states and the coverage of the band is shown where Monte Carlo is tested.
+"""
+
+import chain_rule
+import numpy as np
+import oracle
+import pytest
+from scipy.spatial.transform import Rotation
+
+from radar_sense.detection import North
+from radar_sense.geometry import body_vector, orbit, slant_range
+from radar_sense.model import DetectionModel
+from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+
+A, B, C = 0.15, 0.13, 0.21
+P_FA = 1.7e-4
+MODEL = DetectionModel(EllipsoidRCS(a=A, b=B, c=C), P_FA)
+
+# The package uses k in SI. Only c_r/k matters, so scaling c_r and its deviation turns k into this.
+PAPERS_K = 1.38e-23
+RESCALED = chain_rule.BOLTZMANN / PAPERS_K
+RADAR = np.array([0.0, 0.0, 0.0, 167.0 * RESCALED])
+
+DEGREE = np.radians(1.0)
+AIRCRAFT_STD = np.array([10.0] * 3 + [DEGREE] * 3)
+RADAR_STD = np.array([100.0] * 3 + [5.0 * RESCALED])
+
+
+def aircraft_at(azimuth_deg, azimuth_from="east"):
+    """States (6) on the paper's orbit, heading east."""
+    position = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3, azimuth_from=azimuth_from)
+    return np.array([*position, 0.0, 0.0, np.radians(90)])
+
+
+def three_sigma(jac_aircraft, jac_radar, aircraft_variances, radar_variances):
+    """3σ_pd for independent components: `eq:pd_var` written out."""
+    variance = jac_aircraft**2 @ aircraft_variances + jac_radar**2 @ radar_variances
+    return 3 * np.sqrt(variance).item()
+
+
+def p_d_of(sigma, distance):
+    """P_D of a cross section at a distance, the scenario's radar and k."""
+    snr = RADAR[3] * sigma / (chain_rule.BOLTZMANN * distance**4)
+    return North().p_d(snr, P_FA)
+
+
+# eq:DCM_zyx: the matrix called R_n^b is body to north-east-down.
+
+
+def printed_matrix(roll, pitch, yaw):
+    """The matrix of `eq:DCM_zyx`, term by term."""
+    cf, ct, cp = np.cos([roll, pitch, yaw])
+    sf, st, sp = np.sin([roll, pitch, yaw])
+    return np.array(
+        [
+            [cp * ct, -cf * sp + cp * sf * st, sf * sp + cf * cp * st],
+            [ct * sp, cf * cp + sf * sp * st, -cp * sf + cf * sp * st],
+            [-st, ct * sf, cf * ct],
+        ]
+    )
+
+
+def test_printed_rotation_is_body_to_ned():
+    angles = np.radians([10, 20, 30])
+    body_to_ned = Rotation.from_euler("ZYX", angles[::-1]).as_matrix()
+    np.testing.assert_allclose(printed_matrix(*angles), body_to_ned, atol=1e-15)
+    # An aircraft that climbs has the north ahead and, seen from its axes, below the nose.
+    aircraft = [0, 0, 0, 0, np.radians(20), 0]
+    ahead = body_vector(np.array(aircraft), np.array([1.0, 0, 0, 0]))
+    assert ahead[2] == pytest.approx(np.sin(np.radians(20)))
+    assert (printed_matrix(*aircraft[3:]) @ [1, 0, 0])[2] == pytest.approx(-ahead[2])
+
+
+def test_printed_rotation_gives_another_p_d():
+    """0.971 where 0.272 is right, for roll, pitch, yaw = 10°, 20°, 30°."""
+    aircraft = aircraft_at(45.0)
+    aircraft[3:] = np.radians([10, 20, 30])
+    printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
+    assert p_d_of(printed, slant_range(aircraft, RADAR)) == pytest.approx(0.971, abs=0.0005)
+    assert MODEL.p_d(aircraft, RADAR) == pytest.approx(0.272, abs=0.0005)
+
+
+def test_printed_rotation_is_hidden_by_the_papers_scenario():
+    """Level and heading east it turns λ by 180°, and an ellipsoid looks the same from behind."""
+    aircraft = aircraft_at(45.0)
+    printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
+    p_d = p_d_of(printed, slant_range(aircraft, RADAR))
+    assert p_d == pytest.approx(MODEL.p_d(aircraft, RADAR), rel=1e-12)
+
+
+# κ and D under eq:dsig_dphi.
+
+
+def printed_kappa(rcs, lam, phi):
+    """`eq:dsig_dlam` with the + c² of the print; the rest as corrected."""
+    a, b, c = rcs[1:]
+    kappa = (a * np.cos(phi)) ** 2 + (b * np.sin(phi)) ** 2 + c**2
+    d = chain_rule.ellipsoid_denominator(a, b, c, lam, phi)
+    by_lam = -2 * np.pi * (a * b * c) ** 2 * np.sin(2 * lam) * kappa / d**3
+    return by_lam, chain_rule.cross_section_partials(rcs, lam, phi)[1]
+
+
+def printed_d(rcs, lam, phi):
+    """`eq:dsig_dlam` and `eq:dsig_dphi` with the D of the print; κ as corrected."""
+    a, b, c = rcs[1:]
+    d = (
+        (a * np.sin(lam) * np.sin(phi)) ** 2
+        + (b * np.sin(lam) * np.sin(phi)) ** 2
+        + (c * np.cos(phi)) ** 2
+    )
+    corrected = np.array(chain_rule.cross_section_partials(rcs, lam, phi))
+    return tuple(corrected * (chain_rule.ellipsoid_denominator(a, b, c, lam, phi) / d) ** 3)
+
+
+def slopes_by_difference(lam, phi):
+    """∂σ_r/∂λ and ∂σ_r/∂φ of `eq:rcs_ellipsoid` by central differences, good to some 1e-9."""
+
+    def sigma(lam, phi):
+        body = np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)
+        return float(oracle.cross_section(("ellipsoid", A, B, C), body))
+
+    h = 1e-6
+    by_lam = (sigma(lam + h, phi) - sigma(lam - h, phi)) / (2 * h)
+    by_phi = (sigma(lam, phi + h) - sigma(lam, phi - h)) / (2 * h)
+    return by_lam, by_phi
+
+
+@pytest.mark.parametrize(
+    ("printed", "by_lam", "by_phi"), [(printed_kappa, -2.96, 1.00), (printed_d, 0.51, 0.51)]
+)
+def test_printed_rcs_slopes_are_not_those_of_the_rcs(printed, by_lam, by_phi):
+    """By these factors, at λ = 45° and φ = 20°; as corrected they are the slopes."""
+    lam, phi = np.radians([45.0, 20.0])
+    exact = np.array(slopes_by_difference(lam, phi))
+    rcs = ("ellipsoid", A, B, C)
+    corrected = chain_rule.cross_section_partials(rcs, lam, phi)
+    np.testing.assert_allclose(corrected, exact, rtol=1e-7)
+    assert printed(rcs, lam, phi) / exact == pytest.approx([by_lam, by_phi], abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("rcs_partials", "by_yaw", "orientation", "total"),
+    [
+        (chain_rule.cross_section_partials, 1.0508, 0.0550, 0.0912),
+        (printed_kappa, -3.2400, 0.1696, 0.1846),
+        (printed_d, 0.4524, 0.0237, 0.0765),
+    ],
+)
+def test_printed_rcs_slopes_give_another_deviation(rcs_partials, by_yaw, orientation, total):
+    """With κ as printed even the sign of the yaw partial is wrong; with D, its size."""
+    aircraft = aircraft_at(45.0)
+    _, jac_aircraft, jac_radar = chain_rule.linearize(
+        aircraft[np.newaxis], RADAR[np.newaxis], ("ellipsoid", A, B, C), P_FA, rcs_partials
+    )
+    assert jac_aircraft[0, 5] == pytest.approx(by_yaw, abs=0.00005)
+    angles_alone = np.where(np.arange(6) < 3, 0, AIRCRAFT_STD**2)
+    found = three_sigma(jac_aircraft, jac_radar, angles_alone, np.zeros(4))
+    assert found == pytest.approx(orientation, abs=0.00005)
+    found = three_sigma(jac_aircraft, jac_radar, AIRCRAFT_STD**2, RADAR_STD**2)
+    assert found == pytest.approx(total, abs=0.00005)
+    # The package is with the corrected ones, and only with them.
+    lin = MODEL.linearize(aircraft, RADAR)
+    package = 3 * lin.std(np.diag(AIRCRAFT_STD**2), np.diag(RADAR_STD**2))
+    if rcs_partials is chain_rule.cross_section_partials:
+        assert package == pytest.approx(found, rel=1e-12)
+    else:
+        assert abs(package / found - 1) > 0.1
+
+
+# C_xx and C_rr: standard deviations where variances belong.
+
+
+def test_covariances_printed_with_standard_deviations():
+    """The text has "nearly 0.1": 0.0912 with σ² on the diagonal, 0.418 with the printed σ."""
+    lin = MODEL.linearize(aircraft_at(45.0), RADAR)
+    squared = lin.std(np.diag(AIRCRAFT_STD**2), np.diag(RADAR_STD**2))
+    assert 3 * squared == pytest.approx(0.0912, abs=0.00005)
+    printed = lin.std(np.diag(AIRCRAFT_STD), np.diag(RADAR_STD))
+    assert 3 * printed == pytest.approx(0.418, abs=0.0005)
+
+
+def test_angle_deviation_is_in_degrees():
+    """Taken for a radian, Table I's 1 makes 3σ_pd of a probability 3.15."""
+    lin = MODEL.linearize(aircraft_at(45.0), RADAR)
+    radians = np.where(np.arange(6) < 3, AIRCRAFT_STD, 1.0)
+    as_radians = 3 * lin.std(np.diag(radians**2), np.diag(RADAR_STD**2))
+    assert as_radians == pytest.approx(3.15, abs=0.005)
+
+
+# p_a^n: θ_r is measured from east, and R is horizontal.
+
+
+def test_printed_azimuth_is_measured_from_east():
+    """At θ_r = 0 the aircraft is due east, where the figure shows it due north."""
+    np.testing.assert_allclose(aircraft_at(0.0)[:3], [0, 500e3, -3e3], atol=1e-9)
+    np.testing.assert_allclose(aircraft_at(0.0, "north")[:3], [500e3, 0, -3e3], atol=1e-9)
+    assert MODEL.p_d(aircraft_at(0.0), RADAR) == pytest.approx(0.2186, abs=0.00005)
+    assert MODEL.p_d(aircraft_at(0.0, "north"), RADAR) == pytest.approx(0.9881, abs=0.00005)
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 13.0, 45.0, 90.0, 171.5])
+def test_the_two_azimuths_mirror_each_other(azimuth_deg):
+    mirrored = MODEL.p_d(aircraft_at(90 - azimuth_deg, "north"), RADAR)
+    assert MODEL.p_d(aircraft_at(azimuth_deg), RADAR) == pytest.approx(mirrored, rel=1e-12)
+
+
+def test_range_is_the_horizontal_radius():
+    """Slant range 500.009 km: were it 500 km, the signal would be stronger by 7.2e-5."""
+    aircraft = aircraft_at(45.0)
+    assert np.hypot(*aircraft[:2]) == pytest.approx(500e3, rel=1e-15)
+    assert slant_range(aircraft, RADAR) == pytest.approx(500.009e3, abs=0.5)
+    sigma = MODEL.rcs.cross_section(body_vector(aircraft, RADAR))
+    at_radius = RADAR[3] * sigma / (chain_rule.BOLTZMANN * 500e3**4)
+    assert at_radius / MODEL.snr(aircraft, RADAR) - 1 == pytest.approx(7.2e-5, abs=5e-7)
+
+
+# Axes: what a, b and c act along.
+
+# Each as the formula's (along the wing, down, along the nose).
+AXES = {"formula": (A, B, C), "text": (C, B, A), "table": (B, C, A)}
+
+
+def test_axes_of_the_formula():
+    """On axis an ellipsoid shows π times its two cross axes squared over the third squared.
+
+    The formula does so ahead and abeam, a hair off each axis here. Below, it depends on λ still:
+    at 45° it mixes the c² of the nose into the b².
+    """
+    nose, wing, bottom = (MODEL.rcs.cross_section(np.array(v)) for v in np.eye(3) + 1e-12)
+    assert nose == pytest.approx(np.pi * (A * B / C) ** 2, rel=1e-9)
+    assert wing == pytest.approx(np.pi * (B * C / A) ** 2, rel=1e-9)
+    assert nose == pytest.approx(0.0271, abs=0.00005)  # with a forward it would be 0.1041
+    assert wing == pytest.approx(0.1041, abs=0.00005)
+    assert bottom == pytest.approx(np.pi * (2 * A * B * C / (B**2 + C**2)) ** 2, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("whose", "p_d_at_0", "p_d_at_45", "three_sigma_at_45"),
+    [
+        ("formula", 0.2186, 0.59392, 0.0912),
+        ("text", 0.9881, 0.59394, 0.0912),
+        ("table", 0.9881, 0.99919, 0.0009),
+    ],
+)
+def test_axes_of_text_and_table_are_not_those_of_the_formula(
+    whose, p_d_at_0, p_d_at_45, three_sigma_at_45
+):
+    """P_D from behind and at 45°: the formula's axes alone give the paper's figures."""
+    model = DetectionModel(EllipsoidRCS(*AXES[whose]), P_FA)
+    assert model.p_d(aircraft_at(0.0), RADAR) == pytest.approx(p_d_at_0, abs=0.00005)
+    lin = model.linearize(aircraft_at(45.0), RADAR)
+    assert lin.p_d == pytest.approx(p_d_at_45, abs=0.000005)
+    found = 3 * lin.std(np.diag(AIRCRAFT_STD**2), np.diag(RADAR_STD**2))
+    assert found == pytest.approx(three_sigma_at_45, abs=0.00005)
+
+
+# k: three digits where the SI has seven.
+
+
+def test_boltzmanns_constant():
+    """SI lowers the signal by 0.05 % and P_D at 45° from 0.5939 to 0.5935."""
+    aircraft, si = aircraft_at(45.0), np.array([0.0, 0.0, 0.0, 167.0])
+    assert MODEL.p_d(aircraft, RADAR) == pytest.approx(0.5939, abs=0.00005)
+    assert MODEL.p_d(aircraft, si) == pytest.approx(0.5935, abs=0.00005)
+    one = DetectionModel(ConstantRCS(1.0), P_FA).snr(np.zeros(6), [1e6, 0, 0, 1.0])
+    assert one * 1e24 * 1.380649e-23 == pytest.approx(1, rel=1e-15)
+    assert one * 1e24 * PAPERS_K - 1 == pytest.approx(-0.00047, abs=0.000005)
+
+
+# eq:lambda: the arctangent must know all four quadrants.
+
+
+def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():
+    """Hidden by the ellipsoid; a spikeball of three lobes has a valley ahead, a top behind."""
+    amplitude, floor = 0.18, 0.1
+    rcs = SpikeballRCS(3, amplitude, floor)
+    behind = np.array([-1.0, 1e-9, 0.0])
+    printed = abs(amplitude * np.sin(3 / 2 * np.arctan(behind[1] / behind[0]))) + floor
+    assert printed == pytest.approx(0.10, abs=1e-8)
+    assert rcs.cross_section(behind) == pytest.approx(0.28, abs=1e-8)
+    x, y, z = np.random.default_rng(1).normal(size=(3, 100))
+    ellipsoid = chain_rule.cross_section(
+        ("ellipsoid", A, B, C), np.arctan(y / x), np.arctan(z / np.hypot(x, y))
+    )
+    found = MODEL.rcs.cross_section(np.stack((x, y, z), axis=-1))
+    np.testing.assert_allclose(found, ellipsoid, rtol=1e-12)

@@ -1,0 +1,887 @@
+"""The detection model: what it claims about P_D, its gradient and its uncertainty, claim by claim.
+
+References, in order of independence: `oracle` (fifty digits, the formulas as the corrected paper
+has them), `chain_rule` (the paper's derivation of the gradient by λ and φ), scipy's rotations,
+central differences, pinned numbers, and what others have published.
+"""
+
+import chain_rule
+import numpy as np
+import oracle
+import pytest
+from mpmath import mp, mpf
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.spatial.transform import Rotation
+from scipy.special import erfcinv
+
+from radar_sense.covariance import only
+from radar_sense.detection import North, SurveillanceRadar
+from radar_sense.geometry import Attitude, Vector, body_vector, orbit, slant_range
+from radar_sense.model import DetectionModel, Linearization
+from radar_sense.propagation import linear_variance
+from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.states import SOURCES
+
+#: The largest relative error of one correctly rounded operation.
+ROUNDING = 2.0**-53
+
+KINDS = ("constant", "ellipsoid", "spikeball")
+
+#: Each block of partials has one unit; an error is measured against the largest of its block.
+BLOCKS = {
+    "aircraft position": slice(0, 3),
+    "aircraft attitude": slice(3, 6),
+    "radar position": slice(6, 9),
+    "radar constant": slice(9, 10),
+}
+
+PAPER = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
+PAPER_RADAR = np.array([0.0, 0.0, 0.0, 167.0])
+
+
+def paper_aircraft(azimuth_deg):
+    """States (..., 6) on the paper's orbit: 500 km out, 3 km up, heading east."""
+    states = np.zeros((*np.shape(azimuth_deg), 6))
+    states[..., :3] = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3)
+    states[..., 5] = np.radians(90)
+    return states
+
+
+def random_poses(rng, count):
+    """Aircraft (count, 6) and radars (count, 4), the latter without their constant.
+
+    Any attitude, the radar within 1000 km of the origin on each axis, and the aircraft in any
+    direction from it at 100 m to 2000 km.
+    """
+    direction = rng.normal(size=(count, 3))
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    distance = np.exp(rng.uniform(np.log(100.0), np.log(2e6), (count, 1)))
+    radar = np.zeros((count, 4))
+    radar[:, :3] = rng.uniform(-1e6, 1e6, (count, 3))
+    attitude = rng.uniform(-1, 1, (count, 3)) * [np.pi, np.pi / 2, np.pi]
+    return np.hstack((radar[:, :3] + direction * distance, attitude)), radar
+
+
+def random_rcs(rng, kind):
+    """A model of that kind, and the tuple that the oracles know it by."""
+    if kind == "constant":
+        parameters = (10.0 ** rng.uniform(-3, 2),)
+        return ConstantRCS(*parameters), (kind, *parameters)
+    if kind == "ellipsoid":
+        parameters = tuple(rng.uniform(0.05, 0.5, 3).tolist())
+        return EllipsoidRCS(*parameters), (kind, *parameters)
+    parameters = (int(rng.integers(1, 9)), *rng.uniform(0.05, 0.5, 2).tolist())
+    return SpikeballRCS(*parameters), (kind, *parameters)
+
+
+def constant_for(snr, aircraft, radar, rcs):
+    """Radar constants (...) that give this signal-to-noise ratio, by NumPy's linear algebra."""
+    line = radar[:, :3] - aircraft[:, :3]
+    x, y, z = Rotation.from_euler("ZYX", aircraft[:, :2:-1]).inv().apply(line).T
+    sigma = chain_rule.cross_section(rcs, np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
+    return snr * chain_rule.BOLTZMANN * np.linalg.norm(line, axis=1) ** 4 / sigma
+
+
+def inverse_north(p_d, p_fa):
+    """The signal-to-noise ratio at which North's P_D is this one."""
+    return (np.sqrt(-np.log(p_fa)) - erfcinv(2 * p_d)) ** 2 - 0.5
+
+
+def random_case(rng, kind, count):
+    """A model with P_fa from 1e-12 to 1e-2, its tuple, and poses with P_D between 0.05 and 0.95."""
+    rcs, known_as = random_rcs(rng, kind)
+    p_fa = 10.0 ** rng.uniform(-12, -2)
+    aircraft, radar = random_poses(rng, count)
+    snr = inverse_north(rng.uniform(0.051, 0.949, count), p_fa)
+    radar[:, 3] = constant_for(snr, aircraft, radar, known_as)
+    return DetectionModel(rcs, p_fa), known_as, aircraft, radar
+
+
+def partials(lin):
+    """All ten partials (..., 10), aircraft first."""
+    return np.concatenate((lin.jac_aircraft, lin.jac_radar), axis=-1)
+
+
+def block_errors(actual, expected):
+    """Largest error of each block of ten partials, relative to the largest of them, by pose."""
+    errors = {}
+    for name, block in BLOCKS.items():
+        error = np.max(np.abs(actual[..., block] - expected[..., block]), axis=-1)
+        scale = np.max(np.abs(expected[..., block]), axis=-1)
+        # Where a block is zero throughout, only zero is right.
+        errors[name] = np.where(error == 0, 0, error / np.where(scale == 0, ROUNDING**4, scale))
+    return errors
+
+
+def relative_error(actual, exact):
+    """Relative error of a float, judged with fifty digits."""
+    with mp.workdps(oracle.DIGITS):
+        return float(abs(mpf(float(actual)) / exact - 1))
+
+
+# Values: P_D, signal-to-noise ratio and RCS agree with fifty digits to 1e-12.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_values_agree_with_fifty_digits(kind):
+    rng = np.random.default_rng(1)
+    for _ in range(60):
+        rcs, known_as = random_rcs(rng, kind)
+        p_fa = 10.0 ** rng.uniform(-12, -2)
+        aircraft, radar = random_poses(rng, 25)
+        snr = 10.0 ** rng.uniform(-3, 2, len(radar))
+        radar[:, 3] = constant_for(snr, aircraft, radar, known_as)
+        model = DetectionModel(rcs, p_fa)
+        body = body_vector(aircraft, radar)
+        found = zip(
+            slant_range(aircraft, radar),
+            rcs.cross_section(body),
+            rcs.linearize(body)[0],
+            model.snr(aircraft, radar),
+            model.p_d(aircraft, radar),
+            model.linearize(aircraft, radar).p_d,
+            strict=True,
+        )
+        for a, r, (distance, sigma, sigma_too, ratio, p_d, p_d_too) in zip(
+            aircraft, radar, found, strict=True
+        ):
+            exact_sigma = oracle.cross_section(known_as, oracle.body_vector(a, r))
+            exact_ratio = oracle.snr(a, r, known_as)
+            exact_p_d = oracle.north(exact_ratio, p_fa)
+            assert relative_error(distance, oracle.slant_range(a, r)) < 1e-15
+            assert relative_error(sigma, exact_sigma) < 1e-12
+            assert relative_error(sigma_too, exact_sigma) < 1e-12
+            assert relative_error(ratio, exact_ratio) < 1e-12
+            assert relative_error(p_d, exact_p_d) < 1e-12
+            assert relative_error(p_d_too, exact_p_d) < 1e-12
+
+
+@pytest.mark.parametrize("rcs", [EllipsoidRCS(0.15, 0.13, 0.21), SpikeballRCS(5, 0.18, 0.1)])
+def test_rcs_depends_on_direction_alone(rcs):
+    """Powers of two scale without rounding, so σ stays bit for bit and its gradient goes as 1/r."""
+    body = np.random.default_rng(2).normal(size=(500, 3))
+    sigma, gradient = rcs.linearize(body)
+    for scale in (2.0**-20, 2.0**30):
+        far_sigma, far_gradient = rcs.linearize(scale * body)
+        assert_array_equal(rcs.cross_section(scale * body), rcs.cross_section(body))
+        assert_array_equal(far_sigma, sigma)
+        assert_array_equal(far_gradient, gradient / scale)
+    # Perpendicular to the body vector, up to the rounding of the three products and their sum.
+    along = np.sum(gradient * body, axis=1)
+    assert_array_equal(np.abs(along) <= 1e-14 * np.sum(np.abs(gradient * body), axis=1), True)
+
+
+# Partials: all ten agree with difference quotients of eighty digits, to 1e-12 of their block.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_partials_agree_with_eighty_digits(kind):
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        model, known_as, aircraft, radar = random_case(rng, kind, 6)
+        lin = model.linearize(aircraft, radar)
+        # Else the claim would be empty: at P_D = 1 every partial is zero.
+        assert np.all((lin.p_d > 0.05) & (lin.p_d < 0.95))
+        exact = np.array(
+            [
+                oracle.partials(a, r, known_as, model.p_fa)
+                for a, r in zip(aircraft, radar, strict=True)
+            ],
+            dtype=float,
+        )
+        for name, error in block_errors(partials(lin), exact).items():
+            assert error.max() < 1e-12, name
+
+
+# Small P_fa: the error stays within the conditioning of North's formula, down to 1e-200.
+
+
+def north_argument(snr, p_fa):
+    """The exact argument of erfc, and the most that rounding can have moved it.
+
+    With u the rounding unit: √(−ln P_fa) is off by 2u (a logarithm good to one unit in the last
+    place is off by 2u, the root halves that and rounds once), √(S + ½) by less (u, halved, and
+    another rounding), and their difference rounds once more.
+    """
+    with mp.workdps(oracle.DIGITS):
+        level, root = mp.sqrt(-mp.log(mpf(p_fa))), mp.sqrt(mpf(snr) + mpf("0.5"))
+        miss = level - root
+        return miss, float(2 * (level + root) + abs(miss)) * ROUNDING
+
+
+def condition_of_erfc(z):
+    """|erfc'(z) / erfc(z)|: the relative change of erfc for a small absolute change of z."""
+    with mp.workdps(oracle.DIGITS):
+        return float(2 / mp.sqrt(mp.pi) * mp.exp(-z * z) / mp.erfc(z))
+
+
+def own_error(z):
+    """Relative error of exp(−z²) or erfc(z) themselves, however exact their argument.
+
+    Both round z² before they exponentiate it, which costs z² u in the tail; the rest is a few
+    rounded operations and a polynomial.
+    """
+    return (max(float(z), 0.0) ** 2 + 8) * ROUNDING
+
+
+def test_small_p_fa_costs_no_more_than_the_conditioning():
+    rng = np.random.default_rng(4)
+    for _ in range(1000):
+        p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 3)
+        miss, moved = north_argument(snr, p_fa)
+        bound = condition_of_erfc(miss) * moved + own_error(miss)
+        assert bound < 1e-12  # at z = 21 it is 3e-13: conditioning excuses no more than that
+        assert relative_error(North().p_d(snr, p_fa), oracle.north(snr, p_fa)) < bound
+        assert relative_error(North().linearize(snr, p_fa)[0], oracle.north(snr, p_fa)) < bound
+
+
+def test_slope_at_small_p_fa_costs_no_more_than_the_conditioning():
+    """Of exp(−z²)/√(S + ½); where it underflows (P_D is 1 there) no relative error is claimed."""
+    rng = np.random.default_rng(5)
+    for _ in range(1000):
+        p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 2)
+        miss, moved = north_argument(snr, p_fa)
+        with mp.workdps(oracle.DIGITS):
+            exact = mp.exp(-miss * miss) / (2 * mp.sqrt(mp.pi) * mp.sqrt(mpf(snr) + mpf("0.5")))
+        bound = 2 * abs(float(miss)) * moved + own_error(abs(miss))
+        assert bound < 1e-12
+        assert relative_error(North().linearize(snr, p_fa)[1], exact) < bound
+
+
+def test_small_p_fa_through_the_whole_model():
+    """S of a constant RCS is fifteen roundings: 5u for R², 12u for k R⁴, 2u for the rest, k's u."""
+    rng = np.random.default_rng(6)
+    for _ in range(300):
+        p_fa, snr = 10.0 ** rng.uniform(-200, -12), 10.0 ** rng.uniform(-1, 3)
+        rcs, known_as = random_rcs(rng, "constant")
+        aircraft, radar = random_poses(rng, 1)
+        radar[:, 3] = constant_for(snr, aircraft, radar, known_as)
+        exact_snr = oracle.snr(aircraft[0], radar[0], known_as)
+        miss, moved = north_argument(exact_snr, p_fa)
+        moved += 20 * ROUNDING * snr / (2 * np.sqrt(snr + 0.5))
+        bound = condition_of_erfc(miss) * moved + own_error(miss)
+        assert bound < 1e-11
+        found = DetectionModel(rcs, p_fa).p_d(aircraft[0], radar[0])
+        assert relative_error(found, oracle.north(exact_snr, p_fa)) < bound
+
+
+# The rotation is the standard ZYX one, north-east-down to body.
+
+
+def package_matrices(attitude):
+    """R_n^b (m, 3, 3), column by column: what becomes of the three unit vectors."""
+    aircraft = np.hstack((np.zeros_like(attitude), attitude))
+    turn = Attitude.from_state(aircraft)
+    columns = [turn.to_body(Vector(*unit)) for unit in np.eye(3)]
+    return np.stack([np.stack(column, axis=-1) for column in columns], axis=-1)
+
+
+def test_direction_cosine_matrix_agrees_with_scipy():
+    """SciPy's ZYX rotation is body to north-east-down, hence its inverse."""
+    attitude = np.random.default_rng(7).uniform(-2 * np.pi, 2 * np.pi, (5000, 3))
+    expected = Rotation.from_euler("ZYX", attitude[:, ::-1]).inv().as_matrix()
+    # SciPy goes through quaternions: a dozen roundings of numbers not above one.
+    assert_allclose(package_matrices(attitude), expected, rtol=0, atol=16 * ROUNDING)
+
+
+def test_first_row_of_the_direction_cosine_matrix():
+    _, pitch, yaw = angles = np.random.default_rng(8).uniform(-np.pi, np.pi, (3, 1000))
+    first_row = np.stack(
+        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)], axis=-1
+    )
+    assert_allclose(package_matrices(angles.T)[:, 0], first_row, rtol=0, atol=2 * ROUNDING)
+
+
+def test_body_vector_agrees_with_fifty_digits():
+    aircraft, radar = random_poses(np.random.default_rng(9), 500)
+    for a, r, found in zip(aircraft, radar, body_vector(aircraft, radar), strict=True):
+        exact = np.array(oracle.body_vector(a, r), dtype=float)
+        assert_allclose(found, exact, rtol=0, atol=1e-15 * np.linalg.norm(exact))
+
+
+# The gradient by direction cosines is the paper's gradient by λ and φ.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gradient_agrees_with_the_papers_chain_rule(kind):
+    rng = np.random.default_rng(10)
+    for _ in range(20):
+        model, known_as, aircraft, radar = random_case(rng, kind, 1000)
+        lin = model.linearize(aircraft, radar)
+        p_d, jac_aircraft, jac_radar = chain_rule.linearize(aircraft, radar, known_as, model.p_fa)
+        assert_allclose(lin.p_d, p_d, rtol=1e-12)
+        expected = np.concatenate((jac_aircraft, jac_radar), axis=1)
+        for name, error in block_errors(partials(lin), expected).items():
+            # λ is ill-conditioned near the vertical, where u (R/h)² of the chain rule shows.
+            assert error.max() < 1e-10, name
+            assert np.median(error) < 1e-14, name
+
+
+# The gradient is a central difference of P_D, and a pinned number.
+
+
+def difference_quotient(model, states, i, scale, step):
+    """∂P_D/∂(state i / scale) by a central difference, for states (m, 10)."""
+    low, high = states.copy(), states.copy()
+    low[:, i] -= step * scale
+    high[:, i] += step * scale
+    rise = model.p_d(high[:, :6], high[:, 6:]) - model.p_d(low[:, :6], low[:, 6:])
+    # Divided by the step that was made, not by the one that was meant.
+    return rise / ((high[:, i] - low[:, i]) / scale)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_gradient_agrees_with_central_differences(kind):
+    """Each state moves by h = 1e-5 of its scale: the range, a radian, or the radar constant.
+
+    The truncation error of D(h) is a third of D(2h) − D(h) to leading order, so all of that
+    difference bounds it. P_D itself is good to 100 roundings, which adds 100 u/h.
+    """
+    step = 1e-5
+    rng = np.random.default_rng(11)
+    for _ in range(10):
+        model, _, aircraft, radar = random_case(rng, kind, 20)
+        gradient = partials(model.linearize(aircraft, radar))
+        states = np.hstack((aircraft, radar))
+        distance = slant_range(aircraft, radar)
+        scales = [distance] * 3 + [np.ones(20)] * 3 + [distance] * 3 + [radar[:, 3]]
+        for i, scale in enumerate(scales):
+            near, far = (difference_quotient(model, states, i, scale, h) for h in (step, 2 * step))
+            tolerance = np.abs(far - near) + 100 * ROUNDING / step
+            assert tolerance.max() < 1e-6
+            assert_array_equal(np.abs(gradient[:, i] * scale - near) < tolerance, True)
+
+
+def test_pinned_values_and_partials_at_45_degrees():
+    """The paper's scenario, Boltzmann's constant in SI; printed by the fifty-digit oracle."""
+    lin = PAPER.linearize(paper_aircraft(45.0), PAPER_RADAR)
+    position = [-3.09577543821565e-06, -6.06791926089933e-06, 3.56092207577038e-08]
+    attitude = [0.00330243442062363, -0.00561399704742740, 1.05081152584067]
+    assert_allclose(lin.p_d, 0.593541557144339, rtol=1e-13)
+    assert_allclose(lin.jac_aircraft, [*position, *attitude], rtol=1e-13)
+    assert_allclose(lin.jac_radar, [*np.negative(position), 0.00485024275283830], rtol=1e-13)
+
+
+def test_moving_both_changes_nothing():
+    """P_D knows only where the radar is relative to the aircraft."""
+    _, _, aircraft, radar = random_case(np.random.default_rng(12), "ellipsoid", 100)
+    lin = PAPER.linearize(aircraft, radar)
+    assert_array_equal(lin.jac_aircraft[:, :3], -lin.jac_radar[:, :3])
+
+
+# Published numbers.
+
+
+def test_north_as_stone_soup_has_it():
+    """Stone Soup's test_radar.py: 0.688, which is 0.68786 to five digits."""
+    p_d = North().p_d(16.01, 1e-6)
+    assert p_d == pytest.approx(0.688, abs=0.0005)
+    assert p_d == pytest.approx(0.68786, abs=0.000005)
+
+
+# Scaling c_r and its deviation by this turns k from SI into the 1.38e-23 that the paper used.
+PAPERS_BOLTZMANN = 1.380649 / 1.38
+DEGREE = np.radians(1.0)
+AIRCRAFT_COVARIANCE = np.diag([10.0**2] * 3 + [DEGREE**2] * 3)
+
+
+def papers_linearization(azimuth_deg):
+    return PAPER.linearize(paper_aircraft(azimuth_deg), PAPER_RADAR * [1, 1, 1, PAPERS_BOLTZMANN])
+
+
+def papers_radar_covariance(position, constant):
+    return np.diag([position**2] * 3 + [(constant * PAPERS_BOLTZMANN) ** 2])
+
+
+def test_paper_error_budget_at_45_degrees():
+    lin = papers_linearization(45.0)
+    covariances = {"aircraft": AIRCRAFT_COVARIANCE, "radar": papers_radar_covariance(100, 5)}
+    jacobians = {"aircraft": lin.jac_aircraft, "radar": lin.jac_radar}
+    published = {
+        "aircraft_position": 0.0002,
+        "aircraft_orientation": 0.0550,
+        "radar_position": 0.0020,
+        "radar_constant": 0.0728,
+    }
+    for source, (whose, components) in SOURCES.items():
+        alone = only(covariances[whose], components)
+        three_sigma = 3 * np.sqrt(linear_variance(jacobians[whose], alone))
+        assert three_sigma == pytest.approx(published[source], abs=0.00005), source
+    assert lin.p_d == pytest.approx(0.5939, abs=0.00005)
+    assert 3 * lin.std(*covariances.values()) == pytest.approx(0.0912, abs=0.00005)
+
+
+@pytest.mark.parametrize(
+    ("position", "constant", "largest"), [(10, 1, 0.0579), (100, 5, 0.0916), (1000, 10, 0.1570)]
+)
+def test_paper_largest_deviation_at_every_level(position, constant, largest):
+    azimuth = np.arange(0, 180.25, 0.5)
+    lin = papers_linearization(azimuth)
+    three_sigma = 3 * lin.std(AIRCRAFT_COVARIANCE, papers_radar_covariance(position, constant))
+    assert three_sigma.max() == pytest.approx(largest, abs=0.00005)
+    if largest == 0.0916:
+        assert azimuth[np.argmax(three_sigma[:181])] == 46.5
+        assert azimuth[180 + np.argmax(three_sigma[180:])] == 133.5
+    assert lin.p_d.min() == pytest.approx(0.2186, abs=0.00005)
+    assert lin.p_d.max() == pytest.approx(0.9881, abs=0.00005)
+
+
+def test_radar_constant_summed_in_decibels():
+    """30 dBW + 10 + 3.0103 − 12.0412 (the 16) − 24.6240 − 6.0206 − 6 − 5 = −10.6755 dB."""
+    radar = SurveillanceRadar(
+        average_power=1000.0,
+        aperture=10.0,
+        temperature=290.0,
+        scan_time=2.0,
+        search_volume=4.0,
+        loss_db=6.0,
+        noise_figure_db=5.0,
+    )
+    # Eight terms, each good to half of its last digit.
+    assert 10 * np.log10(radar.constant()) == pytest.approx(-10.6755, abs=8 * 0.00005)
+    assert radar.constant() == pytest.approx(0.0855957, abs=5e-8)  # 20000 / (18560 · 10^1.1)
+
+
+def test_power_aperture_product_as_the_radar_toolbox_has_it():
+    """MATLAB's radareqsearchpap example: 2.3689e4 W m², with 4π where Mahafza's c_r has 16.
+
+    The reference table does not give the target's RCS; 1 m² reproduces all five digits.
+    """
+    per_unit = SurveillanceRadar(
+        average_power=1.0,
+        aperture=1.0,
+        temperature=487.0,
+        scan_time=4.8,
+        search_volume=2 * np.pi * np.sin(np.pi / 4),  # all round, from the horizon up to 45°
+        loss_db=20.0,
+        noise_figure_db=0.0,
+    )
+    model = DetectionModel(ConstantRCS(1.0), p_fa=1e-6)
+    snr = model.snr(np.zeros(6), [111e3, 0, 0, per_unit.constant()])
+    power_aperture = 10**1.3 / snr
+    assert power_aperture * 4 * np.pi / 16 == pytest.approx(2.3689e4, abs=0.5)
+    assert 10 * np.log10(16 / (4 * np.pi)) == pytest.approx(1.05, abs=0.005)
+
+
+# Broadcasting: states of any shapes that fit, with results as if pose by pose.
+
+
+def assert_pose_by_pose(model, aircraft, radar):
+    """All results have the broadcast shape and are bit for bit those of each pose alone."""
+    shape = np.broadcast_shapes(np.shape(aircraft)[:-1], np.shape(radar)[:-1])
+    lin = model.linearize(aircraft, radar)
+    p_d, snr = model.p_d(aircraft, radar), model.snr(aircraft, radar)
+    assert np.shape(p_d) == np.shape(snr) == np.shape(lin.p_d) == shape
+    assert lin.jac_aircraft.shape == (*shape, 6)
+    assert lin.jac_radar.shape == (*shape, 4)
+    aircraft = np.broadcast_to(aircraft, (*shape, 6))
+    radar = np.broadcast_to(radar, (*shape, 4))
+    for i in np.ndindex(shape):
+        alone = model.linearize(aircraft[i], radar[i])
+        assert p_d[i] == model.p_d(aircraft[i], radar[i])
+        assert snr[i] == model.snr(aircraft[i], radar[i])
+        assert lin.p_d[i] == alone.p_d
+        assert_array_equal(lin.jac_aircraft[i], alone.jac_aircraft)
+        assert_array_equal(lin.jac_radar[i], alone.jac_radar)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("aircraft_shape", "radar_shape"),
+    [((), ()), ((361,), ()), ((), (9,)), ((7, 1), (5,)), ((1,), ()), ((1,), (3, 1)), ((0,), ())],
+)
+def test_broadcasting_is_pose_by_pose(kind, aircraft_shape, radar_shape):
+    rng = np.random.default_rng(13)
+    model, _, aircraft, radar = random_case(rng, kind, 400)
+    count, radars = int(np.prod(aircraft_shape)), int(np.prod(radar_shape))
+    assert_pose_by_pose(
+        model,
+        aircraft[:count].reshape(*aircraft_shape, 6),
+        radar[:radars].reshape(*radar_shape, 4),
+    )
+
+
+def test_no_poses_give_no_results():
+    lin = PAPER.linearize(np.zeros((0, 6)), PAPER_RADAR)
+    assert lin.p_d.shape == (0,)
+    assert lin.jac_aircraft.shape == (0, 6)
+    assert lin.jac_radar.shape == (0, 4)
+    assert lin.std(np.eye(6), np.eye(4)).shape == (0,)
+    assert PAPER.p_d(np.zeros((3, 0, 6)), PAPER_RADAR).shape == (3, 0)
+    assert PAPER.p_d(np.zeros(6), np.zeros((0, 4))).shape == (0,)
+
+
+@pytest.mark.parametrize("block", [1, 7, 100_000])
+@pytest.mark.parametrize("kind", KINDS)
+def test_results_do_not_depend_on_the_block_size(monkeypatch, kind, block):
+    model, _, aircraft, radar = random_case(np.random.default_rng(14), kind, 500)
+    many, one = model.linearize(aircraft, radar), model.linearize(aircraft, radar[0])
+    p_d = model.p_d(aircraft, radar)
+    monkeypatch.setattr("radar_sense.model.BLOCK", block)
+    again = model.linearize(aircraft, radar)
+    assert_array_equal(again.p_d, many.p_d)
+    assert_array_equal(partials(again), partials(many))
+    assert_array_equal(partials(model.linearize(aircraft, radar[0])), partials(one))
+    assert_array_equal(model.p_d(aircraft, radar), p_d)
+
+
+def test_memory_layout_and_type_of_the_input_do_not_matter():
+    model, _, aircraft, radar = random_case(np.random.default_rng(15), "ellipsoid", 50)
+    expected = partials(model.linearize(aircraft, radar))
+    wide = np.zeros((100, 12))
+    wide[::2, ::2] = aircraft
+    by_columns = np.asfortranarray(aircraft)
+    backwards = aircraft[::-1].copy()[::-1]
+    for same in (wide[::2, ::2], by_columns, backwards, aircraft.tolist()):
+        assert_array_equal(partials(model.linearize(same, radar)), expected)
+
+
+def test_whole_numbers_are_states_too():
+    aircraft, radar = [300_000, 400_000, -3_000, 1, 0, 2], [10, -20, 0, 167]
+    expected = PAPER.linearize(np.array(aircraft, dtype=float), np.array(radar, dtype=float))
+    for as_integers in ((aircraft, radar), (np.array(aircraft), np.array(radar))):
+        lin = PAPER.linearize(*as_integers)
+        assert lin.p_d == expected.p_d
+        assert_array_equal(partials(lin), partials(expected))
+
+
+def test_inputs_are_left_alone():
+    _, _, aircraft, radar = random_case(np.random.default_rng(16), "ellipsoid", 20)
+    before = aircraft.copy(), radar.copy()
+    PAPER.linearize(aircraft, radar)
+    assert_array_equal(aircraft, before[0])
+    assert_array_equal(radar, before[1])
+
+
+# Errors: what cannot be meant is refused.
+
+
+@pytest.mark.parametrize(
+    ("aircraft", "radar", "says"),
+    [
+        (np.zeros(5), np.ones(4), "aircraft"),
+        (np.zeros((6, 1)), np.ones(4), "aircraft"),
+        (0.0, np.ones(4), "aircraft"),
+        (np.zeros(6), np.ones(3), "radar"),
+        (np.zeros(6), np.ones((4, 6)), "radar"),
+        (np.zeros((2, 6)), np.ones((3, 4)), "broadcast"),
+        (np.zeros(6), [1, 1, 1, -1e-300], "negative"),
+        (np.zeros(6), [[1, 1, 1, 1], [1, 1, 1, -1]], "negative"),
+    ],
+)
+@pytest.mark.parametrize("method", ["p_d", "snr", "linearize"])
+def test_states_that_do_not_fit_are_refused(method, aircraft, radar, says):
+    with pytest.raises(ValueError, match=says):
+        getattr(PAPER, method)(aircraft, radar)
+
+
+@pytest.mark.parametrize("p_fa", [0.0, 1.0, -1e-4, 1.5, np.nan, np.inf])
+def test_p_fa_is_a_probability(p_fa):
+    with pytest.raises(ValueError, match="p_fa"):
+        DetectionModel(ConstantRCS(1.0), p_fa)
+
+
+@pytest.mark.parametrize("bad", [0.0, -0.1, np.nan, np.inf])
+@pytest.mark.parametrize("position", range(3))
+def test_ellipsoid_axes_are_positive(bad, position):
+    axes = [0.15, 0.13, 0.21]
+    axes[position] = bad
+    with pytest.raises(ValueError, match="must be"):
+        EllipsoidRCS(*axes)
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0, np.nan, np.inf])
+def test_constant_rcs_is_positive(bad):
+    with pytest.raises(ValueError, match="must be"):
+        ConstantRCS(bad)
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [
+        (0, 0.18, 0.1),
+        (-4, 0.18, 0.1),
+        (2.5, 0.18, 0.1),
+        (np.inf, 0.18, 0.1),
+        (4, -0.18, 0.1),
+        (4, np.nan, 0.1),
+        (4, 0.18, -0.1),
+        (4, 0.18, np.inf),
+        (4, 0.0, 0.0),
+    ],
+)
+def test_spikeball_parameters_make_sense(parameters):
+    with pytest.raises(ValueError, match="must"):
+        SpikeballRCS(*parameters)
+
+
+def test_surveillance_radar_has_positive_parts():
+    names = ("average_power", "aperture", "temperature", "scan_time", "search_volume")
+    good = {**dict.fromkeys(names, 1.0), "loss_db": 0.0, "noise_figure_db": 0.0}
+    assert SurveillanceRadar(**good).constant() == 1 / 16
+    for name in names:
+        for bad in (0.0, -1.0, np.nan):
+            with pytest.raises(ValueError, match=name):
+                SurveillanceRadar(**{**good, name: bad})
+
+
+# Propagation: A C A', correlations and all.
+
+
+def test_gum_h2_resistance_and_reactance():
+    """JCGM 100, H.2: three correlated inputs, three results, from the observations of table H.2.
+
+    From the rounded input uncertainties and correlations that it prints, u(R) would be 0.070. From
+    the observations every printed digit is met but one: u(X) is 0.2956, which it cuts to 0.295.
+    """
+    volts = [5.007, 4.994, 5.005, 4.990, 4.999]
+    amperes = [19.663e-3, 19.639e-3, 19.640e-3, 19.685e-3, 19.678e-3]
+    phases = [1.0456, 1.0438, 1.0468, 1.0428, 1.0433]
+    observations = np.array([volts, amperes, phases])
+    covariance = np.cov(observations) / 5  # of the means
+
+    # The observations are those that were meant: their means and moments are as printed.
+    volt, amp, phase = observations.mean(axis=1)
+    std = np.sqrt(np.diag(covariance))
+    assert_allclose([volt, amp, phase], [4.999, 19.661e-3, 1.04446], rtol=1e-12)
+    assert_allclose(std / [1, 1e-3, 1], [0.0032, 0.0095, 0.00075], rtol=0.01)
+    correlation = (covariance / np.outer(std, std))[[0, 0, 1], [1, 2, 2]]
+    assert_allclose(correlation, [-0.36, 0.86, -0.65], rtol=0, atol=0.005)
+
+    cos, sin = np.cos(phase), np.sin(phase)
+    jacobian = np.array(
+        [
+            [cos / amp, -volt * cos / amp**2, -volt * sin / amp],  # R = V cos φ / I
+            [sin / amp, -volt * sin / amp**2, volt * cos / amp],  # X = V sin φ / I
+            [1 / amp, -volt / amp**2, 0.0],  # Z = V / I
+        ]
+    )
+    uncertainty = np.sqrt(linear_variance(jacobian, covariance))
+    assert uncertainty[0] == pytest.approx(0.071, abs=0.0005)
+    assert uncertainty[1] == pytest.approx(0.2956, abs=0.00005)
+    assert uncertainty[2] == pytest.approx(0.236, abs=0.0005)
+    # Correlations of the results, which it prints too: var(R + X) = var R + var X + 2 cov(R, X).
+    for i, j, published in ((0, 1, -0.588), (0, 2, -0.485), (1, 2, 0.993)):
+        both = linear_variance(jacobian[i] + jacobian[j], covariance)
+        shared = both - uncertainty[i] ** 2 - uncertainty[j] ** 2
+        assert shared / (2 * uncertainty[i] * uncertainty[j]) == pytest.approx(published, abs=5e-4)
+
+
+def random_covariance(rng, n, rank):
+    """A full covariance (n, n) of that rank, its components of very different size."""
+    root = rng.normal(size=(n, rank)) * 10.0 ** rng.uniform(-2, 2, (n, 1))
+    return root @ root.T
+
+
+def exact_form(jacobian, covariance):
+    """A C A' with fifty digits, and the sum of its terms' magnitudes."""
+    with mp.workdps(oracle.DIGITS):
+        terms = [
+            mpf(float(a)) * mpf(float(covariance[i, j])) * mpf(float(b))
+            for i, a in enumerate(jacobian)
+            for j, b in enumerate(jacobian)
+        ]
+        return mp.fsum(terms), mp.fsum(terms, absolute=True)
+
+
+@pytest.mark.parametrize("rank", [1, 2, 6])
+def test_std_agrees_with_fifty_digits(rank):
+    """36 + 16 products of three: two roundings each, up to 52 to add them, four for the rest."""
+    rng = np.random.default_rng(17)
+    for _ in range(50):
+        jac_aircraft, jac_radar = rng.normal(size=6), rng.normal(size=4)
+        cov_aircraft, cov_radar = random_covariance(rng, 6, rank), random_covariance(rng, 4, rank)
+        std = Linearization(np.array(0.5), jac_aircraft, jac_radar).std(cov_aircraft, cov_radar)
+        from_aircraft, size = exact_form(jac_aircraft, cov_aircraft)
+        from_radar, more_size = exact_form(jac_radar, cov_radar)
+        error = abs(mpf(float(std)) ** 2 - from_aircraft - from_radar)
+        assert error <= 58 * ROUNDING * (size + more_size)
+
+
+def test_std_of_a_covariance_for_every_pose():
+    rng = np.random.default_rng(18)
+    model, _, aircraft, radar = random_case(rng, "ellipsoid", 12)
+    lin = model.linearize(aircraft.reshape(3, 4, 6), radar.reshape(3, 4, 4))
+    cov_aircraft = np.array([[random_covariance(rng, 6, 6)] * 4 for _ in range(3)])
+    cov_radar = np.array([random_covariance(rng, 4, 4) for _ in range(4)])
+    std = lin.std(cov_aircraft, cov_radar)
+    assert std.shape == (3, 4)
+    for i in np.ndindex(3, 4):
+        alone = Linearization(lin.p_d[i], lin.jac_aircraft[i], lin.jac_radar[i])
+        expected = alone.std(cov_aircraft[i], cov_radar[i[1]])
+        assert std[i] == pytest.approx(expected, rel=1e-13)
+    # One covariance for all poses, or one pose for all covariances.
+    shared = lin.std(cov_aircraft[0, 0], cov_radar[0])
+    assert shared.shape == (3, 4)
+    assert shared[0, 0] == pytest.approx(std[0, 0], rel=1e-13)
+    one = Linearization(lin.p_d[0, 0], lin.jac_aircraft[0, 0], lin.jac_radar[0, 0])
+    assert one.std(cov_aircraft, cov_radar).shape == (3, 4)
+
+
+def test_singular_covariance_is_never_nan():
+    """A direction without uncertainty rounds to just below zero as often as to just above it."""
+    rng = np.random.default_rng(19)
+    raw, guarded = [], []
+    for _ in range(500):
+        direction, jacobian = rng.normal(size=(2, 6))
+        jacobian -= direction * (jacobian @ direction) / (direction @ direction)
+        covariance = np.outer(direction, direction)
+        raw.append(jacobian @ covariance @ jacobian)
+        lin = Linearization(np.array(0.5), jacobian, np.zeros(4))
+        guarded.append(
+            [linear_variance(jacobian, covariance), lin.std(covariance, np.zeros((4, 4)))]
+        )
+    assert min(raw) < 0  # else this would test nothing
+    guarded = np.array(guarded)
+    assert np.all(guarded >= 0)
+    assert np.all(guarded[:, 0] < 1e-13)
+
+
+def test_no_uncertainty_means_none():
+    lin = PAPER.linearize(paper_aircraft(np.arange(5.0)), PAPER_RADAR)
+    assert_array_equal(lin.std(np.zeros((6, 6)), np.zeros((4, 4))), np.zeros(5))
+
+
+def test_sources_add_up_to_the_whole():
+    """Variances of uncorrelated sources add; the four sources leave no component out."""
+    lin = PAPER.linearize(paper_aircraft(np.arange(0.0, 181.0, 20.0)), PAPER_RADAR)
+    covariances = {
+        "aircraft": AIRCRAFT_COVARIANCE,
+        "radar": np.diag([100.0, 200.0, 300.0, 5.0]) ** 2,
+    }
+    jacobians = {"aircraft": lin.jac_aircraft, "radar": lin.jac_radar}
+    alone = [
+        linear_variance(jacobians[whose], only(covariances[whose], components))
+        for whose, components in SOURCES.values()
+    ]
+    assert_allclose(sum(alone), lin.std(*covariances.values()) ** 2, rtol=1e-14)
+
+
+# Edge cases.
+
+
+@pytest.mark.parametrize("lobes", [1, 2, 3, 4, 7])
+def test_spikeball_has_the_slope_of_one_side_at_the_bottom_of_a_lobe(lobes):
+    """A central difference gives zero there, and a deviation of zero would be wrong."""
+    amplitude, floor = 0.18, 0.1
+    model = DetectionModel(SpikeballRCS(lobes, amplitude, floor), p_fa=1e-4)
+    radar = [0.0, 0.0, 0.0, 150.0]
+    for bottom in np.arange(lobes) * 2 * np.pi / lobes:
+        at_bottom = [-400e3, 0.0, 0.0, 0.0, 0.0, -bottom]  # λ = −ψ with the radar due north
+        lin = model.linearize(at_bottom, radar)
+        constant = DetectionModel(ConstantRCS(floor), p_fa=1e-4).linearize(at_bottom, radar)
+        # σ is the floor, and ∂P_D/∂σ_r = ∂P_D/∂c_r c_r/σ_r there.
+        assert lin.p_d == pytest.approx(constant.p_d, rel=1e-12)
+        per_sigma = constant.jac_radar[3] * radar[3] / floor
+        one_sided = per_sigma * amplitude * lobes / 2
+        assert abs(lin.jac_aircraft[5]) == pytest.approx(one_sided, rel=1e-9)
+        ahead, behind = (model.p_d([*at_bottom[:5], h - bottom], radar) for h in (1e-7, -1e-7))
+        # The second derivative makes a one-sided difference wrong by about its step, 1e-7.
+        assert (ahead - lin.p_d) / 1e-7 == pytest.approx(one_sided, rel=1e-5)
+        assert (behind - lin.p_d) / 1e-7 == pytest.approx(one_sided, rel=1e-5)
+
+
+def test_spikeball_slope_at_the_nose_is_that_towards_larger_azimuth():
+    sigma, gradient = SpikeballRCS(4, 0.18, 0.1).linearize(np.array([2.0, 0.0, 1.0]))
+    assert sigma == 0.1
+    assert_allclose(gradient, [0, 0.18 * 4 / 2 / 2.0, 0], rtol=1e-15)
+
+
+@pytest.mark.parametrize("height", [-3e3, 3e3])
+@pytest.mark.parametrize(
+    ("rcs", "sigma"),
+    [
+        (EllipsoidRCS(0.15, 0.13, 0.21), np.pi * (0.15 * 0.13 / 0.21) ** 2),  # λ = 0
+        (EllipsoidRCS(0.2, 0.2, 0.2), np.pi * 0.2**2),
+        (SpikeballRCS(4, 0.18, 0.1), 0.1),
+    ],
+)
+def test_straight_above_and_below_the_value_exists_and_the_gradient_does_not(rcs, sigma, height):
+    """Warnings are errors in this suite, so this shows as well that there is none."""
+    model = DetectionModel(rcs, p_fa=1e-4)
+    aircraft = [0.0, 0.0, height, 0.0, 0.0, 1.0]
+    radar = [0.0, 0.0, 0.0, 1e-8 / sigma]  # S is 9
+    constant = DetectionModel(ConstantRCS(sigma), p_fa=1e-4)
+    lin = model.linearize(aircraft, radar)
+    assert 0.4 < lin.p_d < 0.9
+    assert lin.p_d == pytest.approx(constant.p_d(aircraft, radar), rel=1e-13)
+    assert model.p_d(aircraft, radar) == pytest.approx(lin.p_d, rel=1e-13)
+    assert np.all(np.isnan(lin.jac_aircraft))
+    assert np.all(np.isnan(lin.jac_radar[:3]))
+    assert lin.jac_radar[3] == pytest.approx(constant.linearize(aircraft, radar).jac_radar[3])
+
+
+def test_straight_below_a_constant_rcs_has_a_gradient():
+    lin = DetectionModel(ConstantRCS(0.2), p_fa=1e-4).linearize(
+        [0, 0, -3e3, 0, 0, 0], [0, 0, 0, 1e-8]
+    )
+    assert np.all(np.isfinite(lin.jac_aircraft))
+    assert_array_equal(lin.jac_aircraft[[0, 1, 3, 4, 5]], 0)
+    assert lin.jac_aircraft[2] > 0  # down is closer
+
+
+def test_one_singular_pose_leaves_its_neighbours_alone():
+    aircraft = paper_aircraft(np.array([10.0, 45.0, 80.0]))
+    expected = partials(PAPER.linearize(aircraft, PAPER_RADAR))
+    aircraft[1, :2] = 0.0
+    found = partials(PAPER.linearize(aircraft, PAPER_RADAR))
+    assert_array_equal(found[[0, 2]], expected[[0, 2]])
+    assert np.all(np.isnan(found[1, :9]))
+    # A deviation that is not known must not read as none.
+    std = PAPER.linearize(aircraft, PAPER_RADAR).std(np.eye(6), np.eye(4))
+    assert_array_equal(np.isnan(std), [False, True, False])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("snr", [1e4, 1e6, 1e12, 1e100])
+def test_overwhelming_signal_is_certain_detection_with_no_slope(kind, snr):
+    rng = np.random.default_rng(20)
+    model, known_as, aircraft, radar = random_case(rng, kind, 20)
+    radar[:, 3] = constant_for(snr, aircraft, radar, known_as)
+    assert_allclose(model.snr(aircraft, radar), snr, rtol=1e-10)
+    lin = model.linearize(aircraft, radar)
+    assert_array_equal(lin.p_d, 1.0)
+    assert_array_equal(model.p_d(aircraft, radar), 1.0)
+    assert_array_equal(partials(lin), 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_radar_without_power_detects_noise(kind):
+    """S = 0: nothing depends on where things are, but a first joule would still help."""
+    model, known_as, aircraft, radar = random_case(np.random.default_rng(21), kind, 20)
+    radar[:, 3] = 0.0
+    lin = model.linearize(aircraft, radar)
+    assert_allclose(lin.p_d, float(oracle.north(0, model.p_fa)), rtol=1e-13)
+    assert_array_equal(model.p_d(aircraft, radar), lin.p_d)
+    assert_array_equal(lin.jac_aircraft, 0.0)
+    assert_array_equal(lin.jac_radar[:, :3], 0.0)
+    for a, r, found in zip(aircraft, radar, lin.jac_radar[:, 3], strict=True):
+        assert found > 0
+        exact = oracle.partials(a, r, known_as, model.p_fa)[9]
+        assert relative_error(found, exact) < 1e-12
+
+
+@pytest.mark.parametrize(
+    "rcs", [ConstantRCS(1.0), EllipsoidRCS(0.1, 0.2, 0.3), SpikeballRCS(4, 1, 1)]
+)
+def test_nothing_has_a_meaning_where_aircraft_and_radar_coincide(rcs):
+    model = DetectionModel(rcs, 1e-4)
+    lin = model.linearize(np.zeros(6), [0, 0, 0, 1.0])
+    assert np.isnan(model.p_d(np.zeros(6), [0, 0, 0, 1.0]))
+    assert np.isnan(lin.p_d)
+    assert np.isnan(lin.jac_radar).all()
+
+
+def test_a_nan_does_not_hide_a_negative_constant():
+    radar = [[0, 0, 0, np.nan], [0, 0, 0, -5.0]]
+    with pytest.raises(ValueError, match="must not be negative, got -5"):
+        DetectionModel(ConstantRCS(1.0), 1e-4).p_d(np.ones((2, 6)), radar)
+
+
+@pytest.mark.parametrize(
+    "shapes", [((1, 1), (1, 1)), ((6,), (4, 4)), ((4, 4), (6, 6)), ((6, 6), ())]
+)
+def test_covariances_that_do_not_fit_are_refused(shapes):
+    lin = DetectionModel(ConstantRCS(1.0), 1e-4).linearize(np.ones(6), np.zeros(4))
+    with pytest.raises(ValueError, match="covariance must have shape"):
+        lin.std(*(np.ones(shape) for shape in shapes))
