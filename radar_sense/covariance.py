@@ -1,4 +1,4 @@
-"""Covariance matrices: made from standard deviations, checked, masked, and factored for drawing."""
+"""Covariance matrices: made from standard deviations, checked, masked, projected, and factored."""
 
 from __future__ import annotations
 
@@ -43,6 +43,28 @@ def only(covariance: FloatArray, components: slice) -> FloatArray:
     alone = np.zeros_like(covariance)
     alone[..., components, components] = covariance[..., components, components]
     return alone
+
+
+def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
+    """Variance A C Aᵀ of a linear function of the state, `eq:pd_var`.
+
+    Args:
+        jacobian: Partials A (..., n).
+        covariance: Covariance C (..., n, n) of the state, symmetric and positive semidefinite.
+
+    Returns:
+        (...), never negative.
+
+    Raises:
+        ValueError: If the covariance is not (..., n, n).
+    """
+    covariance = np.asarray(covariance, dtype=float)
+    n = jacobian.shape[-1]
+    if covariance.shape[-2:] != (n, n):
+        raise ValueError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
+    variance: FloatArray = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
+    # A C Aᵀ of a semidefinite C can round to just below zero.
+    return np.maximum(variance, 0.0)
 
 
 def factor(covariance: FloatArray) -> FloatArray:

@@ -80,3 +80,12 @@ class North:
         root = np.sqrt(snr + 0.5)
         miss = np.sqrt(-np.log(p_fa)) - root
         return 0.5 * erfc(miss), _HALF_OVER_SQRT_PI * np.exp(-miss * miss) / root
+
+    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...).
+
+        ½ erfc(−x) is Φ(√2 x), so here the probit is the argument itself, and stays exact where P_D
+        rounds to 0 or 1.
+        """
+        root = np.sqrt(snr + 0.5)
+        return np.sqrt(2.0) * (root - np.sqrt(-np.log(p_fa))), np.sqrt(0.5) / root

@@ -9,18 +9,22 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radar_sense.covariance import variance_along
 from radar_sense.detection import North, snr
 from radar_sense.geometry import Attitude, Vector, join, radar_from_aircraft
-from radar_sense.propagation import linear_variance
 from radar_sense.rcs import RCS
 from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
 
 #: Poses per block: the arrays in use at a time then stay within a second-level cache of 1 MB.
 BLOCK = 8192
+
+#: What a detector offers: a value and its slope by S, from S and P_fa.
+Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
 
 _ONE = np.ones(())
 
@@ -53,8 +57,8 @@ class Linearization:
             ValueError: If a covariance has another shape.
         """
         return np.sqrt(
-            linear_variance(self.jac_aircraft, cov_aircraft)
-            + linear_variance(self.jac_radar, cov_radar)
+            variance_along(self.jac_aircraft, cov_aircraft)
+            + variance_along(self.jac_radar, cov_radar)
         )
 
 
@@ -106,16 +110,37 @@ class DetectionModel:
         Raises:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
+        return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
+
+    def linearize_probit(
+        self, aircraft: ArrayLike, radar: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The probit z = Φ⁻¹(P_D), which is far closer to linear in the states than P_D is.
+
+        Returns:
+            z (...), its partials for the aircraft (..., 6) and for the radar (..., 4).
+
+        Raises:
+            ValueError: If a shape does not fit or a radar constant is negative.
+        """
+        return self._partials(self.detector.linearize_probit, aircraft, radar)
+
+    def _partials(
+        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
         tails = ((), (len(AIRCRAFT),), (len(RADAR),))
-        return Linearization(*_in_blocks(self._linearize, tails, aircraft, radar))
+        value, by_aircraft, by_radar = _in_blocks(
+            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar
+        )
+        return value, by_aircraft, by_radar
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
         body = Attitude.from_state(aircraft).to_body(line)
         return snr(radar[..., CONSTANT], self.rcs.cross_section(join(body)), _range_squared(line))
 
-    def _linearize(
-        self, aircraft: FloatArray, radar: FloatArray
+    def _chain(
+        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         attitude = Attitude.from_state(aircraft)
         line = radar_from_aircraft(aircraft, radar)
@@ -127,20 +152,20 @@ class DetectionModel:
         # S is a product, so ∂S/∂c_r and ∂S/∂σ_r are S without that factor (and exist where it is 0)
         ds_dconstant = snr(_ONE, sigma, range_squared)
         ds_dsigma = snr(constant, _ONE, range_squared)
-        p_d, dp_ds = self.detector.linearize(ratio, self.p_fa)
+        value, by_snr = detector(ratio, self.p_fa)
 
         # The RCS turns with the aircraft, the range does not: only the first is rotated back.
-        dp_dsigma = dp_ds * ds_dsigma
+        by_sigma = by_snr * ds_dsigma
         by_aspect, by_attitude = attitude.pull_back(
-            body, Vector(*(dp_dsigma * sigma_gradient[..., i] for i in range(3)))
+            body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
         )
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
-        by_range = -4.0 * dp_ds * ratio / range_squared
+        by_range = -4.0 * by_snr * ratio / range_squared
         by_position = [g + by_range * d for g, d in zip(by_aspect, line, strict=True)]
         return (
-            p_d,
+            value,
             join((*(-g for g in by_position), *by_attitude)),
-            join((*by_position, dp_ds * ds_dconstant)),
+            join((*by_position, by_snr * ds_dconstant)),
         )
 
 

@@ -18,7 +18,7 @@ from radar_sense.covariance import only
 from radar_sense.detection import North, SurveillanceRadar
 from radar_sense.geometry import Attitude, Vector, body_vector, orbit, slant_range
 from radar_sense.model import DetectionModel, Linearization
-from radar_sense.propagation import linear_variance
+from radar_sense.covariance import variance_along
 from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.states import SOURCES
 
@@ -405,7 +405,7 @@ def test_paper_error_budget_at_45_degrees():
     }
     for source, (whose, components) in SOURCES.items():
         alone = only(covariances[whose], components)
-        three_sigma = 3 * np.sqrt(linear_variance(jacobians[whose], alone))
+        three_sigma = 3 * np.sqrt(variance_along(jacobians[whose], alone))
         assert three_sigma == pytest.approx(published[source], abs=0.00005), source
     assert lin.p_d == pytest.approx(0.5939, abs=0.00005)
     assert 3 * lin.std(*covariances.values()) == pytest.approx(0.0912, abs=0.00005)
@@ -656,13 +656,13 @@ def test_gum_h2_resistance_and_reactance():
             [1 / amp, -volt / amp**2, 0.0],  # Z = V / I
         ]
     )
-    uncertainty = np.sqrt(linear_variance(jacobian, covariance))
+    uncertainty = np.sqrt(variance_along(jacobian, covariance))
     assert uncertainty[0] == pytest.approx(0.071, abs=0.0005)
     assert uncertainty[1] == pytest.approx(0.2956, abs=0.00005)
     assert uncertainty[2] == pytest.approx(0.236, abs=0.0005)
     # Correlations of the results, which it prints too: var(R + X) = var R + var X + 2 cov(R, X).
     for i, j, published in ((0, 1, -0.588), (0, 2, -0.485), (1, 2, 0.993)):
-        both = linear_variance(jacobian[i] + jacobian[j], covariance)
+        both = variance_along(jacobian[i] + jacobian[j], covariance)
         shared = both - uncertainty[i] ** 2 - uncertainty[j] ** 2
         assert shared / (2 * uncertainty[i] * uncertainty[j]) == pytest.approx(published, abs=5e-4)
 
@@ -729,7 +729,7 @@ def test_singular_covariance_is_never_nan():
         raw.append(jacobian @ covariance @ jacobian)
         lin = Linearization(np.array(0.5), jacobian, np.zeros(4))
         guarded.append(
-            [linear_variance(jacobian, covariance), lin.std(covariance, np.zeros((4, 4)))]
+            [variance_along(jacobian, covariance), lin.std(covariance, np.zeros((4, 4)))]
         )
     assert min(raw) < 0  # else this would test nothing
     guarded = np.array(guarded)
@@ -751,7 +751,7 @@ def test_sources_add_up_to_the_whole():
     }
     jacobians = {"aircraft": lin.jac_aircraft, "radar": lin.jac_radar}
     alone = [
-        linear_variance(jacobians[whose], only(covariances[whose], components))
+        variance_along(jacobians[whose], only(covariances[whose], components))
         for whose, components in SOURCES.values()
     ]
     assert_allclose(sum(alone), lin.std(*covariances.values()) ** 2, rtol=1e-14)
