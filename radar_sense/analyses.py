@@ -1,20 +1,26 @@
-"""The analyses: from a scenario to one table, one summary and a few lines for a person."""
+"""The analyses: from a scenario to one table, one summary and a few lines for a person.
+
+They take `method`, a method of propagation. Without it they are the paper's: linear, and with the
+paper's columns alone; a method that is named adds columns of its own, its mean among them.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from radar_sense import covariance
+from radar_sense.budget import MONTE_CARLO, Allowance, allowances, error_budget
 from radar_sense.geometry import body_vector, slant_range
-from radar_sense.model import Linearization
 from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.propagation import METHODS, Moments, propagate
+from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.scenario import Scenario
 from radar_sense.states import SOURCES, FloatArray
+from radar_sense.wording import at, peak, reached, trough, where
 
 #: First order has nothing to say of a source whose part in the total is so much smaller than its
 #: part elsewhere: its gradient passes through zero there.
@@ -32,6 +38,7 @@ class Result:
         summary: Numbers for the JSON record.
         report: Lines for the terminal.
         warnings: Where the numbers are not to be trusted, one sentence each.
+        method: Method of propagation behind the numbers.
         monte_carlo: The draws behind the table, if there were any.
     """
 
@@ -41,139 +48,170 @@ class Result:
     summary: Mapping[str, Any]
     report: tuple[str, ...]
     warnings: tuple[str, ...]
+    method: str = "linear"
     monte_carlo: MonteCarlo | None = None
 
 
-def variance(scenario: Scenario) -> Result:
-    """P_D along the geometry with its linearized standard deviation and 3σ band."""
+def variance(scenario: Scenario, *, method: str | None = None) -> Result:
+    """P_D along the geometry with its standard deviation and 3σ band."""
     aircraft, radar, theta = scenario.aircraft, scenario.radar, scenario.theta_r_deg
-    linear = scenario.model.linearize(aircraft, radar)
-    sigma_pd = linear.std(scenario.cov_aircraft, scenario.cov_radar[scenario.level])
+    moments = _propagate(scenario, scenario.level, method)
     snr = scenario.model.snr(aircraft, radar)
     with np.errstate(divide="ignore"):  # no cross section, no signal: −inf dB
         snr_db = 10.0 * np.log10(snr)
-    low, high = _trough(linear.p_d, theta), _peak(linear.p_d, theta)
-    worst = _peak(3 * sigma_pd, theta)
+    low, high = trough(moments.p_d, theta), peak(moments.p_d, theta)
+    worst = peak(3 * moments.std, theta)
     return Result(
         analysis="variance",
         scenario=scenario,
+        method=method or "linear",
         table={
             "theta_r_deg": theta,
             "range_m": slant_range(aircraft, radar),
             "rcs_m2": scenario.model.rcs.cross_section(body_vector(aircraft, radar)),
             "snr_db": snr_db,
-            "p_d": linear.p_d,
-            "sigma_pd": sigma_pd,
-            "lower_3sigma": linear.p_d - 3 * sigma_pd,
-            "upper_3sigma": linear.p_d + 3 * sigma_pd,
+            **_band(moments),
+            **_mean(moments.mean, method),
         },
         summary={"lowest_p_d": low, "highest_p_d": high, "largest_three_sigma": worst},
         report=(
-            f"P_D runs from {_at(low)} to {_at(high)}",
-            f"largest 3 sigma of P_D ({scenario.level}): {_at(worst)}",
+            f"P_D runs from {at(low)} to {at(high)}",
+            f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst)}",
         ),
-        warnings=_doubts(linear.p_d, sigma_pd, theta),
+        warnings=_doubts(moments, method, theta),
     )
 
 
-def sensitivity(scenario: Scenario) -> Result:
-    """Linearized 3σ of P_D for every level of radar uncertainty."""
+def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
+    """3σ of P_D for every level of radar uncertainty."""
     theta = scenario.theta_r_deg
-    linear = scenario.model.linearize(scenario.aircraft, scenario.radar)
-    sigma = {
-        level: linear.std(scenario.cov_aircraft, cov_radar)
-        for level, cov_radar in scenario.cov_radar.items()
-    }
-    worst = {level: _peak(3 * s, theta) for level, s in sigma.items()}
+    moments = {level: _propagate(scenario, level, method) for level in scenario.cov_radar}
+    worst = {level: peak(3 * m.std, theta) for level, m in moments.items()}
     width = max(map(len, worst))
     return Result(
         analysis="sensitivity",
         scenario=scenario,
+        method=method or "linear",
         table={
             "theta_r_deg": theta,
-            **{f"three_sigma_{level}": 3 * s for level, s in sigma.items()},
+            **{f"three_sigma_{level}": 3 * m.std for level, m in moments.items()},
+            **{
+                key: column
+                for level, m in moments.items()
+                for key, column in _mean(m.mean, method, f"_{level}").items()
+            },
         },
         summary={"largest_three_sigma": worst},
         report=(
-            "largest 3 sigma of P_D by level:",
-            *(f"  {level:{width}}  {_at(peak)}" for level, peak in worst.items()),
+            f"largest 3 sigma of P_D by level{_by(method)}:",
+            *(f"  {level:{width}}  {at(top)}" for level, top in worst.items()),
         ),
         warnings=tuple(
             f"{level}: {doubt}"
-            for level, s in sigma.items()
-            for doubt in _doubts(linear.p_d, s, theta)
+            for level, m in moments.items()
+            for doubt in _doubts(m, method, theta)
         ),
     )
 
 
-def budget(scenario: Scenario) -> Result:
-    """Linearized 3σ of P_D from each source of uncertainty alone, and from all together."""
-    theta, cov_radar = scenario.theta_r_deg, scenario.cov_radar[scenario.level]
-    linear = scenario.model.linearize(scenario.aircraft, scenario.radar)
-    alone = {
-        source: 3 * _std_from(linear, source, scenario.cov_aircraft, cov_radar)
-        for source in SOURCES
-    }
-    total = 3 * linear.std(scenario.cov_aircraft, cov_radar)
-    worst = _peak(total, theta)
-    pose = int(np.argmax(_reached(total)))  # the first of several that differ by rounding alone
-    at_worst = {source: float(values[pose]) for source, values in alone.items()}
+def budget(
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    target: float | None = None,
+    at_deg: float | None = None,
+) -> Result:
+    """3σ of P_D from each source of uncertainty alone, and from all together.
+
+    Args:
+        scenario: The scenario.
+        method: A method of propagation, or "montecarlo" for Sobol' indices.
+        target: With it, also how small each source must be for 3σ to stay within this.
+        at_deg: Azimuth of the only pose that counts for the target; every pose if None.
+
+    Raises:
+        ScenarioError: If there is no such method or pose, or the two do not go together.
+    """
+    _check_method(method, [*METHODS, MONTE_CARLO])
+    if target is not None and method == MONTE_CARLO:
+        raise ScenarioError(f"a target needs one of the methods {', '.join(METHODS)}")
+    if at_deg is not None and target is None:
+        raise ScenarioError("an azimuth for the target needs a target")
+    theta = scenario.theta_r_deg
+    found = error_budget(scenario, method or "linear")
+    three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
+    shares = found.shares()
+    worst = peak(total, theta)
+    pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
+    at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
     ranked = sorted(at_worst, key=at_worst.__getitem__, reverse=True)
-    dominant = np.argmax(np.stack([alone[source] for source in SOURCES]), axis=0)
+    dominant = np.argmax(np.stack(list(three_sigma.values())), axis=0)
     dominates = {
-        source: where
+        source: place
         for i, source in enumerate(SOURCES)
-        if (where := _where((dominant == i) & (total > 0), theta))
+        if (place := where((dominant == i) & (total > 0), theta))
     }
+    inverse = {} if target is None else _inverse(scenario, target, method, at_deg)
+    warnings = [] if found.moments is None else [*_doubts(found.moments, method, theta)]
+    if (method or "linear") == "linear":
+        warnings += _vanishing(three_sigma, total, theta)
     return Result(
         analysis="budget",
         scenario=scenario,
+        method=method or "linear",
         table={
             "theta_r_deg": theta,
-            **{f"three_sigma_{source}": values for source, values in alone.items()},
+            **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
             "three_sigma_total": total,
+            **_mean(found.mean, method),
+            **({} if method is None else {f"share_{s}": v for s, v in shares.items()}),
+            **{f"total_index_{s}": v for s, v in (found.total_index or {}).items()},
+            **{f"share_error_{s}": v for s, v in (found.share_error or {}).items()},
         },
         summary={
             "largest_three_sigma_total": worst,
             "at_largest": at_worst,
+            "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
             "dominant": ranked[0],
             "dominates": dominates,
+            **({"target": inverse} if inverse else {}),
         },
         report=(
-            f"3 sigma of P_D ({scenario.level}) at {theta[pose]:g} deg, "
+            f"3 sigma of P_D ({_named(scenario.level, method)}) at {theta[pose]:g} deg, "
             "where the total is largest, and share of its variance:",
-            *(
-                f"  {source:21}{at_worst[source]:.4f} {_share(at_worst[source], total[pose])}"
-                for source in ranked
-            ),
-            f"  {'total':21}{total[pose]:.4f}",
-            *(f"{source} dominates {where}" for source, where in dominates.items()),
+            *(_row(s, at_worst[s], shares[s][pose]) for s in ranked),
+            *_interaction_row(shares["interaction"][pose]),
+            _row("total", float(total[pose])),
+            *(f"{source} dominates {place}" for source, place in dominates.items()),
+            *_inverse_report(inverse),
         ),
-        warnings=(
-            *_doubts(linear.p_d, total / 3, theta),
-            *_vanishing(alone, total, theta),
-            *_correlated(alone, total),
-        ),
+        warnings=(*warnings, *_correlated(three_sigma, total, method)),
     )
 
 
 def montecarlo(
-    scenario: Scenario, *, workers: int = 1, progress: Callable[[int], None] | None = None
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
 ) -> Result:
-    """Monte Carlo draws of P_D against the linearized 3σ band."""
+    """Monte Carlo draws of P_D against the 3σ band of a method."""
+    _check_method(method, METHODS)
     theta = scenario.theta_r_deg
-    mc = monte_carlo(scenario, workers=workers, progress=progress)
+    mc = monte_carlo(scenario, method=method or "linear", workers=workers, progress=progress)
     low, high = mc.coverage_interval()
     pose = int(np.argmin(mc.coverage))
     # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
     lowest, highest = mc.coverage_interval(1 - 0.05 / len(theta))
     off = (highest < WITHIN_3_SIGMA) | (lowest > WITHIN_3_SIGMA)
     overall = float(mc.coverage.mean())
-    warnings = list(_doubts(mc.p_d, mc.sigma_pd, theta))
+    name = _band_name(method)
+    warnings = list(_doubts(mc.band, method, theta))
     if off.any():
         warnings.append(
-            "the linearized band does not hold the 99.73 % of the draws that it should "
-            f"{_where(off, theta)} (95 % confidence for all poses together)"
+            f"the {name} band does not hold the 99.73 % of the draws that it should "
+            f"{where(off, theta)} (95 % confidence for all poses together)"
         )
     if mc.clipped:
         warnings.append(
@@ -183,17 +221,16 @@ def montecarlo(
     return Result(
         analysis="montecarlo",
         scenario=scenario,
+        method=method or "linear",
         table={
             "theta_r_deg": theta,
-            "p_d": mc.p_d,
-            "sigma_pd": mc.sigma_pd,
-            "lower_3sigma": mc.p_d - 3 * mc.sigma_pd,
-            "upper_3sigma": mc.p_d + 3 * mc.sigma_pd,
+            **_band(mc.band),
             "mc_mean": mc.mean,
             "mc_std": mc.std,
             "mc_lower": mc.lower,
             "mc_upper": mc.upper,
             "coverage_3sigma": mc.coverage,
+            **_mean(mc.band.mean, method),
         },
         summary={
             "runs": mc.runs,
@@ -206,12 +243,12 @@ def montecarlo(
             },
             "coverage_confidence_95": {"lower": low.tolist(), "upper": high.tolist()},
             "poses_inconsistent": int(np.count_nonzero(off)),
-            "largest_mean_shift": _peak(abs(mc.mean - mc.p_d), theta),
+            "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), theta),
             "radar_constants_set_to_zero": mc.clipped,
         },
         report=(
             f"{mc.runs} runs ({scenario.level}, seed {mc.seed}): {overall:.2%} of the draws lie "
-            f"in the linearized 3-sigma band, {WITHIN_3_SIGMA:.2%} would if P_D were normal",
+            f"in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
             f"lowest coverage {mc.coverage[pose]:.2%} at {theta[pose]:g} deg "
             f"(95 % confidence {low[pose]:.2%} to {high[pose]:.2%})",
         ),
@@ -220,29 +257,70 @@ def montecarlo(
     )
 
 
-def _std_from(
-    linear: Linearization, source: str, cov_aircraft: FloatArray, cov_radar: FloatArray
-) -> FloatArray:
-    whose, components = SOURCES[source]
-    certain_aircraft, certain_radar = np.zeros_like(cov_aircraft), np.zeros_like(cov_radar)
-    if whose == "aircraft":
-        return linear.std(covariance.only(cov_aircraft, components), certain_radar)
-    return linear.std(certain_aircraft, covariance.only(cov_radar, components))
-
-
-def _doubts(p_d: FloatArray, sigma: FloatArray, theta: FloatArray) -> tuple[str, ...]:
-    """Say where the linearized band cannot be right."""
-    doubts = []
-    undefined = ~np.isfinite(sigma)
-    if undefined.any():
-        doubts.append(
-            "the linearization is undefined, with the radar straight above or below the aircraft, "
-            f"{_where(undefined, theta)}"
+def _check_method(method: str | None, allowed: Mapping[str, Any] | list[str]) -> None:
+    if method is not None and method not in allowed:
+        raise ScenarioError(
+            f"method must be one of {', '.join(allowed)}, got {method!r}"
+            + did_you_mean(method, allowed)
         )
-    outside = (p_d - 3 * sigma < 0) | (p_d + 3 * sigma > 1)
-    if outside.any():
-        doubts.append(f"the linearized 3-sigma band leaves [0, 1] {_where(outside, theta)}")
-    return tuple(doubts)
+
+
+def _propagate(scenario: Scenario, level: str, method: str | None) -> Moments:
+    _check_method(method, METHODS)
+    return propagate(
+        scenario.model,
+        scenario.aircraft,
+        scenario.radar,
+        scenario.cov_aircraft,
+        scenario.cov_radar[level],
+        method=method or "linear",
+    )
+
+
+def _band(moments: Moments) -> dict[str, FloatArray]:
+    return {
+        "p_d": moments.p_d,
+        "sigma_pd": moments.std,
+        "lower_3sigma": moments.lower,
+        "upper_3sigma": moments.upper,
+    }
+
+
+def _mean(mean: FloatArray, method: str | None, ending: str = "") -> dict[str, FloatArray]:
+    """Return the column for the method's mean; the paper's tables, without a method, have none."""
+    return {} if method is None else {f"mean_pd{ending}": mean}
+
+
+def _by(method: str | None) -> str:
+    return "" if method is None else f" by {method}"
+
+
+def _named(level: str, method: str | None) -> str:
+    return level if method is None else f"{level}, {method}"
+
+
+def _band_name(method: str | None) -> str:
+    return "linearized" if method in (None, "linear") else str(method)
+
+
+def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[str, ...]:
+    """Say where the band of a method is not to be trusted."""
+    name = _band_name(method)
+    undefined = ~np.isfinite(moments.std)
+    outside = (moments.lower < 0) | (moments.upper > 1)
+    said = (
+        (~moments.settled, f"the iteration of {name} did not settle"),
+        (
+            undefined & moments.settled,
+            "the gradient is undefined, with the radar straight above or below the aircraft,",
+        ),
+        (outside, f"the {name} 3-sigma band leaves [0, 1]"),
+        (
+            moments.curved & ~undefined,
+            f"effects of second order are too large for {name} to be trusted",
+        ),
+    )
+    return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, theta)))
 
 
 def _vanishing(
@@ -252,17 +330,21 @@ def _vanishing(
     doubts = []
     for source, values in alone.items():
         part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
-        if where := _where((part < VANISHING * part.max()) & (total > 0), theta):
+        if place := where((part < VANISHING * part.max()) & (total > 0), theta):
             doubts.append(
-                f"the gradient for {source} vanishes {where}: only effects of second order remain "
+                f"the gradient for {source} vanishes {place}: only effects of second order remain "
                 "there, which the linearized budget leaves out"
             )
     return tuple(doubts)
 
 
-def _correlated(alone: Mapping[str, FloatArray], total: FloatArray) -> tuple[str, ...]:
-    """Say so if the sources do not add up because they are correlated."""
-    together = np.sqrt(sum(values**2 for values in alone.values()))
+def _correlated(
+    alone: Mapping[str, FloatArray], total: FloatArray, method: str | None
+) -> tuple[str, ...]:
+    """Say so if linear contributions do not add up, because sources are correlated."""
+    if (method or "linear") != "linear":
+        return ()  # nonlinearity keeps them from adding up too; the interaction row has both
+    together = np.sqrt(np.sum([values**2 for values in alone.values()], axis=0))
     gap = np.nanmax(abs(total - together), initial=0)
     if gap <= 1e-9 * np.nanmax(total, initial=0):
         return ()
@@ -272,56 +354,47 @@ def _correlated(alone: Mapping[str, FloatArray], total: FloatArray) -> tuple[str
     )
 
 
-def _peak(values: FloatArray, theta: FloatArray) -> dict[str, Any]:
-    """Return the largest value and all angles at which it is reached."""
-    if not np.isfinite(values).any():
-        return {"value": float("nan"), "theta_r_deg": []}
-    return {"value": float(np.nanmax(values)), "theta_r_deg": theta[_reached(values)].tolist()}
+def _row(name: str, three_sigma: float, share: float = float("nan")) -> str:
+    percent = "" if np.isnan(share) else f" {share:6.1%}"
+    return f"  {name:21}{three_sigma:.4f}{percent}"
 
 
-def _reached(values: FloatArray) -> NDArray[np.bool_]:
-    """Mark the poses at which the largest value is reached.
-
-    Poses that mirror each other differ by rounding, which must not decide between them.
-    """
-    top = np.nanmax(values, initial=-np.inf)
-    return np.greater_equal(values, top - 1e-9 * abs(top))
+def _interaction_row(share: float) -> tuple[str, ...]:
+    """Return a row for what no source does alone, unless there is nothing but rounding."""
+    return () if not abs(share) > 1e-9 else (f"  {'interaction':27} {share:6.1%}",)
 
 
-def _trough(values: FloatArray, theta: FloatArray) -> dict[str, Any]:
-    peak = _peak(-values, theta)
-    return {**peak, "value": -peak["value"]}
+def _inverse(
+    scenario: Scenario, target: float, method: str | None, at_deg: float | None
+) -> dict[str, Any]:
+    found = allowances(scenario, target, method=method or "linear", at=at_deg)
+    return {
+        "three_sigma": target,
+        "at_deg": at_deg,
+        "allowances": {
+            source: dataclasses.asdict(allowance) for source, allowance in found.items()
+        },
+    }
 
 
-def _at(peak: Mapping[str, Any]) -> str:
-    angles = peak["theta_r_deg"]
-    if not angles:
-        return "undefined"
-    if len(angles) > 3:
-        place = f"{len(angles)} poses"
-    else:
-        *others, last = (f"{angle:g}" for angle in angles)
-        place = f"{', '.join(others)} and {last} deg" if others else f"{last} deg"
-    return f"{peak['value']:.4f} at {place}"
-
-
-def _share(part: float, total: float) -> str:
-    return f"{(part / total) ** 2:6.1%}" if total > 0 else ""
-
-
-def _where(mask: NDArray[np.bool_], theta: FloatArray) -> str:
-    """Describe the poses of a mask; nothing if there are none."""
-    count = int(np.count_nonzero(mask))
-    if count == 0:
-        return ""
-    if count == mask.size:
-        return "at every pose" if count > 1 else f"at {theta[0]:g} deg"
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    spans = [
-        f"{theta[a]:g}" if b - a == 1 else f"{theta[a]:g} to {theta[b - 1]:g}"
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
+def _inverse_report(inverse: Mapping[str, Any]) -> list[str]:
+    if not inverse:
+        return []
+    place = "every pose" if inverse["at_deg"] is None else f"{inverse['at_deg']:g} deg"
+    lines = [
+        f"to keep 3 sigma within {inverse['three_sigma']:g} at {place}, multiply the standard "
+        "deviations of one source, the others as they are, or of all together, by at most:"
     ]
-    if len(spans) > 4:
-        first, last = theta[mask][[0, -1]]
-        return f"at {count} of {mask.size} poses between {first:g} and {last:g} deg"
-    return f"at {', '.join(spans)} deg"
+    for source, values in inverse["allowances"].items():
+        allowance = Allowance(**values)
+        if allowance.factor is None:
+            said = (
+                f"no value of it alone is small enough: {allowance.remains:.4f} remains "
+                f"at {allowance.theta_r_deg:g} deg, most of it from {allowance.remains_from}"
+            )
+        elif np.isinf(allowance.factor):
+            said = "any; it has no such effect"
+        else:
+            said = f"{allowance.factor:.4g}"
+        lines.append(f"  {source:21}{said}")
+    return lines

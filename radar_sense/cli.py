@@ -5,6 +5,7 @@ Whatever is slow to import is imported by the command that needs it.
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from radar_sense import __version__
+from radar_sense.limits import ANY, POSITIVE, RUNS, SEED, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses import Result
@@ -58,25 +60,24 @@ class Cli(click.Group):
         sys.exit(code)
 
 
-class WholeNumber(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A whole number; `1e6` is one."""
+class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
+    """A number within a limit; `1e6` is a whole one."""
 
     name = "N"
 
-    def __init__(self, at_least: int, at_most: float = float("inf")) -> None:
-        self.at_least, self.at_most = at_least, at_most
+    def __init__(self, limit: Limit) -> None:
+        self.limit = limit
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> int:
-        """Turn the text of an option into an int."""
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """Turn the text of an option into an int or a float."""
         try:
-            number = int(value) if str(value).lstrip("+-").isdigit() else float(value)
-            allowed = number == int(number) and self.at_least <= number <= self.at_most
-        except (ValueError, OverflowError):  # not a number, or infinite
-            allowed = False
-        if not allowed:
-            upper = f" to {self.at_most:g}" if self.at_most < float("inf") else " or more"
-            self.fail(f"must be a whole number, {self.at_least}{upper}, got {value!r}", param, ctx)
-        return int(number)
+            # not by way of a float: a seed may have more digits than that holds
+            number = int(value) if str(value).lstrip("+-").isdecimal() else float(value)
+        except ValueError:
+            number = math.nan
+        if not self.limit.allows(number):
+            self.fail(f"must be {self.limit}, got {value!r}", param, ctx)
+        return int(number) if self.limit.whole else number
 
 
 def _stacked(*decorators: Callable[[F], F]) -> Callable[[F], F]:
@@ -90,6 +91,18 @@ def _stacked(*decorators: Callable[[F], F]) -> Callable[[F], F]:
 
 _config = click.argument("config", required=False, type=click.Path(path_type=Path))
 _level = click.option("--level", metavar="NAME", help="Level of radar uncertainty.")
+_method = click.option(
+    "--method",
+    metavar="NAME",
+    help="Method of propagation: linear (the paper's), probit, or form.",
+)
+_runs = click.option("--runs", type=Number(RUNS), help="Number of runs.")
+_seed = click.option("--seed", type=Number(SEED), help="Seed of the random draws.")
+_workers = click.option(
+    "--workers",
+    type=Number(Limit(at_least=1, at_most=MAX_WORKERS, whole=True)),
+    help="Threads to compute with; the numbers do not depend on it.  [default: all cores]",
+)
 _quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 _output = _stacked(
     click.option(
@@ -133,32 +146,37 @@ def cli() -> None:
 @cli.command()
 @_config
 @_level
+@_method
 @_output
 @click.pass_obj
-def variance(command: list[str], /, config: Path | None, level: str | None, **output: Any) -> None:
-    r"""Linearized deviation of P_D along the geometry.
+def variance(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    method: str | None,
+    **output: Any,
+) -> None:
+    r"""Standard deviation of P_D along the geometry.
 
     \b
     Examples:
       radar-sense variance
-      radar-sense variance my.yaml --level high --format png
+      radar-sense variance my.yaml --level high --method form
     """
     from radar_sense import analyses
 
     scenario = _scenario(config, level=level)
-    _run(command, lambda: analyses.variance(scenario), **output)
+    _run(command, lambda: analyses.variance(scenario, method=method), **output)
 
 
 @cli.command()
 @_config
 @_level
-@click.option("--runs", type=WholeNumber(2, 1e9), help="Number of runs.")
-@click.option("--seed", type=WholeNumber(0), help="Seed of the random draws.")
-@click.option(
-    "--workers",
-    type=WholeNumber(1, MAX_WORKERS),
-    help="Threads to compute with; the numbers do not depend on it.  [default: all cores]",
-)
+@_method
+@_runs
+@_seed
+@_workers
 @_output
 @click.pass_obj
 def montecarlo(
@@ -166,35 +184,40 @@ def montecarlo(
     /,
     config: Path | None,
     level: str | None,
+    method: str | None,
     runs: int | None,
     seed: int | None,
     workers: int | None,
     **output: Any,
 ) -> None:
-    r"""Monte Carlo draws of P_D against the linearized band.
+    r"""Monte Carlo draws of P_D against the band of a method.
 
     \b
     Examples:
       radar-sense montecarlo
       radar-sense montecarlo my.yaml --runs 10000 --seed 7
     """
-    scenario = _scenario(config, level=level, runs=runs, seed=seed)
-    workers = workers or min(os.cpu_count() or 1, MAX_WORKERS)
-
     from radar_sense import analyses
+
+    scenario = _scenario(config, level=level, runs=runs, seed=seed)
 
     def analyse() -> Result:
         with _progress(scenario.runs) as advance:
-            return analyses.montecarlo(scenario, workers=workers, progress=advance)
+            return analyses.montecarlo(
+                scenario, method=method, workers=_threads(workers), progress=advance
+            )
 
     _run(command, analyse, **output)
 
 
 @cli.command()
 @_config
+@_method
 @_output
 @click.pass_obj
-def sensitivity(command: list[str], /, config: Path | None, **output: Any) -> None:
+def sensitivity(
+    command: list[str], /, config: Path | None, method: str | None, **output: Any
+) -> None:
     r"""3 sigma of P_D for every level of radar uncertainty.
 
     \b
@@ -205,26 +228,59 @@ def sensitivity(command: list[str], /, config: Path | None, **output: Any) -> No
     from radar_sense import analyses
 
     scenario = _scenario(config)
-    _run(command, lambda: analyses.sensitivity(scenario), **output)
+    _run(command, lambda: analyses.sensitivity(scenario, method=method), **output)
 
 
 @cli.command()
 @_config
 @_level
+@click.option(
+    "--method",
+    metavar="NAME",
+    help="linear (the paper's), probit, form; or montecarlo, for Sobol' indices.",
+)
+@click.option(
+    "--target",
+    metavar="X",
+    type=Number(POSITIVE),
+    help="Say how small each source must be for 3 sigma to stay within X.",
+)
+@click.option(
+    "--at", metavar="DEG", type=Number(ANY), help="Azimuth that --target is for.  [default: all]"
+)
+@_runs
+@_seed
 @_output
 @click.pass_obj
-def budget(command: list[str], /, config: Path | None, level: str | None, **output: Any) -> None:
+def budget(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    method: str | None,
+    target: float | None,
+    at: float | None,
+    runs: int | None,
+    seed: int | None,
+    **output: Any,
+) -> None:
     r"""Error budget: 3 sigma of P_D from each source alone.
 
     \b
     Examples:
       radar-sense budget
       radar-sense budget my.yaml --level low --no-plot
+      radar-sense budget my.yaml --target 0.05
+      radar-sense budget my.yaml --method montecarlo --runs 4096
     """
     from radar_sense import analyses
 
-    scenario = _scenario(config, level=level)
-    _run(command, lambda: analyses.budget(scenario), **output)
+    scenario = _scenario(config, level=level, runs=runs, seed=seed)
+    _run(
+        command,
+        lambda: analyses.budget(scenario, method=method, target=target, at_deg=at),
+        **output,
+    )
 
 
 @cli.command()
@@ -282,11 +338,19 @@ def init(file: Path, quiet: bool) -> None:
 
 
 def _scenario(config: Path | None, **choices: Any) -> Scenario:
-    from radar_sense.reader import ScenarioError
     from radar_sense.scenario import load_scenario
 
-    try:
+    with _refusals():
         return load_scenario(config).with_analysis(**choices)
+
+
+@contextmanager
+def _refusals() -> Iterator[None]:
+    """Turn what the package refuses into an error of the command line."""
+    from radar_sense.reader import ScenarioError
+
+    try:
+        yield
     except ScenarioError as error:
         raise BadInput(str(error)) from error
 
@@ -308,7 +372,8 @@ def _run(
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"--out: cannot write to {out}: {reason}") from error
-    result = analyse()
+    with _refusals():
+        result = analyse()
     stem = output.stem(result)
     files = {out / f"{stem}.csv": output.csv(result.table)}
     if not no_plot:
@@ -326,6 +391,10 @@ def _run(
             click.echo(f"Warning: {warning}", err=True)
         for path in files:
             click.echo(path)
+
+
+def _threads(workers: int | None) -> int:
+    return workers or min(os.cpu_count() or 1, MAX_WORKERS)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radar_sense.geometry import join
 from radar_sense.states import FloatArray
 
 #: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
@@ -36,6 +37,13 @@ def problem(covariance: FloatArray) -> str | None:
             f"is not positive semidefinite: its correlation matrix has the eigenvalue {lowest:.3g}"
         )
     return None
+
+
+def scaled(covariance: FloatArray, components: slice, factor: float) -> FloatArray:
+    """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
+    scale = np.ones(covariance.shape[-1])
+    scale[components] = factor
+    return covariance * np.outer(scale, scale)
 
 
 def only(covariance: FloatArray, components: slice) -> FloatArray:
@@ -79,6 +87,21 @@ def factor(covariance: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(_correlation(covariance))
     root: FloatArray = std[:, np.newaxis] * vectors * np.sqrt(np.maximum(values, 0.0))
     return root
+
+
+def colour(factor: FloatArray, white: FloatArray) -> FloatArray:
+    """Turn independent unit normals (..., n) into draws with covariance F Fᵀ.
+
+    Written out instead of a matrix product, whose rounding depends on the library behind it and on
+    the number of draws multiplied at a time.
+    """
+    rows = []
+    for weights in factor:
+        row = np.zeros(white.shape[:-1])
+        for j in np.flatnonzero(weights):
+            row += weights[j] * white[..., j]
+        rows.append(row)
+    return join(rows)
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:

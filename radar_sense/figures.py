@@ -92,11 +92,11 @@ def _montecarlo(result: Result) -> Figure:
     shown = len(mc.hairs)
     label = f"{mc.runs} runs" if shown == mc.runs else f"{shown} of {mc.runs} runs"
     _hairs(top, theta, mc.hairs, label)
-    _line(top, theta, mc.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
+    _line(top, theta, mc.band.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
     _band(top, theta, result.table["lower_3sigma"], result.table["upper_3sigma"], result)
     top.set_ylabel(r"$P_D$")
-    _hairs(bottom, theta, mc.hairs - mc.p_d, label)
-    _band(bottom, theta, -3 * mc.sigma_pd, 3 * mc.sigma_pd, result)
+    _hairs(bottom, theta, mc.hairs - mc.band.p_d, label)
+    _band(bottom, theta, mc.band.lower - mc.band.p_d, mc.band.upper - mc.band.p_d, result)
     bottom.set_ylabel(r"Error $P_D - \bar P_D$")
     _legend(figure, top)
     return figure
@@ -160,7 +160,9 @@ def _line(
 
 
 def _band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, result: Result) -> None:
-    label = rf"$\pm 3\,\sigma_{{pd}}$ ({result.scenario.level})"
+    linear = result.method == "linear"
+    name = r"$\pm 3\,\sigma_{pd}$" if linear else rf"$\pm 3\,\sigma$ by {result.method}"
+    label = f"{name} ({result.scenario.level})"
     _line(axes, x, upper, _BAND, label=label)
     _line(axes, x, lower, _BAND)
 

@@ -28,7 +28,7 @@ class Limit:
     def allows(self, value: float) -> bool:
         """Say whether the value is within the limit."""
         return (
-            math.isfinite(value)
+            (isinstance(value, int) or math.isfinite(value))  # an int may be too large for a float
             and (self.above is None or value > self.above)
             and (self.at_least is None or value >= self.at_least)
             and (self.below is None or value < self.below)
@@ -52,6 +52,8 @@ ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
 PROBABILITY = Limit(above=0, below=1)
+RUNS = Limit(at_least=2, at_most=1e9, whole=True)
+SEED = Limit(at_least=0, whole=True)
 
 
 def parameter(key: str, limit: Limit) -> Any:

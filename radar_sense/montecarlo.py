@@ -14,19 +14,22 @@ from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.covariance import factor
-from radar_sense.geometry import join
+from radar_sense.covariance import colour, factor
 from radar_sense.model import DetectionModel
+from radar_sense.propagation import Moments, propagate
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
-from radar_sense.statistics import Moments, Tails, binomial_interval
+from radar_sense.statistics import RunningMoments, Tails, binomial_interval
 
 #: Runs that share a random stream. A part of the result's definition: another value, other draws.
 RUNS_PER_BLOCK = 32
 #: Samples drawn and evaluated at a time; of no influence on the result.
 CHUNK = 8192
+#: All poses of a scenario.
+EVERY = slice(None)
 #: Runs kept whole for the hair lines of the figure: so many, and never more numbers than that.
 MAX_HAIRS = 500
 MAX_HAIR_POINTS = 2_000_000
@@ -39,26 +42,24 @@ WITHIN_3_SIGMA = 1.0 - 2.0 * TAIL
 
 @dataclass(frozen=True, eq=False)
 class MonteCarlo:
-    """What the draws show at each of n poses, beside what the linearization says.
+    """What the draws show at each of n poses, beside what a method of propagation says.
 
     Attributes:
         runs: Number of runs.
         seed: Seed of the draws.
-        p_d: P_D of the nominal states (n,).
-        sigma_pd: Linearized standard deviation (n,).
+        band: What the method says, with bounds at Φ(−3) and Φ(3).
         mean: Mean of the draws (n,).
         std: Standard deviation of the draws (n,).
         lower: Quantile of the draws at Φ(−3) (n,).
         upper: Quantile of the draws at Φ(3) (n,).
-        inside: Number of draws within P_D ± 3 σ_pd (n,).
+        inside: Number of draws within the method's bounds (n,).
         clipped: Number of runs whose radar constant was drawn below zero and set to zero.
         hairs: P_D of the first runs (h, n), h at most MAX_HAIRS.
     """
 
     runs: int
     seed: int
-    p_d: FloatArray
-    sigma_pd: FloatArray
+    band: Moments
     mean: FloatArray
     std: FloatArray
     lower: FloatArray
@@ -69,7 +70,7 @@ class MonteCarlo:
 
     @property
     def coverage(self) -> FloatArray:
-        """Share of the draws within P_D ± 3 σ_pd (n,)."""
+        """Share of the draws within the method's bounds (n,)."""
         return self.inside / self.runs
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
@@ -78,36 +79,79 @@ class MonteCarlo:
 
 
 @dataclass(frozen=True, eq=False)
-class _Sampler:
-    """All that a block of runs is computed from."""
+class Sampler:
+    """Draws the states of a scenario and computes P_D from them.
+
+    Attributes:
+        model: The detection model.
+        aircraft: Nominal aircraft states (n, 6).
+        radar: Nominal radar state (4,).
+        factor_aircraft: F (6, 6) with F Fᵀ = C_aa.
+        factor_radar: F (4, 4) with F Fᵀ = C_rr.
+    """
 
     model: DetectionModel
     aircraft: FloatArray
     radar: FloatArray
     factor_aircraft: FloatArray
     factor_radar: FloatArray
+
+    @classmethod
+    def of(cls, scenario: Scenario) -> Sampler:
+        """Make the sampler of a scenario at its level of radar uncertainty."""
+        return cls(
+            model=scenario.model,
+            aircraft=scenario.aircraft,
+            radar=scenario.radar,
+            factor_aircraft=factor(scenario.cov_aircraft),
+            factor_radar=factor(scenario.cov_radar[scenario.level]),
+        )
+
+    def draw_radar(
+        self, generator: np.random.Generator, runs: int
+    ) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Radar states (runs, 4), and where c_r was drawn below zero and set to zero (runs,)."""
+        white = generator.standard_normal((runs, len(self.radar)))
+        radar = self.radar + colour(self.factor_radar, white)
+        negative = radar[:, CONSTANT] < 0
+        radar[negative, CONSTANT] = 0.0
+        return radar, negative
+
+    def draw_p_d(
+        self, generator: np.random.Generator, radar: FloatArray, poses: slice = EVERY
+    ) -> FloatArray:
+        """P_D (runs, poses) of radar states (runs, 4) and an aircraft drawn for each of them."""
+        nominal = self.aircraft[poses]
+        p_d = np.empty((len(radar), len(nominal)))
+        together = max(1, CHUNK // len(nominal))
+        for start in range(0, len(radar), together):
+            part = slice(start, min(start + together, len(radar)))
+            white = generator.standard_normal((part.stop - start, *nominal.shape))
+            aircraft = nominal + colour(self.factor_aircraft, white)
+            p_d[part] = self.model.p_d(aircraft, radar[part, np.newaxis])
+        return p_d
+
+
+@dataclass(frozen=True, eq=False)
+class _Blocks:
+    """The runs of a Monte Carlo computation, a block at a time."""
+
+    sampler: Sampler
     runs: int
     seed: int
+
+    def __len__(self) -> int:
+        return -(-self.runs // RUNS_PER_BLOCK)
 
     def block(self, index: int) -> tuple[FloatArray, int]:
         """P_D (runs of the block, n) and the number of radar constants set to zero."""
         stream = np.random.SeedSequence(self.seed, spawn_key=(index,))
         generator = np.random.default_rng(stream)
         runs = min(RUNS_PER_BLOCK, self.runs - index * RUNS_PER_BLOCK)
-        poses = len(self.aircraft)
         # A last block that is not full draws as many, so that more runs begin with the same ones.
-        white = generator.standard_normal((RUNS_PER_BLOCK, len(self.radar)))[:runs]
-        radar = self.radar + _colour(self.factor_radar, white)
-        negative = radar[:, CONSTANT] < 0
-        radar[negative, CONSTANT] = 0.0
-        p_d = np.empty((runs, poses))
-        together = max(1, CHUNK // poses)
-        for start in range(0, runs, together):
-            part = slice(start, min(start + together, runs))
-            white = generator.standard_normal((part.stop - start, poses, 6))
-            aircraft = self.aircraft + _colour(self.factor_aircraft, white)
-            p_d[part] = self.model.p_d(aircraft, radar[part, np.newaxis])
-        return p_d, int(np.count_nonzero(negative))
+        radar, negative = self.sampler.draw_radar(generator, RUNS_PER_BLOCK)
+        p_d = self.sampler.draw_p_d(generator, radar[:runs])
+        return p_d, int(np.count_nonzero(negative[:runs]))
 
 
 def monte_carlo(
@@ -117,9 +161,10 @@ def monte_carlo(
     workers: int = 1,
     *,
     level: str | None = None,
+    method: str = "linear",
     progress: Callable[[int], None] | None = None,
 ) -> MonteCarlo:
-    """Draw aircraft and radar states and compare P_D with its linearization.
+    """Draw aircraft and radar states and compare P_D with what a method of propagation says.
 
     Args:
         scenario: What to draw; also runs, seed and level where these are None.
@@ -127,6 +172,7 @@ def monte_carlo(
         seed: Seed of the draws; the same seed gives the same result.
         workers: Threads to compute with; of no influence on the result.
         level: Level of radar uncertainty.
+        method: Method of propagation that gives the band, the paper's linearization by default.
         progress: Called with the number of runs that have come in since the last call.
 
     Raises:
@@ -134,31 +180,28 @@ def monte_carlo(
     """
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
     cov_radar = scenario.cov_radar[scenario.level]
-    linear = scenario.model.linearize(scenario.aircraft, scenario.radar)
-    sigma_pd = linear.std(scenario.cov_aircraft, cov_radar)
-    sampler = _Sampler(
-        model=scenario.model,
-        aircraft=scenario.aircraft,
-        radar=scenario.radar,
-        factor_aircraft=factor(scenario.cov_aircraft),
-        factor_radar=factor(cov_radar),
-        runs=scenario.runs,
-        seed=scenario.seed,
+    band = propagate(
+        scenario.model,
+        scenario.aircraft,
+        scenario.radar,
+        scenario.cov_aircraft,
+        cov_radar,
+        method=method,
     )
+    blocks = _Blocks(Sampler.of(scenario), scenario.runs, scenario.seed)
     poses = len(scenario.aircraft)
-    moments = Moments(poses)
+    moments = RunningMoments(poses)
     tails = Tails(poses, scenario.runs, TAIL)
     inside = np.zeros(poses)
     clipped = 0
     hairs: list[FloatArray] = []
     kept = min(MAX_HAIRS, max(1, MAX_HAIR_POINTS // poses))
-    lower, upper = linear.p_d - 3 * sigma_pd, linear.p_d + 3 * sigma_pd
-    for p_d, negative in _blocks(sampler, workers):
+    for p_d, negative in _computed(blocks, workers):
         if moments.count < kept:
             hairs.append(p_d[: kept - moments.count])
         moments.add(p_d)
         tails.add(p_d)
-        inside += np.count_nonzero((p_d >= lower) & (p_d <= upper), axis=0)
+        inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
         clipped += negative
         if progress:
             progress(len(p_d))
@@ -166,8 +209,7 @@ def monte_carlo(
     return MonteCarlo(
         runs=scenario.runs,
         seed=scenario.seed,
-        p_d=linear.p_d,
-        sigma_pd=sigma_pd,
+        band=band,
         mean=moments.mean,
         std=moments.std(),
         lower=low,
@@ -178,39 +220,21 @@ def monte_carlo(
     )
 
 
-def _blocks(sampler: _Sampler, workers: int) -> Iterator[tuple[FloatArray, int]]:
+def _computed(blocks: _Blocks, workers: int) -> Iterator[tuple[FloatArray, int]]:
     """Compute all blocks and give them in their order."""
-    blocks = range(-(-sampler.runs // RUNS_PER_BLOCK))
     if workers == 1:
-        yield from map(sampler.block, blocks)
+        yield from map(blocks.block, range(len(blocks)))
         return
     with ThreadPoolExecutor(workers) as executor:
-        yield from _in_order(executor, sampler, blocks, ahead=2 * workers)
+        yield from _in_order(executor, blocks, ahead=2 * workers)
 
 
-def _in_order(
-    executor: Executor, sampler: _Sampler, blocks: range, ahead: int
-) -> Iterator[tuple[FloatArray, int]]:
+def _in_order(executor: Executor, blocks: _Blocks, ahead: int) -> Iterator[tuple[FloatArray, int]]:
     """Keep a few blocks under way, so that memory does not grow with the number of blocks."""
     waiting: deque[Future[tuple[FloatArray, int]]] = deque()
-    for index in blocks:
-        waiting.append(executor.submit(sampler.block, index))
+    for index in range(len(blocks)):
+        waiting.append(executor.submit(blocks.block, index))
         if len(waiting) > ahead:
             yield waiting.popleft().result()
     while waiting:
         yield waiting.popleft().result()
-
-
-def _colour(factor: FloatArray, white: FloatArray) -> FloatArray:
-    """Turn independent unit normals (..., n) into draws with covariance F Fᵀ.
-
-    Written out instead of a matrix product, whose rounding depends on the library behind it and on
-    the number of draws multiplied at a time.
-    """
-    rows = []
-    for weights in factor:
-        row = np.zeros(white.shape[:-1])
-        for j in np.flatnonzero(weights):
-            row += weights[j] * white[..., j]
-        rows.append(row)
-    return join(rows)

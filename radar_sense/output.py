@@ -48,11 +48,14 @@ def record(result: Result, command: Sequence[str]) -> bytes:
 def require_folder(folder: Path) -> None:
     """Make sure, before anything is computed, that files can be written to the folder.
 
+    The folder need not exist yet; it is made when there is something to write to it.
+
     Raises:
         OSError: If they cannot.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryFile(dir=folder):
+    folder = folder.absolute()
+    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    with tempfile.TemporaryFile(dir=existing):
         pass
 
 
@@ -65,6 +68,7 @@ def write(files: Mapping[Path, bytes]) -> None:
     finished: dict[Path, Path] = {}
     try:
         for path, content in files.items():
+            path.parent.mkdir(parents=True, exist_ok=True)
             descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
             finished[path] = Path(name)
             with os.fdopen(descriptor, "wb") as file:

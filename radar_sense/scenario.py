@@ -20,7 +20,7 @@ import numpy as np
 from radar_sense import covariance
 from radar_sense.detection import SurveillanceRadar
 from radar_sense.geometry import orbit, slant_range
-from radar_sense.limits import NOT_NEGATIVE, POSITIVE, PROBABILITY, Limit
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, PROBABILITY, RUNS, SEED, Limit
 from radar_sense.model import DetectionModel
 from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.reader import (
@@ -45,8 +45,6 @@ MAX_POSES = 1_000_000
 #: The model is one of the far field; nearer than this the aircraft is on top of the radar.
 MIN_RANGE = 1.0
 
-RUNS = Limit(at_least=2, at_most=1e9, whole=True)
-SEED = Limit(at_least=0, whole=True)
 DEFAULT_RUNS = 500
 DEFAULT_SEED = 1
 

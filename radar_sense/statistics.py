@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from radar_sense.states import FloatArray
 
 
-class Moments:
+class RunningMoments:
     """Mean and standard deviation per column of blocks of rows.
 
     Blocks are merged by the update of Chan, Golub and LeVeque ("Updating formulae and a pairwise
@@ -38,6 +39,9 @@ class Moments:
     def std(self) -> FloatArray:
         """Sample standard deviation (columns,), with n − 1 in the denominator."""
         return np.sqrt(self._squares / (self.count - 1))
+
+
+Moments = RunningMoments
 
 
 class Tails:
@@ -89,15 +93,15 @@ class Tails:
 
 
 def binomial_interval(
-    successes: FloatArray, count: int, confidence: float = 0.95
+    successes: FloatArray, count: int | NDArray[np.int64], confidence: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
     """Confidence interval of a proportion, exact in that it never covers less than it says.
 
     C. J. Clopper and E. S. Pearson, Biometrika 26(4), 1934.
 
     Args:
-        successes: (...), whole numbers from 0 to `count`.
-        count: Number of trials.
+        successes: (...), whole numbers from 0 to `count`; NaN gives NaN.
+        count: Number of trials, one for all or (...).
         confidence: Probability of the interval.
 
     Returns:

@@ -7,6 +7,7 @@ from scenarios import scenario
 from radar_sense import analyses
 from radar_sense.scenario import load_scenario
 from radar_sense.states import SOURCES
+from radar_sense.wording import where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
 
@@ -130,7 +131,7 @@ def test_inconsistent_coverage_is_a_number():
     ],
 )
 def test_poses_in_words(mask, says):
-    assert analyses._where(np.array(mask, dtype=bool), 10.0 * np.arange(len(mask))) == says
+    assert where(np.array(mask, dtype=bool), 10.0 * np.arange(len(mask))) == says
 
 
 def test_no_uncertainty_at_all():

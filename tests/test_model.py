@@ -14,11 +14,10 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.special import erfcinv
 
-from radar_sense.covariance import only
+from radar_sense.covariance import only, variance_along
 from radar_sense.detection import North, SurveillanceRadar
 from radar_sense.geometry import Attitude, Vector, body_vector, orbit, slant_range
 from radar_sense.model import DetectionModel, Linearization
-from radar_sense.covariance import variance_along
 from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.states import SOURCES
 

@@ -131,7 +131,7 @@ def test_everything_together_against_brute_force(level):
 
 def test_radar_is_drawn_once_per_run():
     mc = monte_carlo(only_radar_constant(), runs=200)
-    errors = mc.hairs - mc.p_d
+    errors = mc.hairs - mc.band.p_d
     # One draw moves all poses of a run: the same side, and the same rank among the runs.
     assert np.all(np.sign(errors) == np.sign(errors[:, :1]))
     assert np.all(np.argsort(errors, axis=0) == np.argsort(errors[:, 0])[:, np.newaxis])
@@ -147,10 +147,10 @@ def test_aircraft_is_drawn_at_every_pose():
 def test_draws_have_the_covariance_asked_for():
     root = np.random.default_rng(9).standard_normal((6, 3)) * [[10], [20], [5], [0.1], [0.2], [0.3]]
     white = np.random.default_rng(10).standard_normal((100_000, 6))
-    from radar_sense.covariance import factor
+    from radar_sense.covariance import colour, factor
 
     covariance = root @ root.T
-    draws = montecarlo._colour(factor(covariance), white)
+    draws = colour(factor(covariance), white)
     scale = np.sqrt(np.outer(np.diagonal(covariance), np.diagonal(covariance)))
     assert np.max(abs(np.cov(draws, rowvar=False) - covariance) / scale) < 5 * np.sqrt(2 / 100_000)
 
@@ -181,7 +181,7 @@ def test_constants_drawn_below_zero_become_zero_and_are_counted():
 
 
 def assert_same(one, other):
-    for name in ("mean", "std", "lower", "upper", "inside", "hairs", "p_d", "sigma_pd"):
+    for name in ("mean", "std", "lower", "upper", "inside", "hairs"):
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
     assert one.clipped == other.clipped
 
@@ -223,14 +223,14 @@ def test_hairs_are_a_subset_of_many_runs():
     few = monte_carlo(s, runs=64)
     np.testing.assert_allclose(few.mean, few.hairs.mean(axis=0), rtol=1e-13)
     np.testing.assert_allclose(few.std, few.hairs.std(axis=0, ddof=1), rtol=1e-11)
-    inside = abs(few.hairs - few.p_d) <= 3 * few.sigma_pd
+    inside = abs(few.hairs - few.band.p_d) <= 3 * few.band.std
     np.testing.assert_array_equal(few.inside, inside.sum(axis=0))
 
 
 def test_no_uncertainty_gives_the_nominal_value_every_time():
     s = only_radar_constant(std=0.0, geometry__azimuth_deg=FEW)
     mc = monte_carlo(s, runs=50)
-    np.testing.assert_allclose(mc.mean, mc.p_d, rtol=1e-14)
+    np.testing.assert_allclose(mc.mean, mc.band.p_d, rtol=1e-14)
     assert np.max(mc.std) < 1e-15
     np.testing.assert_array_equal(mc.coverage, 1.0)
 

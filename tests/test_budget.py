@@ -1,0 +1,230 @@
+"""The budget: shares that add up, indices known in closed form, and the inverse question."""
+
+import numpy as np
+import pytest
+from scenarios import scenario
+
+from radar_sense import analyses
+from radar_sense.budget import allowances, error_budget
+from radar_sense.propagation import METHODS
+from radar_sense.reader import ScenarioError
+from radar_sense.scenario import load_scenario
+from radar_sense.sobol import sobol_indices
+from radar_sense.states import SOURCES
+
+FEW = {"start": 0, "stop": 90, "step": 15}
+NOTHING = {"position_m": 0, "attitude_deg": 0}
+
+
+def several_outputs(u):
+    """Four functions of four unit normals whose variance is known term by term."""
+    a, b, c, d = u.T
+    return np.stack(
+        [
+            1 + 2 * a + 3 * b + 1.5 * a * b + c**2,
+            a * b * c * d,
+            np.full_like(a, 5.0),
+            a + b * c,
+        ]
+    )
+
+
+# Groups {a}, {b, c}, {d}: first-order and total shares of the variance.
+FIRST = [[4 / 17.25, 0, np.nan, 1 / 2], [11 / 17.25, 0, np.nan, 1 / 2], [0, 0, np.nan, 0]]
+TOTAL = [[6.25 / 17.25, 1, np.nan, 1 / 2], [13.25 / 17.25, 1, np.nan, 1 / 2], [0, 1, np.nan, 0]]
+
+
+@pytest.mark.parametrize("samples", [2**12, 2**16])
+def test_indices_known_in_closed_form(samples):
+    found = sobol_indices(several_outputs, [[0], [1, 2], [3]], samples=samples, seed=1)
+    kept = [0, 1, 3]  # of an output without variance there are none
+    for values, errors, exact in (
+        (found.first, found.first_error, FIRST),
+        (found.total, found.total_error, TOTAL),
+    ):
+        assert np.isnan(values[:, 2]).all()
+        # standard errors from 8 replicates: 6 of them are 1 in 2000
+        distance = abs(values - exact)[:, kept]
+        assert np.all(distance <= 6 * errors[:, kept] + 1e-12)
+        assert np.all(errors[:, kept] < 10 / np.sqrt(samples))
+    np.testing.assert_allclose(found.mean, [2, 0, 5, 0], atol=5 / np.sqrt(samples))
+    np.testing.assert_allclose(found.variance, [17.25, 1, 0, 2], rtol=10 / np.sqrt(samples))
+
+
+def test_standard_errors_of_indices_are_what_they_say():
+    found = [
+        sobol_indices(several_outputs, [[0], [1, 2], [3]], samples=1024, seed=seed)
+        for seed in range(40)
+    ]
+    spread = np.std([f.first for f in found], axis=0, ddof=1)[:2, 0]
+    said = np.sqrt(np.mean([f.first_error**2 for f in found], axis=0))[:2, 0]
+    # 39 and 40 · 7 degrees of freedom: the ratio is known to some 12 %
+    np.testing.assert_allclose(said, spread, rtol=0.5)
+
+
+def test_indices_have_a_seed():
+    one, again, other = (
+        sobol_indices(several_outputs, [[0], [1, 2], [3]], samples=64, seed=seed).first
+        for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(one, again)
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("method", [*METHODS, "montecarlo"])
+@pytest.mark.parametrize("level", ["low", "high"])
+def test_shares_add_up_to_one(method, level):
+    s = scenario(geometry__azimuth_deg=FEW).with_analysis(level=level, runs=1024)
+    shares = error_budget(s, method).shares()
+    assert list(shares) == [*SOURCES, "interaction"]
+    np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, rtol=1e-12)
+    if method == "linear":
+        np.testing.assert_allclose(shares["interaction"], 0, atol=1e-12)
+
+
+def test_shares_add_up_under_correlation():
+    s = load_scenario("configs/covariance.yaml")
+    shares = error_budget(s).shares()
+    np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, rtol=1e-12)
+    assert np.max(abs(shares["interaction"])) > 0.01
+    linear = s.model.linearize(s.aircraft, s.radar)
+    cov = s.cov_radar[s.level]
+    # the only correlation that matters: north with c_r
+    both = 2 * linear.jac_radar[:, 0] * linear.jac_radar[:, 3] * cov[0, 3]
+    aircraft = linear.jac_aircraft
+    both += 2 * aircraft[:, 0] * aircraft[:, 5] * s.cov_aircraft[0, 5]
+    both += 2 * aircraft[:, 2] * aircraft[:, 4] * s.cov_aircraft[2, 4]
+    total = linear.std(s.cov_aircraft, cov) ** 2
+    np.testing.assert_allclose(shares["interaction"], both / total, atol=1e-12)
+
+
+def test_no_uncertainty_has_no_shares():
+    none = {"none": {"position_m": 0, "constant": 0}}
+    s = scenario(
+        uncertainty={"aircraft": NOTHING, "radar": none}, analysis={"level": "none", "runs": 64}
+    )
+    for method in ("linear", "montecarlo"):
+        assert np.isnan(list(error_budget(s, method).shares().values())).all()
+        assert analyses.budget(s, method=method).report
+
+
+def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+    s = s.with_analysis(runs=2**14, seed=3)
+    sobol, linear = error_budget(s, "montecarlo"), error_budget(s)
+    for source in SOURCES:
+        share, error = sobol.shares()[source][0], sobol.share_error[source][0]
+        assert share == pytest.approx(linear.shares()[source][0], abs=4 * error + 0.02)
+    assert sobol.std[0] == pytest.approx(linear.std[0], rel=0.01)
+    for source in SOURCES:
+        assert sobol.total_index[source][0] >= sobol.shares()[source][0] - 0.02
+
+
+def test_sobol_indices_are_refused_under_correlation():
+    with pytest.raises(ScenarioError, match="independent sources"):
+        error_budget(load_scenario("configs/covariance.yaml"), "montecarlo")
+    # within a source correlation does no harm
+    error_budget(load_scenario("configs/covariance.yaml").with_analysis(level="survey"), "linear")
+    s = scenario(
+        geometry__azimuth_deg=FEW,
+        uncertainty__radar={
+            "tilted": {"position_m": [[100, 50, 0], [50, 100, 0], [0, 0, 1]], "constant": 5}
+        },
+        analysis={"level": "tilted", "runs": 512},
+    )
+    found = error_budget(s, "montecarlo").shares()
+    linear = error_budget(s).shares()
+    np.testing.assert_allclose(found["radar_position"], linear["radar_position"], atol=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("target", [0.03, 0.07, 0.085])
+def test_what_is_allowed_reaches_the_target(method, target):
+    s = scenario(geometry__azimuth_deg=FEW)
+    for source, found in allowances(s, target, method=method).items():
+        if found.factor is None:
+            assert found.remains > target
+            assert found.remains_from in SOURCES
+            assert source != "all"
+        else:
+            assert found.remains == pytest.approx(target, rel=1e-6)
+            assert found.remains <= target
+
+
+def test_allowances_are_those_of_the_closed_form():
+    """Linear and independent: s² V_i + V_rest = (target/3)² at the pose that is worst."""
+    s, target = load_scenario(), 0.08
+    alone = {source: 9 * std**2 for source, std in error_budget(s).alone.items()}
+    total = sum(alone.values())
+    found = allowances(s, target)
+    for source, own in alone.items():
+        squared = np.min((target**2 - (total - own)) / own)
+        if squared < 0:
+            assert found[source].factor is None
+            assert found[source].remains == pytest.approx(np.sqrt(np.max(total - own)), rel=1e-9)
+        else:
+            assert found[source].factor == pytest.approx(np.sqrt(squared), rel=1e-6)
+    assert found["all"].factor == pytest.approx(target / np.sqrt(total.max()), rel=1e-6)
+    assert {source for source, f in found.items() if f.factor is None} == {
+        "aircraft_position",
+        "radar_position",
+    }
+
+
+def test_allowances_at_one_pose():
+    s = load_scenario()
+    alone = {source: 9 * std[20] ** 2 for source, std in error_budget(s).alone.items()}
+    found = allowances(s, 0.05, at=10.0)
+    assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
+    assert all(f.theta_r_deg == 10 for f in found.values())
+    with pytest.raises(ScenarioError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
+        allowances(s, 0.05, at=10.1)
+
+
+def test_a_source_without_effect_may_have_any_size():
+    certain = {"position_m": 0, "constant": 5}
+    s = scenario(uncertainty__radar={"known": certain}, analysis={"level": "known"})
+    found = allowances(s, 0.2)
+    assert found["radar_position"].factor == np.inf
+
+
+def test_allowances_keep_correlations():
+    """Scaling a source scales its covariances with the others; the result reaches the target."""
+    s = load_scenario("configs/covariance.yaml")
+    found = allowances(s, 0.15)
+    factor = found["radar_constant"].factor
+    scale = np.diag([1, 1, 1, factor])
+    cov = scale @ s.cov_radar[s.level] @ scale
+    linear = s.model.linearize(s.aircraft, s.radar)
+    assert 3 * linear.std(s.cov_aircraft, cov).max() == pytest.approx(0.15, rel=1e-6)
+
+
+def test_the_budget_answers_on_the_terminal():
+    result = analyses.budget(load_scenario(), target=0.05)
+    text = "\n".join(result.report)
+    assert "aircraft_orientation no value of it alone is small enough: 0.0728 remains" in text
+    assert "most of it from radar_constant" in text
+    assert "all                  0.5458" in text
+    assert result.summary["target"]["allowances"]["all"]["factor"] == pytest.approx(
+        0.5458, rel=1e-4
+    )
+    with pytest.raises(ScenarioError, match="target needs one of the methods"):
+        analyses.budget(load_scenario(), method="montecarlo", target=0.05)
+    with pytest.raises(ScenarioError, match="did you mean 'linear'"):
+        analyses.budget(load_scenario(), method="linaer")
+
+
+def test_a_named_method_adds_columns():
+    s = scenario(geometry__azimuth_deg=FEW).with_analysis(runs=256)
+    plain = list(analyses.budget(s).table)
+    for method in [*METHODS, "montecarlo"]:
+        table = analyses.budget(s, method=method).table
+        assert list(table)[: len(plain)] == plain
+        assert "mean_pd" in table
+        assert "share_interaction" in table
+    for analysis in (analyses.variance, analyses.montecarlo, analyses.sensitivity):
+        plain = list(analysis(s).table)
+        for method in METHODS:
+            table = analysis(s, method=method).table
+            assert list(table)[: len(plain)] == plain
+            assert any(key.startswith("mean_pd") for key in table)
