@@ -257,6 +257,58 @@ def montecarlo(
     )
 
 
+def compare(
+    scenario: Scenario, *, workers: int = 1, progress: Callable[[int], None] | None = None
+) -> Result:
+    """Bounds of P_D by every method of propagation against those of Monte Carlo."""
+    theta = scenario.theta_r_deg
+    mc = monte_carlo(scenario, workers=workers, progress=progress)
+    moments = {method: _propagate(scenario, scenario.level, method) for method in METHODS}
+    worst = {
+        method: {
+            "bounds": peak(np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper)), theta),
+            "sigma": peak(abs(m.std - mc.std), theta),
+            "mean": peak(abs(m.mean - mc.mean), theta),
+        }
+        for method, m in moments.items()
+    }
+    return Result(
+        analysis="compare",
+        scenario=scenario,
+        table={
+            "theta_r_deg": theta,
+            "p_d": mc.band.p_d,
+            "mc_mean": mc.mean,
+            "mc_std": mc.std,
+            "mc_lower": mc.lower,
+            "mc_upper": mc.upper,
+            **{
+                f"{name}_{method}": column
+                for method, m in moments.items()
+                for name, column in (
+                    ("mean_pd", m.mean),
+                    ("sigma_pd", m.std),
+                    ("lower_3sigma", m.lower),
+                    ("upper_3sigma", m.upper),
+                )
+            },
+        },
+        summary={"runs": mc.runs, "largest_difference": worst},
+        report=(
+            f"largest difference from {mc.runs} runs ({scenario.level}, seed {mc.seed}):",
+            f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
+            *(
+                f"  {method:10}{at(w['bounds']):28}{at(w['sigma']):28}{at(w['mean'])}"
+                for method, w in worst.items()
+            ),
+        ),
+        warnings=tuple(
+            doubt for method, m in moments.items() for doubt in _doubts(m, method, theta)
+        ),
+        monte_carlo=mc,
+    )
+
+
 def _check_method(method: str | None, allowed: Mapping[str, Any] | list[str]) -> None:
     if method is not None and method not in allowed:
         raise ScenarioError(

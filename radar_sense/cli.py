@@ -285,6 +285,44 @@ def budget(
 
 @cli.command()
 @_config
+@_level
+@_runs
+@_seed
+@_workers
+@_output
+@click.pass_obj
+def compare(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    runs: int | None,
+    seed: int | None,
+    workers: int | None,
+    **output: Any,
+) -> None:
+    r"""Bounds of P_D by every method against Monte Carlo.
+
+    Many runs are needed for smooth Monte Carlo bounds: try --runs 100000.
+
+    \b
+    Examples:
+      radar-sense compare
+      radar-sense compare my.yaml --level high --runs 1e4
+    """
+    from radar_sense import analyses
+
+    scenario = _scenario(config, level=level, runs=runs, seed=seed)
+
+    def analyse() -> Result:
+        with _progress(scenario.runs) as advance:
+            return analyses.compare(scenario, workers=_threads(workers), progress=advance)
+
+    _run(command, analyse, **output)
+
+
+@cli.command()
+@_config
 @_quiet
 def check(config: Path | None, quiet: bool) -> None:
     r"""Read and validate a scenario and print it in full; compute nothing.

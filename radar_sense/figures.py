@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from radar_sense.analyses import Result
+from radar_sense.propagation import METHODS
 from radar_sense.states import SOURCES, FloatArray
 
 _STYLE: dict[Any, Any] = {
@@ -127,11 +128,28 @@ def _budget(result: Result) -> Figure:
     return figure
 
 
+def _compare(result: Result) -> Figure:
+    figure, (top, bottom) = _new(2)
+    table, theta = result.table, result.table["theta_r_deg"]
+    ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
+    top.fill_between(theta, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
+    for method, style in zip(METHODS, _LINES, strict=False):
+        for end, drawn in ends.items():
+            label = method if end == "upper" else None
+            _line(top, theta, table[f"{end}_3sigma_{method}"], style, label=label)
+            _line(bottom, theta, table[f"{end}_3sigma_{method}"] - drawn, style)
+    top.set_ylabel(r"Bounds of $P_D$ at $\Phi(\pm 3)$")
+    bottom.set_ylabel("Bounds less those\nof Monte Carlo")
+    _legend(figure, top)
+    return figure
+
+
 _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "variance": _variance,
     "montecarlo": _montecarlo,
     "sensitivity": _sensitivity,
     "budget": _budget,
+    "compare": _compare,
 }
 
 
