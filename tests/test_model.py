@@ -288,7 +288,8 @@ def test_first_row_of_the_direction_cosine_matrix():
     first_row = np.stack(
         [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)], axis=-1
     )
-    assert_allclose(package_matrices(angles.T)[:, 0], first_row, rtol=0, atol=2 * ROUNDING)
+    # either factor is known to two roundings of 1, and their product is rounded
+    assert_allclose(package_matrices(angles.T)[:, 0], first_row, rtol=0, atol=5 * ROUNDING)
 
 
 def test_body_vector_agrees_with_fifty_digits():
