@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense.budget import MONTE_CARLO, Allowance, allowances, error_budget
+from radar_sense.error_budget import MONTE_CARLO, Allowance, allowances, error_budget
 from radar_sense.geometry import body_vector, slant_range
 from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
 from radar_sense.propagation import METHODS, Moments, propagate

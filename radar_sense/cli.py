@@ -39,7 +39,7 @@ class Cli(click.Group):
 
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
-        args = list(sys.argv[1:] if args is None else args)
+        args = list(sys.argv[1:] if args is None else args) or ["--help"]
         options.update(standalone_mode=False, obj=["radar-sense", *args])
         try:
             code = super().main(args, *rest, **options)
@@ -130,7 +130,7 @@ _output = _stacked(
 @click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="radar-sense")
 def cli() -> None:
-    r"""How sure can you be of a radar's probability of detection?
+    """How sure can you be of a radar's probability of detection?
 
     CONFIG is a scenario file; without it, the scenario of the paper is used.
     Every analysis writes a CSV table, a figure, and a JSON record of how they were made.
@@ -157,7 +157,7 @@ def variance(
     method: str | None,
     **output: Any,
 ) -> None:
-    r"""Standard deviation of P_D along the geometry.
+    """Standard deviation of P_D along the geometry.
 
     \b
     Examples:
@@ -190,7 +190,7 @@ def montecarlo(
     workers: int | None,
     **output: Any,
 ) -> None:
-    r"""Monte Carlo draws of P_D against the band of a method.
+    """Monte Carlo draws of P_D against the band of a method.
 
     \b
     Examples:
@@ -218,7 +218,7 @@ def montecarlo(
 def sensitivity(
     command: list[str], /, config: Path | None, method: str | None, **output: Any
 ) -> None:
-    r"""3 sigma of P_D for every level of radar uncertainty.
+    """3 sigma of P_D for every level of radar uncertainty.
 
     \b
     Examples:
@@ -264,7 +264,7 @@ def budget(
     seed: int | None,
     **output: Any,
 ) -> None:
-    r"""Error budget: 3 sigma of P_D from each source alone.
+    """Error budget: 3 sigma of P_D from each source alone.
 
     \b
     Examples:
@@ -301,7 +301,7 @@ def compare(
     workers: int | None,
     **output: Any,
 ) -> None:
-    r"""Bounds of P_D by every method against Monte Carlo.
+    """Bounds of P_D by every method against Monte Carlo.
 
     Many runs are needed for smooth Monte Carlo bounds: try --runs 100000.
 
@@ -325,7 +325,7 @@ def compare(
 @_config
 @_quiet
 def check(config: Path | None, quiet: bool) -> None:
-    r"""Read and validate a scenario and print it in full; compute nothing.
+    """Read and validate a scenario and print it in full; compute nothing.
 
     What is printed is a scenario file itself, with every default filled in.
 
@@ -350,7 +350,7 @@ def check(config: Path | None, quiet: bool) -> None:
 @click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
 @_quiet
 def init(file: Path, quiet: bool) -> None:
-    r"""Write a commented scenario to start from.
+    """Write a commented scenario to start from.
 
     FILE is scenario.yaml if left out; - writes to the terminal.
 
@@ -365,12 +365,13 @@ def init(file: Path, quiet: bool) -> None:
     if str(file) == "-":
         click.echo(default_text(), nl=False)
         return
-    if file.exists() or file.is_symlink():
-        raise BadInput(f"{file}: exists already; choose another name")
     try:
+        if file.exists() or file.is_symlink():
+            raise BadInput(f"{file}: exists already; choose another name")
         write({file: default_text().encode()})
-    except OSError as error:
-        raise BadInput(f"{file}: cannot be written: {error.strerror}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
+        reason = getattr(error, "strerror", None) or error
+        raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
         click.echo(f"{file} written; next: radar-sense check {file}")
 

@@ -76,17 +76,18 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
 
 
 def factor(covariance: FloatArray) -> FloatArray:
-    """Return F (n, n) with F Fᵀ = C, for a C that may be singular.
+    """Return F (..., n, n) with F Fᵀ = C, for a C that may be singular.
 
     The eigenvectors of the correlation matrix are used, so that metres beside radians cost no
     accuracy; for independent components F is the diagonal of standard deviations.
     """
-    std: FloatArray = np.sqrt(np.diagonal(covariance))
-    if np.array_equal(covariance, np.diag(np.diagonal(covariance))):
-        return np.diag(std)
+    std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    diagonal = std[..., np.newaxis] * np.eye(std.shape[-1])
+    independent = np.all((covariance == 0) | np.eye(std.shape[-1], dtype=bool), axis=(-2, -1))
     values, vectors = np.linalg.eigh(_correlation(covariance))
-    root: FloatArray = std[:, np.newaxis] * vectors * np.sqrt(np.maximum(values, 0.0))
-    return root
+    root: FloatArray = std[..., np.newaxis] * vectors
+    root *= np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
+    return np.where(independent[..., np.newaxis, np.newaxis], diagonal, root)
 
 
 def colour(factor: FloatArray, white: FloatArray) -> FloatArray:
@@ -105,7 +106,7 @@ def colour(factor: FloatArray, white: FloatArray) -> FloatArray:
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:
-    std = np.sqrt(np.diagonal(covariance))
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     std = np.where(std > 0, std, 1.0)
-    correlation: FloatArray = covariance / np.outer(std, std)
+    correlation: FloatArray = covariance / (std[..., :, np.newaxis] * std[..., np.newaxis, :])
     return correlation

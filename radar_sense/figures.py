@@ -43,6 +43,7 @@ _STYLE: dict[Any, Any] = {
     "savefig.dpi": 300,
 }
 _WIDTH = 3.5
+_LEGEND_ROW = 0.16
 
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
 _LINES: tuple[tuple[str, Any], ...] = (
@@ -155,7 +156,7 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
 
 def _new(panels: int) -> tuple[Figure, list[Axes]]:
     """Make a figure with panels below each other that share the azimuth axis."""
-    figure = Figure(figsize=(_WIDTH, 1.0 + 1.7 * panels), layout="constrained")
+    figure = Figure(figsize=(_WIDTH, 0.6 + 1.7 * panels), layout="constrained")
     axes = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
     axes[-1].set_xlabel(r"Radar azimuth $\theta_r$ [deg]")
     axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 2, 3, 4.5, 6, 9, 10]))
@@ -201,4 +202,6 @@ def _legend(figure: Figure, axes: Axes) -> None:
     handles, labels = axes.get_legend_handles_labels()
     longest = max(len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels)
     columns = min(3, max(1, 54 // (7 + longest)))
+    # the figure grows with the legend, so that the axes keep their size
+    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW * -(-len(labels) // columns))
     figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2)

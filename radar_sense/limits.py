@@ -61,6 +61,11 @@ def parameter(key: str, limit: Limit) -> Any:
     return field(metadata={"key": key, "limit": limit})
 
 
+def parameter_keys(cls: Any) -> list[str]:
+    """Return the keys under which a scenario sets the fields declared with `parameter`."""
+    return [f.metadata["key"] for f in fields(cls) if "key" in f.metadata]
+
+
 def check_parameters(instance: Any) -> None:
     """Raise ValueError if a field declared with `parameter` is outside its limit."""
     for f in fields(instance):

@@ -66,6 +66,7 @@ def write(files: Mapping[Path, bytes]) -> None:
         OSError: If one of them cannot be written.
     """
     finished: dict[Path, Path] = {}
+    new: list[Path] = []
     try:
         for path, content in files.items():
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -78,7 +79,14 @@ def write(files: Mapping[Path, bytes]) -> None:
             # mkstemp makes files private; these are to be as readable as any other.
             finished[path].chmod(0o666 & ~_umask())
         for path, temporary in finished.items():
+            existed = path.exists()
             temporary.replace(path)
+            if not existed:
+                new.append(path)
+    except OSError:
+        for path in new:
+            path.unlink()
+        raise
     finally:
         for temporary in finished.values():
             with contextlib.suppress(OSError):

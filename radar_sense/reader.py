@@ -18,7 +18,7 @@ import yaml
 from radar_sense.limits import ANY, Limit
 
 #: A scenario is a page of text; more than this is some other file.
-MAX_BYTES = 256 * 1024
+MAX_BYTES = 64 * 1024
 #: Beyond these sizes squares and fourth powers would leave the range of floating point.
 SMALLEST, LARGEST = 1e-20, 1e20
 
@@ -60,14 +60,15 @@ class Entry:
         if not self.is_mapping():
             raise self.wrong("a mapping (key: value)")
         found: dict[str, Entry] = {}
+        lines: dict[str, int] = {}
         for key_node, value_node in self.node.value:
             key_entry = Entry(key_node, self.path, self.source)
             if not isinstance(key_node, yaml.ScalarNode):
                 raise key_entry.error("keys must be plain words")
             key = key_node.value
             if key in found:
-                first = found[key].node.start_mark.line + 1
-                raise key_entry.error(f"duplicate key {_shorten(key)}, first on line {first}")
+                raise key_entry.error(f"duplicate key {_shorten(key)}, first on line {lines[key]}")
+            lines[key] = key_node.start_mark.line + 1
             found[key] = Entry(value_node, f"{self.path}.{key}".lstrip("."), self.source)
         return found
 
@@ -126,6 +127,13 @@ class Entry:
         """Read a square matrix, a list of rows."""
         return [row.numbers(size) for row in self._items(size, f"rows of {size} numbers")]
 
+    def items(self) -> list[Entry]:
+        """Read a list."""
+        return [
+            Entry(item, f"{self.path}[{i}]", self.source)
+            for i, item in enumerate(self.node.value, start=1)
+        ]
+
     def is_mapping(self) -> bool:
         """Say whether this is a mapping."""
         return isinstance(self.node, yaml.MappingNode)
@@ -182,12 +190,9 @@ class Entry:
             raise self.error(str(error)) from error
 
     def _items(self, count: int, what: str) -> list[Entry]:
-        if not isinstance(self.node, yaml.SequenceNode) or len(self.node.value) != count:
+        if not self.is_list() or len(self.node.value) != count:
             raise self.wrong(f"a list of {count} {what}")
-        return [
-            Entry(item, f"{self.path}[{i}]", self.source)
-            for i, item in enumerate(self.node.value, start=1)
-        ]
+        return self.items()
 
     def _plain_text(self) -> str | None:
         """Text of a scalar that was written without quotes or tag."""
@@ -256,26 +261,33 @@ def parse(text: str, source: str) -> Entry:
         raise ScenarioError(f"{source}: is nested too deeply for a scenario") from error
     if node is None:
         raise ScenarioError(f"{source}: is empty; `radar-sense init` writes one to start from")
-    _refuse_tags(node, source)
-    return Entry(node, "", source)
+    root = Entry(node, "", source)
+    _refuse_tags(root)
+    return root
 
 
-def _refuse_tags(node: yaml.Node, source: str) -> None:
+def _refuse_tags(root: Entry) -> None:
     """Refuse `!!python/object` and the like; a scenario has no use for them."""
     # Aliases make the same node appear in many places; each is looked at once.
     seen: set[int] = set()
-    waiting = [node]
+    waiting = [root]
     while waiting:
-        node = waiting.pop()
+        entry = waiting.pop()
+        node = entry.node
         if id(node) in seen:
             continue
         seen.add(id(node))
         if not node.tag.startswith("tag:yaml.org,2002:") or "python" in node.tag:
-            raise Entry(node, "", source).error(f"tags are not supported, got {_shorten(node.tag)}")
+            raise entry.error(f"tags are not supported, got {_shorten(node.tag)}")
         if isinstance(node, yaml.SequenceNode):
-            waiting += node.value
+            waiting += entry.items()
         elif isinstance(node, yaml.MappingNode):
-            waiting += [part for pair in node.value for part in pair]
+            for key_node, value_node in node.value:
+                key = f"{entry.path}.{key_node.value}".lstrip(".")
+                waiting += [
+                    Entry(key_node, entry.path, entry.source),
+                    Entry(value_node, key, entry.source),
+                ]
 
 
 def _shorten(text: str) -> str:

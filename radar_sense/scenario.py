@@ -20,7 +20,15 @@ import numpy as np
 from radar_sense import covariance
 from radar_sense.detection import SurveillanceRadar
 from radar_sense.geometry import orbit, slant_range
-from radar_sense.limits import NOT_NEGATIVE, POSITIVE, PROBABILITY, RUNS, SEED, Limit
+from radar_sense.limits import (
+    NOT_NEGATIVE,
+    POSITIVE,
+    PROBABILITY,
+    RUNS,
+    SEED,
+    Limit,
+    parameter_keys,
+)
 from radar_sense.model import DetectionModel
 from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.reader import (
@@ -143,7 +151,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     found = root.mapping(["name", "radar", "aircraft", "geometry", "uncertainty", "analysis"])
     document: dict[str, Any] = {
         "name": found["name"].text(
-            r"\w[\w.-]{0,99}", "a name of up to 100 letters, digits, '_', '-' or '.'"
+            "[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
+            "a name of up to 100 letters A to Z, digits, '_', '-' or '.'",
         )
     }
     radar, p_fa, document["radar"] = _radar(found["radar"])
@@ -191,10 +200,8 @@ def _radar(entry: Entry) -> tuple[FloatArray, float, dict[str, Any]]:
 
 def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
     found = entry.mapping(["rcs", "attitude_deg"])
-    choices = found["rcs"].entries()
-    if "model" not in choices:
-        raise found["rcs"].error(f"missing key 'model', one of {', '.join(RCS_MODELS)}")
-    name = choices["model"].choice(RCS_MODELS)
+    keys = dict.fromkeys(key for model in RCS_MODELS.values() for key in parameter_keys(model))
+    name = found["rcs"].mapping(["model"], list(keys))["model"].choice(RCS_MODELS)
     rcs, values = found["rcs"].instance(RCS_MODELS[name], besides=["model"])
     attitude = found["attitude_deg"].numbers(3, Limit(at_least=-360, at_most=360))
     document = {"rcs": {"model": name, **values}, "attitude_deg": attitude}
@@ -255,7 +262,8 @@ def _uncertainty(entry: Entry) -> tuple[FloatArray, dict[str, FloatArray], dict[
     found = entry.mapping(["aircraft", "radar"])
     cov_aircraft, aircraft_document = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
     levels = found["radar"].named(
-        r"\w[\w-]{0,39}", "the name of a level, up to 40 letters, digits, '_' or '-'"
+        "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
+        "the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
     )
     if not levels:
         raise found["radar"].error("needs at least one level of uncertainty")

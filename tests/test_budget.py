@@ -5,7 +5,7 @@ import pytest
 from scenarios import scenario
 
 from radar_sense import analyses
-from radar_sense.budget import allowances, error_budget
+from radar_sense.error_budget import allowances, error_budget
 from radar_sense.propagation import METHODS
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import load_scenario

@@ -1,0 +1,35 @@
+"""The command line in process: a start of Python and NumPy per case would cost a second each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+from click.testing import CliRunner
+
+from radar_sense.cli import cli
+
+
+class Outcome(NamedTuple):
+    """What a run of the tool ended with."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcome]:
+    """Run the tool with the given arguments in an empty folder, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*args: object) -> Outcome:
+        result = CliRunner().invoke(cli, [str(arg) for arg in args])
+        # Anything but SystemExit would have been a traceback, a Python warning among them.
+        if result.exception is not None and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        return Outcome(result.exit_code, result.stdout, result.stderr)
+
+    return run

@@ -1,0 +1,572 @@
+"""The command line as people and scripts meet it: what it prints and writes, how it ends."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import shlex
+import signal
+import stat
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import radar_sense as rs
+from radar_sense.cli import cli
+from radar_sense.scenario import default_text
+
+ROOT = Path(__file__).parent.parent
+CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+COMMANDS = sorted(cli.commands)
+#: Those that write results.
+ANALYSES = [command for command in COMMANDS if command not in ("check", "init")]
+
+#: DESIGN.md fixes these.
+COLUMNS = {
+    "variance": "theta_r_deg,range_m,rcs_m2,snr_db,p_d,sigma_pd,lower_3sigma,upper_3sigma",
+    "montecarlo": "theta_r_deg,p_d,sigma_pd,lower_3sigma,upper_3sigma,"
+    "mc_mean,mc_std,mc_lower,mc_upper,coverage_3sigma",
+    "sensitivity": "theta_r_deg,three_sigma_low,three_sigma_medium,three_sigma_high",
+    "budget": "theta_r_deg,three_sigma_aircraft_position,three_sigma_aircraft_orientation,"
+    "three_sigma_radar_position,three_sigma_radar_constant,three_sigma_total",
+}
+
+
+def few(command: str) -> list[str]:
+    """Options that keep Monte Carlo short."""
+    return ["--runs", "40"] if command in ("montecarlo", "compare") else []
+
+
+def files(folder: str | Path = "figures") -> dict[str, bytes]:
+    """Return all files of a folder, hidden ones included."""
+    return {p.name: p.read_bytes() for p in Path(folder).iterdir()}
+
+
+def table(path: str | Path) -> dict[str, np.ndarray]:
+    with Path(path).open(newline="") as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
+
+
+def record(analysis: str, name: str = "paper") -> dict:
+    """Read a JSON record; NaN and Infinity, which Python would take, are no JSON."""
+
+    def refuse(word: str) -> None:
+        raise ValueError(f"{word} is not JSON")
+
+    text = Path(f"figures/{name}_{analysis}.json").read_text(encoding="utf-8")
+    return json.loads(text, parse_constant=refuse)
+
+
+def process(*args: object, **options: object) -> subprocess.CompletedProcess:
+    command = [sys.executable, "-m", "radar_sense", *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
+
+
+# Help.
+
+
+def examples(text: str) -> list[str]:
+    """Command lines in the examples of a help text, without the remark beside them."""
+    assert "\nExample" in text or "\n  Example" in text
+    lines = text.split("Example", 1)[1].splitlines()[1:]
+    found = [re.split(r"\s{3,}", line.strip())[0] for line in lines if "radar-sense " in line]
+    assert found
+    return found
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_examples_that_run(tool, command):
+    code, out, err = tool(command, "--help")
+    assert (code, err) == (0, "")
+    lines = examples(out)
+    assert all(line.startswith(f"radar-sense {command}") for line in lines)
+    if command != "init":
+        assert tool("init", "my.yaml").code == 0
+    for line in lines:
+        # Their runs are as many as a person would want; here fewer will do.
+        short = line if command == "budget" else re.sub(r"--runs \S+", "--runs 40", line)
+        assert tool(*shlex.split(short)[1:]).code == 0, line
+
+
+def test_help_of_the_tool(tool):
+    code, out, err = tool("--help")
+    assert (code, err) == (0, "")
+    assert all(command in out for command in COMMANDS)
+    for line in examples(out):
+        words = shlex.split(line)[1:]
+        words += few(words[0])
+        assert tool(*words).code == 0, line
+
+
+def test_commands_are_those_of_the_design():
+    assert set(COMMANDS) >= {*COLUMNS, "check", "init"}
+
+
+def test_no_arguments_is_a_question_for_help(tool):
+    code, out, err = tool()
+    assert code in (0, 2)
+    text = out + err
+    assert "Error:" not in text
+    assert len(text.splitlines()) > 10  # the help, laid out as it is, not run together
+
+
+def test_version(tool):
+    assert tool("--version") == (0, f"radar-sense, version {rs.__version__}\n", "")
+
+
+@pytest.mark.parametrize(
+    "args",
+    ["--help", "budget --help", "--version", "bogus", "budget --bogus", "montecarlo --runs 1"],
+)
+def test_help_and_usage_errors_do_not_load_the_slow_packages(args):
+    code = (
+        "import sys; from radar_sense.cli import cli\n"
+        f"try: cli.main({args.split()!r})\n"
+        "except SystemExit: pass\n"
+        "print(*sorted({'numpy', 'scipy', 'matplotlib', 'yaml'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )  # fmt: skip
+    assert done.stdout.splitlines()[-1] == ""
+
+
+# Results.
+
+
+@pytest.mark.parametrize("command", ANALYSES)
+def test_files_and_their_names(tool, command):
+    code, out, err = tool(command, *few(command))
+    assert code == 0
+    stem = f"paper_{command}"
+    assert sorted(files()) == [f"{stem}.csv", f"{stem}.json", f"{stem}.pdf"]
+    for name in files():
+        assert str(Path("figures", name)) in out.splitlines()
+    assert out.isascii()  # also for a terminal that knows nothing else
+    assert all(line.startswith("Warning: ") for line in err.splitlines())
+    assert [f"Warning: {w}" for w in record(command)["warnings"]] == err.splitlines()
+
+
+@pytest.mark.parametrize("command", COLUMNS)
+def test_csv(tool, command):
+    assert tool(command, *few(command), "--no-plot").code == 0
+    data = files()[f"paper_{command}.csv"]
+    lines = data.decode("ascii").split("\n")
+    assert lines[0] == COLUMNS[command]
+    assert lines[-1] == ""
+    assert len(lines) == 1 + 361 + 1
+    assert b"\r" not in data
+    assert "nan" not in data.decode()
+    if command == "montecarlo":
+        mc = rs.monte_carlo(rs.load_scenario(), runs=40)
+        linear = rs.variance(rs.load_scenario()).table
+        expected = {column: linear[column] for column in COLUMNS[command].split(",")[:5]} | {
+            "mc_mean": mc.mean,
+            "mc_std": mc.std,
+            "mc_lower": mc.lower,
+            "mc_upper": mc.upper,
+            "coverage_3sigma": mc.coverage,
+        }
+    else:
+        expected = getattr(rs, command)(rs.load_scenario()).table
+    found = table(f"figures/paper_{command}.csv")
+    assert set(found) == set(expected)
+    for column, values in found.items():
+        assert values.tobytes() == expected[column].tobytes(), column
+
+
+def test_variance_columns_are_what_they_say(tool):
+    assert tool("variance", "--no-plot").code == 0
+    scenario, found = rs.load_scenario(), table("figures/paper_variance.csv")
+    assert found["range_m"] == pytest.approx(np.hypot(500e3, 3e3), rel=1e-15)
+    snr = scenario.model.snr(scenario.aircraft, scenario.radar)
+    assert 10 ** (found["snr_db"] / 10) == pytest.approx(snr, rel=1e-14)
+    assert (found["upper_3sigma"] - found["p_d"]) == pytest.approx(3 * found["sigma_pd"], rel=1e-12)
+    assert (found["p_d"] - found["lower_3sigma"]) == pytest.approx(3 * found["sigma_pd"], rel=1e-12)
+
+
+def test_json(tool):
+    args = ["montecarlo", "--level", "high", "--runs", "40", "--seed", "0", "--no-plot"]
+    assert tool(*args).code == 0
+    found = record("montecarlo")
+    assert set(found) >= {"scenario", "seed", "versions", "command", "warnings", "summary"}
+    assert found["command"] == ["radar-sense", *args]
+    assert found["seed"] == 0
+    assert found["scenario"]["analysis"] == {"level": "high", "runs": 40, "seed": 0}
+    assert found["versions"]["numpy"] == np.__version__
+    assert found["versions"]["radar-sense"] == rs.__version__
+    assert "python" in found["versions"]
+    assert found["summary"]["runs"] == 40
+    # The scenario in the record is one that makes the same results again.
+    Path("again.yaml").write_text(json.dumps(found["scenario"]))
+    assert tool("montecarlo", "again.yaml", "--no-plot", "--out", "again").code == 0
+    assert files("again")["paper_montecarlo.csv"] == files()["paper_montecarlo.csv"]
+
+
+OVERHEAD = (
+    default_text()
+    .replace("range_km: 500", "range_km: 0")
+    .replace("step: 0.5", "step: 90")
+    .replace("name: paper", "name: overhead")
+)
+
+
+@pytest.mark.parametrize("command", ANALYSES)
+def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
+    Path("overhead.yaml").write_text(OVERHEAD)
+    code, _, err = tool(command, "overhead.yaml", *few(command))
+    assert code == 0
+    assert "Warning: " in err
+    assert "undefined" in err
+    found = record(command, "overhead")  # reads as strict JSON
+    if command not in ("montecarlo", "compare"):  # whose draws are all defined
+        assert "null" in json.dumps(found["summary"])
+    columns = table(f"figures/overhead_{command}.csv")
+    uncertain = [c for c in columns if "sigma" in c and "coverage" not in c]
+    assert any(np.isnan(columns[c]).all() for c in uncertain)
+
+
+@pytest.mark.parametrize("command", ANALYSES)
+def test_formats(tool, command):
+    formats = ["--format", "png", "--format", "pdf", "--format", "svg", "--format", "png"]
+    assert tool(command, *few(command), *formats).code == 0
+    found = files()
+    stem = f"paper_{command}"
+    assert sorted(found) == [f"{stem}.{kind}" for kind in ("csv", "json", "pdf", "png", "svg")]
+    assert found[f"{stem}.png"].startswith(b"\x89PNG\r\n\x1a\n")
+    assert found[f"{stem}.pdf"].startswith(b"%PDF-")
+    assert found[f"{stem}.pdf"].rstrip().endswith(b"%%EOF")
+    assert ET.fromstring(found[f"{stem}.svg"]).tag == "{http://www.w3.org/2000/svg}svg"
+    # The same again is the same to the last bit, in every file.
+    assert tool(command, *few(command), *formats).code == 0
+    assert files() == found
+
+
+def test_the_same_command_in_another_process_gives_the_same_bytes(tool, tmp_path):
+    args = ["montecarlo", "--runs", "40", "--format", "pdf", "--format", "svg"]
+    assert tool(*args).code == 0
+    found = files()
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    done = process(*args, cwd=other, env={**os.environ, "PYTHONHASHSEED": "7", "TZ": "Asia/Tokyo"})
+    assert done.returncode == 0
+    assert files(other / "figures") == found
+
+
+def test_workers_do_not_change_a_bit(tool):
+    seen = set()
+    for workers in ("1", "2", "3", None):
+        option = ["--workers", workers] if workers else []
+        assert tool("montecarlo", "--runs", "100", "--no-plot", *option).code == 0
+        seen.add(files()["paper_montecarlo.csv"])
+    assert len(seen) == 1
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_quiet(tool, command):
+    code, out, err = tool(command, "-q", *few(command))
+    assert (code, out, err) == (0, "", "")
+
+
+def test_level_is_used(tool):
+    scenario = rs.load_scenario().with_analysis(level="high")
+    for command in ("variance", "budget", "montecarlo"):
+        assert tool(command, "--level", "high", "--no-plot", *few(command)).code == 0
+        assert record(command)["scenario"]["analysis"]["level"] == "high"
+    found = table("figures/paper_variance.csv")["sigma_pd"]
+    assert (found == rs.variance(scenario).table["sigma_pd"]).all()
+    assert (found == table("figures/paper_montecarlo.csv")["sigma_pd"]).all()
+    assert (3 * found == table("figures/paper_budget.csv")["three_sigma_total"]).all()
+
+
+def test_out_is_made_with_the_folders_above_it(tool):
+    assert tool("budget", "--no-plot", "--out", "a/b c/d").code == 0
+    assert sorted(files("a/b c/d")) == ["paper_budget.csv", "paper_budget.json"]
+    assert not Path("figures").exists()
+
+
+def test_a_long_name_fits_into_a_file_name(tool):
+    """What `check` accepts can be written: a file name has 255 bytes, a letter up to four."""
+    for letter in ("a", "é", "日", "𝔸"):
+        text = default_text().replace("name: paper", f"name: {letter * 100}")
+        Path("long.yaml").write_text(text, encoding="utf-8")
+        if tool("check", "-q", "long.yaml").code == 0:
+            assert tool("montecarlo", "long.yaml", "--no-plot", "--runs", "2").code == 0
+
+
+# The paper's numbers, as a user reads them.
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, dict[str, np.ndarray]]]:
+    """Tables of the three linearized analyses of the embedded scenario."""
+    out = tmp_path_factory.mktemp("paper")
+    names = ("variance", "sensitivity", "budget")
+    for name in names:
+        result = CliRunner().invoke(cli, [name, "--no-plot", "--out", str(out)])
+        assert result.exit_code == 0
+    return {name: table(out / f"paper_{name}.csv") for name in names}
+
+
+#: A number printed with three decimals.
+PRINTED = 0.0005
+
+
+def test_numbers_of_the_paper_at_45_degrees(paper):
+    at = int(np.flatnonzero(paper["budget"]["theta_r_deg"] == 45)[0])
+    assert paper["variance"]["p_d"][at] == pytest.approx(0.594, abs=PRINTED)
+    expected = {"total": 0.091, "radar_constant": 0.073, "aircraft_orientation": 0.055}
+    for source, value in expected.items():
+        assert paper["budget"][f"three_sigma_{source}"][at] == pytest.approx(value, abs=PRINTED)
+
+
+def test_largest_three_sigma_of_the_paper(paper):
+    for level, value in {"low": 0.058, "medium": 0.092, "high": 0.157}.items():
+        largest = paper["sensitivity"][f"three_sigma_{level}"].max()
+        assert largest == pytest.approx(value, abs=PRINTED)
+
+
+def test_the_total_is_the_root_sum_of_squares(paper):
+    columns = [
+        v for k, v in paper["budget"].items() if k not in ("theta_r_deg", "three_sigma_total")
+    ]
+    assert len(columns) == 4
+    squares = np.sqrt(np.sum(np.square(columns), axis=0))
+    # Four squares, a sum and a root round a few times each.
+    assert paper["budget"]["three_sigma_total"] == pytest.approx(squares, rel=1e-14, abs=0)
+
+
+def test_the_analyses_agree(paper):
+    total = paper["budget"]["three_sigma_total"]
+    assert (total > 0).all()
+    np.testing.assert_array_max_ulp(paper["sensitivity"]["three_sigma_medium"], total, maxulp=1)
+    np.testing.assert_array_max_ulp(3 * paper["variance"]["sigma_pd"], total, maxulp=1)
+
+
+def test_the_terminal_shows_the_numbers(tool):
+    assert "0.0916 at 46.5" in tool("variance", "--no-plot").out
+    shown = re.findall(r"^ +(\w+) +([\d.]+) at", tool("sensitivity", "--no-plot").out, re.MULTILINE)
+    assert {level: float(value) for level, value in shown} == pytest.approx(
+        {"low": 0.058, "medium": 0.092, "high": 0.157}, abs=PRINTED
+    )
+    out = tool("budget", "--no-plot").out
+    assert re.search(r"radar_constant +0\.072\d", out)
+    assert "radar_constant dominates" in out
+
+
+# Scenarios to start from.
+
+
+def test_the_embedded_scenario_is_the_papers():
+    assert (ROOT / "configs/paper.yaml").read_bytes() == default_text().encode()
+    assert len(CONFIGS) >= 4  # the paper's and three worth starting from
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda p: p.stem)
+@pytest.mark.parametrize("command", ["check", *ANALYSES])
+def test_every_scenario_in_configs_runs(tool, config, command):
+    code, out, err = tool(command, config, *few(command))
+    assert code == 0
+    assert all(line.startswith("Warning: ") for line in err.splitlines())
+    if command != "check":
+        assert len(files()) == 3
+    assert rs.load_scenario(config).name == config.stem
+    assert out
+
+
+def test_no_config_is_the_papers(tool):
+    for config in ([], [ROOT / "configs/paper.yaml"]):
+        assert tool("variance", *config, "--no-plot", "--out", f"out{len(config)}").code == 0
+    assert files("out0")["paper_variance.csv"] == files("out1")["paper_variance.csv"]
+
+
+def test_init(tool):
+    code, out, err = tool("init")
+    assert (code, err) == (0, "")
+    assert "scenario.yaml" in out
+    assert files(".") == {"scenario.yaml": default_text().encode()}
+    assert tool("check", "scenario.yaml") == tool("check")
+    assert tool("init", "-") == (0, default_text(), "")
+
+
+@pytest.mark.parametrize("make", ["file", "folder", "dangling link"])
+def test_init_does_not_overwrite(tool, make):
+    path = Path("my.yaml")
+    if make == "file":
+        path.write_text("mine")
+    elif make == "folder":
+        path.mkdir()
+    else:
+        path.symlink_to("elsewhere.yaml")
+    code, out, err = tool("init", "my.yaml")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"Error: my\.yaml: exists[^\n]*\n", err)
+    assert [p.name for p in Path().iterdir()] == ["my.yaml"]
+    assert make != "file" or path.read_text() == "mine"
+
+
+# Whole or not at all.
+
+
+class DiskFullError(OSError):
+    """What a full disk raises."""
+
+
+def fail_at(monkeypatch: pytest.MonkeyPatch, target: object, name: str, call: int) -> None:
+    """Let a function fail the n-th time that it is called."""
+    real, calls = getattr(target, name), 0
+
+    def failing(*args: object, **options: object) -> object:
+        nonlocal calls
+        calls += 1
+        if calls == call:
+            raise DiskFullError(28, "No space left on device")
+        return real(*args, **options)
+
+    monkeypatch.setattr(target, name, failing)
+
+
+@pytest.mark.parametrize("call", [1, 2, 3])
+@pytest.mark.parametrize(
+    ("target", "name"), [(os, "fsync"), (Path, "replace")], ids=["write", "rename"]
+)
+def test_a_failure_leaves_nothing_new(tool, monkeypatch, target, name, call):
+    Path("figures").mkdir()
+    Path("figures/other").write_text("mine")
+    fail_at(monkeypatch, target, name, call)
+    code, out, err = tool("budget")
+    assert (code, out) == (1, "")
+    assert re.fullmatch(r"Error: [^\n]*No space left[^\n]*\n", err)
+    assert files() == {"other": b"mine"}
+
+
+@pytest.mark.parametrize("call", [1, 2])
+@pytest.mark.parametrize(
+    ("target", "name"), [(os, "fsync"), (Path, "replace")], ids=["write", "rename"]
+)
+def test_a_failure_leaves_whole_files_alone(tool, monkeypatch, target, name, call):
+    assert tool("budget", "--no-plot", "--level", "high").code == 0
+    old = files()
+    assert tool("budget", "--no-plot", "--out", "new").code == 0
+    fail_at(monkeypatch, target, name, call)
+    assert tool("budget", "--no-plot").code == 1
+    now = files()
+    assert set(now) == set(old)
+    for file, content in now.items():
+        # The record says where it was written to.
+        new = files("new")[file].replace(b',\n    "--out",\n    "new"', b"")
+        assert content in (old[file], new)
+    if name == "fsync":
+        assert now == old
+
+
+@pytest.mark.parametrize("ending", ["csv", "pdf", "json"])
+def test_a_folder_in_the_way_of_a_file(tool, ending):
+    Path(f"figures/paper_budget.{ending}").mkdir(parents=True)
+    code, out, err = tool("budget")
+    assert code in (1, 2)
+    assert out == ""
+    assert re.fullmatch(r"Error: [^\n]*\n", err)
+    assert [p.name for p in Path("figures").iterdir()] == [f"paper_budget.{ending}"]
+
+
+@pytest.mark.parametrize("mask", [0o022, 0o077, 0o002])
+def test_files_are_replaced_and_follow_the_umask(tool, mask):
+    Path("figures").mkdir()
+    old = Path("figures/paper_budget.csv")
+    old.write_text("old")
+    kept = Path("kept")
+    os.link(old, kept)  # a reader that has the old file open keeps it whole
+    before = os.umask(mask)
+    try:
+        assert tool("budget").code == 0
+    finally:
+        os.umask(before)
+    assert kept.read_text() == "old"
+    assert old.read_text().startswith("theta_r_deg")
+    for path in Path("figures").iterdir():
+        assert stat.S_IMODE(path.stat().st_mode) == 0o666 & ~mask
+
+
+#: Python and the packages are loaded when this says so; what follows is the run itself.
+LONG_RUN = """
+import radar_sense.analyses
+from radar_sense.cli import cli
+print("ready", flush=True)
+cli.main(["montecarlo", "--runs", "1000000"])
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_a_run_that_is_stopped_writes_nothing(tmp_path, number):
+    running = subprocess.Popen(
+        [sys.executable, "-c", LONG_RUN],
+        cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert running.stdout.readline() == "ready\n"
+    time.sleep(0.5)
+    assert running.poll() is None
+    running.send_signal(number)
+    out, err = running.communicate(timeout=30)
+    assert out == ""
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+    assert "Traceback" not in err
+    if number == signal.SIGINT:
+        assert running.returncode == 130
+        # A line of its own, after the ^C that a terminal shows.
+        assert err.lstrip("\n") == "Interrupted; nothing was written.\n"
+    else:
+        assert running.returncode != 0
+
+
+@pytest.mark.parametrize("args", [["check"], ["init", "-"], ["budget", "--no-plot"], ["--help"]])
+def test_output_that_nobody_reads(tmp_path, args):
+    """As in `radar-sense check | head -0`."""
+    read, write = os.pipe()
+    os.close(read)
+    done = subprocess.run(
+        [sys.executable, "-m", "radar_sense", *args],
+        cwd=tmp_path, stdout=write, stderr=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    os.close(write)
+    assert "Traceback" not in done.stderr
+    assert "Exception" not in done.stderr
+    assert "BrokenPipe" not in done.stderr
+    assert all(line.startswith("Warning: ") for line in done.stderr.splitlines())
+
+
+def test_a_full_disk_behind_standard_output(tmp_path):
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "radar_sense", "check"],
+            cwd=tmp_path, stdout=full, stderr=subprocess.PIPE, text=True, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert "No space left" in done.stderr
+
+
+def test_the_installed_command_runs_from_any_folder(tmp_path):
+    """Nothing is looked for beside the package or in the current folder."""
+    script = Path(sys.executable).parent / "radar-sense"
+    env = {k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", "HOME", "LANG", "LC_ALL")}
+    env |= {"LC_ALL": "C", "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [script] if script.exists() else [sys.executable, "-m", "radar_sense"]
+    done = subprocess.run(
+        [*command, "budget"], cwd=tmp_path, env=env, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0
+    assert all(line.startswith("Warning: ") for line in done.stderr.splitlines())
+    assert sorted(files(tmp_path / "figures")) == [
+        f"paper_budget.{ending}" for ending in ("csv", "json", "pdf")
+    ]

@@ -1,0 +1,1010 @@
+"""Scenarios, good and bad, as the command line takes them.
+
+A refusal is one line that names file, line, key path, value and what is allowed, exit code 2, and
+nothing written. The cases are made from the embedded scenario: `LINES` holds one key per line, so
+that the line a complaint should name is known here without asking the reader.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+import radar_sense as rs
+from radar_sense.reader import MAX_BYTES
+from radar_sense.scenario import default_text
+
+Lines = list[tuple[str, str]]
+
+
+def flattened(document: dict, above: str = "") -> Lines:
+    """List (key path, YAML text of the value) in order; the text is empty for a mapping."""
+    found: Lines = []
+    for key, value in document.items():
+        path = f"{above}.{key}".lstrip(".")
+        if isinstance(value, dict):
+            found += [(path, ""), *flattened(value, path)]
+        else:
+            found.append((path, str(value)))
+    return found
+
+
+LINES = flattened(yaml.safe_load(default_text()))
+PATHS = [path for path, _ in LINES]
+BRANCHES = [path for path, text in LINES if not text]
+LEVELS = [p for p in PATHS if re.fullmatch(r"uncertainty\.radar\.\w+", p)]
+OPTIONAL = ["geometry.azimuth_from", "analysis.runs", "analysis.seed"]
+
+
+def yaml_text(lines: Lines) -> str:
+    """Write the lines as a document, one key per line."""
+    return "".join(f"{'  ' * p.count('.')}{p.split('.')[-1]}: {v}\n" for p, v in lines)
+
+
+def is_within(path: str, top: str) -> bool:
+    return path == top or path.startswith(top + ".")
+
+
+def without(path: str) -> Lines:
+    return [(p, v) for p, v in LINES if not is_within(p, path)]
+
+
+def replaced(changes: dict[str, str], lines: Lines = LINES) -> Lines:
+    """Give keys other values; what stood below them goes."""
+    return [
+        (p, changes.get(p, v))
+        for p, v in lines
+        if not any(p != top and is_within(p, top) for top in changes)
+    ]
+
+
+def parent(path: str) -> str:
+    return path.rpartition(".")[0]
+
+
+def line_of(path: str, lines: Lines) -> int:
+    return [p for p, _ in lines].index(path) + 1
+
+
+def write(text: str | bytes, name: str = "my.yaml") -> str:
+    Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())
+    return name
+
+
+def refusal(tool: Callable, text: str | bytes | None, *options: str, name: str = "my.yaml") -> str:
+    """Insist that a scenario (None: no file) is refused in one line, and return that line."""
+    if text is not None:
+        write(text, name)
+    before = sorted(Path().rglob("*"))
+    code, out, err = tool("montecarlo", *options, "--no-plot", "--out", "out", "--", name)
+    assert_refused(code, out, err)
+    assert sorted(Path().rglob("*")) == before  # nothing written, not even the folder
+    return err.rstrip("\n")
+
+
+def assert_refused(code: int, out: str, err: str) -> None:
+    assert (code, out) == (2, "")
+    assert re.fullmatch(r"Error: [^\n]+\n", err), err
+    assert "Traceback" not in err
+
+
+def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
+    """Take the line apart into line number, key path and complaint."""
+    match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
+    assert match, error
+    return int(match[1]), match[2] or "", match[3]
+
+
+def accepted(tool: Callable, lines: Lines) -> rs.Scenario:
+    code, _, err = tool("check", write(yaml_text(lines)))
+    assert (code, err) == (0, "")
+    return rs.load_scenario("my.yaml")
+
+
+# Every key of the scenario, misused in every way.
+
+
+def test_the_lines_are_the_embedded_scenario(tool):
+    assert yaml.safe_load(yaml_text(LINES)) == yaml.safe_load(default_text())
+    assert len(LINES) > 30
+    accepted(tool, LINES)
+
+
+@pytest.mark.parametrize("path", [p for p in PATHS if p not in [*OPTIONAL, *LEVELS]])
+def test_missing_key(tool, path):
+    lines = without(path)
+    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    above = parent(path)
+    assert where == above
+    assert f"'{path.split('.')[-1]}'" in complaint
+    # A mapping begins where its key stands or, in YAML's view, with its first entry.
+    begins = line_of(above, lines) if above else 1
+    assert line in (begins, begins + 1 if above else 1)
+
+
+@pytest.mark.parametrize("path", OPTIONAL)
+def test_optional_key_has_the_papers_value(tool, path):
+    assert accepted(tool, without(path)).resolved() == rs.load_scenario().resolved()
+
+
+@pytest.mark.parametrize("path", [p for p in PATHS if p not in LEVELS])
+def test_misspelled_key(tool, path):
+    key = path.split(".")[-1]
+    longer = path + key[-1]
+    lines = [(longer + p[len(path) :] if is_within(p, path) else p, v) for p, v in LINES]
+    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    assert (line, where) == (line_of(longer, lines), parent(path))
+    assert f"unknown key '{key}{key[-1]}'" in complaint
+    assert f"did you mean '{key}'?" in complaint
+    assert "allowed: " in complaint
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_duplicate_key(tool, path):
+    first = line_of(path, LINES)
+    end = max(i for i, (p, _) in enumerate(LINES, 1) if is_within(p, path))
+    lines = [*LINES[:end], (path, LINES[first - 1][1] or "{}"), *LINES[end:]]
+    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    assert (line, where) == (end + 1, parent(path))
+    assert f"duplicate key '{path.split('.')[-1]}'" in complaint
+    assert f"line {first}" in complaint
+
+
+#: What people (and their tools) write where a number belongs, and how a complaint quotes it.
+NO_NUMBER = {
+    "yes": "'yes'",
+    "12:30": "'12:30'",
+    "'5'": "'5'",
+    "[1, 2]": "a list of 2",
+    "[[1]]": "a list of ",
+    "{}": "a mapping",
+    "": "nothing",
+    "null": "'null'",
+    "~": "'~'",
+    ".nan": ".nan",
+    ".inf": ".inf",
+    "-.Inf": "-.Inf",
+    "nan": "nan",
+    "1e999": "1e999",
+    "-1e999": "-1e999",
+    "abc": "'abc'",
+    "2001-01-01": "'2001-01-01'",
+    "0x10": "'0x10'",
+    "1_000": "'1_000'",
+    "1,5": "'1,5'",
+    "١٢": "'١٢'",
+    "5 5": "'5 5'",
+}
+#: Names are free: these are as good as any, however YAML 1.1 would read them.
+GOOD_NAMES = ["yes", "null", "nan", "abc", "'5'", "1_000", "1e999", "2001-01-01", "0x10"]
+
+
+@pytest.mark.parametrize("value", NO_NUMBER)
+@pytest.mark.parametrize("path", [p for p in PATHS if p not in BRANCHES])
+def test_wrong_type(tool, path, value):
+    if path == "name" and value in GOOD_NAMES:
+        accepted(tool, replaced({path: value}))
+        return
+    line, where, complaint = place(refusal(tool, yaml_text(replaced({path: value}))))
+    # A list of lists is taken for a covariance, and the complaint may be about its first row.
+    assert where.removesuffix("[1]") == path
+    assert line == line_of(path, LINES)
+    assert NO_NUMBER[value] in complaint or f"'{NO_NUMBER[value]}'" in complaint
+    assert re.search("must be (a|one of|finite)", complaint)
+
+
+@pytest.mark.parametrize("value", ["yes", "5", "[1, 2]", "", "null", "abc", ".nan"])
+@pytest.mark.parametrize("path", BRANCHES)
+def test_value_where_a_mapping_belongs(tool, path, value):
+    lines = replaced({path: value})
+    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    assert (line, where) == (line_of(path, lines), path)
+    assert "must be a mapping" in complaint
+    assert NO_NUMBER.get(value, value).strip("'") in complaint
+
+
+@pytest.mark.parametrize("path", BRANCHES)
+def test_empty_mapping(tool, path):
+    _, where, complaint = place(refusal(tool, yaml_text(replaced({path: "{}"}))))
+    assert where == path
+    assert re.search(r"missing key '\w+'|needs ", complaint)
+
+
+@pytest.mark.parametrize(
+    "tag", ["!!python/object:os.system", "!!python/object/apply:os.system", "!!python/name:x", "!x"]
+)
+@pytest.mark.parametrize("path", ["radar.constant", "aircraft.rcs.a_m", "analysis.level"])
+def test_tags(tool, path, tag):
+    for value in ("x", "[x]"):
+        text = yaml_text(replaced({path: f"{tag} {value}"}))
+        line, where, complaint = place(refusal(tool, text))
+        assert (line, where) == (line_of(path, LINES), path)
+        assert "tag" in complaint
+        assert tag.strip("!")[:10] in complaint
+
+
+# Values out of range.
+
+RADAR = "uncertainty.radar.medium"
+AIRCRAFT = "uncertainty.aircraft"
+WRONG = [
+    ("name", "../up", "'../up'"),
+    ("name", "'a b'", "'a b'"),
+    ("name", ".hidden", "'.hidden'"),
+    ("name", "-x", "'-x'"),
+    ("name", "a/b", "'a/b'"),
+    ("name", r'"a\nb"', r"'a\nb'"),
+    ("name", "a" * 101, "100"),
+    ("radar.p_fa", "0", "greater than 0 and less than 1, got 0"),
+    ("radar.p_fa", "1", "greater than 0 and less than 1, got 1"),
+    ("radar.p_fa", "-0.5", "got -0.5"),
+    ("radar.p_fa", "1.5", "got 1.5"),
+    ("radar.p_fa", "1e-400", "1e-400"),
+    ("radar.p_fa", "0." + "9" * 30, "less than 1"),
+    ("radar.constant", "0", "greater than 0, got 0"),
+    ("radar.constant", "-167", "greater than 0, got -167"),
+    ("radar.constant", "1e-30", "1e-20 to 1e+20"),
+    ("radar.position_m", "[0, 0]", "a list of 3 numbers, got a list of 2"),
+    ("radar.position_m", "[0, 0, 0, 0]", "a list of 3 numbers, got a list of 4"),
+    ("radar.position_m[3]", "[0, 0, .nan]", ".nan"),
+    ("radar.position_m[1]", "[[0], 0, 0]", "a list of 1"),
+    ("radar.position_m[2]", "[0, 1e21, 0]", "1e21"),
+    ("aircraft.attitude_deg", "90", "a list of 3 numbers"),
+    ("aircraft.attitude_deg[3]", "[0, 0, 361]", "360"),
+    ("aircraft.rcs.a_m", "0", "greater than 0, got 0"),
+    ("aircraft.rcs.b_m", "-0.13", "greater than 0, got -0.13"),
+    ("aircraft.rcs.c_m", "-0.0", "greater than 0"),
+    ("aircraft.rcs.model", "elipsoid", "did you mean 'ellipsoid'?"),
+    ("geometry.type", "orbits", "did you mean 'orbit'?"),
+    ("geometry.azimuth_from", "nort", "did you mean 'north'?"),
+    ("geometry.range_km", "-1", "not less than 0, got -1"),
+    ("geometry.azimuth_deg.step", "0", "got 0"),
+    ("geometry.azimuth_deg.step", "-0.0", "step other than 0"),
+    ("geometry.azimuth_deg.step", "-0.5", "from 0 to 180, got -0.5"),
+    ("geometry.azimuth_deg.step", "1.8e-7", "1,000,000"),  # a billion poses
+    ("geometry.azimuth_deg.step", "1e-20", "1,000,000"),
+    ("geometry.azimuth_deg.start", "-361", "-360"),
+    ("geometry.azimuth_deg.stop", "721", "720"),
+    ("analysis.level", "medum", "low, medium, high, got 'medum'; did you mean 'medium'?"),
+    ("analysis.runs", "0", "not less than 2"),
+    ("analysis.runs", "1", "not less than 2"),
+    ("analysis.runs", "2.5", "a whole number"),
+    ("analysis.runs", "-500", "got -500"),
+    ("analysis.runs", "1e10", "1e+09"),
+    ("analysis.seed", "-1", "not less than 0, got -1"),
+    ("analysis.seed", "0.5", "a whole number"),
+    (f"{AIRCRAFT}.position_m", "-10", "not less than 0, got -10"),
+    (f"{AIRCRAFT}.attitude_deg[2]", "[1, -1, 1]", "not less than 0, got -1"),
+    (f"{RADAR}.constant", "-5", "not less than 0, got -5"),
+    (f"{RADAR}.constant", "[5]", "a list of 1"),
+    (f"{RADAR}.position_m", "[1, 2]", "a list of 3"),
+    # Covariances.
+    (f"{RADAR}.position_m", "[[1, 0], [0, 1]]", "a list of 3 rows of 3 numbers, got a list of 2"),
+    (f"{RADAR}.position_m[2]", "[[1, 0, 0], [0, 1], [0, 0, 1]]", "a list of 3 numbers"),
+    (f"{RADAR}.position_m[2]", "[[1, 0, 0], 1, [0, 0, 1]]", "a list of 3 numbers"),
+    (f"{RADAR}.position_m[2][1]", "[[1, 0, 0], [.inf, 1, 0], [0, 0, 1]]", ".inf"),
+    (f"{RADAR}.position_m", "[[1, 0.5, 0], [0.4, 1, 0], [0, 0, 1]]", "not symmetric"),
+    (f"{RADAR}.position_m", "[[1, 0.5, 0], [-0.5, 1, 0], [0, 0, 1]]", "not symmetric"),
+    (f"{RADAR}.position_m", "[[-1, 0, 0], [0, 1, 0], [0, 0, 1]]", "negative variance"),
+    (f"{RADAR}.position_m", "[[1, 2, 0], [2, 1, 0], [0, 0, 1]]", "not positive semidefinite"),
+    # Every pair is possible, the three of them are not.
+    (f"{RADAR}.position_m", "[[1, .9, .9], [.9, 1, -.9], [.9, -.9, 1]]", "not positive semidef"),
+    # Small numbers are no excuse: correlation 1.0001 between deviations of a micrometre.
+    (f"{RADAR}.position_m", "[[1e-12, 1.0001e-12, 0], [1.0001e-12, 1e-12, 0], [0, 0, 1]]", "semid"),
+    (f"{RADAR}.position_m", "[[0, 1, 0], [1, 1, 0], [0, 0, 1]]", "without variance"),
+    (f"{RADAR}.position_m", "[[0, 1e-12, 0], [1e-12, 1, 0], [0, 0, 1]]", "without variance"),
+]
+
+
+@pytest.mark.parametrize(("path", "value", "says"), WRONG)
+def test_value_that_is_not_allowed(tool, path, value, says):
+    key = path.split("[")[0]
+    line, where, complaint = place(refusal(tool, yaml_text(replaced({key: value}))))
+    assert (line, where) == (line_of(key, LINES), path)
+    assert says in complaint
+
+
+IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "says"),
+    [
+        ("aircraft.rcs", "{model: constant, rcs_m2: 0}", "got 0"),
+        ("aircraft.rcs", "{model: constant, a_m: 1}", "unknown key 'a_m', allowed: model, rcs_m2"),
+        ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 0, floor_m2: 0}", "both be 0"),
+        ("aircraft.rcs", "{model: spikeball, lobes: 0, amplitude_m2: 1, floor_m2: 0}", "got 0"),
+        ("aircraft.rcs", "{model: spikeball, lobes: 2.5, amplitude_m2: 1, floor_m2: 0}", "got 2.5"),
+        ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: -1, floor_m2: 2}", "got -1"),
+        ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 1, floor_m2: -1}", "got -1"),
+        (AIRCRAFT, f"{{covariance: {IDENTITY_4}}}", "a list of 6 rows of 6 numbers"),
+        (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "one or "),
+        (RADAR, "{covariance: 5}", "a list of 4 rows"),
+        (RADAR, f"{{covariance: {IDENTITY_4.replace('[1, 0', '[1, 2')}}}", "not symmetric"),
+        (RADAR, "{positon_m: 1, constant: 1}", "did you mean 'position_m'?"),
+        ("uncertainty.radar", "{a b: {position_m: 1, constant: 1}}", "got 'a b'"),
+        ("radar", "{position_m: [0, 0, 0], p_fa: 0.1}", "constant"),
+        ("radar", "{position_m: [0, 0, 0], p_fa: 0.1, constant: 1, surveillance: {}}", "not both"),
+    ],
+)
+def test_block_that_is_not_allowed(tool, path, value, says):
+    lines = replaced({path: value})
+    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    assert line == line_of(path, lines)
+    assert is_within(where.split("[")[0], path)
+    assert says in complaint
+
+
+SURVEILLANCE = {
+    "average_power_w": "1000",
+    "aperture_m2": "12",
+    "temperature_k": "290",
+    "scan_time_s": "4",
+    "search_volume_sr": "2.5",
+    "loss_db": "6",
+    "noise_figure_db": "4",
+}
+
+
+def surveillance(**changes: str) -> Lines:
+    """Give the lines with the radar constant made of its parts."""
+    text = ", ".join(f"{key}: {value}" for key, value in {**SURVEILLANCE, **changes}.items())
+    return [
+        ("radar.surveillance", f"{{{text}}}") if p == "radar.constant" else (p, v) for p, v in LINES
+    ]
+
+
+@pytest.mark.parametrize("key", SURVEILLANCE)
+def test_surveillance_parameters_are_checked(tool, key):
+    values = ["abc", ".inf", *(["201", "-201"] if key.endswith("_db") else ["0", "-1"])]
+    for value in values:
+        lines = surveillance(**{key: value})
+        line, where, complaint = place(refusal(tool, yaml_text(lines)))
+        assert (line, where) == (line_of("radar.surveillance", lines), f"radar.surveillance.{key}")
+        assert value in complaint
+
+
+def test_surveillance_that_makes_an_impossible_constant(tool):
+    lines = surveillance(average_power_w="1e20", aperture_m2="1e20")
+    _, where, complaint = place(refusal(tool, yaml_text(lines)))
+    assert where == "radar.surveillance"
+    assert "radar constant" in complaint
+
+
+@pytest.mark.parametrize(
+    ("azimuth_from", "radar"),
+    [
+        ("east", [5e5, 0, -3e3]),  # cos 90° is 6e-17, so the poses miss the radar by a hair
+        ("east", [0, 5e5, -3e3]),
+        ("north", [0, 5e5, -3e3]),
+        ("east", [5e5 * math.sqrt(0.5), 5e5 * math.sqrt(0.5), -3e3]),
+        ("east", [5e5, 0, -3e3 + 0.5]),
+    ],
+)
+def test_aircraft_on_top_of_the_radar(tool, azimuth_from, radar):
+    lines = replaced({"radar.position_m": str(radar), "geometry.azimuth_from": azimuth_from})
+    line, where, complaint = place(refusal(tool, yaml_text(lines)))
+    assert where == "geometry"
+    assert line_of("geometry", lines) <= line <= line_of("geometry.type", lines)
+    assert "on top of the radar at azimuth" in complaint
+
+
+# Files that are no scenario at all.
+
+LAUGHS = "a: &a [ha, ha, ha, ha, ha, ha, ha, ha, ha]\n" + "".join(
+    f"{chr(98 + i)}: &{chr(98 + i)} [{', '.join([f'*{chr(97 + i)}'] * 9)}]\n" for i in range(20)
+)
+#: Two aliases of the line before on each line: 2⁶⁰ of them at the end, by way of merges too.
+DOUBLED = "d0: &d0 {k: 1}\n" + "".join(
+    f"d{i}: &d{i} {{a: *d{i - 1}, b: *d{i - 1}}}\n" for i in range(1, 61)
+)
+MERGED = "d0: &d0 {k: 1}\n" + "".join(
+    f"d{i}: &d{i} {{<<: [*d{i - 1}, *d{i - 1}]}}\n" for i in range(1, 61)
+)
+
+FILES = {
+    "empty": (b"", "is empty"),
+    "blank": (b" \n\n   \n", "is empty"),
+    "comments": (b"# a comment\n# another\n", "is empty"),
+    "byte order mark alone": (b"\xef\xbb\xbf", "is empty"),
+    "document without content": (b"---\n", "must be a mapping"),
+    "list": (b"- name: x\n", "must be a mapping (key: value), got a list of 1"),
+    "word": (b"paper\n", "must be a mapping (key: value), got 'paper'"),
+    "number": (b"5\n", "must be a mapping (key: value), got 5"),
+    "binary": (b"\x7fELF\x02\x01\x01\0\0\0\0", "is not"),
+    "PNG": (b"\x89PNG\r\n\x1a\n", ":1: is not UTF-8 text: byte 0x89"),
+    "NUL bytes": (b"name: x\n\0\0\0\0", ":2: is not a text file"),
+    "control character": (b"name: x\nradar: \x07\n", ":2: is not a text file"),
+    "Latin-1": ("name: x\n# R\xe4der\n".encode("latin-1"), ":2: is not UTF-8 text: byte 0xe4"),
+    "UTF-16": (default_text().encode("utf-16"), "is not UTF-8 text"),
+    "enormous": (b"#" * (MAX_BYTES + 1), "too large"),
+    "enormous and good": ((default_text() + "#" * MAX_BYTES).encode(), "too large"),
+    "two documents": (f"{default_text()}---\n{default_text()}".encode(), "another document"),
+    "unclosed": (b"name: [1, 2\n", "is not valid YAML"),
+    "tab": (b"radar:\n\tconstant: 1\n", ":2: is not valid YAML"),
+    "no colon": (b"name: x\nradar\nuncertainty: 1\n", "is not valid YAML"),
+    "unknown alias": (b"name: *x\n", ":1: is not valid YAML"),
+    "unknown directive": (b"%YAML 9.9\n---\nname: x\n", "is not valid YAML"),
+    "list as key": (b"? [a, b]\n: c\n", ":1: keys must be"),
+    "mapping as key": (b"name: x\n? {a: b}\n: c\n", ":2: keys must be"),
+    "merge key": (b"<<: {name: x}\n", "unknown key '<<'"),
+    "deep list": (b"[" * 10_000, "nested too deeply"),
+    "deep mapping": (b"{a: " * 10_000, "nested too deeply"),
+    "deep block": (b"- " * 10_000, "nested too deeply"),
+    "deep key": (b"? " * 10_000, "nested too deeply"),
+    "closed deep list": (b"[" * 10_000 + b"]" * 10_000, "nested too deeply"),
+    "list in itself": (b"&a [*a]\n", "must be a mapping"),
+    "mapping in itself": (b"&a\nname: *a\n", "missing key"),
+    "billion laughs": (LAUGHS.encode(), "unknown key 'a'"),
+    "doubled": (DOUBLED.encode(), "unknown key 'd0'"),
+    "merged": (MERGED.encode(), "unknown key 'd0'"),
+}
+
+
+@pytest.mark.parametrize("kind", FILES)
+def test_file_that_is_no_scenario(tool, kind):
+    content, says = FILES[kind]
+    error = refusal(tool, content)
+    assert re.match(r"Error: my\.yaml(:\d+)?: ", error)
+    assert says in error
+
+
+@pytest.mark.parametrize("bomb", [LAUGHS, DOUBLED, MERGED], ids=["laughs", "doubled", "merged"])
+@pytest.mark.parametrize("path", PATHS)
+def test_alias_bomb_where_a_value_belongs(tool, path, bomb):
+    # The bomb is the first level of uncertainty, its last line the value of the key.
+    last = re.findall(r"&(\w+)", bomb)[-1]
+    fuse = "".join("    " + line + "\n" for line in bomb.splitlines())
+    text = f"junk:\n{fuse}" + yaml_text(replaced({path: f"*{last}"}))
+    assert "junk" in refusal(tool, text)
+    # With the bomb where keys are free (names of levels) the reader gets as far as the value.
+    lines = [(p, v) for p, v in LINES if not p.startswith("uncertainty")]
+    text = f"uncertainty:\n  radar:\n{fuse}" + yaml_text(
+        [(p, f"*{last}" if p == path else v) for p, v in lines]
+    )
+    refusal(tool, text)
+
+
+@pytest.mark.parametrize("path", ["radar", "uncertainty.radar", "uncertainty.radar.low"])
+def test_mapping_inside_itself(tool, path):
+    children = [p for p in PATHS if parent(p) == path]
+    loop = ", ".join(f"{child.split('.')[-1]}: *loop" for child in children)
+    refusal(tool, yaml_text(replaced({path: f"&loop {{{loop}}}"})))
+
+
+def test_matrix_inside_itself(tool):
+    refusal(tool, yaml_text(replaced({RADAR: "{covariance: &m [*m, *m, *m, *m]}"})))
+    rows = "&m [*r, *r, *r, *r]".replace("*r", "&r [*r, *r, *r, *r]", 1)
+    refusal(tool, yaml_text(replaced({RADAR: f"{{covariance: {rows}}}"})))
+
+
+@pytest.mark.parametrize("unit", ["{a,", "[a,", "- - - a\n", "? a\n", "'"])
+def test_a_file_as_large_as_allowed_is_refused_quickly(tool, unit):
+    head = {"{a,": "{", "[a,": "["}.get(unit, "")
+    body = unit.strip("{[") if head else unit
+    refusal(tool, (head + body * (MAX_BYTES // len(body)))[:MAX_BYTES])
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("nowhere.yaml", "nowhere.yaml: cannot be read: No such file"),
+        ("no/where.yaml", "no/where.yaml: cannot be read"),
+        (".", "is a directory"),
+        ("/dev/zero", f"/dev/zero: is larger than {MAX_BYTES // 1024} KiB"),
+        ("/dev/null", "/dev/null: is empty"),
+        ("x" * 300, "cannot be read"),
+        ("two\nlines.yaml", "two lines.yaml: cannot be read"),
+    ],
+)
+def test_path_that_is_no_scenario(tool, name, says):
+    assert says in refusal(tool, None, name=name)
+
+
+@pytest.mark.parametrize(
+    "name", ["two words.yaml", "räder 日本.yaml", "-x.yaml", "--help", "a\nb.yaml", "100%s{}.yaml"]
+)
+def test_unusual_file_names(tool, name):
+    write(default_text(), name)
+    code, out, err = tool("check", "-q", "--", name)
+    assert (code, out, err) == (0, "", "")
+    shown = name.replace("\n", " ")
+    error = refusal(tool, "name: x\nbogus: 1\n", name=name)
+    assert error.startswith(f"Error: {shown}:2: unknown key 'bogus'")
+
+
+# Options.
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        (["--level", "medum"], "low, medium, high, got 'medum'; did you mean 'medium'?"),
+        (["--level", ""], "low, medium, high, got ''"),
+        (["--runs", "0"], "--runs"),
+        (["--runs", "1"], "got '1'"),
+        (["--runs", "-5"], "--runs"),
+        (["--runs", "2.5"], "got '2.5'"),
+        (["--runs", "nan"], "got 'nan'"),
+        (["--runs", "inf"], "got 'inf'"),
+        (["--runs", "many"], "got 'many'"),
+        (["--seed", "-1"], "got '-1'"),
+        (["--seed", "1.5"], "got '1.5'"),
+        (["--seed", "²"], "got '²'"),
+        (["--seed", ""], "got ''"),
+        (["--workers", "0"], "--workers"),
+        (["--workers", "1000000"], "--workers"),
+        (["--format", "bogus"], "'png', 'pdf', 'svg'"),
+        (["--format"], "--format"),
+        (["--no-plto"], "--no-plot"),
+        (["one.yaml", "two.yaml"], "two.yaml"),
+    ],
+)
+def test_options_that_are_not_allowed(tool, args, says):
+    outcome = tool("montecarlo", *args)
+    assert_refused(*outcome)
+    assert says in outcome.err
+    assert not list(Path().iterdir())
+
+
+def test_unknown_command(tool):
+    code, out, err = tool("varience")
+    assert_refused(code, out, err)
+    assert "varience" in err
+
+
+@pytest.mark.parametrize("out", ["file", "file/below", "/proc/nope", "x" * 300])
+@pytest.mark.parametrize("command", ["variance", "montecarlo", "sensitivity", "budget"])
+def test_folder_that_cannot_be_written(tool, monkeypatch, command, out):
+    def too_late(*_: object, **__: object) -> None:
+        raise AssertionError("computed before looking whether the result can be written")
+
+    monkeypatch.setattr(f"radar_sense.analyses.{command}", too_late)
+    Path("file").write_text("mine")
+    code, printed, err = tool(command, "--out", out)
+    assert_refused(code, printed, err)
+    assert "--out" in err
+    assert out in err
+    assert [p.name for p in Path().iterdir()] == ["file"]
+    assert Path("file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["", "/proc/nope.yaml", "x" * 300, "."])
+def test_init_that_cannot_write(tool, name):
+    assert_refused(*tool("init", name))
+    assert not list(Path().iterdir())
+
+
+def test_errors_of_a_real_process(tmp_path):
+    """The tests above call the tool in process; a few cases show that this is no different."""
+    (tmp_path / "bad.yaml").write_text(yaml_text(replaced({"radar.p_fa": "2"})))
+    for args in (["budget", "bad.yaml"], ["check", "nope.yaml"], ["check", "/dev/zero"], ["bogus"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "radar_sense", *args],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert_refused(done.returncode, done.stdout, done.stderr)
+        assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
+
+
+# What is accepted.
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("1e-6", 1e-6),
+        ("1.7e-4", 1.7e-4),
+        ("5", 5.0),
+        ("5.0", 5.0),
+        ("+5", 5.0),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("1E3", 1e3),
+        ("1e+3", 1e3),
+        ("007", 7.0),
+        ("0.1", 0.1),
+        ("&anchor 5", 5.0),
+    ],
+)
+def test_numbers_as_people_write_them(tool, text, value):
+    assert accepted(tool, replaced({"radar.constant": text})).radar[3] == value
+
+
+@pytest.mark.parametrize("name", ["NO", "123", "yes", "1e-6", "null", "a-b_c.d", "'123'"])
+def test_names_are_text(tool, name):
+    assert accepted(tool, replaced({"name": name})).name == name.strip("'")
+
+
+@pytest.mark.parametrize("key", ["name", "uncertainty.radar.medium"])
+@pytest.mark.parametrize("name", ["_x", "räder", "日本", "a" * 101, "a/b", "two words", "..", "~"])
+def test_names_that_are_refused(tool, key, name):
+    """They end up in names of files and columns, and in figures, whose font has no 日."""
+    text = default_text()
+    text = text.replace("name: paper", f"name: {name}") if key == "name" else text
+    text = text if key == "name" else text.replace("    medium:", f"    {name}:")
+    line = refusal(tool, text)
+    assert "letters A to Z" in line
+
+
+@pytest.mark.parametrize("level", ["NO", "yes", "1", "a" * 40], ids=lambda s: s[:9])
+def test_names_of_levels_are_text(tool, level):
+    lines = [
+        (p.replace("radar.medium", f"radar.{level}"), level if p == "analysis.level" else v)
+        for p, v in LINES
+        if not p.startswith(("uncertainty.radar.low", "uncertainty.radar.high"))
+    ]
+    scenario = accepted(tool, lines)
+    assert (list(scenario.cov_radar), scenario.level) == ([level], level)
+    for command in ("sensitivity", "variance"):  # levels are labels in figures too
+        code, _, err = tool(command, "my.yaml")
+        assert code == 0
+        assert all(line.startswith("Warning: ") for line in err.splitlines())
+
+
+@pytest.mark.parametrize("encode", [
+    lambda s: b"\xef\xbb\xbf" + s.encode(),
+    lambda s: s.replace("\n", "\r\n").encode(),
+    lambda s: s.rstrip("\n").encode(),
+    lambda s: b"---\n" + s.encode() + b"...\n",
+], ids=["byte order mark", "CRLF", "no last newline", "document markers"])  # fmt: skip
+def test_harmless_variations_of_a_file(tool, encode):
+    write(encode(default_text()))
+    assert tool("check", "my.yaml") == tool("check")
+
+
+def test_an_alias_is_only_a_shorthand(tool):
+    plain = accepted(tool, LINES)
+    lines = replaced({"radar.position_m": "&zero [0, 0, 0]"})
+    lines = [(p, "*zero" if p == "aircraft.attitude_deg" else v) for p, v in lines]
+    assert (accepted(tool, lines).aircraft[:, :5] == plain.aircraft[:, :5]).all()
+    assert "*" not in tool("check", "my.yaml").out
+
+
+def draws(tool: Callable, *options: str) -> tuple[bytes, int]:
+    """CSV and recorded seed of a small Monte Carlo."""
+    args = ["--runs", "3", "--no-plot", "-q", *options]
+    code, out, err = tool("montecarlo", "my.yaml", *args)
+    assert (code, out) == (0, "")
+    assert all(line.startswith("Warning: ") for line in err.splitlines())
+    record = json.loads(Path("figures/paper_montecarlo.json").read_text())
+    assert record["scenario"]["analysis"]["seed"] == record["seed"]
+    return Path("figures/paper_montecarlo.csv").read_bytes(), record["seed"]
+
+
+FEW = {"geometry.azimuth_deg.step": "45"}
+
+
+@pytest.mark.parametrize("seed", ["0", "1", "7", "12345678901234567890" * 2 + "1234567890", "1e3"])
+def test_seed_in_file_and_as_option(tool, seed):
+    write(yaml_text(replaced(FEW)))
+    by_option = draws(tool, "--seed", seed)
+    write(yaml_text(replaced({**FEW, "analysis.seed": seed})))
+    by_file = draws(tool)
+    assert by_option == by_file
+    assert by_file[1] == (int(seed) if seed.isdigit() else int(float(seed)))
+    # A seed in the file gives way to the option.
+    assert draws(tool, "--seed", "2") != by_file
+
+
+def test_every_seed_draws_differently(tool):
+    write(yaml_text(replaced(FEW)))
+    seeds = ["0", "1", "2", str(2**32), str(2**64), str(10**49), str(10**49 + 1)]
+    assert len({draws(tool, "--seed", seed)[0] for seed in seeds}) == len(seeds)
+
+
+@pytest.mark.parametrize("digits", [308, 309, 400, 5000])
+def test_absurd_seed_is_used_or_refused(tool, digits):
+    write(yaml_text(replaced({**FEW, "analysis.seed": "9" * digits})))
+    for args in (["my.yaml"], ["--seed", "9" * digits]):
+        code, out, err = tool("montecarlo", *args, "--runs", "2", "--no-plot")
+        if code:
+            assert_refused(code, out, err)
+
+
+def test_single_pose_and_runs_as_float(tool):
+    scenario = accepted(
+        tool,
+        replaced({
+            "geometry.azimuth_deg.start": "45",
+            "geometry.azimuth_deg.stop": "45",
+            "analysis.runs": "1e3",
+        }),
+    )  # fmt: skip
+    assert scenario.theta_r_deg.tolist() == [45.0]
+    assert scenario.runs == 1000
+
+
+@pytest.mark.parametrize(
+    ("start", "stop", "step", "expected"),
+    [
+        ("0", "180", "0.1", [k / 10 for k in range(1801)]),
+        ("0", "0.3", "0.1", [0, 0.1, 0.2, 0.3]),
+        ("180", "0", "-60", [180, 120, 60, 0]),
+        ("-10", "10", "7", [-10, -3, 4]),
+        ("0", "10", "100", [0]),
+    ],
+)
+def test_sweep(tool, start, stop, step, expected):
+    keys = ("start", "stop", "step")
+    changes = dict(
+        zip((f"geometry.azimuth_deg.{k}" for k in keys), (start, stop, step), strict=True)
+    )
+    assert accepted(tool, replaced(changes)).theta_r_deg.tolist() == expected
+
+
+# Units: against arithmetic that is not the package's.
+
+
+def test_units_become_si(tool):
+    scenario = accepted(
+        tool,
+        replaced({
+            "radar.position_m": "[100, -200, -30]",
+            "aircraft.attitude_deg": "[5, -10, 270]",
+            "geometry.range_km": "12.5",
+            "geometry.down_km": "-1.5",
+        }),
+    )  # fmt: skip
+    assert scenario.radar.tolist() == [100, -200, -30, 167]
+    for theta, pose in zip(scenario.theta_r_deg, scenario.aircraft, strict=True):
+        north, east = 12500 * math.sin(math.radians(theta)), 12500 * math.cos(math.radians(theta))
+        # A micrometre, and 1e-15 rad: the rounding of these numbers, a few times over.
+        assert pose[:3] == pytest.approx([north, east, -1500], rel=0, abs=1e-10)
+        angles = [math.radians(a) for a in (5, -10, 270)]
+        assert pose[3:] == pytest.approx(angles, rel=0, abs=2e-15)
+
+
+def test_azimuth_from_north_is_a_compass_azimuth(tool):
+    north = accepted(tool, replaced({"geometry.azimuth_from": "north"}))
+    east = accepted(tool, LINES)
+    assert (north.aircraft[:, [1, 0, 2, 3, 4, 5]] == east.aircraft).all()
+    by_angle = dict(zip(north.theta_r_deg.tolist(), north.aircraft.tolist(), strict=True))
+    assert by_angle[0.0][:3] == [500e3, 0, -3e3]
+    assert by_angle[90.0][:3] == pytest.approx([0, 500e3, -3e3], rel=0, abs=1e-9)
+
+
+def test_surveillance_constant(tool):
+    # P A T_sc / (16 T_0 Ω L F) with L F = 6 dB + 4 dB = 10
+    expected = 1000 * 12 * 4 / (16 * 290 * 2.5 * 10)
+    constant = accepted(tool, surveillance()).radar[3]
+    assert constant == pytest.approx(expected, rel=1e-15)
+    assert accepted(tool, surveillance(loss_db="7")).radar[3] == pytest.approx(
+        expected / 10**0.1, rel=1e-15
+    )
+
+
+def block(rows: Sequence[Sequence[float]]) -> str:
+    return str([list(map(float, row)) for row in rows])
+
+
+@pytest.mark.parametrize(
+    "value", ["10", "[10, 10, 10]", "[[100, 0, 0], [0, 100, 0], [0, 0, 100]]", "[10, 10.0, 1e1]"]
+)
+def test_a_deviation_can_be_written_in_three_ways(tool, value):
+    scenario = accepted(tool, replaced({f"{AIRCRAFT}.position_m": value}))
+    assert (scenario.cov_aircraft[:3, :3] == 100 * np.eye(3)).all()
+    assert (scenario.cov_aircraft[:3, 3:] == 0).all()
+
+
+def test_uncertainties_become_si(tool):
+    scenario = accepted(tool, replaced({f"{AIRCRAFT}.attitude_deg": "[1, 2, 3]"}))
+    variances = [100.0] * 3 + [math.radians(a) ** 2 for a in (1, 2, 3)]
+    assert scenario.cov_aircraft == pytest.approx(np.diag(variances), rel=1e-15, abs=0)
+    assert (scenario.cov_radar["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()
+    assert list(scenario.cov_radar) == ["low", "medium", "high"]
+
+
+def test_full_covariances_are_in_the_units_of_their_keys(tool):
+    factor = np.random.default_rng(3).normal(size=(6, 6)).round(3)
+    aircraft = (factor @ factor.T + np.eye(6)).round(6)
+    radar = aircraft[:4, :4]
+    scenario = accepted(
+        tool,
+        replaced({
+            AIRCRAFT: f"{{covariance: {block(aircraft)}}}",
+            RADAR: f"{{covariance: {block(radar)}}}",
+        }),
+    )  # fmt: skip
+    unit = [1, 1, 1] + [math.radians(1)] * 3
+    for i in range(6):
+        for j in range(6):
+            expected = aircraft[i, j] * unit[i] * unit[j]
+            assert scenario.cov_aircraft[i, j] == pytest.approx(expected, rel=1e-15)
+    assert (scenario.cov_radar["medium"] == radar).all()
+    # Blocks on the diagonal are the same as keys of their own.
+    parts = np.zeros((6, 6))
+    parts[:3, :3], parts[3:, 3:] = aircraft[:3, :3], aircraft[3:, 3:]
+    whole = accepted(tool, replaced({AIRCRAFT: f"{{covariance: {block(parts)}}}"}))
+    keys = {
+        f"{AIRCRAFT}.position_m": block(aircraft[:3, :3]),
+        f"{AIRCRAFT}.attitude_deg": block(aircraft[3:, 3:]),
+    }
+    by_key = accepted(tool, replaced(keys))
+    assert by_key.cov_aircraft == pytest.approx(whole.cov_aircraft, rel=1e-15, abs=0)
+
+
+def test_singular_covariances_are_covariances(tool):
+    ones = block(np.ones((4, 4)))
+    assert (
+        accepted(tool, replaced({RADAR: f"{{covariance: {ones}}}"})).cov_radar["medium"] == 1
+    ).all()
+    accepted(tool, replaced({f"{RADAR}.position_m": "0", f"{RADAR}.constant": "0"}))
+    # Written with six digits, as programs do, a full correlation is off by rounding only.
+    accepted(tool, replaced({f"{RADAR}.position_m": "[[1, 2, 0], [2, 4, 0], [0, 0, 0]]"}))
+
+
+ROUND_TRIPS = {
+    "paper": LINES,
+    "surveillance": surveillance(),
+    "constant RCS": replaced({"aircraft.rcs": "{model: constant, rcs_m2: 0.2}"}),
+    "spikeball": replaced(
+        {"aircraft.rcs": "{model: spikeball, lobes: 4, amplitude_m2: 0.18, floor_m2: 0.1}"}
+    ),
+    "north": replaced({"geometry.azimuth_from": "north"}),
+    "defaults": [(p, v) for p, v in LINES if p not in OPTIONAL],
+    "covariances": replaced({
+        AIRCRAFT: f"{{covariance: {block(np.eye(6))}}}",
+        f"{RADAR}.position_m": block(np.eye(3) + 0.1),
+        "uncertainty.radar.low.position_m": "[1, 2, 3]",
+        "uncertainty.radar.high": f"{{covariance: {IDENTITY_4}}}",
+    }),
+    "numbers": replaced({
+        "radar.constant": "1e-20",
+        "radar.p_fa": "5e-324",
+        "geometry.range_km": "1e20",
+        "analysis.seed": "1" * 50,
+        "name": "NO",
+    }),
+    "one third": replaced({"radar.constant": repr(1 / 3), "radar.p_fa": repr(0.1 + 0.2)}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", ROUND_TRIPS)
+def test_check_prints_the_scenario_itself(tool, kind):
+    before = accepted(tool, ROUND_TRIPS[kind])
+    printed = tool("check", "my.yaml").out
+    write(printed, "again.yaml")
+    assert tool("check", "again.yaml") == (0, printed, "")
+    after = rs.load_scenario("again.yaml")
+    assert after.resolved() == before.resolved()
+    assert (after.aircraft == before.aircraft).all()
+    assert (after.radar == before.radar).all()
+    assert (after.cov_aircraft == before.cov_aircraft).all()
+    for level, covariance in before.cov_radar.items():
+        assert (after.cov_radar[level] == covariance).all()
+    # One that any YAML reader takes the same way, names among it.
+    assert yaml.safe_load(printed)["name"] == before.name
+
+
+def test_check_quietly(tool):
+    assert tool("check", "-q") == (0, "", "")
+
+
+# Anything at all.
+
+FEW_LINES = replaced({"geometry.azimuth_deg.step": "60"})
+EXTREME = ["0", "1e-20", "1e20", "-1e20", "1e-10", "1e10", "1", "-1", "2", "0.5", "90", "1e3"]
+scalar = st.one_of(
+    st.sampled_from([*NO_NUMBER, *EXTREME, "*loop", "&loop [*loop]", "!!str 5", "- 1", "#", "? "]),
+    st.floats(allow_nan=True).map(repr),
+    st.integers().map(str),
+    st.text(st.characters(codec="utf-8"), max_size=8),
+)
+value = st.recursive(
+    scalar,
+    lambda inner: st.one_of(
+        st.lists(inner, max_size=4).map(lambda v: f"[{', '.join(v)}]"),
+        st.lists(st.tuples(scalar, inner), max_size=3).map(
+            lambda v: f"{{{', '.join(f'{k}: {x}' for k, x in v)}}}"
+        ),
+    ),
+    max_leaves=8,
+)
+change = st.tuples(
+    st.integers(0, len(FEW_LINES) - 1), st.sampled_from(["set", "drop", "twice", "add"]), value
+)
+
+
+@st.composite
+def mangled(draw: st.DrawFn) -> bytes:
+    """Return the scenario with a few lines changed at random."""
+    lines = list(FEW_LINES)
+    for index, action, text in draw(st.lists(change, min_size=1, max_size=3)):
+        index %= len(lines)
+        path, old = lines[index]
+        new = {
+            "set": [(path, text)],
+            "drop": [],
+            "twice": [(path, old)] * 2,
+            "add": [(path, old), (f"{parent(path)}.{text}".lstrip("."), text)],
+        }
+        lines[index : index + 1] = new[action]
+    return yaml_text(lines).encode()
+
+
+NUMBERS = [
+    p for p, v in FEW_LINES if v and not p.endswith(("name", "model", "type", "from", "level"))
+]
+
+
+@st.composite
+def extreme(draw: st.DrawFn) -> bytes:
+    """Return the scenario with numbers at the ends of what is allowed."""
+    chosen = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8, unique=True))
+    number = st.sampled_from(EXTREME)
+    tiny = st.sampled_from(["5e-324", "1e-300", "1e-20", "0.5", "0.9999999999999999"])
+    changes = {}
+    for path in chosen:
+        old = dict(FEW_LINES)[path]
+        if path.endswith("p_fa"):
+            changes[path] = draw(tiny)
+        elif old.startswith("["):
+            changes[path] = f"[{', '.join(draw(number) for _ in range(3))}]"
+        else:
+            changes[path] = draw(number)
+    if draw(st.booleans()):
+        a, floor = draw(number), draw(number)
+        changes["aircraft.rcs"] = draw(
+            st.sampled_from([
+                f"{{model: spikeball, lobes: 1000000, amplitude_m2: {a}, floor_m2: {floor}}}",
+                f"{{model: constant, rcs_m2: {a}}}",
+            ])
+        )  # fmt: skip
+    return yaml_text(replaced(changes, FEW_LINES)).encode()
+
+
+anything = partial(
+    settings,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+
+
+def refused_or_runs(tool: Callable, content: bytes) -> None:
+    """Insist on one line of complaint or, without a Python warning, on results."""
+    write(content)
+    code, out, err = tool("check", "my.yaml")
+    if code:
+        assert_refused(code, out, err)
+        return
+    assert err == ""
+    assume(int(re.match(r"# (\d+) poses", out)[1]) <= 100)
+    for args in (["variance"], ["budget"], ["montecarlo", "--runs", "2", "--workers", "1"]):
+        code, _, err = tool(*args, "my.yaml", "--no-plot")
+        assert code == 0
+        assert all(line.startswith("Warning: ") for line in err.splitlines())
+
+
+@anything(max_examples=200)
+@given(content=mangled())
+def test_mangled_scenario(tool, content):
+    refused_or_runs(tool, content)
+
+
+@anything(max_examples=60)
+@given(content=extreme())
+def test_extreme_scenario(tool, content):
+    refused_or_runs(tool, content)
+
+
+@anything(max_examples=100)
+@given(content=st.one_of(st.binary(), st.text(st.characters(codec="utf-8")).map(str.encode)))
+def test_anything_else(tool, content):
+    refused_or_runs(tool, content)
