@@ -90,19 +90,24 @@ def factor(covariance: FloatArray) -> FloatArray:
     return np.where(independent[..., np.newaxis, np.newaxis], diagonal, root)
 
 
-def colour(factor: FloatArray, white: FloatArray) -> FloatArray:
-    """Turn independent unit normals (..., n) into draws with covariance F Fᵀ.
+def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray:
+    """Turn independent unit normals (..., n) into draws (..., n) with covariance F Fᵀ.
 
     Written out instead of a matrix product, whose rounding depends on the library behind it and on
     the number of draws multiplied at a time.
+
+    Args:
+        mean: Mean of the draws, broadcast against them.
+        factor: F (n, n).
+        white: Independent unit normals (..., n).
     """
-    rows = []
-    for weights in factor:
-        row = np.zeros(white.shape[:-1])
+    components = []
+    for i, weights in enumerate(factor):
+        component = np.broadcast_to(mean[..., i], white.shape[:-1])
         for j in np.flatnonzero(weights):
-            row += weights[j] * white[..., j]
-        rows.append(row)
-    return join(rows)
+            component = component + weights[j] * white[..., j]
+        components.append(component)
+    return join(components)
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:

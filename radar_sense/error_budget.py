@@ -217,8 +217,8 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     ]
 
     def p_d(white: FloatArray) -> FloatArray:
-        aircraft = covariance.colour(factor_aircraft, white[:, :aircraft_inputs])
-        radar = scenario.radar + covariance.colour(factor_radar, white[:, aircraft_inputs:])
+        aircraft = covariance.draws(np.zeros(6), factor_aircraft, white[:, :aircraft_inputs])
+        radar = covariance.draws(scenario.radar, factor_radar, white[:, aircraft_inputs:])
         radar[:, -1] = np.maximum(radar[:, -1], 0.0)
         return np.stack([scenario.model.p_d(pose + aircraft, radar) for pose in scenario.aircraft])
 

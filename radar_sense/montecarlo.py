@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.covariance import colour, factor
+from radar_sense.covariance import draws, factor
 from radar_sense.model import DetectionModel
 from radar_sense.propagation import Moments, propagate
 from radar_sense.scenario import Scenario
@@ -112,7 +112,7 @@ class Sampler:
     ) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Radar states (runs, 4), and where c_r was drawn below zero and set to zero (runs,)."""
         white = generator.standard_normal((runs, len(self.radar)))
-        radar = self.radar + colour(self.factor_radar, white)
+        radar = draws(self.radar, self.factor_radar, white)
         negative = radar[:, CONSTANT] < 0
         radar[negative, CONSTANT] = 0.0
         return radar, negative
@@ -127,7 +127,7 @@ class Sampler:
         for start in range(0, len(radar), together):
             part = slice(start, min(start + together, len(radar)))
             white = generator.standard_normal((part.stop - start, *nominal.shape))
-            aircraft = nominal + colour(self.factor_aircraft, white)
+            aircraft = draws(nominal, self.factor_aircraft, white)
             p_d[part] = self.model.p_d(aircraft, radar[part, np.newaxis])
         return p_d
 
@@ -146,7 +146,7 @@ class _Blocks:
     def block(self, index: int) -> tuple[FloatArray, int]:
         """P_D (runs of the block, n) and the number of radar constants set to zero."""
         stream = np.random.SeedSequence(self.seed, spawn_key=(index,))
-        generator = np.random.default_rng(stream)
+        generator = np.random.Generator(np.random.SFC64(stream))
         runs = min(RUNS_PER_BLOCK, self.runs - index * RUNS_PER_BLOCK)
         # A last block that is not full draws as many, so that more runs begin with the same ones.
         radar, negative = self.sampler.draw_radar(generator, RUNS_PER_BLOCK)

@@ -147,12 +147,12 @@ def test_aircraft_is_drawn_at_every_pose():
 def test_draws_have_the_covariance_asked_for():
     root = np.random.default_rng(9).standard_normal((6, 3)) * [[10], [20], [5], [0.1], [0.2], [0.3]]
     white = np.random.default_rng(10).standard_normal((100_000, 6))
-    from radar_sense.covariance import colour, factor
+    from radar_sense.covariance import draws, factor
 
     covariance = root @ root.T
-    draws = colour(factor(covariance), white)
+    drawn = draws(np.zeros(6), factor(covariance), white)
     scale = np.sqrt(np.outer(np.diagonal(covariance), np.diagonal(covariance)))
-    assert np.max(abs(np.cov(draws, rowvar=False) - covariance) / scale) < 5 * np.sqrt(2 / 100_000)
+    assert np.max(abs(np.cov(drawn, rowvar=False) - covariance) / scale) < 5 * np.sqrt(2 / 100_000)
 
 
 @pytest.mark.parametrize(
