@@ -16,7 +16,7 @@ import numpy as np
 from radar_sense.error_budget import MONTE_CARLO, Allowance, allowances, error_budget
 from radar_sense.geometry import body_vector, slant_range
 from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
-from radar_sense.propagation import METHODS, Moments, propagate
+from radar_sense.propagation import BOUND_CHANGE, METHODS, STD_CHANGE, Moments, propagate
 from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.scenario import Scenario
 from radar_sense.states import SOURCES, FloatArray
@@ -344,7 +344,7 @@ def _mean(mean: FloatArray, method: str | None, ending: str = "") -> dict[str, F
 
 
 def _by(method: str | None) -> str:
-    return "" if method is None else f" by {method}"
+    return "" if method is None else f" ({method})"
 
 
 def _named(level: str, method: str | None) -> str:
@@ -369,7 +369,8 @@ def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[st
         (outside, f"the {name} 3-sigma band leaves [0, 1]"),
         (
             moments.curved & ~undefined,
-            f"effects of second order are too large for {name} to be trusted",
+            "the orders that it neglects would change sigma by over "
+            f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
     )
     return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, theta)))

@@ -6,18 +6,40 @@ One function per method, all of one signature, chosen by name in `METHODS`. `lin
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
 
+from radar_sense.form import quantiles
 from radar_sense.model import DetectionModel
+from radar_sense.standardized import Standardized, standardize
 from radar_sense.states import FloatArray
+
+#: A pose is curved where one order more would change σ by more than this fraction of it, ...
+STD_CHANGE = 0.02
+#: ... or a bound by more than this.
+BOUND_CHANGE = 0.005
+
+#: β of the quantiles that mean and standard deviation by `form` rest on.
+NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
 
 
 @dataclass(frozen=True, eq=False)
 class Moments:
     """What a method of propagation says of P_D at each pose.
+
+    Where the gradient of P_D vanishes first order finds no uncertainty, though there is some; and a
+    gradient says little of a function that bends within the region where the states are. `curved`
+    is the warning. For `linear` and `probit` it tells where the second order would change σ, of P_D
+    or of z, by more than 2 % or a bound by more than 0.005; for `form`, where that is so of
+    `probit` or where the orders above the second make such a change, though `form` accounts for
+    most of it. So it rather warns too often: on the paper's scenario for `linear` alone, at 0, 167
+    and 349 of 361 poses (Low, Medium, High); in tests far from that scenario at every pose where
+    `form` missed a bound by more than 0.002 or σ (above 1e-6) by more than 1 %, and at many others.
 
     Attributes:
         p_d: P_D of the nominal states (...).
@@ -25,10 +47,9 @@ class Moments:
         std: Standard deviation of P_D (...).
         lower: Bound that P_D falls below with probability Φ(−β) (...).
         upper: Bound that P_D stays below with probability Φ(β) (...).
-        curved: Where effects of second order are too large beside those of first order for the
-            method to be trusted (...).
-        settled: Where the method's iteration has settled; where it has not, mean, std and bounds are
-            NaN (...).
+        curved: Where the orders that the method neglects are too large for it to be trusted (...).
+        settled: Where the method's iteration has settled; where it has not, mean, std and bounds
+            are NaN (...).
     """
 
     p_d: FloatArray
@@ -40,11 +61,8 @@ class Moments:
     settled: NDArray[np.bool_]
 
 
-#: A method: model, aircraft (..., 6), radar (..., 4), C_aa (..., 6, 6), C_rr (..., 4, 4), β.
-Method = Callable[
-    [DetectionModel, ArrayLike, ArrayLike, ArrayLike, ArrayLike, float],
-    Moments,
-]
+#: A method: from poses and β to the moments of P_D, all (m,).
+Method = Callable[[Standardized, float], Moments]
 
 
 def propagate(
@@ -59,35 +77,158 @@ def propagate(
 ) -> Moments:
     """Mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
+    Args:
+        model: The detection model.
+        aircraft: Nominal aircraft states (..., 6).
+        radar: Nominal radar states (..., 4).
+        cov_aircraft: C_aa (..., 6, 6), which may be singular.
+        cov_radar: C_rr (..., 4, 4), which may be singular. The four broadcast against each other.
+        method: Name of the method.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+
     Raises:
-        ValueError: If there is no such method or a shape does not fit.
+        ValueError: If there is no such method, β is not positive or a shape does not fit.
     """
     if method not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
-    return METHODS[method](model, aircraft, radar, cov_aircraft, cov_radar, beta)
+    if not 0 < beta < np.inf:
+        raise ValueError(f"beta must be positive, got {beta}")
+    shape, blocks = standardize(model, aircraft, radar, cov_aircraft, cov_radar)
+    found = [METHODS[method](z, beta) for z in blocks]
+    values = {f.name: np.concatenate([getattr(m, f.name) for m in found]) for f in fields(Moments)}
+    for name in ("mean", "lower", "upper"):  # where nothing is uncertain, not even the rounding is
+        values[name] = np.where(values["std"] == 0, values["p_d"], values[name])
+    return Moments(**{name: value.reshape(shape)[()] for name, value in values.items()})
 
 
-def linear(
-    model: DetectionModel,
-    aircraft: ArrayLike,
-    radar: ArrayLike,
-    cov_aircraft: ArrayLike,
-    cov_radar: ArrayLike,
-    beta: float,
-) -> Moments:
-    """First order in P_D, `eq:pd_var`: the paper's method."""
-    lin = model.linearize(aircraft, radar)
-    std = lin.std(cov_aircraft, cov_radar)
-    known = np.ones(np.shape(std), dtype=bool)
+def linear(z: Standardized, beta: float) -> Moments:
+    """First order in P_D, `eq:pd_var`: the paper's method. Its bounds may leave [0, 1]."""
+    lin = z.model.linearize(z.aircraft, z.radar)
+    std = lin.std(z.cov_aircraft, z.cov_radar)
+    found = Spread(lin.p_d, std, lin.p_d - beta * std, lin.p_d + beta * std)
     return Moments(
-        p_d=lin.p_d,
-        mean=lin.p_d,
-        std=std,
-        lower=lin.p_d - beta * std,
-        upper=lin.p_d + beta * std,
-        curved=~known,
-        settled=known,
+        lin.p_d,
+        *found,
+        curved=_second_order_matters(z, found, beta),
+        settled=np.ones(len(std), dtype=bool),
     )
 
 
-METHODS: Mapping[str, Method] = {"linear": linear}
+def probit(z: Standardized, beta: float) -> Moments:
+    """First order in z: P_D = Φ(z) with z normal, its mean m = z(0) and its deviation s = |∇z|.
+
+    The bounds are Φ(m ± βs), which never leave [0, 1]; mean and variance have a closed form too.
+    On the paper's scenario its σ is wrong by 2.9 % at most (High, 90°) and its bounds by 0.0044.
+    With mean and variance of the second-order terms added to m and s² that would be 2.0 % and
+    0.0038, too little to give up so plain a method for. They decide about `curved` instead.
+    """
+    found = _first_order(z, beta)
+    return Moments(
+        z.model.p_d(z.aircraft, z.radar),
+        *found,
+        curved=_second_order_matters(z, found, beta),
+        settled=np.ones(len(z.value), dtype=bool),
+    )
+
+
+def form(z: Standardized, beta: float) -> Moments:
+    """First-order reliability method, corrected to second order: see the module of that name.
+
+    On the paper's scenario its bounds are wrong by 0.00006 at most, its σ by 0.04 % and its mean by
+    0.0000013, for some 33 gradients a pose.
+    """
+    quantile, to_second_order, settled = quantiles(z, np.append(NODES, (-beta, beta)))
+    found = _from_quantiles(z, quantile)
+    found = Spread(*(np.where(settled, values, np.nan) for values in found))
+    return Moments(
+        z.model.p_d(z.aircraft, z.radar),
+        *found,
+        curved=_differ(_from_quantiles(z, to_second_order), found)
+        | _second_order_matters(z, _first_order(z, beta), beta),
+        settled=settled,
+    )
+
+
+METHODS: Mapping[str, Method] = {"linear": linear, "probit": probit, "form": form}
+
+
+class Spread(NamedTuple):
+    """The part of `Moments` that a method finds, each (m,)."""
+
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def probit_moments(m: FloatArray, s: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation of Φ(z) for normal z with mean m (k,) and deviation s (k,).
+
+    The mean is Φ(h) with h = m/√(1 + s²), the variance 2 [T(h, 1) − T(h, a)] with a = 1/√(1 + 2s²)
+    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of
+    exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0. So the difference is that from a to 1, and taken as one
+    integral it is exact to rounding where s is small and the two T would cancel.
+    """
+    h = m / np.sqrt(1.0 + s * s)
+    a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)
+    width = 2.0 * (s * a) ** 2 / (1.0 + a)  # 1 − a
+    points, weights = np.polynomial.legendre.leggauss(32)
+    square = 1.0 + (1.0 - 0.5 * width[:, np.newaxis] * (1.0 - points)) ** 2
+    integrand = np.exp(-0.5 * (h * h)[:, np.newaxis] * square) / square
+    variance = width * np.sum(weights * integrand, axis=1) / (2.0 * np.pi)
+    return ndtr(h), np.sqrt(variance)
+
+
+def _normal(m: FloatArray, s: FloatArray, beta: float) -> Spread:
+    """What becomes of P_D where z is normal."""
+    return Spread(*probit_moments(m, s), ndtr(m - beta * s), ndtr(m + beta * s))
+
+
+def _first_order(z: Standardized, beta: float) -> Spread:
+    """What becomes of P_D where z is linear in the states."""
+    return _normal(z.value, np.sqrt(np.sum(z.gradient**2, axis=1)), beta)
+
+
+def _second_order_matters(z: Standardized, found: Spread, beta: float) -> NDArray[np.bool_]:
+    """Say where the second-order terms of z would change P_D as found, or are large in z itself.
+
+    Each term λu²/2 has mean λ/2 and variance λ²/2. Where P_D is nearly always 0 or 1 it does not
+    show what becomes of z.
+    """
+    mean = z.value + 0.5 * np.sum(z.curvature, axis=1)
+    first = np.sum(z.gradient**2, axis=1)
+    both = first + 0.5 * np.sum(z.curvature**2, axis=1)
+    in_p_d = _differ(found, _normal(mean, np.sqrt(both), beta))
+    in_z: NDArray[np.bool_] = both > (1.0 + STD_CHANGE) ** 2 * first
+    return in_p_d | in_z
+
+
+def _from_quantiles(z: Standardized, quantile: FloatArray) -> Spread:
+    """What becomes of P_D with these quantiles of z (m, nodes + 2), the last two for the bounds.
+
+    P_D at the quantile Φ(β) of z is that quantile of P_D, so mean and variance are integrals over
+    the normal distribution of β. The lesser of P_D and 1 − P_D is integrated, about its median, so
+    that a small deviation beside P_D ≈ 1 is not lost.
+    """
+    beta = np.linspace(-6.0, 6.0, 241)
+    weight = np.exp(-0.5 * beta * beta)
+    weight /= weight.sum()
+    curve = CubicSpline(NODES, quantile[:, : len(NODES)], axis=1)(beta)
+    side = np.where(z.value > 0, -1.0, 1.0)[:, np.newaxis]
+    lesser = ndtr(side * np.maximum(curve, z.floor))
+    median = lesser[:, len(beta) // 2, np.newaxis]
+    drift = np.sum(weight * (lesser - median), axis=1, keepdims=True)
+    variance = np.sum(weight * (lesser - median - drift) ** 2, axis=1)
+    mean = (median + drift)[:, 0]
+    lower, upper = ndtr(np.maximum(quantile[:, len(NODES) :], z.floor)).T
+    return Spread(np.where(z.value > 0, 1.0 - mean, mean), np.sqrt(variance), lower, upper)
+
+
+def _differ(found: Spread, better: Spread) -> NDArray[np.bool_]:
+    """Say where one is too far from the other, or either is not known."""
+    near = (
+        (abs(found.std - better.std) <= STD_CHANGE * better.std)
+        & (abs(found.lower - better.lower) <= BOUND_CHANGE)
+        & (abs(found.upper - better.upper) <= BOUND_CHANGE)
+    )
+    return ~near

@@ -1,0 +1,714 @@
+"""Methods of propagation: what each says of P_D, against references that know nothing of it.
+
+References: randomised quasi-Monte Carlo and plain Monte Carlo on the paper's scenario (see
+tests/reference), draws on random scenarios, integrals over one state by scipy, and mpmath.
+"""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import quad
+from scipy.special import ndtr
+from scipy.stats import chi2, ncx2, norm
+
+from radar_sense import form, standardized
+from radar_sense.covariance import factor
+from radar_sense.geometry import orbit
+from radar_sense.model import DetectionModel
+from radar_sense.propagation import METHODS, Moments, probit_moments, propagate
+from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+
+REFERENCE = np.load(Path(__file__).parent / "reference" / "propagation.npz")
+THETA_DEG = REFERENCE["theta_deg"]
+
+MODEL = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
+RADAR = np.array([0.0, 0.0, 0.0, 167.0])
+DEGREE = np.radians(1.0)
+VALUES = ("mean", "std", "lower", "upper")
+
+
+def paper_aircraft(azimuth_deg):
+    states = np.zeros((*np.shape(azimuth_deg), 6))
+    states[..., :3] = orbit(np.radians(azimuth_deg), radius=500e3, down=-3e3)
+    states[..., 5] = np.radians(90)
+    return states
+
+
+def independent(*std):
+    return np.diag(np.square(std))
+
+
+AIRCRAFT = paper_aircraft(THETA_DEG)
+COV_AIRCRAFT = independent(10, 10, 10, DEGREE, DEGREE, DEGREE)
+COV_RADAR = {
+    "low": independent(10, 10, 10, 1),
+    "medium": independent(100, 100, 100, 5),
+    "high": independent(1000, 1000, 1000, 10),
+}
+CERTAIN_AIRCRAFT, CERTAIN_RADAR = np.zeros((6, 6)), np.zeros((4, 4))
+
+
+def on_paper(method, level, **kwargs):
+    return propagate(
+        MODEL, AIRCRAFT, RADAR, COV_AIRCRAFT, COV_RADAR[level], method=method, **kwargs
+    )
+
+
+def assert_same(found, expected, rtol=1e-12):
+    for name in ("p_d", *VALUES):
+        assert_allclose(getattr(found, name), getattr(expected, name), rtol=rtol, err_msg=name)
+    assert_array_equal(found.curved, expected.curved)
+    assert_array_equal(found.settled, expected.settled)
+
+
+# The paper's scenario.
+
+
+@pytest.mark.parametrize("level", COV_RADAR)
+def test_the_reference_agrees_with_plain_monte_carlo(level):
+    """Every fourth pose and all quantiles; the draws are shared, so these are few numbers."""
+    some = slice(None, None, int(REFERENCE["plain_step"]))
+    for name in ("quantiles", "mean", "std"):
+        reference = REFERENCE[f"{level}_{name}"][some]
+        plain = REFERENCE[f"plain_{level}_{name}"]
+        error = np.hypot(
+            REFERENCE[f"{level}_{name}_error"][some], REFERENCE[f"plain_{level}_{name}_error"]
+        )
+        assert np.max(abs(plain - reference) / error) < 3.5
+        # ... and is far more precise, enough to judge what is judged here.
+        assert np.max(REFERENCE[f"{level}_{name}_error"]) < 6e-6
+
+
+#: Largest errors of bounds at β = 3, of σ relative to it, and of the mean. Each is some 10 % above
+#: what was found, and within what is asked: bounds 0.005 and σ 3 % by `probit`; bounds 0.0005, σ
+#: 0.5 % (1.5 % at Low) and mean 0.0002 by `form`; for `linear` nothing is.
+ERRORS = {
+    ("linear", "low"): (4.3e-3, 0.0159, 4.4e-4),
+    ("linear", "medium"): (1.13e-2, 0.0418, 1.3e-3),
+    ("linear", "high"): (3.9e-2, 0.145, 4.0e-3),
+    ("probit", "low"): (2.3e-3, 0.0146, 2.9e-4),
+    ("probit", "medium"): (1.1e-3, 0.0108, 1.1e-4),
+    ("probit", "high"): (4.9e-3, 0.0299, 5.0e-4),
+    ("form", "low"): (1.1e-5, 4.5e-4, 8e-7),
+    ("form", "medium"): (1.7e-5, 3.5e-4, 5e-7),
+    ("form", "high"): (6.2e-5, 4.2e-4, 1.5e-6),
+}
+
+
+@pytest.mark.parametrize(("method", "level"), ERRORS)
+def test_error_on_the_paper_s_scenario(method, level):
+    bound_error, std_error, mean_error = ERRORS[method, level]
+    found = on_paper(method, level)
+    quantiles = REFERENCE[f"{level}_quantiles"]
+    errors = [
+        max(np.max(abs(found.lower - quantiles[:, 0])), np.max(abs(found.upper - quantiles[:, 6]))),
+        np.max(abs(found.std / REFERENCE[f"{level}_std"] - 1)),
+        np.max(abs(found.mean - REFERENCE[f"{level}_mean"])),
+    ]
+    assert errors[0] < bound_error
+    assert errors[1] < std_error
+    assert errors[2] < mean_error
+    # The claims are tight: a method that has become better or another one shows as well.
+    assert np.all(np.array(errors) > 0.5 * np.array(ERRORS[method, level]))
+    assert found.settled.all()
+    assert_array_equal(found.p_d, MODEL.p_d(AIRCRAFT, RADAR))
+
+
+@pytest.mark.parametrize("level", COV_RADAR)
+@pytest.mark.parametrize("beta", [1, 2])
+def test_form_bounds_at_other_beta(level, beta):
+    found = on_paper("form", level, beta=beta)
+    quantiles = REFERENCE[f"{level}_quantiles"]
+    assert_allclose(found.lower, quantiles[:, 3 - beta], rtol=0, atol=4.5e-5)
+    assert_allclose(found.upper, quantiles[:, 3 + beta], rtol=0, atol=4.5e-5)
+
+
+def test_mean_and_deviation_do_not_depend_on_beta():
+    for method in METHODS:
+        one, other = on_paper(method, "high", beta=0.3), on_paper(method, "high", beta=5.0)
+        assert_allclose(one.mean, other.mean, rtol=1e-13)
+        assert_allclose(one.std, other.std, rtol=1e-12)
+        assert np.all(other.lower < one.lower)
+        assert np.all(one.upper < other.upper)
+
+
+def test_curved_on_the_paper_s_scenario():
+    """Neither probit nor form need be doubted; linear where it is off by some 2 % or 0.005."""
+    for level in COV_RADAR:
+        for method in ("probit", "form"):
+            assert not on_paper(method, level).curved.any()
+        linear = on_paper("linear", level)
+        error = abs(linear.std / REFERENCE[f"{level}_std"] - 1)
+        assert np.all(linear.curved[error > 0.025])
+        bounds = REFERENCE[f"{level}_quantiles"][:, [0, 6]]
+        missed = abs(np.transpose([linear.lower, linear.upper]) - bounds).max(axis=1)
+        assert np.all(linear.curved[missed > 0.008])
+        assert linear.curved.any() == (level != "low")
+
+
+def test_linear_is_the_linearization_bit_for_bit():
+    rng = np.random.default_rng(1)
+    lin = MODEL.linearize(AIRCRAFT, RADAR)
+    for cov_aircraft, cov_radar in (
+        (COV_AIRCRAFT, COV_RADAR["medium"]),
+        (correlated(rng, [10, 20, 30, 0.01, 0.02, 0.03]), correlated(rng, [100, 200, 300, 10])),
+    ):
+        found = propagate(MODEL, AIRCRAFT, RADAR, cov_aircraft, cov_radar, beta=2.0)
+        std = lin.std(cov_aircraft, cov_radar)
+        assert_array_equal(found.std, std)
+        for name in ("p_d", "mean"):
+            assert_array_equal(getattr(found, name), lin.p_d)
+        assert_array_equal(found.lower, lin.p_d - 2 * std)
+        assert_array_equal(found.upper, lin.p_d + 2 * std)
+
+
+# Closed forms.
+
+
+def test_moments_of_a_probit_agree_with_thirty_digits():
+    """Against the integrals that define them, over the density of the normal distribution."""
+    for m in (0.0, 0.3, -1.0, 3.0, 9.0):
+        for s in (1e-7, 1e-4, 0.03, 0.5, 3.0, 30.0):
+            mean, std = probit_moments(np.array([m]), np.array([s]))
+            with mp.workdps(40):
+                h = mpf(m) / mp.sqrt(1 + mpf(s) ** 2)
+                a = 1 / mp.sqrt(1 + 2 * mpf(s) ** 2)
+                exact_mean = mp.ncdf(h)
+                exact_variance = (
+                    mp.quad(
+                        lambda t, h=h: mp.exp(-h * h * (1 + t * t) / 2) / (1 + t * t),
+                        mp.linspace(a, 1, 6),
+                    )
+                    / mp.pi
+                )
+            assert mean[0] == pytest.approx(float(exact_mean), rel=3e-14)
+            assert std[0] == pytest.approx(float(mp.sqrt(exact_variance)), rel=3e-14)
+            if 0.5 <= s <= 3 and m < 9:  # Owen's integral itself
+                with mp.workdps(20):
+                    defined = mp.quad(
+                        lambda u, m=m, s=s, e=exact_mean: (
+                            (mp.ncdf(m + s * u) - e) ** 2 * mp.npdf(u)
+                        ),
+                        [-14, -8, -6, -4, -2, 0, 2, 4, 6, 8, 14],
+                    )
+                assert float(defined / exact_variance) == pytest.approx(1, rel=1e-8)
+
+
+def test_quantiles_of_a_quadratic_that_are_known():
+    """r* is exact without λ, off by 4 % of a deviation where λ is g, and by 1.2 % for chi-square.
+
+    At λ = 0.2 g, where a pose is not curved yet, it is off by 0.1 %.
+    """
+    beta = np.array([-4.0, -3.0, -1.0, 0.0, 1.0, 3.0, 4.0])
+    level = ndtr(beta)
+    cases = [  # g, λ, quantiles; relative tolerance, tolerance in standard deviations
+        ([2.0, 0.0, -1.0], [0.0, 0.0, 0.0], np.sqrt(5) * beta, 0.0, 1e-9),
+        # g u + λu²/2 = λ/2 (u + g/λ)² − g²/(2λ)
+        ([1.0], [0.04], 0.02 * ncx2.ppf(level, 1, 625.0) - 12.5, 0.0, 1e-5),
+        ([1.0], [0.2], 0.1 * ncx2.ppf(level, 1, 25.0) - 2.5, 0.0, 1.1e-3),
+        ([0.6, 0.8], [0.3, 0.3], 0.15 * ncx2.ppf(level, 2, 1 / 0.09) - 1 / 0.6, 0.0, 2.5e-3),
+        ([1.0], [1.0], 0.5 * ncx2.ppf(level, 1, 1.0) - 0.5, 0.0, 0.045),
+        ([0.0], [2.0], chi2.ppf(level, 1), 0.012, 0.003),
+        ([0.0] * 3, [-2.0] * 3, -chi2.ppf(ndtr(-beta), 3), 0.012, 0.003),
+    ]
+    for g, lam, exact, relative, tolerance in cases:
+        found = form.quadratic_quantile(np.array([g]), np.array([lam]), beta)[0]
+        spread = np.sqrt(np.sum(np.square(g)) + 0.5 * np.sum(np.square(lam)))
+        assert_allclose(found, exact, rtol=relative, atol=tolerance * spread)
+    assert_array_equal(form.quadratic_quantile(np.zeros((1, 2)), np.zeros((1, 2)), beta), 0.0)
+
+
+def test_maximum_in_a_ball():
+    """No point of a fine net of the ball, climbed from, is better; nor is u outside the ball."""
+    rng = np.random.default_rng(2)
+    g, lam = rng.normal(size=(300, 3)), rng.normal(size=(300, 3))
+    lam[50:100] -= 4  # maxima inside the ball
+    g[100:150, 2] = 0
+    lam[100:150, 2] = lam[100:150].max(axis=1) + 1  # forks
+    g[150:160] = 0
+    lam[160:170] = 0
+    lam[170:180] = [1.0, 1.0, -1.0]
+    radius = rng.uniform(0.2, 5.0, 300)
+    u = form.ball_maximum(g, lam, radius)
+    length = np.linalg.norm(u, axis=1)
+    assert np.all(length <= radius * (1 + 1e-9))
+    value = np.sum(g * u + 0.5 * lam * u * u, axis=1)
+    points = rng.normal(size=(3000, 300, 3))
+    points *= (radius / np.linalg.norm(points, axis=2))[..., np.newaxis]
+    points[1000:] *= rng.uniform(0, 1, (2000, 300, 1)) ** (1 / 3)
+    best = np.sum(g * points + 0.5 * lam * points**2, axis=2).max(axis=0)
+    size = radius * np.linalg.norm(g, axis=1) + 0.5 * radius**2 * abs(lam).max(axis=1)
+    assert np.all(value >= best - 2e-6 * size)
+    # Conditions of the maximum: g + λu = μu with μ ≥ 0, and μ = 0 inside.
+    push = g + lam * u
+    mu = np.sum(push * u, axis=1) / length**2
+    forked = np.r_[100:160]
+    plain = np.setdiff1d(np.arange(300), forked)
+    assert np.all(abs(push - mu[:, np.newaxis] * u)[plain] <= 1e-9 * (size / radius)[plain, None])
+    assert np.all(mu[plain] * radius[plain] ** 2 >= -1e-9 * size[plain])
+    inside = plain[length[plain] < 0.999 * radius[plain]]
+    assert len(inside) > 20
+    assert_allclose(push[inside], 0, atol=1e-9 * 10)
+    assert np.any(length[plain] > 0.999999 * radius[plain])
+    assert_array_equal(form.ball_maximum(g[:3], lam[:3], np.zeros(3)), 0.0)
+    assert_array_equal(form.ball_maximum(np.zeros((1, 3)), np.zeros((1, 3)), np.ones(1)), 0.0)
+
+
+# One uncertain state: quantiles are those of a function of one variable, moments are integrals.
+
+
+def one_state(which, std):
+    """Covariances in which that component of the ten states alone is uncertain."""
+    variances = np.zeros(10)
+    variances[which] = std**2
+    return np.diag(variances[:6]), np.diag(variances[6:])
+
+
+def exact_moments(p_d_at, breaks=()):
+    """Mean and standard deviation of a function of one standard normal variable."""
+    ends = np.unique([-9.0, -3.0, 0.0, 3.0, 9.0, *breaks])
+
+    def integral(function):
+        return sum(
+            quad(lambda u: function(u) * norm.pdf(u), a, b, epsabs=0, epsrel=1e-10, limit=200)[0]
+            for a, b in pairwise(ends)
+        )
+
+    centre = p_d_at(0.0)
+    drift = integral(lambda u: p_d_at(u) - centre)
+    return centre + drift, np.sqrt(integral(lambda u: (p_d_at(u) - centre - drift) ** 2))
+
+
+@pytest.mark.parametrize(
+    ("percent", "bound_error", "std_error"),
+    [(0.01, 1e-12, 1e-7), (3, 1e-7, 1e-6), (10, 2e-5, 1e-5), (30, 1.1e-3, 3e-3), (50, 5e-4, 0.011)],
+)
+def test_radar_constant_alone(percent, bound_error, std_error):
+    """Monotone, so the bounds are P_D at c_r (1 ± 3 percent); at 50 % c_r is below zero at −2.
+
+    The extremes on the spheres are then exact, and what is seen is the error of r*.
+    """
+    std = percent / 100 * RADAR[3]
+    aircraft = paper_aircraft(np.array([0.0, 30.0, 60.0, 90.0]))
+    found = propagate(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
+    for i, pose in enumerate(aircraft):
+
+        def p_d_at(u, pose=pose):
+            return float(MODEL.p_d(pose, [0, 0, 0, max(RADAR[3] + std * u, 0.0)]))
+
+        assert found.lower[i] == pytest.approx(p_d_at(-3.0), abs=bound_error)
+        assert found.upper[i] == pytest.approx(p_d_at(3.0), abs=bound_error)
+        mean, std_exact = exact_moments(p_d_at, breaks=[max(-100 / percent, -9.0)])
+        assert found.mean[i] == pytest.approx(mean, abs=2 * bound_error)
+        assert found.std[i] == pytest.approx(std_exact, rel=std_error)
+    assert found.curved.any() == (percent >= 30)
+
+
+def test_a_radar_constant_that_is_half_the_time_zero():
+    """Then P_D has a floor that half of the draws are at, which is where the lower bound is."""
+    pose, std = paper_aircraft(90.0), 5.0
+    found = propagate(MODEL, pose, RADAR * 0.0, *one_state(9, std), method="form")
+
+    def p_d_at(u):
+        return float(MODEL.p_d(pose, [0, 0, 0, max(std * u, 0.0)]))
+
+    mean, std_exact = exact_moments(p_d_at)
+    assert found.std == pytest.approx(std_exact, rel=0.01)
+    assert found.mean == pytest.approx(mean, abs=0.01 * std_exact)
+    assert found.lower == pytest.approx(p_d_at(-3.0), rel=1e-12)
+    assert found.upper == pytest.approx(p_d_at(3.0), rel=0.02)
+
+
+@pytest.mark.parametrize("beta", [-4.5, -3.0, -0.5, 0.5, 2.0, 4.5])
+def test_extremes_of_a_monotone_function_are_exact(beta):
+    """FORM itself, without its correction; above −1/0.3, where c_r is zero, z is the model's."""
+    std = 0.3 * RADAR[3]
+    _, (z,) = standardized.standardize(MODEL, AIRCRAFT[::40], RADAR, *one_state(9, std))
+    row, sign = np.arange(len(z.value)), np.full(len(z.value), np.sign(beta))
+    g, lam = np.sign(beta) * z.gradient, np.sign(beta) * z.curvature
+    extreme, settled = form._climb(z, row, sign, abs(beta) * np.ones(len(row)), g, lam)
+    assert settled.all()
+    radar = [0, 0, 0, RADAR[3] + std * max(beta, -1 / 0.3)]
+    exact = MODEL.linearize_probit(AIRCRAFT[::40], radar)[0]
+    if beta > -1 / 0.3:
+        assert_allclose(sign * extreme, exact, rtol=0, atol=1e-9)
+    else:
+        assert_allclose(exact, z.floor, rtol=1e-13)
+        assert np.all(sign * extreme < z.floor)
+
+
+@pytest.mark.parametrize("which", [0, 1, 3, 5, 6])
+def test_another_state_alone(which):
+    """At 45° every one of these is monotone within four deviations."""
+    std = 2000.0 if which in (0, 1, 6) else 1.5 * DEGREE
+    pose = paper_aircraft(45.0)
+    pose[3] = 0.2  # else rolling changes next to nothing
+    found = propagate(MODEL, pose, RADAR, *one_state(which, std), method="form")
+
+    def p_d_at(u):
+        states = np.concatenate((pose, RADAR))
+        states[which] += std * u
+        return float(MODEL.p_d(states[:6], states[6:]))
+
+    mean, std_exact = exact_moments(p_d_at)
+    assert std_exact > 1e-4
+    assert found.std == pytest.approx(std_exact, rel=2e-5)
+    assert found.mean == pytest.approx(mean, abs=1e-3 * std_exact)
+    bounds = sorted((p_d_at(-3.0), p_d_at(3.0)))
+    assert_allclose([found.lower, found.upper], bounds, rtol=0, atol=1e-3 * std_exact)
+
+
+@pytest.mark.parametrize("constant", [40.0, 300.0, 450.0])
+def test_far_in_the_tails(constant):
+    """P_D near the false alarms or near 1: σ to a few digits down to 1e-10, and no less than 0."""
+    radar = np.array([0.0, 0.0, 0.0, constant])
+    std = 0.04 * constant
+    aircraft = paper_aircraft(np.array([0.0, 45.0, 70.0]))
+    found = propagate(MODEL, aircraft, radar, *one_state(9, std), method="form")
+    by_probit = propagate(MODEL, aircraft, radar, *one_state(9, std), method="probit")
+    for i, pose in enumerate(aircraft):
+
+        def p_d_at(u, pose=pose):
+            return float(MODEL.p_d(pose, [0, 0, 0, constant + std * u]))
+
+        _, exact = exact_moments(p_d_at)
+        if exact > 1e-10:
+            assert found.std[i] == pytest.approx(exact, rel=1e-3)
+            assert by_probit.std[i] == pytest.approx(exact, rel=0.35)
+        assert found.std[i] > 0
+
+
+# Where the gradient vanishes.
+
+
+@pytest.mark.parametrize("azimuth", [0.0, 90.0, 180.0])
+@pytest.mark.parametrize("exactly", [False, True])
+def test_no_confident_zero_where_the_gradient_vanishes(azimuth, exactly):
+    """Tail-on, broadside and nose-on yaw alone has no effect to first order."""
+    pose = paper_aircraft(azimuth)
+    if exactly:
+        pose[2] = 0.0
+        pose[:2] = np.round(pose[:2], 3)
+    covariances = one_state(5, DEGREE)
+
+    def p_d_at(u):
+        return float(MODEL.p_d([*pose[:5], pose[5] + DEGREE * u], RADAR))
+
+    mean, std = exact_moments(p_d_at)
+    farthest = p_d_at(norm.ppf((1 + ndtr(3.0)) / 2))  # |u| is no more with probability Φ(3)
+    assert std > 2e-5
+    for method in METHODS:
+        found = propagate(MODEL, pose, RADAR, *covariances, method=method)
+        assert found.curved
+        if method == "form":
+            assert found.settled
+            assert found.std == pytest.approx(std, rel=0.04)
+            assert found.mean == pytest.approx(mean, abs=0.1 * std)
+            # All of it on one side of the nominal.
+            ends = sorted((farthest, p_d_at(0.0)))
+            assert_allclose([found.lower, found.upper], ends, rtol=0, atol=0.35 * std)
+        else:
+            assert found.std < 0.05 * std
+
+
+def test_nothing_uncertain():
+    for method in METHODS:
+        found = propagate(MODEL, AIRCRAFT, RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR, method=method)
+        assert_array_equal(found.std, 0.0)
+        for name in ("mean", "lower", "upper"):
+            assert_array_equal(getattr(found, name), found.p_d)
+        assert not found.curved.any()
+        assert found.settled.all()
+
+
+def test_nothing_that_matters_uncertain():
+    """Attitude, with a cross section that is the same from everywhere."""
+    model = DetectionModel(ConstantRCS(0.2), p_fa=1e-4)
+    cov = independent(0, 0, 0, 0.3, 0.3, 0.3)
+    for method in METHODS:
+        found = propagate(model, AIRCRAFT[::30], RADAR, cov, CERTAIN_RADAR, method=method)
+        assert_array_equal(found.std, 0.0)
+        assert_array_equal(found.upper, found.p_d)
+
+
+# Any scenario.
+
+
+def correlated(rng, std, rank=None):
+    """A full covariance with these standard deviations."""
+    root = rng.normal(size=(len(std), rank or len(std)))
+    root /= np.linalg.norm(root, axis=1, keepdims=True)
+    return np.outer(std, std) * (root @ root.T)
+
+
+def draws(model, pose, radar, cov_aircraft, cov_radar, rng, count=200_000):
+    """P_D of draws, by NumPy's own multivariate normal."""
+    aircraft = rng.multivariate_normal(
+        pose, cov_aircraft, count, method="svd", check_valid="ignore"
+    )
+    states = rng.multivariate_normal(radar, cov_radar, count, method="svd", check_valid="ignore")
+    states[:, 3] = np.maximum(states[:, 3], 0.0)
+    return model.p_d(aircraft, states)
+
+
+@pytest.mark.parametrize("rank", [None, 2])
+@pytest.mark.parametrize("kind", ["constant", "ellipsoid", "spikeball"])
+def test_random_scenarios_against_draws(kind, rank):
+    """Trusted poses to 0.002 in the bounds, 1 % in σ and 0.0005 in the mean, and 4.5 errors."""
+    rng = np.random.default_rng([3, len(kind), rank or 0])
+    trusted, poses = 0, 6
+    for _ in range(poses):
+        rcs = {
+            "constant": ConstantRCS(rng.uniform(0.02, 0.1)),
+            "ellipsoid": EllipsoidRCS(*rng.uniform(0.12, 0.2, 3)),
+            "spikeball": SpikeballRCS(int(rng.integers(1, 5)), *rng.uniform(0.02, 0.1, 2)),
+        }[kind]
+        model = DetectionModel(rcs, p_fa=10.0 ** rng.uniform(-7, -3))
+        pose = np.array([*rng.normal(size=3) * [4e5, 4e5, 3e4], *rng.uniform(-1, 1, 3)])
+        radar = np.array([*rng.normal(size=3) * 100, 1.0])
+        radar[3] = 10.0 ** rng.uniform(0.3, 1.2) / model.snr(pose, radar)
+        cov_aircraft = correlated(rng, [300, 300, 300, DEGREE, DEGREE, DEGREE], rank)
+        cov_radar = correlated(rng, [500, 500, 500, rng.uniform(0.01, 0.07) * radar[3]], rank)
+        found = propagate(model, pose, radar, cov_aircraft, cov_radar, method="form")
+        if not found.settled or found.curved:
+            continue
+        trusted += 1
+        p_d = draws(model, pose, radar, cov_aircraft, cov_radar, rng)
+        n, std = len(p_d), p_d.std()
+        for bound, beta in ((found.lower, -3.0), (found.upper, 3.0)):
+            # 0.00135 n = 270 draws lie beyond, give or take 16.4 for each standard error.
+            off = 4.5 * np.sqrt(ndtr(-3.0) / n) * np.array([-1, 1])
+            low, high = np.quantile(p_d, ndtr(beta) + off)
+            assert low - 0.002 <= bound <= high + 0.002
+        std_error = np.sqrt((np.mean((p_d - p_d.mean()) ** 4) - std**4) / n) / (2 * std)
+        assert abs(found.std - std) < 4.5 * std_error + 0.01 * std
+        assert abs(found.mean - p_d.mean()) < 4.5 * std / np.sqrt(n) + 5e-4
+    assert trusted >= {"constant": 6, "ellipsoid": 5, "spikeball": 3}[kind]
+
+
+def misses(model, aircraft, radar, cov_aircraft, cov_radar):
+    """How far bounds are off, beyond 4 standard errors, and σ relative to it; and the moments."""
+    found = propagate(model, aircraft, radar, cov_aircraft, cov_radar, method="form")
+    rng, off = np.random.default_rng(4), 4 * np.sqrt(ndtr(-3.0) / 100_000)
+    bounds, stds = [], []
+    for i, pose in enumerate(aircraft):
+        p_d = draws(model, pose, radar, cov_aircraft, cov_radar, rng, 100_000)
+        ends = np.quantile(p_d, ndtr([[-3.0], [3.0]]) + off * np.array([-1, 1]))
+        given = np.array([found.lower[i], found.upper[i]])
+        bounds.append(np.max([ends[:, 0] - given, given - ends[:, 1]]))
+        stds.append(abs(found.std[i] / p_d.std() - 1) if p_d.std() > 1e-3 else 0.0)
+    return np.array(bounds), np.array(stds), found
+
+
+@pytest.mark.parametrize(
+    ("rcs", "constant", "attitude_deg", "constant_std"),
+    [
+        (MODEL.rcs, 167.0, 10.0, 5.0),
+        (MODEL.rcs, 167.0, 10.0, 83.5),
+        (SpikeballRCS(4, 0.18, 0.1), 60.0, 1.0, 3.0),
+        (SpikeballRCS(4, 0.18, 0.1), 60.0, 10.0, 3.0),
+        (SpikeballRCS(20, 0.18, 0.1), 60.0, 1.0, 5.0),
+    ],
+)
+def test_where_form_is_wrong_it_says_so(rcs, constant, attitude_deg, constant_std):
+    """Large angles, kinks in reach: a bound off by 0.001 or σ by 2 % is curved or not settled."""
+    model = DetectionModel(rcs, p_fa=1.7e-4)
+    angle = attitude_deg * DEGREE
+    bounds, stds, found = misses(
+        model,
+        paper_aircraft(np.arange(0.0, 181.0, 12.5)),
+        np.array([0.0, 0.0, 0.0, constant]),
+        independent(10, 10, 10, angle, angle, angle),
+        independent(100, 100, 100, constant_std),
+    )
+    trusted = found.settled & ~found.curved
+    assert np.all(bounds[trusted] < 1e-3)
+    assert np.all(stds[trusted] < 0.03)  # σ of the draws has an error of its own
+    assert not trusted.all()
+
+
+def test_bounds_stay_within_0_and_1():
+    """At deviations that make linear leave it, and at any β."""
+    cov_aircraft = independent(1e4, 1e4, 1e4, 0.1, 0.1, 0.1)
+    cov_radar = independent(1e4, 1e4, 1e4, 50.0)
+    for beta in (0.1, 1.0, 3.0, 8.0, 30.0):
+        for method in METHODS:
+            found = propagate(
+                MODEL, AIRCRAFT[::20], RADAR, cov_aircraft, cov_radar, method=method, beta=beta
+            )
+            if method == "linear":
+                assert beta < 3 or found.upper.max() > 1
+                continue
+            assert found.settled.any()
+            known = found.settled
+            assert np.all(found.lower[known] >= 0)
+            assert np.all(found.upper[known] <= 1)
+            assert np.all(found.lower[known] <= found.upper[known])
+            assert np.all(found.std[known] <= 0.5)
+            assert np.all((found.mean[known] > 0) & (found.mean[known] < 1))
+
+
+def test_uncertainty_beyond_all_reason_is_curved():
+    """P_D is then nearly always 0 or 1 to any order, and does not show what becomes of z."""
+    for method in METHODS:
+        found = propagate(
+            MODEL, AIRCRAFT[::30], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8, method=method
+        )
+        assert found.curved.all()
+
+
+# What cannot be said is not said.
+
+
+@pytest.mark.parametrize("limit", [0, 1, 2])
+def test_what_has_not_settled_is_reported_and_not_returned(limit, monkeypatch):
+    """One evaluation each is enough on the paper's scenario, but not with 5° of attitude."""
+    cov_aircraft = independent(10, 10, 10, 5 * DEGREE, 5 * DEGREE, 5 * DEGREE)
+
+    def propagated():
+        return propagate(
+            MODEL, AIRCRAFT[::10], RADAR, cov_aircraft, COV_RADAR["high"], method="form"
+        )
+
+    full = propagated()
+    assert full.settled.all()
+    monkeypatch.setattr(form, "ITERATIONS", limit)
+    cut = propagated()
+    assert not cut.settled.all()
+    assert cut.settled.any() == (limit > 1)
+    assert cut.curved[~cut.settled].all()
+    assert_array_equal(cut.p_d, full.p_d)
+    for name in VALUES:
+        value = getattr(cut, name)
+        assert_array_equal(np.isnan(value), ~cut.settled)
+        # What has settled is what it would have been.
+        assert_array_equal(value[cut.settled], getattr(full, name)[cut.settled])
+    assert on_paper("probit", "high").settled.all()
+
+
+def test_one_that_has_not_settled_leaves_its_neighbours_alone():
+    """A spikeball has kinks; the poses whose extremes they are do not settle."""
+    model = DetectionModel(SpikeballRCS(4, 0.18, 0.1), p_fa=1.7e-4)
+    radar = np.array([0.0, 0.0, 0.0, 60.0])
+    aircraft = AIRCRAFT[::30]
+
+    def by_form(aircraft):
+        return propagate(model, aircraft, radar, COV_AIRCRAFT, COV_RADAR["medium"], method="form")
+
+    found = by_form(aircraft)
+    assert 0 < found.settled.sum() < len(aircraft)
+    assert_array_equal(np.isnan(found.mean), ~found.settled)
+    assert np.all(found.curved[~found.settled])
+    for i, pose in enumerate(aircraft):
+        assert_same(Moments(*(v[i] for v in vars(found).values())), by_form(pose))
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_straight_above_the_radar_nothing_is_known(method):
+    above = np.array([0.0, 0.0, -3e3, 0.0, 0.0, 1.0])
+    poses = np.stack([paper_aircraft(30.0), above, paper_aircraft(60.0)])
+    radar = np.array([0.0, 0.0, 0.0, 1e-8])
+    cov_radar = independent(100, 100, 100, 1e-9)
+    found = propagate(MODEL, poses, radar, COV_AIRCRAFT, cov_radar, method=method)
+    assert_array_equal(np.isnan(found.std), [False, True, False])
+    assert_array_equal(np.isnan(found.upper), [False, True, False])
+    assert found.curved[1]
+    assert found.settled[1] == (method != "form")
+    assert np.isfinite(found.p_d).all()
+    alone = propagate(MODEL, poses[::2], radar, COV_AIRCRAFT, cov_radar, method=method)
+    assert_same(Moments(*(v[::2] for v in vars(found).values())), alone)
+
+
+# Shapes and arguments.
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_pose_does_not_depend_on_the_others(method, monkeypatch):
+    whole = on_paper(method, "high")
+    for i in (0, 97, 360):
+        alone = propagate(MODEL, AIRCRAFT[i], RADAR, COV_AIRCRAFT, COV_RADAR["high"], method=method)
+        assert np.shape(alone.mean) == ()
+        assert_same(alone, Moments(*(v[i] for v in vars(whole).values())))
+    monkeypatch.setattr(standardized, "BLOCK", 50)
+    assert_same(on_paper(method, "high"), whole)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_states_and_covariances_broadcast(method):
+    rng = np.random.default_rng(5)
+    aircraft = AIRCRAFT[::31].reshape(3, 4, 6)
+    radar = RADAR + rng.normal(size=(4, 4)) * [1e3, 1e3, 1e3, 10]
+    cov_aircraft = np.array([correlated(rng, [30, 20, 10, 0.01, 0.02, 0.01]) for _ in range(3)])
+    cov_radar = np.stack([COV_RADAR["low"], *(correlated(rng, [90, 9, 9, 5]) for _ in range(3))])
+    found = propagate(MODEL, aircraft, radar, cov_aircraft[:, np.newaxis], cov_radar, method=method)
+    for value in vars(found).values():
+        assert value.shape == (3, 4)
+    for i, j in np.ndindex(3, 4):
+        alone = propagate(
+            MODEL, aircraft[i, j], radar[j], cov_aircraft[i], cov_radar[j], method=method
+        )
+        assert_same(alone, Moments(*(v[i, j] for v in vars(found).values())), rtol=1e-11)
+    # One pose with many covariances.
+    many = propagate(MODEL, aircraft[0, 0], radar[0], COV_AIRCRAFT, cov_radar, method=method)
+    assert many.p_d.shape == many.std.shape == (4,)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("shape", [(0,), (3, 0)])
+def test_no_poses(method, shape):
+    aircraft = np.zeros((*shape, 6))
+    found = propagate(MODEL, aircraft, RADAR, COV_AIRCRAFT, COV_RADAR["low"], method=method)
+    assert {value.shape for value in vars(found).values()} == {shape}
+
+
+def test_many_factors_at_once_are_those_one_by_one():
+    rng = np.random.default_rng(6)
+    partly = independent(3, 0, 2, 0)
+    covariances = np.stack([COV_RADAR["low"], correlated(rng, [1, 2, 3, 4]), CERTAIN_RADAR, partly])
+    roots = factor(covariances)
+    for root, covariance in zip(roots, covariances, strict=True):
+        assert_array_equal(root, factor(covariance))
+        assert_allclose(root @ root.T, covariance, rtol=1e-13, atol=1e-13)
+    assert_array_equal(roots[0], np.diag([10, 10, 10, 1]))
+    assert_array_equal(roots[3], np.diag([3, 0, 2, 0]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"method": "fosm"}, "method must be one of linear, probit, form, got 'fosm'"),
+        ({"beta": 0.0}, "beta must be positive"),
+        ({"beta": -3.0}, "beta must be positive"),
+        ({"beta": np.nan}, "beta must be positive"),
+        ({"cov_aircraft": np.zeros((4, 4))}, "aircraft covariance must have shape"),
+        ({"cov_radar": np.zeros(4)}, "radar covariance must have shape"),
+        ({"aircraft": np.zeros(5)}, "aircraft states must have shape"),
+        ({"radar": np.zeros((2, 3))}, "radar states must have shape"),
+        ({"radar": np.ones((2, 4))}, "broadcast"),
+        ({"radar": [0, 0, 0, -1.0]}, "negative"),
+    ],
+)
+@pytest.mark.parametrize("method", METHODS)
+def test_arguments_that_make_no_sense_are_refused(method, arguments, says):
+    usual = {
+        "aircraft": AIRCRAFT[:3],
+        "radar": RADAR,
+        "cov_aircraft": COV_AIRCRAFT,
+        "cov_radar": COV_RADAR["low"],
+        "method": method,
+    }
+    with pytest.raises(ValueError, match=says):
+        propagate(MODEL, **(usual | arguments))
+
+
+def test_inputs_are_left_alone():
+    given = [AIRCRAFT[:5].copy(), RADAR.copy(), COV_AIRCRAFT.copy(), COV_RADAR["high"].copy()]
+    before = [array.copy() for array in given]
+    for method in METHODS:
+        propagate(MODEL, *given, method=method)
+    for array, copy in zip(given, before, strict=True):
+        assert_array_equal(array, copy)
