@@ -2,7 +2,6 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-CONFIG ?=
 FIGURES := variance montecarlo sensitivity budget
 
 .PHONY: figures test lint format clean
@@ -21,8 +20,10 @@ $(VENV)/installed-dev: $(VENV)/installed
 
 figures: $(VENV)/installed
 	@for analysis in $(FIGURES); do \
-		$(BIN)/radar-sense $$analysis $(CONFIG) --out figures --format pdf --format png || exit; \
+		$(BIN)/radar-sense $$analysis --out figures --format pdf --format png || exit; \
 	done
+	@$(BIN)/radar-sense compare --level high --runs 200000 \
+		--out figures --format pdf --format png
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto

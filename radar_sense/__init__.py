@@ -15,6 +15,7 @@ _HOME = {
     "DetectionModel": "model",
     "EllipsoidRCS": "rcs",
     "Linearization": "model",
+    "Moments": "propagation",
     "MonteCarlo": "montecarlo",
     "Result": "analyses",
     "Scenario": "scenario",
@@ -22,18 +23,22 @@ _HOME = {
     "SpikeballRCS": "rcs",
     "SurveillanceRadar": "detection",
     "budget": "analyses",
+    "compare": "analyses",
     "load_scenario": "scenario",
     "monte_carlo": "montecarlo",
     "parse_scenario": "scenario",
+    "propagate": "propagation",
     "sensitivity": "analyses",
+    "validate": "analyses",
     "variance": "analyses",
 }
 
 if TYPE_CHECKING:
-    from radar_sense.analyses import Result, budget, sensitivity, variance
+    from radar_sense.analyses import Result, budget, compare, sensitivity, validate, variance
     from radar_sense.detection import SurveillanceRadar
     from radar_sense.model import DetectionModel, Linearization
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
+    from radar_sense.propagation import Moments, propagate
     from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
     from radar_sense.reader import ScenarioError
     from radar_sense.scenario import Scenario, load_scenario, parse_scenario
@@ -43,6 +48,7 @@ __all__ = [
     "DetectionModel",
     "EllipsoidRCS",
     "Linearization",
+    "Moments",
     "MonteCarlo",
     "Result",
     "Scenario",
@@ -51,10 +57,13 @@ __all__ = [
     "SurveillanceRadar",
     "__version__",
     "budget",
+    "compare",
     "load_scenario",
     "monte_carlo",
     "parse_scenario",
+    "propagate",
     "sensitivity",
+    "validate",
     "variance",
 ]
 

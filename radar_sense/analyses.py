@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from radar_sense import validation
 from radar_sense.error_budget import MONTE_CARLO, Allowance, allowances, error_budget
 from radar_sense.geometry import body_vector, slant_range
 from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
@@ -40,6 +41,7 @@ class Result:
         warnings: Where the numbers are not to be trusted, one sentence each.
         method: Method of propagation behind the numbers.
         monte_carlo: The draws behind the table, if there were any.
+        passed: Whether what was asked for holds; false if a method is not validated.
     """
 
     analysis: str
@@ -50,6 +52,7 @@ class Result:
     warnings: tuple[str, ...]
     method: str = "linear"
     monte_carlo: MonteCarlo | None = None
+    passed: bool = True
 
 
 def variance(scenario: Scenario, *, method: str | None = None) -> Result:
@@ -213,11 +216,7 @@ def montecarlo(
             f"the {name} band does not hold the 99.73 % of the draws that it should "
             f"{where(off, theta)} (95 % confidence for all poses together)"
         )
-    if mc.clipped:
-        warnings.append(
-            f"the radar constant was drawn below zero and set to zero in {mc.clipped} "
-            f"of {mc.runs} runs"
-        )
+    warnings += _clipped(mc.clipped)
     return Result(
         analysis="montecarlo",
         scenario=scenario,
@@ -309,6 +308,78 @@ def compare(
     )
 
 
+def validate(
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    digits: int = 2,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> Result:
+    """Verdict on a method of propagation by adaptive Monte Carlo, pose by pose."""
+    _check_method(method, METHODS)
+    theta = scenario.theta_r_deg
+    found = validation.validate(
+        scenario, method=method or "linear", digits=digits, workers=workers, progress=progress
+    )
+    low, high = found.coverage_interval()
+    farthest = np.fmax(found.distance_lower, found.distance_upper)
+    count = int(np.count_nonzero(found.validated))
+    name = _band_name(method)
+    report = [
+        f"{name} 3-sigma interval ({scenario.level}), {digits} significant digits: "
+        + ("validated" if found.verdict == "validated" else "NOT validated"),
+        f"  validated at {count} of {len(theta)} poses",
+    ]
+    if place := where(found.refuted, theta):
+        report.append(f"  refuted {place}")
+    if place := where(found.undecided, theta):
+        report.append(f"  undecided {place}: the draws did not become stable")
+    worst = peak(farthest, theta)
+    pose = int(np.argmax(reached(farthest)))
+    report += [
+        f"  farthest end: {at(worst)}, where {found.delta[pose]:.1g} is allowed",
+        f"  coverage {np.nanmin(found.coverage):.2%} to {np.nanmax(found.coverage):.2%} "
+        f"of {found.runs.min():,} to {found.runs.max():,} draws a pose, "
+        f"{WITHIN_3_SIGMA:.2%} expected",
+    ]
+    return Result(
+        analysis="validate",
+        scenario=scenario,
+        method=method or "linear",
+        table={
+            "theta_r_deg": theta,
+            **_band(found.moments),
+            "mc_mean": found.mc_mean,
+            "mc_std": found.mc_std,
+            "mc_lower": found.mc_lower,
+            "mc_upper": found.mc_upper,
+            "delta": found.delta,
+            "distance_lower": found.distance_lower,
+            "distance_upper": found.distance_upper,
+            "runs": found.runs.astype(float),
+            "coverage_3sigma": found.coverage,
+            "coverage_low": low,
+            "coverage_high": high,
+            "stable": found.stable.astype(float),
+            "validated": found.validated.astype(float),
+            **_mean(found.moments.mean, method),
+        },
+        summary={
+            "verdict": found.verdict,
+            "digits": digits,
+            "poses_validated": count,
+            "poses_refuted": int(np.count_nonzero(found.refuted)),
+            "poses_undecided": int(np.count_nonzero(found.undecided)),
+            "largest_distance": worst,
+            "radar_constants_set_to_zero": found.clipped,
+        },
+        report=tuple(report),
+        warnings=(*_doubts(found.moments, method, theta), *_clipped(found.clipped)),
+        passed=found.verdict == "validated",
+    )
+
+
 def _check_method(method: str | None, allowed: Mapping[str, Any] | list[str]) -> None:
     if method is not None and method not in allowed:
         raise ScenarioError(
@@ -374,6 +445,12 @@ def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[st
         ),
     )
     return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, theta)))
+
+
+def _clipped(count: int) -> tuple[str, ...]:
+    if not count:
+        return ()
+    return (f"the radar constant was drawn below zero and set to zero in {count} runs",)
 
 
 def _vanishing(

@@ -26,6 +26,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 FORMATS = ("png", "pdf", "svg")
 MAX_WORKERS = 256
+#: Exit code that says: all was done as asked, and the answer is no.
+NOT_VALIDATED = 3
 
 
 class BadInput(click.ClickException):
@@ -72,7 +74,8 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         """Turn the text of an option into an int or a float."""
         try:
             # not by way of a float: a seed may have more digits than that holds
-            number = int(value) if str(value).lstrip("+-").isdecimal() else float(value)
+            text = str(value).replace("_", "?")  # Python's 1_000 is not a number elsewhere
+            number = int(text) if text.lstrip("+-").isdecimal() else float(text)
         except ValueError:
             number = math.nan
         if not self.limit.allows(number):
@@ -323,6 +326,60 @@ def compare(
 
 @cli.command()
 @_config
+@_level
+@_method
+@click.option(
+    "--digits",
+    type=Number(Limit(at_least=1, at_most=4, whole=True)),
+    default=2,
+    show_default=True,
+    help="Significant digits of the standard deviation that matter.",
+)
+@_seed
+@_workers
+@_output
+@click.pass_obj
+def validate(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    method: str | None,
+    digits: int,
+    seed: int | None,
+    workers: int | None,
+    **output: Any,
+) -> None:
+    """May a method be trusted here? A verdict by adaptive Monte Carlo.
+
+    Draws until mean, deviation and 3-sigma interval are stable to the digits that matter, and
+    compares the interval of the method with that of the draws (JCGM 101, clauses 7.9 and 8).
+    Ends with exit code 3 if the method is not validated at every pose.
+
+    \b
+    Examples:
+      radar-sense validate --digits 1
+      radar-sense validate my.yaml --method form --digits 1
+    """
+    from radar_sense import analyses
+
+    scenario = _scenario(config, level=level, seed=seed)
+
+    def analyse() -> Result:
+        with _progress(len(scenario.aircraft), "poses") as advance:
+            return analyses.validate(
+                scenario,
+                method=method,
+                digits=digits,
+                workers=_threads(workers),
+                progress=advance,
+            )
+
+    _run(command, analyse, **output)
+
+
+@cli.command()
+@_config
 @_quiet
 def check(config: Path | None, quiet: bool) -> None:
     """Read and validate a scenario and print it in full; compute nothing.
@@ -429,7 +486,9 @@ def _run(
         for warning in result.warnings:
             click.echo(f"Warning: {warning}", err=True)
         for path in files:
-            click.echo(path)
+            click.echo(click.format_filename(path))
+    if not result.passed:
+        raise click.exceptions.Exit(NOT_VALIDATED)
 
 
 def _threads(workers: int | None) -> int:
@@ -437,10 +496,10 @@ def _threads(workers: int | None) -> int:
 
 
 @contextmanager
-def _progress(runs: int) -> Iterator[Callable[[int], None] | None]:
+def _progress(length: int, what: str = "runs") -> Iterator[Callable[[int], None] | None]:
     """Show progress on standard error, if that is a terminal."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield None
         return
-    with click.progressbar(length=runs, label="runs", show_pos=True, file=sys.stderr) as bar:
+    with click.progressbar(length=length, label=what, show_pos=True, file=sys.stderr) as bar:
         yield bar.update

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.constants import Boltzmann
@@ -62,6 +63,22 @@ def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArr
         (...), a ratio of powers.
     """
     return constant * cross_section / (Boltzmann * range_squared * range_squared)
+
+
+class Detector(Protocol):
+    """What the rest of the package asks of a detector. S is (...) and not below zero."""
+
+    def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+        """Probability of detection (...)."""
+        ...
+
+    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        """Probability of detection (...) and its slope dP_D/dS (...)."""
+        ...
+
+    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        ...
 
 
 class North:

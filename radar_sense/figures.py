@@ -20,6 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from radar_sense.analyses import Result
+from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.states import SOURCES, FloatArray
 
@@ -55,7 +56,7 @@ _LINES: tuple[tuple[str, Any], ...] = (
     ("#E69F00", (0, (3, 1, 1.2, 1, 1.2, 1))),
 )
 _BAND = _LINES[1]
-_HAIR = "0.5"
+_HAIR = "0.7"
 
 
 def draw(result: Result) -> Figure:
@@ -145,12 +146,51 @@ def _compare(result: Result) -> Figure:
     return figure
 
 
+def _validate(result: Result) -> Figure:
+    figure, (top, bottom) = _new(2)
+    table, theta = result.table, result.table["theta_r_deg"]
+    trusted = table["validated"] > 0
+    for axes in (top, bottom):
+        label = f"{result.method} validated" if axes is top else None
+        axes.fill_between(
+            theta,
+            0,
+            1,
+            where=trusted,
+            step="mid",
+            transform=axes.get_xaxis_transform(),
+            color="0.9",
+            lw=0,
+            label=label,
+        )
+    for end, style in zip(("lower", "upper"), _LINES, strict=False):
+        distance = table[f"distance_{end}"] / table["delta"]
+        _line(top, theta, distance, style, label=f"{end} bound")
+    top.axhline(1.0, color="black", lw=0.8)
+    top.set_yscale("log")
+    top.set_ylabel(r"Distance from Monte Carlo [$\delta$]")
+    expected = "99.73 %"
+    bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=0.8, label=expected)
+    bottom.fill_between(
+        theta,
+        100 * table["coverage_low"],
+        100 * table["coverage_high"],
+        color=_LINES[2][0],
+        lw=0.4,
+        label="coverage (95 %)",
+    )
+    bottom.set_ylabel("Coverage [%]")
+    _legend(figure, top, bottom)
+    return figure
+
+
 _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "variance": _variance,
     "montecarlo": _montecarlo,
     "sensitivity": _sensitivity,
     "budget": _budget,
     "compare": _compare,
+    "validate": _validate,
 }
 
 
@@ -191,17 +231,26 @@ def _hairs(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
     points = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
     axes.add_collection(
         LineCollection(
-            list(points), colors=_HAIR, linewidths=0.3, alpha=0.3, rasterized=True, label=label
+            list(points), colors=_HAIR, linewidths=0.3, alpha=0.5, rasterized=True, label=label
         )
     )
     axes.autoscale_view()
 
 
-def _legend(figure: Figure, axes: Axes) -> None:
+def _legend(figure: Figure, *panels: Axes) -> None:
     """Put the legend above the axes, in as many columns as the longest label leaves room for."""
-    handles, labels = axes.get_legend_handles_labels()
+    handles, labels = [], []
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.append(handle)
+            labels.append(label)
     longest = max(len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels)
     columns = min(3, max(1, 54 // (7 + longest)))
     # the figure grows with the legend, so that the axes keep their size
     figure.set_figheight(figure.get_figheight() + _LEGEND_ROW * -(-len(labels) // columns))
-    figure.legend(handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2)
+    legend = figure.legend(
+        handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2
+    )
+    for drawn in legend.legend_handles:
+        if isinstance(drawn, LineCollection):  # a single hair would hardly be seen
+            drawn.set(linewidth=1.2, alpha=1.0)

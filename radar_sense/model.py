@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import variance_along
-from radar_sense.detection import North, snr
+from radar_sense.detection import Detector, North, snr
 from radar_sense.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.rcs import RCS
 from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
@@ -78,7 +78,7 @@ class DetectionModel:
 
     rcs: RCS
     p_fa: float
-    detector: North = field(default_factory=North)
+    detector: Detector = field(default_factory=North)
 
     def __post_init__(self) -> None:
         if not 0 < self.p_fa < 1:

@@ -13,10 +13,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from radar_sense import __version__
 from radar_sense.analyses import Result
 from radar_sense.states import FloatArray
 
-_PACKAGES = ("radar-sense", "numpy", "scipy", "click", "matplotlib", "pyyaml")
+_PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
 
 
 def stem(result: Result) -> str:
@@ -36,13 +37,17 @@ def record(result: Result, command: Sequence[str]) -> bytes:
     content = {
         "analysis": result.analysis,
         "command": list(command),
-        "versions": {"python": platform.python_version(), **{p: version(p) for p in _PACKAGES}},
+        "versions": {
+            "radar-sense": __version__,
+            "python": platform.python_version(),
+            **{package: version(package) for package in _PACKAGES},
+        },
         "seed": result.scenario.seed,
         "scenario": result.scenario.resolved(),
         "warnings": list(result.warnings),
         "summary": result.summary,
     }
-    return (json.dumps(_finite(content), indent=2, ensure_ascii=False) + "\n").encode()
+    return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
 
 
 def require_folder(folder: Path) -> None:
@@ -54,17 +59,24 @@ def require_folder(folder: Path) -> None:
         OSError: If they cannot.
     """
     folder = folder.absolute()
-    existing = next(path for path in (folder, *folder.parents) if path.exists())
+    # lexists: a link that leads nowhere is in the way too
+    existing = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
     with tempfile.TemporaryFile(dir=existing):
         pass
 
 
 def write(files: Mapping[Path, bytes]) -> None:
-    """Write all files or none; each appears under its name only when it is complete.
+    """Write files; each appears under its name only when it is complete.
+
+    All are complete before the first appears. If one cannot appear then, those that are new are
+    taken away again.
 
     Raises:
         OSError: If one of them cannot be written.
     """
+    for path in files:
+        if path.is_dir():
+            raise IsADirectoryError(f"{path} is a folder, and in the way of a file")
     finished: dict[Path, Path] = {}
     new: list[Path] = []
     try:
@@ -83,7 +95,7 @@ def write(files: Mapping[Path, bytes]) -> None:
             temporary.replace(path)
             if not existed:
                 new.append(path)
-    except OSError:
+    except BaseException:
         for path in new:
             path.unlink()
         raise

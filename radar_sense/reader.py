@@ -104,9 +104,7 @@ class Entry:
         if not limit.allows(value):
             raise self.wrong(limit)
         if abs(value) > LARGEST or (0 < abs(value) < SMALLEST and limit.below is None):
-            raise self.error(
-                f"must be 0 or of a size from {SMALLEST:g} to {LARGEST:g}, got {_shorten(text)}"
-            )
+            raise self.wrong(f"{limit}, of a size from {SMALLEST:g} to {LARGEST:g} if it is not 0")
         return value
 
     def integer(self, limit: Limit) -> int:
@@ -277,17 +275,25 @@ def _refuse_tags(root: Entry) -> None:
         if id(node) in seen:
             continue
         seen.add(id(node))
-        if not node.tag.startswith("tag:yaml.org,2002:") or "python" in node.tag:
+        if node.tag != _implicit_tag(node):
             raise entry.error(f"tags are not supported, got {_shorten(node.tag)}")
         if isinstance(node, yaml.SequenceNode):
             waiting += entry.items()
         elif isinstance(node, yaml.MappingNode):
             for key_node, value_node in node.value:
-                key = f"{entry.path}.{key_node.value}".lstrip(".")
+                name = key_node.value if isinstance(key_node, yaml.ScalarNode) else "?"
+                key = f"{entry.path}.{name}".lstrip(".")
                 waiting += [
                     Entry(key_node, entry.path, entry.source),
                     Entry(value_node, key, entry.source),
                 ]
+
+
+def _implicit_tag(node: yaml.Node) -> str:
+    """Return the tag that a node has if its author wrote none."""
+    plain = getattr(node, "style", None) is None
+    resolver: Any = yaml.resolver.Resolver()  # which has no types
+    return str(resolver.resolve(type(node), node.value, (plain, not plain)))
 
 
 def _shorten(text: str) -> str:

@@ -201,7 +201,10 @@ def _radar(entry: Entry) -> tuple[FloatArray, float, dict[str, Any]]:
 def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
     found = entry.mapping(["rcs", "attitude_deg"])
     keys = dict.fromkeys(key for model in RCS_MODELS.values() for key in parameter_keys(model))
-    name = found["rcs"].mapping(["model"], list(keys))["model"].choice(RCS_MODELS)
+    choices = found["rcs"].mapping([], ["model", *keys])
+    if "model" not in choices:
+        raise found["rcs"].error(f"missing key 'model', one of {', '.join(RCS_MODELS)}")
+    name = choices["model"].choice(RCS_MODELS)
     rcs, values = found["rcs"].instance(RCS_MODELS[name], besides=["model"])
     attitude = found["attitude_deg"].numbers(3, Limit(at_least=-360, at_most=360))
     document = {"rcs": {"model": name, **values}, "attitude_deg": attitude}

@@ -41,15 +41,12 @@ class RunningMoments:
         return np.sqrt(self._squares / (self.count - 1))
 
 
-Moments = RunningMoments
-
-
 class Tails:
     """Exact quantiles near both ends, from the few smallest and largest rows of each column.
 
     The quantile at probability p of n draws lies between two order statistics, found from the end
-    by counting about p n draws; those are all that is kept. As soon as the buffer has twice that
-    many rows it is partitioned and the inner ones are dropped.
+    by counting about p n draws; those are all that is kept. As soon as as many more rows wait, they
+    are merged with them and the inner ones are dropped.
 
     Args:
         columns: Number of columns.
@@ -66,23 +63,31 @@ class Tails:
         self._keep = self._below + 2
         self._low = np.empty((0, columns))
         self._high = np.empty((0, columns))
+        self._waiting: list[FloatArray] = []
+        self._waiting_rows = 0
 
     def add(self, block: FloatArray) -> None:
         """Take in a block (rows, columns)."""
-        self._low = self._trim(np.vstack([self._low, block]), 2 * self._keep)
-        # The largest are the smallest of the negated draws, so that one rule serves both ends.
-        self._high = self._trim(np.vstack([self._high, -block]), 2 * self._keep)
+        self._waiting.append(block)
+        self._waiting_rows += len(block)
+        if self._waiting_rows >= self._keep:
+            self._merge()
 
     def quantiles(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper quantile (columns,) of all rows taken in."""
-        low, high = (
-            self._between(np.sort(self._trim(rows, self._keep), axis=0))
-            for rows in (self._low, self._high)
-        )
+        self._merge()
+        low, high = (self._between(np.sort(rows, axis=0)) for rows in (self._low, self._high))
         return low, -high
 
-    def _trim(self, rows: FloatArray, limit: int) -> FloatArray:
-        if len(rows) <= limit:
+    def _merge(self) -> None:
+        new = self._waiting
+        self._low = self._trim(np.vstack([self._low, *new]))
+        # The largest are the smallest of the negated draws, so that one rule serves both ends.
+        self._high = self._trim(np.vstack([self._high, *(-block for block in new)]))
+        self._waiting, self._waiting_rows = [], 0
+
+    def _trim(self, rows: FloatArray) -> FloatArray:
+        if len(rows) <= self._keep:
             return rows
         return np.partition(rows, self._keep - 1, axis=0)[: self._keep]
 

@@ -22,13 +22,15 @@ from click.testing import CliRunner
 
 import radar_sense as rs
 from radar_sense.cli import cli
+from radar_sense.propagation import METHODS
 from radar_sense.scenario import default_text
 
 ROOT = Path(__file__).parent.parent
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 COMMANDS = sorted(cli.commands)
 #: Those that write results.
-ANALYSES = [command for command in COMMANDS if command not in ("check", "init")]
+# What validate draws takes longer; it has tests of its own, on a single pose.
+ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "validate")]
 
 #: DESIGN.md fixes these.
 COLUMNS = {
@@ -95,7 +97,8 @@ def test_every_command_has_examples_that_run(tool, command):
     for line in lines:
         # Their runs are as many as a person would want; here fewer will do.
         short = line if command == "budget" else re.sub(r"--runs \S+", "--runs 40", line)
-        assert tool(*shlex.split(short)[1:]).code == 0, line
+        # 3 is the answer "not validated"
+        assert tool(*shlex.split(short)[1:]).code in ((0, 3) if command == "validate" else (0,))
 
 
 def test_help_of_the_tool(tool):
@@ -272,7 +275,7 @@ def test_workers_do_not_change_a_bit(tool):
     assert len(seen) == 1
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("command", ["check", "init", *ANALYSES])
 def test_quiet(tool, command):
     code, out, err = tool(command, "-q", *few(command))
     assert (code, out, err) == (0, "", "")
@@ -570,3 +573,37 @@ def test_the_installed_command_runs_from_any_folder(tmp_path):
     assert sorted(files(tmp_path / "figures")) == [
         f"paper_budget.{ending}" for ending in ("csv", "json", "pdf")
     ]
+
+
+# Exit code 3: all was done as asked, and the answer is no.
+
+
+def test_every_method_is_named_in_the_help(tool):
+    for command in ("variance", "sensitivity", "budget", "montecarlo", "validate"):
+        assert all(method in tool(command, "--help").out for method in METHODS)
+
+
+@pytest.mark.parametrize(("method", "code"), [("linear", 3), ("form", 0)])
+def test_a_verdict_is_an_exit_code(tool, method, code):
+    text = default_text().replace(
+        "{start: 0, stop: 180, step: 0.5}", "{start: 90, stop: 90, step: 1}"
+    )
+    Path("one.yaml").write_text(text)
+    outcome = tool("validate", "one.yaml", "--digits", "1", "--method", method)
+    assert outcome.code == code
+    assert ("NOT validated" in outcome.out) == (code == 3)
+    record = json.loads(Path("figures/paper_validate.json").read_text())
+    assert record["summary"]["verdict"] == ("refuted" if code else "validated")
+    assert Path("figures/paper_validate.pdf").exists()
+
+
+@pytest.mark.parametrize("method", ["probti", "FORM", "", "montecarlo"])
+@pytest.mark.parametrize("command", ["variance", "sensitivity", "montecarlo", "validate", "budget"])
+def test_a_method_that_does_not_exist(tool, command, method):
+    if (command, method) == ("budget", "montecarlo"):
+        return
+    code, out, err = tool(command, "--method", method)
+    assert (code, out) == (2, "")
+    assert "method must be one of linear, probit, form" in err
+    assert len(err.splitlines()) == 1
+    assert not Path("figures").exists()

@@ -1,6 +1,7 @@
 """Figures: nothing overlaps, nothing is cut off, axes have units, lines differ in their dashes."""
 
 import re
+from functools import partial
 
 import pytest
 from scenarios import scenario
@@ -13,6 +14,8 @@ ALL = {
     "sensitivity": analyses.sensitivity,
     "budget": analyses.budget,
     "montecarlo": analyses.montecarlo,
+    "compare": analyses.compare,
+    "validate": partial(analyses.validate, digits=1),
 }
 LONG = "a-level-name-of-forty-letters-0123456789"
 SCENARIOS = {
@@ -40,6 +43,10 @@ SCENARIOS = {
 @pytest.mark.parametrize("changes", SCENARIOS.values(), ids=SCENARIOS.keys())
 @pytest.mark.parametrize("analysis", ALL)
 def test_layout(analysis, changes):
+    if analysis == "validate":  # its draws are many: a few poses will do for a figure
+        changes = {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 45}, **changes}
+    if analysis == "validate" and changes["geometry__azimuth_deg"]["stop"] == -90:
+        changes = {**changes, "geometry__azimuth_deg": {"start": 90, "stop": 0, "step": -30}}
     figure = figures.draw(ALL[analysis](scenario(**changes)))
     figures.render(figure, "png")  # lays it out
     page = figure.bbox

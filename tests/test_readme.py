@@ -9,7 +9,8 @@ from click.testing import CliRunner
 from radar_sense.cli import cli
 from radar_sense.scenario import load_scenario, parse_scenario
 
-README = Path("README.md").read_text(encoding="utf-8")
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def blocks(language):
@@ -40,7 +41,7 @@ def test_the_output_shown_is_printed(tmp_path, monkeypatch):
 
 def test_files_linked_exist():
     for target in re.findall(r"\]\(([^)#:]+)\)", README):
-        assert Path(target).exists(), target
+        assert (ROOT / target).exists(), target
 
 
 def test_every_command_is_named():
