@@ -20,6 +20,7 @@ from scipy.special import ndtr
 from radar_sense.covariance import draws, factor
 from radar_sense.model import DetectionModel
 from radar_sense.propagation import Moments, propagate
+from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
@@ -33,6 +34,9 @@ EVERY = slice(None)
 #: Runs kept whole for the hair lines of the figure: so many, and never more numbers than that.
 MAX_HAIRS = 500
 MAX_HAIR_POINTS = 2_000_000
+
+#: Numbers kept for the quantiles (4 GB with what it takes to sort them).
+MAX_KEPT = 125_000_000
 
 #: Probability below −3 standard deviations of a normal distribution.
 TAIL = float(ndtr(-3.0))
@@ -190,6 +194,11 @@ def monte_carlo(
     )
     blocks = _Blocks(Sampler.of(scenario), scenario.runs, scenario.seed)
     poses = len(scenario.aircraft)
+    if 2 * TAIL * scenario.runs * poses > MAX_KEPT:
+        raise ScenarioError(
+            f"{scenario.runs:,} runs of {poses:,} poses are more than fit into memory, allowed are "
+            f"{int(MAX_KEPT / (2 * TAIL * poses)):,} runs of so many poses"
+        )
     moments = RunningMoments(poses)
     tails = Tails(poses, scenario.runs, TAIL)
     inside = np.zeros(poses)
