@@ -62,7 +62,8 @@ def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArr
     Returns:
         (...), a ratio of powers.
     """
-    return constant * cross_section / (Boltzmann * range_squared * range_squared)
+    noise: FloatArray = Boltzmann * range_squared * range_squared
+    return constant * cross_section / noise
 
 
 class Detector(Protocol):

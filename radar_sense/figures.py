@@ -251,6 +251,6 @@ def _legend(figure: Figure, *panels: Axes) -> None:
     legend = figure.legend(
         handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2
     )
-    for drawn in legend.legend_handles:
-        if isinstance(drawn, LineCollection):  # a single hair would hardly be seen
-            drawn.set(linewidth=1.2, alpha=1.0)
+    for handle, drawn in zip(handles, legend.legend_handles, strict=True):
+        if isinstance(handle, LineCollection) and drawn is not None:
+            drawn.set(linewidth=1.2, alpha=1.0)  # a single hair would hardly be seen
