@@ -59,6 +59,8 @@ def require_folder(folder: Path) -> None:
         OSError: If they cannot.
     """
     folder = folder.absolute()
+    with contextlib.suppress(FileNotFoundError):
+        folder.stat()  # complains of names that no folder can have
     # lexists: a link that leads nowhere is in the way too
     existing = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
     with tempfile.TemporaryFile(dir=existing):

@@ -503,8 +503,11 @@ def test_files_are_replaced_and_follow_the_umask(tool, mask):
 
 #: Python and the packages are loaded when this says so; what follows is the run itself.
 LONG_RUN = """
+import signal
 import radar_sense.analyses
 from radar_sense.cli import cli
+# a shell that runs the tests in the background has them, and their children, ignore it
+signal.signal(signal.SIGINT, signal.default_int_handler)
 print("ready", flush=True)
 cli.main(["montecarlo", "--runs", "1000000"])
 """
