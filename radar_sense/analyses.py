@@ -154,6 +154,7 @@ def budget(
         for i, source in enumerate(SOURCES)
         if (place := where((dominant == i) & (total > 0), theta))
     }
+    errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
     inverse = {} if target is None else _inverse(scenario, target, method, at_deg)
     warnings = [] if found.moments is None else [*_doubts(found.moments, method, theta)]
     if (method or "linear") == "linear":
@@ -182,8 +183,8 @@ def budget(
         report=(
             f"3 sigma of P_D ({_named(scenario.level, method)}) at {theta[pose]:g} deg, "
             "where the total is largest, and share of its variance:",
-            *(_row(s, at_worst[s], shares[s][pose]) for s in ranked),
-            *_interaction_row(shares["interaction"][pose]),
+            *(_row(s, at_worst[s], shares[s][pose], errors.get(s)) for s in ranked),
+            *_interaction_row(shares["interaction"][pose], errors.get("interaction")),
             _row("total", float(total[pose])),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
             *_inverse_report(inverse),
@@ -323,26 +324,32 @@ def validate(
         scenario, method=method or "linear", digits=digits, workers=workers, progress=progress
     )
     low, high = found.coverage_interval()
-    farthest = np.fmax(found.distance_lower, found.distance_upper)
+    ratio = np.fmax(found.distance_lower, found.distance_upper) / found.delta
+    no_result = ~np.isfinite(found.moments.lower + found.moments.upper)
     count = int(np.count_nonzero(found.validated))
     name = _band_name(method)
     report = [
-        f"{name} 3-sigma interval ({scenario.level}), {digits} significant digits: "
+        f"{name} 3-sigma interval ({scenario.level}), {digits} significant "
+        f"digit{'s' if digits > 1 else ''}: "
         + ("validated" if found.verdict == "validated" else "NOT validated"),
         f"  validated at {count} of {len(theta)} poses",
     ]
-    if place := where(found.refuted, theta):
+    if place := where(no_result, theta):
+        report.append(f"  no result {place}")
+    if place := where(found.refuted & ~no_result, theta):
         report.append(f"  refuted {place}")
     if place := where(found.undecided, theta):
         report.append(f"  undecided {place}: the draws did not become stable")
-    worst = peak(farthest, theta)
-    pose = int(np.argmax(reached(farthest)))
-    report += [
-        f"  farthest end: {at(worst)}, where {found.delta[pose]:.1g} is allowed",
-        f"  coverage {np.nanmin(found.coverage):.2%} to {np.nanmax(found.coverage):.2%} "
-        f"of {found.runs.min():,} to {found.runs.max():,} draws a pose, "
-        f"{WITHIN_3_SIGMA:.2%} expected",
-    ]
+    worst = peak(ratio, theta)
+    if not no_result.all():
+        pose = int(np.argmax(reached(ratio)))
+        report += [
+            f"  farthest for what is allowed: {ratio[pose] * found.delta[pose]:.2g} "
+            f"at {theta[pose]:g} deg, where {found.delta[pose]:.1g} is",
+            f"  coverage {np.nanmin(found.coverage):.2%} to {np.nanmax(found.coverage):.2%} "
+            f"of {found.runs.min():,} to {found.runs.max():,} draws a pose, "
+            f"{WITHIN_3_SIGMA:.2%} expected",
+        ]
     return Result(
         analysis="validate",
         scenario=scenario,
@@ -371,7 +378,7 @@ def validate(
             "poses_validated": count,
             "poses_refuted": int(np.count_nonzero(found.refuted)),
             "poses_undecided": int(np.count_nonzero(found.undecided)),
-            "largest_distance": worst,
+            "largest_distance_by_delta": worst,
             "radar_constants_set_to_zero": found.clipped,
         },
         report=tuple(report),
@@ -432,7 +439,7 @@ def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[st
     undefined = ~np.isfinite(moments.std)
     outside = (moments.lower < 0) | (moments.upper > 1)
     said = (
-        (~moments.settled, f"the iteration of {name} did not settle"),
+        (~moments.settled, f"{name} did not settle, or its gradient is undefined,"),
         (
             undefined & moments.settled,
             "the gradient is undefined, with the radar straight above or below the aircraft,",
@@ -484,14 +491,21 @@ def _correlated(
     )
 
 
-def _row(name: str, three_sigma: float, share: float = float("nan")) -> str:
-    percent = "" if np.isnan(share) else f" {share:6.1%}"
-    return f"  {name:21}{three_sigma:.4f}{percent}"
+def _row(
+    name: str, three_sigma: float, share: float = float("nan"), error: float | None = None
+) -> str:
+    return f"  {name:21}{three_sigma:.4f}{_percent(share, error)}"
 
 
-def _interaction_row(share: float) -> tuple[str, ...]:
+def _interaction_row(share: float, error: float | None) -> tuple[str, ...]:
     """Return a row for what no source does alone, unless there is nothing but rounding."""
-    return () if not abs(share) > 1e-9 else (f"  {'interaction':27} {share:6.1%}",)
+    return () if not abs(share) > 1e-9 else (f"  {'interaction':27}{_percent(share, error)}",)
+
+
+def _percent(share: float, error: float | None) -> str:
+    if np.isnan(share):
+        return ""
+    return f" {share:6.1%}" + ("" if error is None else f" +/- {error:.1%}")
 
 
 def _inverse(
@@ -517,13 +531,19 @@ def _inverse_report(inverse: Mapping[str, Any]) -> list[str]:
     ]
     for source, values in inverse["allowances"].items():
         allowance = Allowance(**values)
-        if allowance.factor is None:
+        if not allowance.known:
+            said = "not known: this method has no answer"
+            if allowance.factor:
+                said = f"at least {allowance.factor:.4g}, beyond which this method has no answer"
+        elif allowance.factor is None:
             said = (
                 f"no value of it alone is small enough: {allowance.remains:.4f} remains "
                 f"at {allowance.theta_r_deg:g} deg, most of it from {allowance.remains_from}"
             )
         elif np.isinf(allowance.factor):
-            said = "any; it has no such effect"
+            said = "any factor"
+        elif allowance.factor == 0:
+            said = "less than a millionth"
         else:
             said = f"{allowance.factor:.4g}"
         lines.append(f"  {source:21}{said}")

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from radar_sense import __version__
-from radar_sense.limits import ANY, POSITIVE, RUNS, SEED, Limit
+from radar_sense.limits import ANY, RUNS, SEED, TARGET, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses import Result
@@ -245,7 +245,7 @@ def sensitivity(
 @click.option(
     "--target",
     metavar="X",
-    type=Number(POSITIVE),
+    type=Number(TARGET),
     help="Say how small each source must be for 3 sigma to stay within X.",
 )
 @click.option(

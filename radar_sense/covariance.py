@@ -70,6 +70,8 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     n = jacobian.shape[-1]
     if covariance.shape[-2:] != (n, n):
         raise ValueError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
+    # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
+    jacobian = np.where(np.any(covariance != 0, axis=-1), jacobian, 0.0)
     variance: FloatArray = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
     # A C Aᵀ of a semidefinite C can round to just below zero.
     return np.maximum(variance, 0.0)

@@ -15,15 +15,18 @@ from radar_sense import covariance
 from radar_sense.propagation import Moments, propagate
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
-from radar_sense.sobol import sobol_indices
+from radar_sense.sobol import REPLICATES, sobol_indices
 from radar_sense.states import SOURCES, FloatArray
 from radar_sense.wording import reached
 
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
 MONTE_CARLO = "montecarlo"
 
-#: Scaling a source by more than this is as good as any scaling.
-LARGEST_FACTOR = 1e6
+#: Scaling a source by a million is as good as any scaling, by a millionth as good as removing it.
+LARGEST_LOG_FACTOR = float(np.log(1e6))
+
+#: Numbers that the Sobol' indices may take at a time (4 GB).
+MAX_NUMBERS = 500_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +40,7 @@ class Budget:
             from each source with the others averaged out.
         moments: What the method says of the total; None by Sobol' indices.
         total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
-        share_error: Standard errors of the shares (n,), by Sobol' indices.
+        share_error: Standard errors of the shares and of the interaction (n,), by Sobol' indices.
     """
 
     mean: FloatArray
@@ -86,22 +89,26 @@ class Allowance:
 
     Attributes:
         factor: What to multiply its standard deviations by; below 1 it has to shrink. None if not
-            even 0 is small enough; infinite if no size is too large.
+            even 0 is small enough, 0 if a millionth is not; infinite if a million is.
         remains: 3σ of P_D that remains with the source at `factor`, or at 0 if there is none.
         theta_r_deg: Where it remains.
         remains_from: The largest of the other sources there; none if all are scaled together.
+        known: False if the method has no answer, at no factor or beyond the one given.
     """
 
     factor: float | None
     remains: float
     theta_r_deg: float
     remains_from: str | None
+    known: bool = True
 
 
 def allowances(
     scenario: Scenario, target: float, *, method: str = "linear", at: float | None = None
 ) -> dict[str, Allowance]:
     """Answer the inverse question: how small must each source be for 3σ of P_D ≤ target?
+
+    3σ is taken to grow with the source, as it does but for strong correlations.
 
     Args:
         scenario: The scenario, at its level.
@@ -120,37 +127,50 @@ def allowances(
     alone = {s: std[poses] for s, std in error_budget(scenario, method).alone.items()}
 
     def three_sigma(sources: Collection[str], factor: float) -> FloatArray:
-        std = _moments(scenario, method, dict.fromkeys(sources, factor), poses).std
-        # what a method cannot say is not within any target
-        return np.where(np.isfinite(std), 3 * std, np.inf)
+        return 3 * _moments(scenario, method, dict.fromkeys(sources, factor), poses).std
 
-    def excess(factor: float, sources: Collection[str]) -> float:
-        return min(float(three_sigma(sources, factor).max()), 1e300) - target
+    def excess(log_factor: float, sources: Collection[str]) -> float:
+        """Largest 3σ less the target; NaN where the method has no answer."""
+        return float(np.max(three_sigma(sources, float(np.exp(log_factor))))) - target
 
-    def largest_factor(sources: Collection[str]) -> float | None:
-        if excess(0.0, sources) > 0:
-            return None
-        high = 1.0
-        while excess(high, sources) <= 0:
-            high *= 4.0
-            if high > LARGEST_FACTOR:
-                return float("inf")
-        factor = float(brentq(excess, 0.0, high, args=(sources,), xtol=1e-9))
-        # of the two ends of the last bracket take the one that is within the target
-        while factor > 0 and excess(factor, sources) > 0:
-            factor *= 1 - 1e-8
-        return factor
+    def largest_factor(sources: Collection[str]) -> tuple[float | None, bool]:
+        """Return the factor, and whether the method has an answer beyond it."""
+        nothing = float(np.max(three_sigma(sources, 0.0)))
+        if not nothing <= target:
+            return None, not np.isnan(nothing)
+        low, high, step = 0.0, 0.0, np.log(4.0)
+        # `not <=` is meant: where there is no answer is not within the target
+        if excess(0.0, sources) <= 0:
+            while excess(high, sources) <= 0:
+                low, high = high, high + step
+                if high > LARGEST_LOG_FACTOR:
+                    return np.inf, True
+        else:
+            while not excess(low, sources) <= 0:
+                low, high = low - step, low
+                if low < -LARGEST_LOG_FACTOR:
+                    return 0.0, not np.isnan(excess(low, sources))
+        while np.isnan(excess(high, sources)):
+            if high - low < 0.01:
+                return float(np.exp(low)), False
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if excess(middle, sources) <= 0 else (low, middle)
+        root = brentq(excess, low, high, args=(sources,), xtol=1e-10, rtol=1e-15)
+        return float(np.exp(root - 1e-9)), True  # on the side that is within the target
 
     def allowance(sources: Collection[str]) -> Allowance:
-        factor = largest_factor(sources)
-        remains = three_sigma(sources, LARGEST_FACTOR if factor == np.inf else factor or 0.0)
-        pose = int(np.argmax(reached(remains)))
+        factor, known = largest_factor(sources)
+        used = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
+        remains = three_sigma(sources, used)
+        unknown = np.isnan(remains)
+        pose = int(np.argmax(unknown if unknown.any() else reached(remains)))
         others = {s: std[pose] for s, std in alone.items() if s not in sources}
         return Allowance(
             factor=factor,
             remains=float(remains[pose]),
             theta_r_deg=float(theta[pose]),
             remains_from=max(others, key=others.__getitem__) if others else None,
+            known=known,
         )
 
     return {**{source: allowance([source]) for source in SOURCES}, "all": allowance(list(SOURCES))}
@@ -191,6 +211,12 @@ def _moments(
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
+    evaluations = (len(SOURCES) + 4) * scenario.runs / REPLICATES * 2
+    if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
+        raise ScenarioError(
+            f"{scenario.runs:,} runs of {len(scenario.aircraft):,} poses are more than fit into "
+            "memory for Sobol' indices; use fewer runs"
+        )
     cov_radar = scenario.cov_radar[scenario.level]
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
         blocks = [components for owner, components in SOURCES.values() if owner == whose]
@@ -231,5 +257,8 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         # an estimate of a share can come out below zero
         alone={s: std * np.sqrt(np.maximum(first[i], 0.0)) for i, s in enumerate(SOURCES)},
         total_index={s: indices.total[i] for i, s in enumerate(SOURCES)},
-        share_error={s: indices.first_error[i] for i, s in enumerate(SOURCES)},
+        share_error={
+            **{s: indices.first_error[i] for i, s in enumerate(SOURCES)},
+            "interaction": np.sqrt(np.sum(indices.first_error**2, axis=0)),
+        },
     )

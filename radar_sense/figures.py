@@ -18,6 +18,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from radar_sense.analyses import Result
 from radar_sense.montecarlo import WITHIN_3_SIGMA
@@ -149,20 +150,11 @@ def _compare(result: Result) -> Figure:
 def _validate(result: Result) -> Figure:
     figure, (top, bottom) = _new(2)
     table, theta = result.table, result.table["theta_r_deg"]
-    trusted = table["validated"] > 0
     for axes in (top, bottom):
         label = f"{result.method} validated" if axes is top else None
-        axes.fill_between(
-            theta,
-            0,
-            1,
-            where=trusted,
-            step="mid",
-            transform=axes.get_xaxis_transform(),
-            color="0.9",
-            lw=0,
-            label=label,
-        )
+        for left, right in _spans(table["validated"] > 0, theta):
+            axes.axvspan(left, right, color="0.9", lw=0, label=label)
+            label = None
     for end, style in zip(("lower", "upper"), _LINES, strict=False):
         distance = table[f"distance_{end}"] / table["delta"]
         _line(top, theta, distance, style, label=f"{end} bound")
@@ -203,6 +195,19 @@ def _new(panels: int) -> tuple[Figure, list[Axes]]:
     for ax in axes:
         ax.margins(x=0)
     return figure, axes
+
+
+def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
+    """Return the ranges of x where the mask holds, each reaching half way to the next pose."""
+    middles = 0.5 * (x[1:] + x[:-1]) if len(x) > 1 else x
+    lefts, rights = np.concatenate([x[:1], middles]), np.concatenate([middles, x[-1:]])
+    if len(x) == 1:
+        lefts, rights = x - 0.5, x + 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [
+        (float(lefts[a]), float(rights[b - 1]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
 
 
 def _from_zero(axes: Axes) -> None:

@@ -52,6 +52,8 @@ ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
 PROBABILITY = Limit(above=0, below=1)
+#: 3σ of a probability is never more.
+TARGET = Limit(above=0, at_most=1.5)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
 

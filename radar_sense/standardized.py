@@ -163,4 +163,6 @@ def _evaluate(
     radar[:, CONSTANT] -= below_zero
     value, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
     by_state = np.concatenate((by_aircraft, by_radar), axis=1)
+    # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
+    by_state = np.where(np.any(factor != 0, axis=-1), by_state, 0.0)
     return value + by_radar[:, CONSTANT] * below_zero, np.einsum("kij,ki->kj", factor, by_state)

@@ -182,3 +182,28 @@ def test_no_uncertainty_at_all():
         result = analysis(s)
         assert not any("nan" in line for line in result.report)
     assert not analyses.budget(s).table["three_sigma_total"].any()
+
+
+def test_validate_without_any_result():
+    s = scenario(
+        aircraft__attitude_deg=[0, 0, 0],
+        radar__position_m=[500e3, 0, 10e3],
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        geometry__azimuth_from="north",
+    )
+    result = analyses.validate(s, digits=1)
+    assert not result.passed
+    assert any("no result at 0 deg" in line for line in result.report)
+    assert not any("nan" in line for line in result.report)
+
+
+def test_validate_names_the_pose_that_is_worst_for_what_is_allowed():
+    """At 90 deg yaw hardly matters, σ is small and so is δ; first order finds none at all."""
+    certain = {"only": {"position_m": 0, "constant": 0}}
+    s = scenario(
+        uncertainty={"aircraft": {"position_m": 0, "attitude_deg": [0, 0, 1]}, "radar": certain},
+        analysis={"level": "only"},
+        geometry__azimuth_deg={"start": 45, "stop": 90, "step": 45},
+    )
+    report = analyses.validate(s, digits=1).report
+    assert any("farthest for what is allowed" in line and "at 90 deg" in line for line in report)

@@ -228,3 +228,48 @@ def test_a_named_method_adds_columns():
             table = analysis(s, method=method).table
             assert list(table)[: len(plain)] == plain
             assert any(key.startswith("mean_pd") for key in table)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_tiny_targets_are_reached(method):
+    s = scenario(geometry__azimuth_deg=FEW)
+    factor = allowances(s, 1e-6, method=method)["all"].factor
+    # 3σ is proportional to the deviations where they are so small
+    assert factor == pytest.approx(1e-6 / (3 * error_budget(s).std.max()), rel=1e-3)
+    assert allowances(s, 1e-9, method=method)["all"].factor == 0
+    assert any("less than a millionth" in line for line in analyses.budget(s, target=1e-9).report)
+
+
+def test_where_a_method_has_no_answer_none_is_made_up():
+    s = scenario(geometry__azimuth_deg=FEW)
+    for found in allowances(s, 1.5, method="form").values():
+        assert not found.known
+        assert found.factor > 5
+        assert found.remains <= 1.5
+    spiky = load_scenario("configs/spikeball.yaml")  # form does not settle where two lobes meet
+    for found in allowances(spiky, 0.02, method="form").values():
+        assert not found.known
+        assert not found.factor
+    report = analyses.budget(spiky, method="form", target=0.02).report
+    assert sum("this method has no answer" in line for line in report) == 5
+
+
+def test_undefined_gradients_of_what_is_certain_do_not_matter():
+    """With the radar straight below, P_D by c_r alone is known though λ is not."""
+    s = scenario(
+        aircraft__attitude_deg=[0, 0, 0],
+        radar__position_m=[500e3, 0, 10e3],
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        geometry__azimuth_from="north",
+        radar__constant=1e-4,
+        uncertainty={"aircraft": NOTHING, "radar": {"some": {"position_m": 0, "constant": 1e-6}}},
+        analysis={"level": "some"},
+    )
+    linear, form = error_budget(s), error_budget(s, "form")
+    assert 0 < linear.std[0] < 1
+    assert form.std[0] == pytest.approx(linear.std[0], rel=0.01)
+
+
+def test_more_sobol_samples_than_fit_into_memory_are_refused():
+    with pytest.raises(ScenarioError, match="more than fit into memory"):
+        error_budget(load_scenario().with_analysis(runs=10**9), "montecarlo")
