@@ -447,7 +447,7 @@ def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[st
         (outside, f"the {name} 3-sigma band leaves [0, 1]"),
         (
             moments.curved & ~undefined,
-            "the orders that it neglects would change sigma by over "
+            "effects of higher order would change sigma by over "
             f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
     )
