@@ -17,8 +17,15 @@ from radar_sense import validation
 from radar_sense.error_budget import MONTE_CARLO, Allowance, allowances, error_budget
 from radar_sense.geometry import body_vector, slant_range
 from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
-from radar_sense.propagation import BOUND_CHANGE, METHODS, STD_CHANGE, Moments, propagate
-from radar_sense.reader import ScenarioError, did_you_mean
+from radar_sense.propagation import (
+    BOUND_CHANGE,
+    METHODS,
+    STD_CHANGE,
+    Moments,
+    check_method,
+    propagate_scenario,
+)
+from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.states import SOURCES, FloatArray
 from radar_sense.wording import at, peak, reached, trough, where
@@ -58,7 +65,7 @@ class Result:
 def variance(scenario: Scenario, *, method: str | None = None) -> Result:
     """P_D along the geometry with its standard deviation and 3σ band."""
     aircraft, radar, theta = scenario.aircraft, scenario.radar, scenario.theta_r_deg
-    moments = _propagate(scenario, scenario.level, method)
+    moments = propagate_scenario(scenario, method=_chosen(method))
     snr = scenario.model.snr(aircraft, radar)
     with np.errstate(divide="ignore"):  # no cross section, no signal: −inf dB
         snr_db = 10.0 * np.log10(snr)
@@ -67,7 +74,7 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
     return Result(
         analysis="variance",
         scenario=scenario,
-        method=method or "linear",
+        method=_chosen(method),
         table={
             "theta_r_deg": theta,
             "range_m": slant_range(aircraft, radar),
@@ -88,13 +95,16 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
 def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
     """3σ of P_D for every level of radar uncertainty."""
     theta = scenario.theta_r_deg
-    moments = {level: _propagate(scenario, level, method) for level in scenario.cov_radar}
+    moments = {
+        level: propagate_scenario(scenario.with_analysis(level=level), method=_chosen(method))
+        for level in scenario.cov_radar
+    }
     worst = {level: peak(3 * m.std, theta) for level, m in moments.items()}
     width = max(map(len, worst))
     return Result(
         analysis="sensitivity",
         scenario=scenario,
-        method=method or "linear",
+        method=_chosen(method),
         table={
             "theta_r_deg": theta,
             **{f"three_sigma_{level}": 3 * m.std for level, m in moments.items()},
@@ -135,13 +145,13 @@ def budget(
     Raises:
         ScenarioError: If there is no such method or pose, or the two do not go together.
     """
-    _check_method(method, [*METHODS, MONTE_CARLO])
+    check_method(_chosen(method), [MONTE_CARLO])
     if target is not None and method == MONTE_CARLO:
         raise ScenarioError(f"a target needs one of the methods {', '.join(METHODS)}")
     if at_deg is not None and target is None:
         raise ScenarioError("an azimuth for the target needs a target")
     theta = scenario.theta_r_deg
-    found = error_budget(scenario, method or "linear")
+    found = error_budget(scenario, _chosen(method))
     three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
     shares = found.shares()
     worst = peak(total, theta)
@@ -155,14 +165,19 @@ def budget(
         if (place := where((dominant == i) & (total > 0), theta))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
-    inverse = {} if target is None else _inverse(scenario, target, method, at_deg)
+    inverse: dict[str, Any] = {}
+    inverse_report: list[str] = []
+    if target is not None:
+        allowed = allowances(scenario, target, method=_chosen(method), at=at_deg)
+        inverse = {"target": _inverse_summary(target, at_deg, allowed)}
+        inverse_report = _inverse_report(target, at_deg, allowed)
     warnings = [] if found.moments is None else [*_doubts(found.moments, method, theta)]
-    if (method or "linear") == "linear":
+    if _chosen(method) == "linear":
         warnings += _vanishing(three_sigma, total, theta)
     return Result(
         analysis="budget",
         scenario=scenario,
-        method=method or "linear",
+        method=_chosen(method),
         table={
             "theta_r_deg": theta,
             **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
@@ -178,7 +193,7 @@ def budget(
             "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
             "dominant": ranked[0],
             "dominates": dominates,
-            **({"target": inverse} if inverse else {}),
+            **inverse,
         },
         report=(
             f"3 sigma of P_D ({_named(scenario.level, method)}) at {theta[pose]:g} deg, "
@@ -187,7 +202,7 @@ def budget(
             *_interaction_row(shares["interaction"][pose], errors.get("interaction")),
             _row("total", float(total[pose])),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
-            *_inverse_report(inverse),
+            *inverse_report,
         ),
         warnings=(*warnings, *_correlated(three_sigma, total, method)),
     )
@@ -201,9 +216,8 @@ def montecarlo(
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Monte Carlo draws of P_D against the 3σ band of a method."""
-    _check_method(method, METHODS)
     theta = scenario.theta_r_deg
-    mc = monte_carlo(scenario, method=method or "linear", workers=workers, progress=progress)
+    mc = monte_carlo(scenario, method=_chosen(method), workers=workers, progress=progress)
     low, high = mc.coverage_interval()
     pose = int(np.argmin(mc.coverage))
     # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
@@ -221,14 +235,11 @@ def montecarlo(
     return Result(
         analysis="montecarlo",
         scenario=scenario,
-        method=method or "linear",
+        method=_chosen(method),
         table={
             "theta_r_deg": theta,
             **_band(mc.band),
-            "mc_mean": mc.mean,
-            "mc_std": mc.std,
-            "mc_lower": mc.lower,
-            "mc_upper": mc.upper,
+            **_drawn(mc.mean, mc.std, mc.lower, mc.upper),
             "coverage_3sigma": mc.coverage,
             **_mean(mc.band.mean, method),
         },
@@ -263,7 +274,7 @@ def compare(
     """Bounds of P_D by every method of propagation against those of Monte Carlo."""
     theta = scenario.theta_r_deg
     mc = monte_carlo(scenario, workers=workers, progress=progress)
-    moments = {method: _propagate(scenario, scenario.level, method) for method in METHODS}
+    moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
     worst = {
         method: {
             "bounds": peak(np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper)), theta),
@@ -278,10 +289,7 @@ def compare(
         table={
             "theta_r_deg": theta,
             "p_d": mc.band.p_d,
-            "mc_mean": mc.mean,
-            "mc_std": mc.std,
-            "mc_lower": mc.lower,
-            "mc_upper": mc.upper,
+            **_drawn(mc.mean, mc.std, mc.lower, mc.upper),
             **{
                 f"{name}_{method}": column
                 for method, m in moments.items()
@@ -318,10 +326,9 @@ def validate(
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Verdict on a method of propagation by adaptive Monte Carlo, pose by pose."""
-    _check_method(method, METHODS)
     theta = scenario.theta_r_deg
     found = validation.validate(
-        scenario, method=method or "linear", digits=digits, workers=workers, progress=progress
+        scenario, method=_chosen(method), digits=digits, workers=workers, progress=progress
     )
     low, high = found.coverage_interval()
     ratio = np.fmax(found.distance_lower, found.distance_upper) / found.delta
@@ -353,14 +360,11 @@ def validate(
     return Result(
         analysis="validate",
         scenario=scenario,
-        method=method or "linear",
+        method=_chosen(method),
         table={
             "theta_r_deg": theta,
             **_band(found.moments),
-            "mc_mean": found.mc_mean,
-            "mc_std": found.mc_std,
-            "mc_lower": found.mc_lower,
-            "mc_upper": found.mc_upper,
+            **_drawn(found.mc_mean, found.mc_std, found.mc_lower, found.mc_upper),
             "delta": found.delta,
             "distance_lower": found.distance_lower,
             "distance_upper": found.distance_upper,
@@ -387,24 +391,14 @@ def validate(
     )
 
 
-def _check_method(method: str | None, allowed: Mapping[str, Any] | list[str]) -> None:
-    if method is not None and method not in allowed:
-        raise ScenarioError(
-            f"method must be one of {', '.join(allowed)}, got {method!r}"
-            + did_you_mean(method, allowed)
-        )
+def _chosen(method: str | None) -> str:
+    return "linear" if method is None else method
 
 
-def _propagate(scenario: Scenario, level: str, method: str | None) -> Moments:
-    _check_method(method, METHODS)
-    return propagate(
-        scenario.model,
-        scenario.aircraft,
-        scenario.radar,
-        scenario.cov_aircraft,
-        scenario.cov_radar[level],
-        method=method or "linear",
-    )
+def _drawn(
+    mean: FloatArray, std: FloatArray, lower: FloatArray, upper: FloatArray
+) -> dict[str, FloatArray]:
+    return {"mc_mean": mean, "mc_std": std, "mc_lower": lower, "mc_upper": upper}
 
 
 def _band(moments: Moments) -> dict[str, FloatArray]:
@@ -479,7 +473,7 @@ def _correlated(
     alone: Mapping[str, FloatArray], total: FloatArray, method: str | None
 ) -> tuple[str, ...]:
     """Say so if linear contributions do not add up, because sources are correlated."""
-    if (method or "linear") != "linear":
+    if _chosen(method) != "linear":
         return ()  # nonlinearity keeps them from adding up too; the interaction row has both
     together = np.sqrt(np.sum([values**2 for values in alone.values()], axis=0))
     gap = np.nanmax(abs(total - together), initial=0)
@@ -508,29 +502,25 @@ def _percent(share: float, error: float | None) -> str:
     return f" {share:6.1%}" + ("" if error is None else f" +/- {error:.1%}")
 
 
-def _inverse(
-    scenario: Scenario, target: float, method: str | None, at_deg: float | None
+def _inverse_summary(
+    target: float, at_deg: float | None, found: Mapping[str, Allowance]
 ) -> dict[str, Any]:
-    found = allowances(scenario, target, method=method or "linear", at=at_deg)
     return {
         "three_sigma": target,
         "at_deg": at_deg,
-        "allowances": {
-            source: dataclasses.asdict(allowance) for source, allowance in found.items()
-        },
+        "allowances": {source: dataclasses.asdict(a) for source, a in found.items()},
     }
 
 
-def _inverse_report(inverse: Mapping[str, Any]) -> list[str]:
-    if not inverse:
-        return []
-    place = "every pose" if inverse["at_deg"] is None else f"{inverse['at_deg']:g} deg"
+def _inverse_report(
+    target: float, at_deg: float | None, found: Mapping[str, Allowance]
+) -> list[str]:
+    place = "every pose" if at_deg is None else f"{at_deg:g} deg"
     lines = [
-        f"to keep 3 sigma within {inverse['three_sigma']:g} at {place}, multiply the standard "
+        f"to keep 3 sigma within {target:g} at {place}, multiply the standard "
         "deviations of one source, the others as they are, or of all together, by at most:"
     ]
-    for source, values in inverse["allowances"].items():
-        allowance = Allowance(**values)
+    for source, allowance in found.items():
         if not allowance.known:
             said = "not known: this method has no answer"
             if allowance.factor:

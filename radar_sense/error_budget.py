@@ -5,6 +5,7 @@ A source of the budget is a block of a state's covariance, see `states.SOURCES`.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
@@ -12,11 +13,11 @@ import numpy as np
 from scipy.optimize import brentq
 
 from radar_sense import covariance
-from radar_sense.propagation import Moments, propagate
+from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.sobol import REPLICATES, sobol_indices
-from radar_sense.states import SOURCES, FloatArray
+from radar_sense.states import CONSTANT, SOURCES, FloatArray
 from radar_sense.wording import reached
 
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
@@ -71,13 +72,15 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         method: A method of propagation, or "montecarlo" for Sobol' indices.
 
     Raises:
-        ScenarioError: If Sobol' indices are asked for and sources are correlated.
+        ScenarioError: If there is no such method, or Sobol' indices are asked for and sources are
+            correlated.
     """
+    check_method(method, [MONTE_CARLO])
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
-    total = _moments(scenario, method, {})
+    total = propagate_scenario(scenario, method=method)
     alone = {
-        source: _moments(scenario, method, dict.fromkeys(set(SOURCES) - {source}, 0.0)).std
+        source: _scaled_moments(scenario, method, set(SOURCES) - {source}, 0.0).std
         for source in SOURCES
     }
     return Budget(mean=total.mean, std=total.std, alone=alone, moments=total)
@@ -122,12 +125,13 @@ def allowances(
     Raises:
         ScenarioError: If there is no pose at that azimuth.
     """
-    poses = _poses_at(scenario, at)
-    theta = scenario.theta_r_deg[poses]
-    alone = {s: std[poses] for s, std in error_budget(scenario, method).alone.items()}
+    if at is not None:
+        scenario = _only_at(scenario, at)
+    theta = scenario.theta_r_deg
+    alone = error_budget(scenario, method).alone
 
     def three_sigma(sources: Collection[str], factor: float) -> FloatArray:
-        return 3 * _moments(scenario, method, dict.fromkeys(sources, factor), poses).std
+        return 3 * _scaled_moments(scenario, method, sources, factor).std
 
     def excess(log_factor: float, sources: Collection[str]) -> float:
         """Largest 3σ less the target; NaN where the method has no answer."""
@@ -176,9 +180,8 @@ def allowances(
     return {**{source: allowance([source]) for source in SOURCES}, "all": allowance(list(SOURCES))}
 
 
-def _poses_at(scenario: Scenario, at: float | None) -> slice:
-    if at is None:
-        return slice(None)
+def _only_at(scenario: Scenario, at: float) -> Scenario:
+    """Return the scenario with a single pose of its."""
     theta = scenario.theta_r_deg
     nearest = int(np.argmin(abs(theta - at)))
     if abs(theta[nearest] - at) > 1e-9:
@@ -186,28 +189,23 @@ def _poses_at(scenario: Scenario, at: float | None) -> slice:
             f"there is no pose at {at:g} deg, the nearest of {len(theta)} is at "
             f"{theta[nearest]:g} deg"
         )
-    return slice(nearest, nearest + 1)
+    pose = slice(nearest, nearest + 1)
+    return dataclasses.replace(scenario, theta_r_deg=theta[pose], aircraft=scenario.aircraft[pose])
 
 
-def _moments(
-    scenario: Scenario, method: str, factors: Mapping[str, float], poses: slice = slice(None)
+def _scaled_moments(
+    scenario: Scenario, method: str, sources: Collection[str], factor: float
 ) -> Moments:
     """Propagate with the standard deviations of some sources multiplied by a factor."""
-    covariances = {
-        "aircraft": scenario.cov_aircraft,
-        "radar": scenario.cov_radar[scenario.level],
-    }
-    for source, factor in factors.items():
+    level = scenario.level
+    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[level]}
+    for source in sources:
         whose, components = SOURCES[source]
         covariances[whose] = covariance.scaled(covariances[whose], components, factor)
-    return propagate(
-        scenario.model,
-        scenario.aircraft[poses],
-        scenario.radar,
-        covariances["aircraft"],
-        covariances["radar"],
-        method=method,
+    scaled = dataclasses.replace(
+        scenario, cov_aircraft=covariances["aircraft"], cov_radar={level: covariances["radar"]}
     )
+    return propagate_scenario(scaled, method=method)
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
@@ -245,7 +243,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     def p_d(white: FloatArray) -> FloatArray:
         aircraft = covariance.draws(np.zeros(6), factor_aircraft, white[:, :aircraft_inputs])
         radar = covariance.draws(scenario.radar, factor_radar, white[:, aircraft_inputs:])
-        radar[:, -1] = np.maximum(radar[:, -1], 0.0)
+        radar[:, CONSTANT] = np.maximum(radar[:, CONSTANT], 0.0)
         return np.stack([scenario.model.p_d(pose + aircraft, radar) for pose in scenario.aircraft])
 
     indices = sobol_indices(p_d, groups, samples=scenario.runs, seed=scenario.seed)

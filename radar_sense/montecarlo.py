@@ -19,7 +19,7 @@ from scipy.special import ndtr
 
 from radar_sense.covariance import draws, factor
 from radar_sense.model import DetectionModel
-from radar_sense.propagation import Moments, propagate
+from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
@@ -80,6 +80,11 @@ class MonteCarlo:
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
         """Ends of the binomial confidence interval of the coverage, each (n,)."""
         return binomial_interval(self.inside, self.runs, confidence)
+
+
+def random_stream(seed: int, *key: int) -> np.random.Generator:
+    """Make the generator of one of the independent streams that belong to a seed."""
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +154,7 @@ class _Blocks:
 
     def block(self, index: int) -> tuple[FloatArray, int]:
         """P_D (runs of the block, n) and the number of radar constants set to zero."""
-        stream = np.random.SeedSequence(self.seed, spawn_key=(index,))
-        generator = np.random.Generator(np.random.SFC64(stream))
+        generator = random_stream(self.seed, index)
         runs = min(RUNS_PER_BLOCK, self.runs - index * RUNS_PER_BLOCK)
         # A last block that is not full draws as many, so that more runs begin with the same ones.
         radar, negative = self.sampler.draw_radar(generator, RUNS_PER_BLOCK)
@@ -183,15 +187,7 @@ def monte_carlo(
         ScenarioError: If runs, seed or level are not allowed.
     """
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    cov_radar = scenario.cov_radar[scenario.level]
-    band = propagate(
-        scenario.model,
-        scenario.aircraft,
-        scenario.radar,
-        scenario.cov_aircraft,
-        cov_radar,
-        method=method,
-    )
+    band = propagate_scenario(scenario, method=method)
     blocks = _Blocks(Sampler.of(scenario), scenario.runs, scenario.seed)
     poses = len(scenario.aircraft)
     if 2 * TAIL * scenario.runs * poses > MAX_KEPT:

@@ -5,7 +5,7 @@ One function per method, all of one signature, chosen by name in `METHODS`. `lin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import NamedTuple
 
@@ -16,6 +16,8 @@ from scipy.special import ndtr
 
 from radar_sense.form import quantiles
 from radar_sense.model import DetectionModel
+from radar_sense.reader import ScenarioError, did_you_mean
+from radar_sense.scenario import Scenario
 from radar_sense.standardized import Standardized, standardize
 from radar_sense.states import FloatArray
 
@@ -90,8 +92,7 @@ def propagate(
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
     """
-    if method not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    check_method(method)
     if not 0 < beta < np.inf:
         raise ValueError(f"beta must be positive, got {beta}")
     shape, blocks = standardize(model, aircraft, radar, cov_aircraft, cov_radar)
@@ -100,6 +101,33 @@ def propagate(
     for name in ("mean", "lower", "upper"):  # where nothing is uncertain, not even the rounding is
         values[name] = np.where(values["std"] == 0, values["p_d"], values[name])
     return Moments(**{name: value.reshape(shape)[()] for name, value in values.items()})
+
+
+def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: float = 3.0) -> Moments:
+    """Moments of P_D (n,) at every pose of a scenario, at its level of radar uncertainty.
+
+    Raises:
+        ScenarioError: If there is no such method.
+    """
+    return propagate(
+        scenario.model,
+        scenario.aircraft,
+        scenario.radar,
+        scenario.cov_aircraft,
+        scenario.cov_radar[scenario.level],
+        method=method,
+        beta=beta,
+    )
+
+
+def check_method(method: str, besides: Sequence[str] = ()) -> None:
+    """Raise ScenarioError, which is a ValueError, unless there is such a method."""
+    allowed = [*METHODS, *besides]
+    if method not in allowed:
+        raise ScenarioError(
+            f"method must be one of {', '.join(allowed)}, got {method!r}"
+            + did_you_mean(method, allowed)
+        )
 
 
 def linear(z: Standardized, beta: float) -> Moments:

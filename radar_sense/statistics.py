@@ -45,8 +45,8 @@ class Tails:
     """Exact quantiles near both ends, from the few smallest and largest rows of each column.
 
     The quantile at probability p of n draws lies between two order statistics, found from the end
-    by counting about p n draws; those are all that is kept. As soon as as many more rows wait, they
-    are merged with them and the inner ones are dropped.
+    by counting about p n draws; those are all that is kept. As soon as that many more rows wait,
+    they are merged with them and the inner ones are dropped.
 
     Args:
         columns: Number of columns.

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from radar_sense.limits import RUNS, Limit
-from radar_sense.montecarlo import Sampler
-from radar_sense.propagation import METHODS, Moments, propagate
-from radar_sense.reader import ScenarioError, did_you_mean
+from radar_sense.montecarlo import Sampler, random_stream
+from radar_sense.propagation import Moments, check_method, propagate_scenario
+from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.statistics import Tails, binomial_interval
@@ -155,11 +155,7 @@ def validate(
     Raises:
         ScenarioError: If there is no such method or a number is not allowed.
     """
-    if method not in METHODS:
-        raise ScenarioError(
-            f"method must be one of {', '.join(METHODS)}, got {method!r}"
-            + did_you_mean(method, METHODS)
-        )
+    check_method(method)
     for name, value, limit in (
         ("digits", digits, DIGITS),
         ("beta", beta, BETA),
@@ -176,15 +172,7 @@ def validate(
             f"max_runs must be at least {2 * batches.draws}, two batches for a beta of {beta:g}, "
             f"got {max_runs}"
         )
-    moments = propagate(
-        scenario.model,
-        scenario.aircraft,
-        scenario.radar,
-        scenario.cov_aircraft,
-        scenario.cov_radar[scenario.level],
-        method=method,
-        beta=beta,
-    )
+    moments = propagate_scenario(scenario, method=method, beta=beta)
     most = max_runs // batches.draws
     together = max(1, MAX_KEPT // (2 * batches.kept * most))
     found = np.zeros(len(scenario.aircraft), dtype=_FOUND)
@@ -323,8 +311,7 @@ class _Batches:
         return low[0], high[0]
 
     def _stream(self, *key: int) -> np.random.Generator:
-        stream = np.random.SeedSequence(self.seed, spawn_key=(STREAM, *key))
-        return np.random.Generator(np.random.SFC64(stream))
+        return random_stream(self.seed, STREAM, *key)
 
 
 #: Confidence that a distance is beyond δ for a method to be refuted: that of 3 standard errors.

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenarios import scenario
+from scenarios import OVERHEAD, scenario
 
 from radar_sense import analyses
 from radar_sense.propagation import METHODS
@@ -86,13 +86,8 @@ def test_a_vanishing_gradient_is_not_a_confident_zero():
 
 
 def test_an_undefined_linearization_is_said_to_be():
-    # pitch 90: the horizon is straight below the aircraft, and at azimuth 0 (from east, heading
-    # east) so is the radar
     s = scenario(
-        aircraft__attitude_deg=[0, 0, 0],
-        radar__position_m=[500e3, 0, 10e3],
-        geometry__azimuth_deg={"start": 0, "stop": 90, "step": 90},
-        geometry__azimuth_from="north",
+        **(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}),
     )
     result = analyses.variance(s)
     assert np.isnan(result.table["sigma_pd"][0])
@@ -186,10 +181,7 @@ def test_no_uncertainty_at_all():
 
 def test_validate_without_any_result():
     s = scenario(
-        aircraft__attitude_deg=[0, 0, 0],
-        radar__position_m=[500e3, 0, 10e3],
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        geometry__azimuth_from="north",
+        **OVERHEAD,
     )
     result = analyses.validate(s, digits=1)
     assert not result.passed

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenarios import scenario
+from scenarios import OVERHEAD, scenario
 
 from radar_sense import analyses
 from radar_sense.error_budget import allowances, error_budget
@@ -257,10 +257,7 @@ def test_where_a_method_has_no_answer_none_is_made_up():
 def test_undefined_gradients_of_what_is_certain_do_not_matter():
     """With the radar straight below, P_D by c_r alone is known though λ is not."""
     s = scenario(
-        aircraft__attitude_deg=[0, 0, 0],
-        radar__position_m=[500e3, 0, 10e3],
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        geometry__azimuth_from="north",
+        **OVERHEAD,
         radar__constant=1e-4,
         uncertainty={"aircraft": NOTHING, "radar": {"some": {"position_m": 0, "constant": 1e-6}}},
         analysis={"level": "some"},

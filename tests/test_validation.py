@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from scipy.stats import beta as beta_distribution
 from scipy.stats import norm
 
-from radar_sense import montecarlo, validation
+from radar_sense import montecarlo, propagation, validation
 from radar_sense.montecarlo import RUNS_PER_BLOCK, Sampler
 from radar_sense.propagation import Moments, propagate
 from radar_sense.reader import ScenarioError
@@ -97,7 +97,7 @@ def with_method(monkeypatch, **changes):
         exact = model.moments(*states, beta)
         return dataclasses.replace(exact, **{k: f(getattr(exact, k)) for k, f in changes.items()})
 
-    monkeypatch.setattr(validation, "propagate", said)
+    monkeypatch.setattr(propagation, "propagate", said)
 
 
 @pytest.fixture(autouse=True)
