@@ -21,7 +21,7 @@ _HOME = {
     "Scenario": "scenario",
     "ScenarioError": "reader",
     "SpikeballRCS": "rcs",
-    "SurveillanceRadar": "detection",
+    "SurveillanceRadar": "radar",
     "budget": "analyses",
     "compare": "analyses",
     "load_scenario": "scenario",
@@ -35,10 +35,10 @@ _HOME = {
 
 if TYPE_CHECKING:
     from radar_sense.analyses import Result, budget, compare, sensitivity, validate, variance
-    from radar_sense.detection import SurveillanceRadar
     from radar_sense.model import DetectionModel, Linearization
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
     from radar_sense.propagation import Moments, propagate
+    from radar_sense.radar import SurveillanceRadar
     from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
     from radar_sense.reader import ScenarioError
     from radar_sense.scenario import Scenario, load_scenario, parse_scenario

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import variance_along
-from radar_sense.detection import Detector, North, snr
+from radar_sense.detection import Detector, North
 from radar_sense.geometry import Attitude, Vector, join, radar_from_aircraft
+from radar_sense.radar import snr
 from radar_sense.rcs import RCS
 from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
 

@@ -18,7 +18,6 @@ from typing import Any
 import numpy as np
 
 from radar_sense import covariance
-from radar_sense.detection import SurveillanceRadar
 from radar_sense.geometry import orbit, slant_range
 from radar_sense.limits import (
     NOT_NEGATIVE,
@@ -30,6 +29,7 @@ from radar_sense.limits import (
     parameter_keys,
 )
 from radar_sense.model import DetectionModel
+from radar_sense.radar import SurveillanceRadar
 from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.reader import (
     LARGEST,

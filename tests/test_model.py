@@ -15,9 +15,10 @@ from scipy.spatial.transform import Rotation
 from scipy.special import erfcinv
 
 from radar_sense.covariance import only, variance_along
-from radar_sense.detection import North, SurveillanceRadar
+from radar_sense.detection import North
 from radar_sense.geometry import Attitude, Vector, body_vector, orbit, slant_range
 from radar_sense.model import DetectionModel, Linearization
+from radar_sense.radar import SurveillanceRadar
 from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.states import SOURCES
 
