@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 FIGURES := variance montecarlo sensitivity budget
 
-.PHONY: figures test lint format clean
+.PHONY: figures test bench lint format clean
 
 # The runtime packages are enough for the figures; what tests and linting need is installed with them.
 $(VENV)/installed: pyproject.toml
@@ -18,6 +18,14 @@ $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
 	touch $@
 
+# The peers of the benchmarks are large, and have no wheels for every platform: each is installed by
+# itself, and where one cannot be had its rows are left out. The stamp waits for both.
+$(VENV)/installed-bench: $(VENV)/installed
+	@all=yes; for peer in numba jax; do \
+		$(BIN)/python -m pip install --quiet --only-binary :all: --editable ".[bench-$$peer]" \
+			|| { all=; echo "$$peer cannot be installed: bench goes without it" >&2; }; \
+	done; test -z "$$all" || touch $@
+
 figures: $(VENV)/installed
 	@for analysis in $(FIGURES); do \
 		$(BIN)/radar-sense $$analysis --out figures --format pdf --format png || exit; \
@@ -29,6 +37,9 @@ figures: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto
+
+bench: $(VENV)/installed-bench
+	$(BIN)/python tests/bench
 
 lint: $(VENV)/installed-dev
 	$(BIN)/ruff check .

@@ -1,0 +1,272 @@
+"""`make bench`: how fast the package is, each figure as a ratio to a peer run beside it.
+
+Ours and the peer's calls take turns in one process, and medians are compared. Before anything is
+timed the results are compared: a peer that computes something else is not a peer. Nothing here
+fails where a ratio is missed; it is said in the last column.
+"""
+
+import os
+import platform
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import contextmanager
+from functools import partial
+from importlib import metadata, util
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the tests have peers too
+
+import numpy as np
+import peers
+from chain_rule import linearize as chain_rule
+from scenarios import scenario
+from scipy.special import ndtr
+
+import radar_sense as rs
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parents[1]
+
+P_FA = 1.7e-4
+TAIL = float(ndtr(-3.0))
+POSES = 300_000
+RUNS = 2_000
+
+#: The RCS models: what the package calls them, what the peers do, what a scenario file does.
+RCS = {
+    "ellipsoid": (
+        rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21),
+        ("ellipsoid", 0.15, 0.13, 0.21),
+        {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21},
+    ),
+    "spikeball": (
+        rs.SpikeballRCS(lobes=4, amplitude=0.18, floor=0.1),
+        ("spikeball", 4, 0.18, 0.1),
+        {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.18, "floor_m2": 0.1},
+    ),
+    "constant": (
+        rs.ConstantRCS(rcs=0.2),
+        ("constant", 0.2),
+        {"model": "constant", "rcs_m2": 0.2},
+    ),
+}
+
+
+def main():
+    heading()
+    with one_core():
+        for kind in RCS:
+            linearization(kind)
+        for kind in RCS:
+            monte_carlo(kind)
+        print(
+            "\n* does not turn to the body frame; the compiler sees that a constant needs no aspect"
+        )
+    workers()
+    door()
+
+
+def heading():
+    found = [f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "matplotlib")]
+    for name in ("numba", "jax"):
+        if util.find_spec(name):
+            found.append(f"{name} {metadata.version(name)}")
+        else:
+            print(f"{name} is not installed here: its rows are left out")
+    print(f"{cpu()}, {len(cores())} cores; Python {platform.python_version()}, {', '.join(found)}")
+    print(f"\n{'':47}{'ours':>10}{'peer':>10}    ratio            wanted")
+
+
+def title(text):
+    print(f"\n{text}")
+
+
+def row(what, times, count, unit, *, faster=None, longer=None):
+    """Print one row of the table.
+
+    Args:
+        what: What is compared.
+        times: Ours and the peer's [s].
+        count: What the times are divided by.
+        unit: Unit of the outcome, "ns" or "ms".
+        faster: How many times as fast as the peer we want to be, or
+        longer: how many times the peer's time we may take at most.
+    """
+    scale = {"ns": 1e9, "ms": 1e3}[unit] / count
+    ours, peer = times
+    if faster is not None:
+        ratio, wanted, holds = f"{peer / ours:.2f}x faster", f">= {faster:g}", peer / ours >= faster
+    else:
+        ratio, wanted, holds = (
+            f"{ours / peer:.2f}x the time",
+            f"<= {longer:g}",
+            ours / peer <= longer,
+        )
+    print(
+        f"  {what:45}{ours * scale:7.1f} {unit}{peer * scale:7.1f} {unit}    {ratio:16} {wanted:8}"
+        f"{'yes' if holds else 'MISSED'}",
+        flush=True,
+    )
+
+
+def interleaved(*functions, rounds=7):
+    """Median time [s] of each of some functions that take turns, after a first turn to warm up."""
+    times = [[] for _ in functions]
+    for turn in range(rounds + 1):
+        for function, found in zip(functions, times, strict=True):
+            start = time.perf_counter()
+            function()
+            if turn:
+                found.append(time.perf_counter() - start)
+    return [statistics.median(found) for found in times]
+
+
+def linearization(kind):
+    rcs, plain, _ = RCS[kind]
+    title(f"P_D and all ten partials of {POSES:,} random poses, {kind} RCS, one core; per pose")
+    aircraft, radar = random_poses(np.random.default_rng(1))
+    ours = partial(rs.DetectionModel(rcs=rcs, p_fa=P_FA).linearize, aircraft, radar)
+    lin = ours()
+    expected = lin.p_d, lin.jac_aircraft, lin.jac_radar
+
+    peer = partial(chain_rule, aircraft, radar, plain, P_FA)
+    same(expected, peer())
+    row("the paper's chain rule in NumPy", interleaved(ours, peer), POSES, "ns", faster=6)
+    if util.find_spec("jax"):
+        compiled, to_device = peers.jax_linearize(plain, P_FA)
+        peer = partial(compiled, to_device(aircraft), to_device(radar))
+        p_d, gradient = peer()
+        same(expected, (p_d, *gradient))
+        note = " *" if kind == "constant" else ""
+        row(f"reverse-mode JAX{note}", interleaved(ours, peer), POSES, "ns", faster=5)
+
+
+def random_poses(rng):
+    """Aircraft 300 to 800 km away in any attitude, and the radar and its constant as they come."""
+    azimuth, radius = rng.uniform(-np.pi, np.pi, POSES), rng.uniform(300e3, 800e3, POSES)
+    down = rng.uniform(-15e3, -1e3, POSES)
+    position = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), down], axis=1)
+    attitude = rng.uniform(-1, 1, (POSES, 3)) * [np.pi, np.pi / 2, np.pi]
+    radar = np.column_stack([rng.normal(0, 1e3, (POSES, 3)), rng.uniform(100, 200, POSES)])
+    return np.hstack([position, attitude]), radar
+
+
+def same(ours, theirs):
+    """Insist that P_D and every partial agree to 1e-9 of the largest of its kind."""
+    for a, b in zip(ours, theirs, strict=True):
+        assert np.all(np.abs(a - b) <= 1e-9 * np.abs(a).max(axis=0))
+
+
+def monte_carlo(kind):
+    _, plain, document = RCS[kind]
+    title(f"Monte Carlo, {RUNS:,} runs of 361 poses, {kind} RCS, one core; per sample")
+    case = scenario(aircraft__rcs=document)
+    ours = partial(rs.monte_carlo, case, runs=RUNS, seed=1)
+    mc = ours()
+    nominal = case.aircraft, case.radar
+    covariances = case.cov_aircraft, case.cov_radar[case.level]
+    band = mc.band.p_d, mc.band.lower, mc.band.upper
+    samples = RUNS * len(case.aircraft)
+
+    if util.find_spec("numba"):
+        kernel = peers.numba_monte_carlo(plain, P_FA)
+        generator = np.random.Generator(np.random.SFC64(2))
+        std = [np.sqrt(np.diag(c)) for c in covariances]
+        peer = partial(kernel, generator, RUNS, nominal, std, band, TAIL)
+        alike(mc, peer())
+        note = " *" if kind == "constant" else ""
+        row(f"fused Numba kernel{note}", interleaved(ours, peer), samples, "ns", longer=1.3)
+    for name, turn in (
+        ("NumPy, rotation matrices multiplied", peers.matrix_by_products),
+        ("NumPy, rotation matrix written out", peers.matrix_by_elements),
+    ):
+        rest = nominal, covariances, plain, P_FA, band, TAIL
+        peer = partial(peers.numpy_monte_carlo, turn, np.random.default_rng(2), RUNS, *rest)
+        alike(mc, peer())
+        row(name, interleaved(ours, peer, rounds=3), samples, "ns", faster=8)
+
+
+def alike(mc, theirs):
+    """Insist that the statistics of two independent sets of draws agree.
+
+    Mean and coverage do at every pose, to 5 standard errors. Deviation and quantiles scatter too
+    much where P_D has a heavy tail, near 1 say; they do at most poses.
+    """
+    mean, std, coverage, lower, upper = theirs
+    error = np.sqrt(2.0 / mc.runs)
+    share = np.clip((coverage + mc.coverage) / 2, 1 / mc.runs, 1 - 1 / mc.runs)
+    assert np.all(abs(mean - mc.mean) < 5 * error * mc.std)
+    assert np.all(abs(coverage - mc.coverage) < 5 * error * np.sqrt(share * (1 - share)))
+    assert np.median(abs(std / mc.std - 1)) < 5 * error / np.sqrt(2)
+    assert np.median(abs(lower - mc.lower) / mc.std) < 1
+    assert np.median(abs(upper - mc.upper) / mc.std) < 1
+
+
+def workers():
+    if len(cores()) < 2:
+        print("\nOnly one core is at hand: the row for several workers is left out")
+        return
+    title("Monte Carlo, 8 000 runs of 361 poses, all cores; per sample")
+    case = scenario()
+    two, one = (partial(rs.monte_carlo, case, runs=4 * RUNS, seed=1, workers=n) for n in (2, 1))
+    samples = 4 * RUNS * len(case.aircraft)
+    row("two workers beside one", interleaved(two, one), samples, "ns", faster=1.8)
+
+
+def door():
+    title("At the door, a process each; per start")
+    with tempfile.TemporaryDirectory() as folder:
+        tool = partial(run, "-m", "radar_sense")
+        click = partial(run, "-c", "import click")
+        figure = partial(run, str(HERE / "figure_alone.py"), str(Path(folder) / "figure.pdf"))
+        budget = partial(tool, "budget", "-q", "--out", folder)
+        wrong = partial(tool, "budget", "--rns", "5", code=2)
+        start = partial(run, "-c", "pass")
+        for what, ours, peer in (
+            ("--help beside Python and import click", partial(tool, "--help"), click),
+            ("a wrong argument beside the same", wrong, click),
+            ("budget beside NumPy, Matplotlib and a figure", budget, figure),
+        ):
+            row(what, interleaved(ours, peer), 1, "ms", longer=1.3)
+        (alone,) = interleaved(start)
+        print(f"  (Python itself starts in {alone * 1e3:.0f} ms)")
+
+
+def run(*arguments, code=0):
+    """Run Python and insist on its exit code."""
+    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, check=False)
+    assert done.returncode == code, done.stderr.decode()
+
+
+@contextmanager
+def one_core():
+    """Keep the process on one core, and then let it go again."""
+    allowed = cores()
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(allowed)})
+        yield
+        os.sched_setaffinity(0, allowed)
+    else:
+        yield
+
+
+def cores():
+    if hasattr(os, "sched_getaffinity"):
+        return os.sched_getaffinity(0)
+    return set(range(os.cpu_count() or 1))
+
+
+def cpu():
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(
+            line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")
+        )
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+main()
