@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radar_sense.geometry import join
 from radar_sense.states import FloatArray
 
 #: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
@@ -103,13 +102,14 @@ def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray
         factor: F (n, n).
         white: Independent unit normals (..., n).
     """
-    components = []
+    drawn = np.empty((len(factor), *white.shape[:-1]))
     for i, weights in enumerate(factor):
-        component = np.broadcast_to(mean[..., i], white.shape[:-1])
+        np.multiply(white[..., i], weights[i], out=drawn[i])
         for j in np.flatnonzero(weights):
-            component = component + weights[j] * white[..., j]
-        components.append(component)
-    return join(components)
+            if j != i:
+                drawn[i] += weights[j] * white[..., j]
+        drawn[i] += mean[..., i]
+    return np.moveaxis(drawn, 0, -1)
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:

@@ -10,7 +10,6 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import brentq
 
 from radar_sense import covariance
 from radar_sense.propagation import Moments, check_method, propagate_scenario
@@ -159,6 +158,8 @@ def allowances(
                 return float(np.exp(low)), False
             middle = 0.5 * (low + high)
             low, high = (middle, high) if excess(middle, sources) <= 0 else (low, middle)
+        from scipy.optimize import brentq  # slow to import
+
         root = brentq(excess, low, high, args=(sources,), xtol=1e-10, rtol=1e-15)
         return float(np.exp(root - 1e-9)), True  # on the side that is within the target
 

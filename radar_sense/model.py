@@ -7,8 +7,9 @@ enough that all intermediate arrays stay in the processor's cache.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TypeAlias
 
 import numpy as np
@@ -21,8 +22,11 @@ from radar_sense.radar import snr
 from radar_sense.rcs import RCS
 from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
 
-#: Poses per block: the arrays in use at a time then stay within a second-level cache of 1 MB.
-BLOCK = 8192
+#: Poses per block. The arrays in use at a time stay within a third-level cache, and NumPy's calls
+#: are long enough for threads not to wait for each other between them.
+BLOCK = 131_072
+#: The same with all partials, where many more arrays are in use: within a second-level cache.
+BLOCK_OF_PARTIALS = 16_384
 
 #: What a detector offers: a value and its slope by S, from S and P_fa.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
@@ -91,7 +95,7 @@ class DetectionModel:
         Raises:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
-        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar)
+        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar, BLOCK)
         return snr
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
@@ -101,7 +105,11 @@ class DetectionModel:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
         (p_d,) = _in_blocks(
-            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),), ((),), aircraft, radar
+            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),),
+            ((),),
+            aircraft,
+            radar,
+            BLOCK,
         )
         return p_d
 
@@ -131,7 +139,7 @@ class DetectionModel:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         tails = ((), (len(AIRCRAFT),), (len(RADAR),))
         value, by_aircraft, by_radar = _in_blocks(
-            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar
+            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
         )
         return value, by_aircraft, by_radar
 
@@ -182,17 +190,20 @@ def _in_blocks(
     tails: tuple[tuple[int, ...], ...],
     aircraft: ArrayLike,
     radar: ArrayLike,
+    size: int,
 ) -> tuple[FloatArray, ...]:
     """Broadcast the states against each other and apply a function to block after block of them.
 
     Args:
-        function: From aircraft (m, 6) and radar (m, 4) or (1, 4) to arrays of m poses.
+        function: From aircraft (..., 6) and radar (..., 4), which broadcast, to arrays of as many
+            poses.
         tails: The shape of what it gives for one pose, an entry per array.
         aircraft: (..., 6).
         radar: (..., 4).
+        size: Poses of a block.
 
     Returns:
-        One array (..., *tail) for each entry of `tails`.
+        One array (..., *tail) for each entry of `tails`, in memory component by component.
     """
     aircraft = _states("aircraft", AIRCRAFT, aircraft)
     radar = _states("radar", RADAR, radar)
@@ -201,15 +212,46 @@ def _in_blocks(
             f"radar constant must not be negative, got {np.nanmin(radar[..., CONSTANT])}"
         )
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
-    poses = int(np.prod(shape))
-    flat = [_flatten(states, shape) for states in (aircraft, radar)]
-    results = tuple(np.empty((poses, *tail)) for tail in tails)
-    for start in range(0, poses, BLOCK):
-        block = slice(start, start + BLOCK)
-        values = function(*(s[block] if len(s) > 1 else s for s in flat))
+    _keep_freed_memory()
+    aircraft, radar = (np.broadcast_to(s, shape + s.shape[-1:]) for s in (aircraft, radar))
+    results = tuple(_component_first(shape, tail) for tail in tails)
+    for block in _blocks(shape, size):
+        values = function(aircraft[block], radar[block])
         for result, value in zip(results, values, strict=True):
             result[block] = value
-    return tuple(r.reshape(shape + tail)[()] for r, tail in zip(results, tails, strict=True))
+    return tuple(result[()] for result in results)
+
+
+@cache
+def _keep_freed_memory() -> None:
+    """Keep the C library from giving the memory of every block back and fetching it anew.
+
+    glibc returns what is free at the end of the heap as soon as it is twice the largest array that
+    was freed, and taking it again, page by page, costs as much as the arithmetic done in it. So one
+    large array is freed first. (mallopt(3), M_TRIM_THRESHOLD and M_MMAP_THRESHOLD; no effect on the
+    numbers, nor with another C library.)
+    """
+    np.empty(3 << 20)  # 24 MB, never touched
+
+
+def _blocks(shape: tuple[int, ...], size: int) -> Iterator[tuple[slice, ...]]:
+    """Cut an array of this shape into parts of no more than so many elements."""
+    if not shape:
+        yield ()
+        return
+    inner = int(np.prod(shape[1:]))
+    together = max(1, size // max(1, inner))
+    for start in range(0, shape[0], together):
+        first = slice(start, start + together)
+        if inner <= size:
+            yield (first,)
+        else:
+            yield from ((first, *rest) for rest in _blocks(shape[1:], size))
+
+
+def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArray:
+    empty = np.empty(tail + shape)
+    return np.moveaxis(empty, range(len(tail)), range(-len(tail), 0))
 
 
 def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
@@ -220,11 +262,3 @@ def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> Float
             f"{', '.join(components)}, got {states.shape}"
         )
     return states
-
-
-def _flatten(states: FloatArray, shape: tuple[int, ...]) -> FloatArray:
-    """View states as (poses, n), or as (1, n) where a single state serves every pose."""
-    n = states.shape[-1]
-    if states.size == n:
-        return states.reshape(1, n)
-    return np.broadcast_to(states, (*shape, n)).reshape(-1, n)

@@ -1,9 +1,9 @@
 """Monte Carlo: draw the states, compute P_D, gather statistics.
 
 As in the paper the radar state is drawn once per run and shared by all poses of that run, the
-aircraft state at every pose of every run. Runs come in blocks. Each block has a random stream of
-its own, spawned from one seed, and the blocks are taken in in their order; so the result depends on
-scenario and seed alone, not on who computed which block.
+aircraft state at every pose of every run. Runs come in blocks. What is drawn in a block depends on
+the seed and its number alone, and the blocks' statistics are merged in their order; so the result
+depends on scenario and seed alone, not on who computed which block.
 """
 
 from __future__ import annotations
@@ -20,23 +20,18 @@ from scipy.special import ndtr
 from radar_sense.covariance import draws, factor
 from radar_sense.model import DetectionModel
 from radar_sense.propagation import Moments, propagate_scenario
-from radar_sense.reader import ScenarioError
+from radar_sense.sampling import SAMPLERS, Source, check_sampler
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
 
-#: Runs that share a random stream. A part of the result's definition: another value, other draws.
-RUNS_PER_BLOCK = 32
-#: Samples drawn and evaluated at a time; of no influence on the result.
-CHUNK = 8192
+#: Samples of a block, about. A part of the result's definition: another value, other draws.
+SAMPLES_PER_BLOCK = 131_072
 #: All poses of a scenario.
 EVERY = slice(None)
 #: Runs kept whole for the hair lines of the figure: so many, and never more numbers than that.
 MAX_HAIRS = 500
 MAX_HAIR_POINTS = 2_000_000
-
-#: Numbers kept for the quantiles (4 GB with what it takes to sort them).
-MAX_KEPT = 125_000_000
 
 #: Probability below −3 standard deviations of a normal distribution.
 TAIL = float(ndtr(-3.0))
@@ -59,6 +54,9 @@ class MonteCarlo:
         inside: Number of draws within the method's bounds (n,).
         clipped: Number of runs whose radar constant was drawn below zero and set to zero.
         hairs: P_D of the first runs (h, n), h at most MAX_HAIRS.
+        sampler: Where the draws come from, "random" or "sobol".
+        rank_error: By how many of the sorted draws `lower` and `upper` are off at most; 0, exact,
+            up to some 1.5 million runs of not too many poses.
     """
 
     runs: int
@@ -71,6 +69,8 @@ class MonteCarlo:
     inside: FloatArray
     clipped: int
     hairs: FloatArray
+    sampler: str = "random"
+    rank_error: int = 0
 
     @property
     def coverage(self) -> FloatArray:
@@ -78,13 +78,11 @@ class MonteCarlo:
         return self.inside / self.runs
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-        """Ends of the binomial confidence interval of the coverage, each (n,)."""
+        """Ends of the binomial confidence interval of the coverage, each (n,).
+
+        It holds for random draws; those of a Sobol' sequence are spread too evenly for it.
+        """
         return binomial_interval(self.inside, self.runs, confidence)
-
-
-def random_stream(seed: int, *key: int) -> np.random.Generator:
-    """Make the generator of one of the independent streams that belong to a seed."""
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,29 +114,44 @@ class Sampler:
             factor_radar=factor(scenario.cov_radar[scenario.level]),
         )
 
-    def draw_radar(
-        self, generator: np.random.Generator, runs: int
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Radar states (runs, 4), and where c_r was drawn below zero and set to zero (runs,)."""
-        white = generator.standard_normal((runs, len(self.radar)))
+    def draw_radar(self, white: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Draw radar states from unit normals.
+
+        Args:
+            white: Unit normals (runs, 4).
+
+        Returns:
+            Radar states (runs, 4), and where c_r was drawn below zero and set to zero (runs,).
+        """
         radar = draws(self.radar, self.factor_radar, white)
         negative = radar[:, CONSTANT] < 0
         radar[negative, CONSTANT] = 0.0
         return radar, negative
 
-    def draw_p_d(
-        self, generator: np.random.Generator, radar: FloatArray, poses: slice = EVERY
-    ) -> FloatArray:
-        """P_D (runs, poses) of radar states (runs, 4) and an aircraft drawn for each of them."""
-        nominal = self.aircraft[poses]
-        p_d = np.empty((len(radar), len(nominal)))
-        together = max(1, CHUNK // len(nominal))
-        for start in range(0, len(radar), together):
-            part = slice(start, min(start + together, len(radar)))
-            white = generator.standard_normal((part.stop - start, *nominal.shape))
-            aircraft = draws(nominal, self.factor_aircraft, white)
-            p_d[part] = self.model.p_d(aircraft, radar[part, np.newaxis])
-        return p_d
+    def draw_p_d(self, white: FloatArray, radar: FloatArray, poses: slice = EVERY) -> FloatArray:
+        """Draw an aircraft for each pose of each run and compute P_D.
+
+        Args:
+            white: Unit normals for the aircraft (runs, poses, 6).
+            radar: Radar states (runs, 4).
+            poses: Which of the scenario's poses.
+
+        Returns:
+            P_D (runs, poses).
+        """
+        aircraft = draws(self.aircraft[poses], self.factor_aircraft, white)
+        return self.model.p_d(aircraft, radar[:, np.newaxis])
+
+
+@dataclass(frozen=True, eq=False)
+class _Statistics:
+    """What is kept of some runs."""
+
+    moments: RunningMoments
+    tails: Tails
+    inside: NDArray[np.int64]
+    clipped: int
+    hairs: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,20 +159,38 @@ class _Blocks:
     """The runs of a Monte Carlo computation, a block at a time."""
 
     sampler: Sampler
+    source: Source
+    band: Moments
     runs: int
-    seed: int
+    runs_per_block: int
+    hairs: int
 
     def __len__(self) -> int:
-        return -(-self.runs // RUNS_PER_BLOCK)
+        return -(-self.runs // self.runs_per_block)
 
-    def block(self, index: int) -> tuple[FloatArray, int]:
+    def p_d(self, index: int) -> tuple[FloatArray, int]:
         """P_D (runs of the block, n) and the number of radar constants set to zero."""
-        generator = random_stream(self.seed, index)
-        runs = min(RUNS_PER_BLOCK, self.runs - index * RUNS_PER_BLOCK)
-        # A last block that is not full draws as many, so that more runs begin with the same ones.
-        radar, negative = self.sampler.draw_radar(generator, RUNS_PER_BLOCK)
-        p_d = self.sampler.draw_p_d(generator, radar[:runs])
-        return p_d, int(np.count_nonzero(negative[:runs]))
+        runs = min(self.runs_per_block, self.runs - index * self.runs_per_block)
+        white_radar, white_aircraft = self.source.block(index, runs)
+        radar, negative = self.sampler.draw_radar(white_radar)
+        return self.sampler.draw_p_d(white_aircraft, radar), int(np.count_nonzero(negative))
+
+    def statistics(self, index: int) -> _Statistics:
+        """Compute a block and keep what is needed of it."""
+        p_d, clipped = self.p_d(index)
+        poses = p_d.shape[1]
+        moments, tails = RunningMoments(poses), Tails(poses, self.runs, TAIL)
+        moments.add(p_d)
+        tails.add(p_d)
+        inside = (p_d >= self.band.lower) & (p_d <= self.band.upper)
+        first = index * self.runs_per_block
+        return _Statistics(
+            moments=moments,
+            tails=tails,
+            inside=np.count_nonzero(inside, axis=0),
+            clipped=clipped,
+            hairs=p_d[: max(0, self.hairs - first)].copy(),  # a view would keep all of the block
+        )
 
 
 def monte_carlo(
@@ -170,6 +201,8 @@ def monte_carlo(
     *,
     level: str | None = None,
     method: str = "linear",
+    sampler: str = "random",
+    executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> MonteCarlo:
     """Draw aircraft and radar states and compare P_D with what a method of propagation says.
@@ -181,35 +214,40 @@ def monte_carlo(
         workers: Threads to compute with; of no influence on the result.
         level: Level of radar uncertainty.
         method: Method of propagation that gives the band, the paper's linearization by default.
+        sampler: "random", or "sobol" for draws that fill the space evenly.
+        executor: Computes the blocks in place of threads; as many as 8 for each of `workers` are
+            under way at a time. Of no influence on the result.
         progress: Called with the number of runs that have come in since the last call.
 
     Raises:
-        ScenarioError: If runs, seed or level are not allowed.
+        ScenarioError: If runs, seed, level, method or sampler are not allowed.
     """
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
+    check_sampler(sampler)
     band = propagate_scenario(scenario, method=method)
-    blocks = _Blocks(Sampler.of(scenario), scenario.runs, scenario.seed)
     poses = len(scenario.aircraft)
-    if 2 * TAIL * scenario.runs * poses > MAX_KEPT:
-        raise ScenarioError(
-            f"{scenario.runs:,} runs of {poses:,} poses are more than fit into memory, allowed are "
-            f"{int(MAX_KEPT / (2 * TAIL * poses)):,} runs of so many poses"
-        )
-    moments = RunningMoments(poses)
-    tails = Tails(poses, scenario.runs, TAIL)
+    # a power of two, as Sobol' points want it
+    runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
+    blocks = _Blocks(
+        sampler=Sampler.of(scenario),
+        source=SAMPLERS[sampler](scenario.seed, runs_per_block, poses),
+        band=band,
+        runs=scenario.runs,
+        runs_per_block=runs_per_block,
+        hairs=min(MAX_HAIRS, max(1, MAX_HAIR_POINTS // poses), scenario.runs),
+    )
+    moments, tails = RunningMoments(poses), Tails(poses, scenario.runs, TAIL)
     inside = np.zeros(poses)
     clipped = 0
     hairs: list[FloatArray] = []
-    kept = min(MAX_HAIRS, max(1, MAX_HAIR_POINTS // poses))
-    for p_d, negative in _computed(blocks, workers):
-        if moments.count < kept:
-            hairs.append(p_d[: kept - moments.count])
-        moments.add(p_d)
-        tails.add(p_d)
-        inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
-        clipped += negative
+    for part in _computed(blocks, workers, executor):
+        moments.merge(part.moments)
+        tails.merge(part.tails)
+        inside += part.inside
+        clipped += part.clipped
+        hairs.append(part.hairs)
         if progress:
-            progress(len(p_d))
+            progress(part.moments.count)
     low, high = tails.quantiles()
     return MonteCarlo(
         runs=scenario.runs,
@@ -222,24 +260,32 @@ def monte_carlo(
         inside=inside,
         clipped=clipped,
         hairs=np.vstack(hairs),
+        sampler=sampler,
+        rank_error=tails.rank_error,
     )
 
 
-def _computed(blocks: _Blocks, workers: int) -> Iterator[tuple[FloatArray, int]]:
-    """Compute all blocks and give them in their order."""
-    if workers == 1:
-        yield from map(blocks.block, range(len(blocks)))
-        return
-    with ThreadPoolExecutor(workers) as executor:
-        yield from _in_order(executor, blocks, ahead=2 * workers)
+def _computed(blocks: _Blocks, workers: int, executor: Executor | None) -> Iterator[_Statistics]:
+    """Compute all blocks and give their statistics in their order."""
+    if executor:
+        yield from _in_order(executor, blocks, ahead=8 * workers)
+    elif workers == 1:
+        yield from map(blocks.statistics, range(len(blocks)))
+    else:
+        with ThreadPoolExecutor(workers) as threads:
+            yield from _in_order(threads, blocks, ahead=2 * workers)
 
 
-def _in_order(executor: Executor, blocks: _Blocks, ahead: int) -> Iterator[tuple[FloatArray, int]]:
+def _in_order(executor: Executor, blocks: _Blocks, ahead: int) -> Iterator[_Statistics]:
     """Keep a few blocks under way, so that memory does not grow with the number of blocks."""
-    waiting: deque[Future[tuple[FloatArray, int]]] = deque()
-    for index in range(len(blocks)):
-        waiting.append(executor.submit(blocks.block, index))
-        if len(waiting) > ahead:
+    waiting: deque[Future[_Statistics]] = deque()
+    try:
+        for index in range(len(blocks)):
+            waiting.append(executor.submit(blocks.statistics, index))
+            if len(waiting) > ahead:
+                yield waiting.popleft().result()
+        while waiting:
             yield waiting.popleft().result()
-    while waiting:
-        yield waiting.popleft().result()
+    finally:  # interrupted: what has not begun is not worth waiting for
+        for future in waiting:
+            future.cancel()

@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 from scipy.special import ndtr
 
 from radar_sense.form import quantiles
@@ -242,6 +241,8 @@ def _from_quantiles(z: Standardized, quantile: FloatArray) -> Spread:
     beta = np.linspace(-6.0, 6.0, 241)
     weight = np.exp(-0.5 * beta * beta)
     weight /= weight.sum()
+    from scipy.interpolate import CubicSpline  # slow to import
+
     curve = CubicSpline(NODES, quantile[:, : len(NODES)], axis=1)(beta)
     side = np.where(z.value > 0, -1.0, 1.0)[:, np.newaxis]
     lesser = ndtr(side * np.maximum(curve, z.floor))

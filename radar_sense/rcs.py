@@ -84,7 +84,7 @@ class EllipsoidRCS:
         hh = xx + yy
         rr = hh + zz
         with np.errstate(invalid="ignore"):
-            return self._numerator / self._denominator(xx, yy, zz, hh, rr) ** 2
+            return self._numerator * self._inverse(xx, yy, zz, hh, rr) ** 2
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
@@ -94,11 +94,11 @@ class EllipsoidRCS:
         hh = xx + yy
         rr = hh + zz
         with np.errstate(divide="ignore", invalid="ignore"):
-            denominator = self._denominator(xx, yy, zz, hh, rr)
-            sigma = self._numerator / denominator**2
+            inverse = self._inverse(xx, yy, zz, hh, rr)
+            sigma = self._numerator * inverse**2
             # D = c² + s (b² − c² + (a² − b²) q) with s = sin²λ = y²/h² and q = cos²φ = h²/r²;
             # ∇s = 2xy/h⁴ (−y, x, 0), ∇q = 2z/r⁴ (xz, yz, −h²), and dσ = −2 σ/D dD.
-            outer = -4.0 * sigma / denominator
+            outer = -4.0 * sigma * inverse
             along_s = outer * (bb - cc + (aa - bb) * hh / rr) * x * y / (hh * hh)
             along_q = outer * (aa - bb) * (yy / hh) * z / (rr * rr)
             gradient = join(
@@ -114,14 +114,14 @@ class EllipsoidRCS:
     def _numerator(self) -> float:
         return float(np.pi * (self.a * self.b * self.c) ** 2)
 
-    def _denominator(
+    def _inverse(
         self, xx: FloatArray, yy: FloatArray, zz: FloatArray, hh: FloatArray, rr: FloatArray
     ) -> FloatArray:
-        """D of `eq:rcs_ellipsoid`, as a sum of positive terms so that nothing cancels."""
-        # sin²λ cos²φ = y²/r²,  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
-        around = (self.b**2 * yy * (zz / rr) + self.c**2 * xx) / hh
+        """1/D of `eq:rcs_ellipsoid`, with a sum of positive terms so that nothing cancels."""
+        # sin²λ cos²φ = (y²/h²)(h²/r²),  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
+        times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
         # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
-        return self.a**2 * yy / rr + np.where(hh > 0, around, self.c**2)
+        return np.where(hh > 0, hh / times_hh, self.c**-2)
 
 
 @dataclass(frozen=True)

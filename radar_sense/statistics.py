@@ -12,9 +12,9 @@ from radar_sense.states import FloatArray
 
 
 class RunningMoments:
-    """Mean and standard deviation per column of blocks of rows.
+    """Mean and standard deviation per column of many rows.
 
-    Blocks are merged by the update of Chan, Golub and LeVeque ("Updating formulae and a pairwise
+    Parts are merged by the update of Chan, Golub and LeVeque ("Updating formulae and a pairwise
     algorithm for computing sample variances", 1979), which does not lose digits as a sum of squares
     does when the deviation is small beside the mean.
     """
@@ -24,16 +24,26 @@ class RunningMoments:
         self.mean = np.zeros(columns)
         self._squares = np.zeros(columns)  # sum of squared deviations from the mean
 
-    def add(self, block: FloatArray) -> None:
-        """Take in a block (rows, columns)."""
-        rows = len(block)
-        mean = block.mean(axis=0)
-        deviation = block - mean
-        total = self.count + rows
+    def add(self, rows: FloatArray) -> None:
+        """Take in rows (m, columns)."""
+        mean = rows.mean(axis=0)
+        deviation = rows - mean
+        # The deviations sum to what rounding has made wrong with the mean (the corrected two-pass
+        # algorithm of Chan, Golub and LeVeque, The American Statistician 37(3), 1983).
+        rounding = deviation.mean(axis=0)
+        squares = np.sum(deviation * deviation, axis=0) - len(rows) * rounding * rounding
+        self._merge(len(rows), mean + rounding, np.maximum(squares, 0.0))
+
+    def merge(self, other: RunningMoments) -> None:
+        """Take in all that another one has taken in."""
+        self._merge(other.count, other.mean, other._squares)
+
+    def _merge(self, count: int, mean: FloatArray, squares: FloatArray) -> None:
+        total = self.count + count
         step = mean - self.mean
-        self._squares += np.sum(deviation * deviation, axis=0)
-        self._squares += step * step * (self.count * rows / total)
-        self.mean += step * (rows / total)
+        self._squares += squares
+        self._squares += step * step * (self.count * count / total)
+        self.mean += step * (count / total)
         self.count = total
 
     def std(self) -> FloatArray:
@@ -42,59 +52,150 @@ class RunningMoments:
 
 
 class Tails:
-    """Exact quantiles near both ends, from the few smallest and largest rows of each column.
+    """Quantiles near both ends of each column of many rows, in memory that has a bound.
 
-    The quantile at probability p of n draws lies between two order statistics, found from the end
-    by counting about p n draws; those are all that is kept. As soon as that many more rows wait,
-    they are merged with them and the inner ones are dropped.
+    The quantile at probability p of n rows lies between two order statistics, found from the end
+    by counting about p n of them. Up to `capacity` rows are kept of either end; as long as that is
+    enough, the quantiles are exact.
+
+    Where p n is more, the rows are taken in groups whose ends fit, and the ends of two groups are
+    collapsed into one: sorted together, every second row is kept and counts twice; likewise for two
+    that count twice, and so on. (J. I. Munro and M. S. Paterson, "Selection and sorting with
+    limited storage", Theoretical Computer Science 12, 1980; here for the ends alone.) A collapse of
+    rows that count w each moves a rank by w at most; `rank_error` adds that up.
 
     Args:
         columns: Number of columns.
         count: How many rows there will be in total.
         probability: p of the lower quantile; the upper one is at 1 − p.
+        capacity: Rows to keep; by default 2048, or as many as take 32 MB, but not below 64.
     """
 
-    def __init__(self, columns: int, count: int, probability: float) -> None:
-        # The definition of numpy.quantile's default: linear between the order statistics around
-        # (n − 1) p. (Hyndman and Fan, The American Statistician 50(4), 1996, number 7.)
-        position = (count - 1) * probability
-        self._below = math.floor(position)
-        self._part = position - self._below
-        self._keep = self._below + 2
-        self._low = np.empty((0, columns))
-        self._high = np.empty((0, columns))
-        self._waiting: list[FloatArray] = []
-        self._waiting_rows = 0
+    def __init__(
+        self, columns: int, count: int, probability: float, capacity: int | None = None
+    ) -> None:
+        if capacity is None:
+            capacity = min(max(2**21 // columns, 64), 2048)
+        self._low = _Tail(columns, count, probability, capacity)
+        # The largest are the smallest of the negated rows, so that one rule serves both ends.
+        self._high = _Tail(columns, count, probability, capacity)
 
-    def add(self, block: FloatArray) -> None:
-        """Take in a block (rows, columns)."""
-        self._waiting.append(block)
-        self._waiting_rows += len(block)
-        if self._waiting_rows >= self._keep:
-            self._merge()
+    @property
+    def rank_error(self) -> int:
+        """By how many ranks of `count` the quantiles are off at most; 0 where they are exact."""
+        return self._low.rank_error()
+
+    def add(self, rows: FloatArray) -> None:
+        """Take in rows (m, columns)."""
+        self._low.add(rows)
+        self._high.add(-rows)
+
+    def merge(self, other: Tails) -> None:
+        """Take in all that another one, made for the same columns and count, has taken in."""
+        self._low.merge(other._low)
+        self._high.merge(other._high)
 
     def quantiles(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper quantile (columns,) of all rows taken in."""
-        self._merge()
-        low, high = (self._between(np.sort(rows, axis=0)) for rows in (self._low, self._high))
-        return low, -high
+        """Lower and upper quantile (columns,) of all rows taken in.
 
-    def _merge(self) -> None:
-        new = self._waiting
-        self._low = self._trim(np.vstack([self._low, *new]))
-        # The largest are the smallest of the negated draws, so that one rule serves both ends.
-        self._high = self._trim(np.vstack([self._high, *(-block for block in new)]))
-        self._waiting, self._waiting_rows = [], 0
+        NaN where a group had so much more than its share in an end that a part of that was lost;
+        for independent rows the probability of it is below 1e-13.
+        """
+        return self._low.quantile(), -self._high.quantile()
 
-    def _trim(self, rows: FloatArray) -> FloatArray:
-        if len(rows) <= self._keep:
+
+class _Tail:
+    """The lower of the two `Tails`."""
+
+    def __init__(self, columns: int, count: int, probability: float, capacity: int) -> None:
+        # The definition of numpy.quantile's default: linear between the order statistics around
+        # (n − 1) p. (Hyndman and Fan, The American Statistician 50(4), 1996, number 7.)
+        self._position = (count - 1) * probability
+        self._probability = probability
+        self._keep = math.floor(self._position) + 2
+        self._group = math.inf
+        if self._keep > capacity:
+            # as many rows as have an end that is expected to fit, see _enough
+            self._keep, self._group = capacity, (math.sqrt(capacity + 8) - 4) ** 2 / probability
+        self._rows = np.empty((0, columns))
+        self._waiting: list[FloatArray] = []
+        self._taken = 0  # rows of the group taken in, kept or not
+        self._collapsed: dict[int, FloatArray] = {}  # by the logarithm to base 2 of what they count
+        self._lost = np.full(columns, np.inf)  # no row dropped was smaller than this
+        self._moved = 0
+        self._second: dict[int, bool] = {}
+
+    def add(self, rows: FloatArray) -> None:
+        keep = min(self._enough(len(rows)), self._keep)
+        self._take([self._smallest(rows, keep)], len(rows))
+
+    def merge(self, other: _Tail) -> None:
+        self._lost = np.minimum(self._lost, other._lost)
+        self._moved += other._moved
+        for level, rows in other._collapsed.items():
+            self._collapse(rows, level)
+        self._take([other._rows, *other._waiting], other._taken)
+
+    def rank_error(self) -> int:
+        return self._moved + (2 ** max(self._collapsed) if self._collapsed else 0)
+
+    def quantile(self) -> FloatArray:
+        self._settle()
+        parts = [(self._rows, 1), *((rows, 2**level) for level, rows in self._collapsed.items())]
+        rows = np.vstack([rows for rows, _ in parts])
+        counts = np.concatenate([np.full(len(rows), count) for rows, count in parts])
+        order = np.argsort(rows, axis=0, kind="stable")
+        rows = np.take_along_axis(rows, order, axis=0)
+        # A row that counts w stands for w ranks; it is put in the middle of them.
+        rank = np.cumsum(counts[order], axis=0) - (counts[order] + 1) / 2
+        last = len(rows) - 1
+        below = np.clip(np.sum(rank <= self._position, axis=0) - 1, 0, last)
+        above = np.minimum(below + 1, last)
+        column = np.arange(rows.shape[1])
+        step = np.maximum(rank[above, column] - rank[below, column], 1)
+        part = np.clip((self._position - rank[below, column]) / step, 0, 1)
+        low, high = rows[below, column], rows[above, column]
+        quantile = low + part * (high - low)
+        return np.where(quantile > self._lost, np.nan, quantile)
+
+    def _enough(self, rows: int) -> int:
+        """How many of so many rows to keep for their end: what is expected, and 8σ to spare."""
+        expected = rows * self._probability
+        return math.ceil(expected + 8 * math.sqrt(expected) + 8)
+
+    def _take(self, parts: list[FloatArray], taken: int) -> None:
+        """Take in the smallest of so many rows; they are dealt with when enough of them wait."""
+        self._waiting += parts
+        self._taken += taken
+        if self._taken >= self._group:
+            self._settle()
+            self._collapse(np.sort(self._rows, axis=0), 0)
+            self._rows, self._taken = self._rows[:0], 0
+        elif sum(map(len, self._waiting)) >= self._keep:
+            self._settle()
+
+    def _settle(self) -> None:
+        self._rows = self._smallest(np.vstack([self._rows, *self._waiting]), self._keep)
+        self._waiting = []
+
+    def _smallest(self, rows: FloatArray, keep: int) -> FloatArray:
+        if len(rows) <= keep:
             return rows
-        return np.partition(rows, self._keep - 1, axis=0)[: self._keep]
+        smallest = np.partition(rows, keep - 1, axis=0)[:keep]
+        self._lost = np.minimum(self._lost, smallest[-1])
+        return smallest.copy()  # a view would keep all of them in memory
 
-    def _between(self, rows: FloatArray) -> FloatArray:
-        below: FloatArray = rows[self._below]
-        above: FloatArray = rows[min(self._below + 1, len(rows) - 1)]
-        return below + self._part * (above - below)
+    def _collapse(self, rows: FloatArray, level: int) -> None:
+        """Put away sorted rows that count 2^level, with those that are there already."""
+        while level in self._collapsed:
+            both = np.sort(np.vstack([self._collapsed.pop(level), rows]), axis=0)
+            # Now the first of each pair, now the second: so the errors make up for each other.
+            second = self._second.get(level, bool(level % 2))
+            self._second[level] = not second
+            rows = both[second::2].copy()
+            self._moved += 2**level
+            level += 1
+        self._collapsed[level] = rows
 
 
 def binomial_interval(

@@ -26,12 +26,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from radar_sense.limits import RUNS, Limit
-from radar_sense.montecarlo import Sampler, random_stream
+from radar_sense.montecarlo import Sampler
 from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.reader import ScenarioError
+from radar_sense.sampling import random_stream
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
-from radar_sense.statistics import Tails, binomial_interval
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.statistics import binomial_interval
 
 #: Keeps the random streams apart from those of `monte_carlo`. Part of the result's definition.
 STREAM = 101
@@ -284,13 +285,14 @@ class _Batches:
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
         """Radar states of a batch (draws, 4), and how many radar constants were set to zero."""
-        radar, negative = self.sampler.draw_radar(self._stream(number, 0), self.draws)
+        white = self._stream(number, 0).standard_normal((self.draws, len(RADAR)))
+        radar, negative = self.sampler.draw_radar(white)
         return radar, int(np.count_nonzero(negative))
 
     def p_d(self, number: int, radar: FloatArray, pose: int) -> FloatArray:
         """P_D of a batch at a pose (draws,)."""
-        generator = self._stream(number, 1 + pose)
-        return self.sampler.draw_p_d(generator, radar, slice(pose, pose + 1))[:, 0]
+        white = self._stream(number, 1 + pose).standard_normal((len(AIRCRAFT), self.draws, 1))
+        return self.sampler.draw_p_d(np.moveaxis(white, 0, -1), radar, slice(pose, pose + 1))[:, 0]
 
     def draw(self, number: int, radar: FloatArray, pose: _Pose) -> _Batch:
         """Draw a batch at a pose and keep what is needed of it."""
@@ -305,10 +307,14 @@ class _Batches:
 
     def quantiles(self, ends: list[FloatArray]) -> tuple[float, float]:
         """Quantiles of all draws of some batches, from their ends alone."""
-        tails = Tails(1, len(ends) * self.draws, self.tail)
-        tails.add(np.concatenate(ends)[:, np.newaxis])
-        low, high = tails.quantiles()
-        return low[0], high[0]
+        values = np.sort(np.concatenate(ends))
+        position = (len(ends) * self.draws - 1) * self.tail
+        # the ranks from either end are those among all draws, so far as they are needed here
+        low, high = (
+            float(np.interp(position, np.arange(len(values)), rising))
+            for rising in (values, -values[::-1])
+        )
+        return low, -high
 
     def _stream(self, *key: int) -> np.random.Generator:
         return random_stream(self.seed, STREAM, *key)

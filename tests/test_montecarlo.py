@@ -12,10 +12,9 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from radar_sense import montecarlo
+from radar_sense import model
 from radar_sense.detection import North
 from radar_sense.montecarlo import MAX_HAIRS, TAIL, monte_carlo
-from radar_sense.reader import ScenarioError
 from radar_sense.scenario import load_scenario
 
 NOTHING = {"position_m": 0, "attitude_deg": 0}
@@ -197,7 +196,7 @@ def test_workers_do_not_change_a_bit(workers):
 def test_chunks_do_not_change_a_bit(monkeypatch, chunk):
     s = load_scenario("configs/covariance.yaml")
     before = monte_carlo(s, runs=100)
-    monkeypatch.setattr(montecarlo, "CHUNK", chunk)
+    monkeypatch.setattr(model, "BLOCK", chunk)
     assert_same(before, monte_carlo(s, runs=100))
 
 
@@ -240,8 +239,3 @@ def test_progress_adds_up_to_the_runs():
     seen = []
     monte_carlo(load_scenario(), runs=100, workers=2, progress=seen.append)
     assert sum(seen) == 100
-
-
-def test_more_than_fits_into_memory_is_refused():
-    with pytest.raises(ScenarioError, match=r"allowed are 128,\d{3},\d{3} runs of so many poses"):
-        monte_carlo(load_scenario(), runs=10**9)

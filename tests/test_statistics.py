@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.special import ndtri
 
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
 
@@ -37,7 +38,7 @@ def test_moments_survive_where_the_naive_sum_of_squares_fails():
 @pytest.mark.parametrize("probability", [0.00135, 0.01, 0.25])
 def test_tails_are_the_quantiles_of_all_rows(count, probability):
     rows = np.random.default_rng(count).uniform(size=(count, 3)).round(3)  # rounded: with ties
-    tails = Tails(3, count, probability)
+    tails = Tails(3, count, probability, capacity=5002)
     for block in in_blocks(rows, 32):
         tails.add(block)
     low, high = tails.quantiles()
@@ -45,13 +46,86 @@ def test_tails_are_the_quantiles_of_all_rows(count, probability):
     np.testing.assert_allclose(high, np.quantile(rows, 1 - probability, axis=0), atol=1e-15)
 
 
-def test_tails_keep_a_small_part_of_the_rows():
-    tails = Tails(1, 100_000, 0.00135)
-    kept = 0
-    for block in in_blocks(np.random.default_rng(3).uniform(size=(100_000, 1)), 32):
+P = 0.00135
+
+#: Rows that are hard on a quantile: a bell, ties, nearly all the same, and a gap in the tail.
+HARD = {
+    "normal": lambda u: ndtri(u),
+    "ties": lambda u: np.round(ndtri(u), 2),
+    "atom": lambda u: np.maximum(ndtri(u), ndtri(1.5 * P)),
+    "gap": lambda u: np.where(u < P, u, 1 + u),
+}
+
+
+@pytest.mark.parametrize("kind", HARD)
+@pytest.mark.parametrize(("count", "capacity"), [(300_000, 64), (300_000, 300), (700_000, 64)])
+def test_tails_in_bounded_memory_are_off_by_no_more_ranks_than_they_say(kind, count, capacity):
+    rows = HARD[kind](np.random.default_rng(count + capacity).uniform(size=(count, 4)))
+    tails = Tails(4, count, P, capacity)
+    for block in in_blocks(rows, 256):
+        part = Tails(4, count, P, capacity)
+        part.add(block)
+        tails.merge(part)
+    position = (count - 1) * P
+    assert 0 < tails.rank_error < position / 2
+    for quantile, sign in zip(tails.quantiles(), (1, -1), strict=True):
+        ordered = np.sort(sign * rows, axis=0)
+        low = ordered[int(position) - tails.rank_error]
+        high = ordered[int(position) + 1 + tails.rank_error]
+        assert np.all((low <= sign * quantile) & (sign * quantile <= high))
+
+
+def test_errors_of_collapsed_tails_make_up_for_each_other():
+    # chance moves the rank by its square root; a rank too low or too high each time would add up
+    count, capacity, columns = 600_000, 64, 40
+    rows = np.random.default_rng(8).uniform(size=(count, columns))
+    tails = Tails(columns, count, P, capacity)
+    for block in in_blocks(rows, 1000):
         tails.add(block)
-        kept = max(kept, len(tails._low) + len(tails._high) + tails._waiting_rows)
-    assert kept <= 4 * (0.00135 * 100_000 + 3)
+    low, _ = tails.quantiles()
+    ranks = np.sum(rows < low, axis=0) - (count - 1) * P
+    assert np.max(abs(ranks)) < np.sqrt(count * P)
+    assert abs(ranks.mean()) < 0.5 * np.sqrt(count * P)
+
+
+def test_tails_do_not_grow_with_the_rows():
+    def kept(count):
+        tails = Tails(2, count, P, 64)
+        most = 0
+        for block in in_blocks(np.random.default_rng(3).uniform(size=(count, 2)), 500):
+            tails.add(block)
+            tail = tails._low
+            arrays = [tail._rows, *tail._waiting, *tail._collapsed.values()]
+            most = max(most, sum(len(a) if a.base is None else len(a.base) for a in arrays))
+        return most
+
+    few, many = kept(100_000), kept(1_600_000)
+    assert few <= 64 * 6
+    assert many <= few + 64 * 4  # a level more each time the rows double
+
+
+def test_tails_that_lost_rows_say_so():
+    # The rows come sorted: the first groups hold the whole tail, far more than their share.
+    rows = np.sort(np.random.default_rng(4).uniform(size=(200_000, 1)), axis=0)
+    tails = Tails(1, len(rows), P, 64)
+    for block in in_blocks(rows, 1000):
+        tails.add(block)
+    assert np.isnan(tails.quantiles()[0])
+
+
+def test_tails_merged_are_tails_added():
+    rows = np.random.default_rng(6).uniform(size=(120_000, 3))
+    one, whole = Tails(3, len(rows), P, 64), Tails(3, len(rows), P, 64)
+    for half in in_blocks(rows, 60_000):
+        part = Tails(3, len(rows), P, 64)
+        for block in in_blocks(half, 500):
+            part.add(block)
+        one.merge(part)
+    for block in in_blocks(rows, 500):
+        whole.add(block)
+    for quantile, exact in zip(one.quantiles(), np.quantile(rows, [P, 1 - P], axis=0), strict=True):
+        np.testing.assert_allclose(quantile, exact, atol=0.2 * P)
+    assert one.rank_error == pytest.approx(whole.rank_error, rel=0.5)
 
 
 @pytest.mark.parametrize("count", [1, 10, 500])
