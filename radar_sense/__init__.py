@@ -15,13 +15,17 @@ _HOME = {
     "DetectionModel": "model",
     "EllipsoidRCS": "rcs",
     "Linearization": "model",
+    "Marcum": "detection",
     "Moments": "propagation",
     "MonteCarlo": "montecarlo",
+    "North": "detection",
     "Result": "analyses",
     "Scenario": "scenario",
     "ScenarioError": "reader",
     "SpikeballRCS": "rcs",
     "SurveillanceRadar": "radar",
+    "Swerling1": "detection",
+    "Swerling3": "detection",
     "budget": "analyses",
     "compare": "analyses",
     "load_scenario": "scenario",
@@ -35,6 +39,7 @@ _HOME = {
 
 if TYPE_CHECKING:
     from radar_sense.analyses import Result, budget, compare, sensitivity, validate, variance
+    from radar_sense.detection import Marcum, North, Swerling1, Swerling3
     from radar_sense.model import DetectionModel, Linearization
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
     from radar_sense.propagation import Moments, propagate
@@ -48,13 +53,17 @@ __all__ = [
     "DetectionModel",
     "EllipsoidRCS",
     "Linearization",
+    "Marcum",
     "Moments",
     "MonteCarlo",
+    "North",
     "Result",
     "Scenario",
     "ScenarioError",
     "SpikeballRCS",
     "SurveillanceRadar",
+    "Swerling1",
+    "Swerling3",
     "__version__",
     "budget",
     "compare",

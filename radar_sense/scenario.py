@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from radar_sense import covariance
+from radar_sense.detection import Detector, Marcum, North, Swerling1, Swerling3
 from radar_sense.geometry import orbit, slant_range
 from radar_sense.limits import (
     NOT_NEGATIVE,
@@ -47,6 +48,16 @@ RCS_MODELS: Mapping[str, type[Any]] = {
     "constant": ConstantRCS,
     "ellipsoid": EllipsoidRCS,
     "spikeball": SpikeballRCS,
+}
+
+#: The detectors that a scenario can name. With a single pulse Swerling's cases are two.
+DETECTORS: Mapping[str, type[Detector]] = {
+    "north": North,
+    "marcum": Marcum,
+    "swerling1": Swerling1,
+    "swerling2": Swerling1,
+    "swerling3": Swerling3,
+    "swerling4": Swerling3,
 }
 
 MAX_POSES = 1_000_000
@@ -155,7 +166,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
             "a name of up to 100 letters A to Z, digits, '_', '-' or '.'",
         )
     }
-    radar, p_fa, document["radar"] = _radar(found["radar"])
+    radar, p_fa, detector, document["radar"] = _radar(found["radar"])
     rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"])
     theta_r_deg, position, document["geometry"] = _geometry(found["geometry"])
     aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
@@ -166,7 +177,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         array.flags.writeable = False
     return Scenario(
         name=document["name"],
-        model=DetectionModel(rcs=rcs, p_fa=p_fa),
+        model=DetectionModel(rcs=rcs, p_fa=p_fa, detector=detector),
         theta_r_deg=theta_r_deg,
         aircraft=aircraft,
         radar=radar,
@@ -179,8 +190,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     )
 
 
-def _radar(entry: Entry) -> tuple[FloatArray, float, dict[str, Any]]:
-    found = entry.mapping(["position_m", "p_fa"], ["constant", "surveillance"])
+def _radar(entry: Entry) -> tuple[FloatArray, float, Detector, dict[str, Any]]:
+    found = entry.mapping(["position_m", "p_fa"], ["constant", "surveillance", "detector"])
     if ("constant" in found) == ("surveillance" in found):
         raise entry.error("needs one of the keys 'constant' and 'surveillance', and not both")
     document: dict[str, Any] = {"position_m": found["position_m"].numbers(3)}
@@ -195,7 +206,9 @@ def _radar(entry: Entry) -> tuple[FloatArray, float, dict[str, Any]]:
                 f"allowed is {SMALLEST:g} to {LARGEST:g}"
             )
     document["p_fa"] = found["p_fa"].number(PROBABILITY)
-    return np.array([*document["position_m"], constant]), document["p_fa"], document
+    document["detector"] = found["detector"].choice(DETECTORS) if "detector" in found else "north"
+    detector = DETECTORS[document["detector"]]()
+    return np.array([*document["position_m"], constant]), document["p_fa"], detector, document
 
 
 def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:

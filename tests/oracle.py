@@ -119,3 +119,49 @@ def partials(aircraft, radar, rcs, p_fa):
                 ends.append(p_d(moved[:6], moved[6:], rcs, p_fa))
             slopes.append((ends[0] - ends[1]) / (2 * step))
         return slopes
+
+
+@_precisely
+def marcum(snr, p_fa):
+    """P_D and 1 − P_D of a steady target; the lesser, but for very large P_fa, by a sum.
+
+    The output of the square-law detector is a mixture of gamma distributions, so P_D is P(I ≤ J)
+    for Poisson variables I of mean −ln P_fa and J of mean S. No Bessel function is in it.
+    """
+    threshold, snr = -mp.log(mpf(p_fa)), mpf(snr)
+    if snr < threshold:
+        p_d = _not_above(threshold, snr)
+        return p_d, 1 - p_d
+    miss = _not_above(snr, threshold, equal=False)
+    return 1 - miss, miss
+
+
+def _not_above(mean, other, equal=True):
+    """P(I ≤ J), or P(I < J), for Poisson I and J of these means."""
+    below = mpf(0)  # P(I < j)
+    at, weight = mp.exp(-mean), mp.exp(-other)  # P(I = j), P(J = j)
+    total, j, least = mpf(0), 0, mpf(10) ** -mp.dps
+    enough = max(other, mp.sqrt(mean * other))  # the terms are largest there at the latest
+    while True:
+        term = weight * (below + at if equal else below)
+        total += term
+        if j > enough and term < least * total:
+            return total
+        below += at
+        j += 1
+        at, weight = at * mean / j, weight * other / j
+
+
+@_precisely
+def swerling1(snr, p_fa):
+    """P_D and 1 − P_D of Swerling's case 1."""
+    exponent = mp.log(mpf(p_fa)) / (1 + mpf(snr))
+    return mp.exp(exponent), -mp.expm1(exponent)
+
+
+def swerling3(snr, p_fa):
+    """P_D and 1 − P_D of Swerling's case 3; 100 digits allow for the difference from 1."""
+    with mp.workdps(100):
+        s, threshold = mpf(snr) / 2, -mp.log(mpf(p_fa))
+        p_d = (1 + threshold * s / (1 + s) ** 2) * mp.exp(-threshold / (1 + s))
+        return p_d, 1 - p_d

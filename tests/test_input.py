@@ -45,7 +45,7 @@ LINES = flattened(yaml.safe_load(default_text()))
 PATHS = [path for path, _ in LINES]
 BRANCHES = [path for path, text in LINES if not text]
 LEVELS = [p for p in PATHS if re.fullmatch(r"uncertainty\.radar\.\w+", p)]
-OPTIONAL = ["geometry.azimuth_from", "analysis.runs", "analysis.seed"]
+OPTIONAL = ["radar.detector", "geometry.azimuth_from", "analysis.runs", "analysis.seed"]
 
 
 def yaml_text(lines: Lines) -> str:
@@ -268,6 +268,9 @@ WRONG = [
     ("aircraft.rcs.c_m", "-0.0", "greater than 0"),
     ("aircraft.rcs.model", "elipsoid", "did you mean 'ellipsoid'?"),
     ("geometry.type", "orbits", "did you mean 'orbit'?"),
+    ("radar.detector", "swerling", "north, marcum, swerling1, swerling2, swerling3, swerling4"),
+    ("radar.detector", "marcun", "got 'marcun'; did you mean 'marcum'?"),
+    ("radar.detector", "[north]", "got a list of 1"),
     ("geometry.azimuth_from", "nort", "did you mean 'north'?"),
     ("geometry.range_km", "-1", "not less than 0, got -1"),
     ("geometry.azimuth_deg.step", "0", "got 0"),
@@ -939,7 +942,9 @@ def mangled(draw: st.DrawFn) -> bytes:
 
 
 NUMBERS = [
-    p for p, v in FEW_LINES if v and not p.endswith(("name", "model", "type", "from", "level"))
+    p
+    for p, v in FEW_LINES
+    if v and not p.endswith(("name", "detector", "model", "type", "from", "level"))
 ]
 
 
@@ -949,7 +954,8 @@ def extreme(draw: st.DrawFn) -> bytes:
     chosen = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8, unique=True))
     number = st.sampled_from(EXTREME)
     tiny = st.sampled_from(["5e-324", "1e-300", "1e-20", "0.5", "0.9999999999999999"])
-    changes = {}
+    detectors = ("north", "marcum", "swerling1", "swerling3")
+    changes = {"radar.detector": draw(st.sampled_from(detectors))}
     for path in chosen:
         old = dict(FEW_LINES)[path]
         if path.endswith("p_fa"):

@@ -1,0 +1,227 @@
+"""The detectors: P_D, its slope and its probit, in both tails, against mpmath and print."""
+
+import numpy as np
+import oracle
+import pytest
+from mpmath import mp, mpf
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.integrate import quad
+from scipy.special import chndtr
+
+from radar_sense.detection import Marcum, North, Swerling1, Swerling3
+from radar_sense.model import DetectionModel
+from radar_sense.propagation import propagate
+from radar_sense.rcs import ConstantRCS
+from radar_sense.scenario import DETECTORS
+
+
+def north(snr, p_fa):
+    p_d = oracle.north(snr, p_fa)
+    return p_d, 1 - p_d
+
+
+ORACLES = {
+    North: north,
+    Marcum: oracle.marcum,
+    Swerling1: oracle.swerling1,
+    Swerling3: oracle.swerling3,
+}
+EXACT = [Marcum, Swerling1, Swerling3]
+
+
+def random_cases(rng, count):
+    """P_fa from 1e-17 to 0.9 with S from 0 to 1e6, much of it about the threshold."""
+    cases = []
+    for i in range(count):
+        p_fa = 10.0 ** rng.uniform(-17, np.log10(0.9))
+        root = np.sqrt(-np.log(p_fa))
+        snr = (
+            10.0 ** rng.uniform(-8, 3),
+            (root + rng.normal() * 3) ** 2,
+            root**2 * 10.0 ** rng.uniform(-3, 1.5),
+        )[i % 3]
+        cases.append((float(snr), float(p_fa)))
+    ends = [(snr, p_fa) for p_fa in (1e-17, 1.7e-4, 0.9) for snr in (0.0, 1e4, 1e6)]
+    return [*cases, *ends, (-np.log(0.1), 0.1), (np.nextafter(-np.log(0.1), 0), 0.1)]
+
+
+def slope(tails, snr, p_fa, which):
+    """|d tail/dS| by a central difference that is exact as far as a float can tell."""
+    snr = mpf(snr)
+    step = (snr + mpf("1e-3")) * mpf("1e-15")
+    low = snr - step if snr > step else snr
+    high = snr + step if snr > step else snr + mpf("1e-30")
+    return abs(tails(high, p_fa)[which] - tails(low, p_fa)[which]) / (high - low)
+
+
+@pytest.mark.parametrize("detector", EXACT)
+def test_value_slope_and_probit_in_both_tails(detector):
+    found, tails = detector(), ORACLES[detector]
+    for snr, p_fa in random_cases(np.random.default_rng(31), 90):
+        with mp.workdps(60):
+            exact = tails(snr, p_fa)
+            which = int(exact[1] < exact[0])
+            exact_slope = slope(tails, snr, p_fa, which)
+            tiny = exact[which] < mpf("1e-300")
+            p_d, by_snr = found.linearize(np.array([snr]), p_fa)
+            z, z_by_snr = (mpf(float(v[0])) for v in found.linearize_probit(np.array([snr]), p_fa))
+            case = f"S = {snr!r}, P_fa = {p_fa!r}"
+            assert abs(p_d[0] - exact[0]) <= mpf("1e-13") * exact[0], case
+            assert_array_equal(found.p_d(np.array([snr]), p_fa), p_d)
+            if not tiny:
+                assert abs(by_snr[0] - exact_slope) <= mpf("1e-12") * exact_slope, case
+            # Newton's step from z to the exact one
+            density = mp.npdf(z)
+            error = (mp.ncdf(-z if which else z) - exact[which]) / density
+            assert abs(error) <= mpf("1e-12") * max(1, abs(z)), case
+            exact_z_slope = exact_slope / mp.npdf(z + (error if which else -error))
+            bound = mpf("1e-9") if tiny else mpf("1e-12")
+            assert abs(z_by_snr - exact_z_slope) <= bound * exact_z_slope, case
+
+
+@pytest.mark.parametrize("detector", EXACT)
+def test_the_complement_keeps_its_digits_where_p_d_rounds_to_one(detector):
+    """And P_D its own down to 1e-200."""
+    snr = {Marcum: 700.0, Swerling1: 1e18, Swerling3: 1e12}[detector]
+    assert detector().p_d(np.array(snr), 1e-6) == 1.0
+    z, _ = detector().linearize_probit(np.array(snr), 1e-6)
+    miss = ORACLES[detector](snr, 1e-6)[1]
+    assert miss < mpf("1e-16")
+    assert abs(mp.ncdf(-mpf(float(z))) / miss - 1) < mpf("1e-11")
+    p_d = detector().p_d(np.array(0.01), 1e-200)
+    assert p_d < 1e-190
+    assert abs(p_d / ORACLES[detector](0.01, 1e-200)[0] - 1) < mpf("1e-12")
+
+
+def test_published_values():
+    """MATLAB's, as quoted by mhostetter/sdr, and radarsimpy's; to the last digit printed."""
+    snr = np.array([1.0, 10.0])
+    assert_allclose(Marcum().p_d(snr, 1e-3), [0.01846703, 0.81029237], atol=5e-9)
+    snr = 10 ** np.array([1.6, 0.68])
+    assert_allclose(Swerling1().p_d(snr, 1e-4), [0.7980, 0.2036], atol=5e-5)
+
+
+@pytest.mark.parametrize(("snr", "p_fa"), [(0.3, 0.1), (5.0, 1e-3), (40.0, 1e-6), (15.0, 1e-12)])
+def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
+    """The oracles above have the same closed form; here Marcum's P_D is averaged."""
+    for fluctuating, density in (
+        (Swerling1(), lambda t: np.exp(-t / snr) / snr),
+        (Swerling3(), lambda t: 4 * t / snr**2 * np.exp(-2 * t / snr)),
+    ):
+        mean, _ = quad(
+            lambda t, density=density: density(t) * float(Marcum().p_d(np.array(t), p_fa)),
+            0,
+            45 * snr,
+            points=[snr, 4 * snr, -np.log(p_fa)],
+            epsabs=0,
+            epsrel=1e-11,
+            limit=200,
+        )
+        assert_allclose(fluctuating.p_d(np.array(snr), p_fa), mean, rtol=1e-10)
+
+
+def test_where_scipy_s_function_fails():
+    """Q₁(5, 14), and a miss of 2e-91: what one would reach for has neither."""
+    assert 1 - chndtr(14.0**2, 2, 5.0**2) == 0
+    p_fa = float(mp.exp(-98))
+    assert_allclose(Marcum().p_d(np.array(12.5), p_fa), 1.8991679014e-19, rtol=1e-10)
+    assert chndtr(-2 * np.log(1e-4), 2, 600.0) == 0
+    z, _ = Marcum().linearize_probit(np.array(300.0), 1e-4)
+    assert abs(mp.ncdf(-mpf(float(z))) / oracle.marcum(300.0, 1e-4)[1] - 1) < mpf("1e-11")
+
+
+@pytest.mark.parametrize("detector", [North, *EXACT])
+def test_any_shape_and_any_size(detector):
+    """No Python warning either, and a NaN stays where it is."""
+    snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, 1e20, 1e100, 1e160, np.nan])
+    functions = (detector().p_d, detector().linearize, detector().linearize_probit)
+    for p_fa in (5e-324, 1e-17, 1.7e-4, 0.5, 0.9, 1 - 2.0**-53):
+        for function in functions:
+            found = np.array(function(snr, p_fa))
+            assert np.isfinite(found[..., :-1]).all()
+            assert np.isnan(found[..., -1]).all()
+            grid = np.array(function(snr.reshape(2, 5), p_fa))
+            assert_array_equal(grid.reshape(found.shape), found)
+            for i in (0, 3):
+                assert_array_equal(np.array(function(np.asarray(snr[i]), p_fa)), found[..., i])
+
+
+@pytest.mark.parametrize("detector", [North, *EXACT])
+def test_more_signal_is_detected_more_often(detector):
+    """On both sides of where the tail that is summed changes, and from P_fa up."""
+    snr = np.linspace(0, 60, 20001)
+    for p_fa in (1e-12, 1.7e-4, 0.5):
+        p_d, by_snr = detector().linearize(snr, p_fa)
+        z, z_by_snr = detector().linearize_probit(snr, p_fa)
+        assert (np.diff(z) > 0).all()
+        assert (by_snr > 0).all()
+        assert (z_by_snr > 0).all()
+        if detector is not North:
+            assert_allclose(p_d[0], p_fa, rtol=1e-13)
+
+
+def test_detectors_that_a_scenario_can_name():
+    assert {name: cls() for name, cls in DETECTORS.items()} == {
+        "north": North(),
+        "marcum": Marcum(),
+        "swerling1": Swerling1(),
+        "swerling2": Swerling1(),
+        "swerling3": Swerling3(),
+        "swerling4": Swerling3(),
+    }
+
+
+# Propagation: every method with every detector.
+
+
+def one_state(detector, snr, spread, p_fa=1.7e-4):
+    """A model and poses whose S is normal, from c_r alone: mean `snr`, deviation `spread` of it."""
+    model = DetectionModel(ConstantRCS(1.0), p_fa, detector)
+    aircraft = np.array([100e3, 0, 0, 0, 0, 0])
+    per_joule = model.snr(aircraft, np.array([0, 0, 0, 1.0]))
+    radar = np.zeros((len(snr), 4))
+    radar[:, 3] = snr / per_joule
+    cov = np.zeros((len(snr), 4, 4))
+    cov[:, 3, 3] = (spread * radar[:, 3]) ** 2
+    return model, aircraft, radar, np.zeros((6, 6)), cov
+
+
+@pytest.mark.parametrize("detector", [North, *EXACT])
+def test_methods_of_propagation(detector):
+    """S normal: bounds are P_D at its quantiles; moments by a fine sum over it."""
+    snr, spread = np.array([1.0, 4.0, 9.0, 20.0, 60.0]), 0.1
+    case = one_state(detector(), snr, spread)
+    u = np.linspace(-8, 8, 4001)
+    weight = np.exp(-0.5 * u * u) / np.exp(-0.5 * u * u).sum()
+    drawn = detector().p_d(snr[:, np.newaxis] * (1 + spread * u), 1.7e-4)
+    mean = drawn @ weight
+    std = np.sqrt(((drawn - mean[:, np.newaxis]) ** 2) @ weight)
+    bounds = detector().p_d(np.multiply.outer([1 - 3 * spread, 1 + 3 * spread], snr), 1.7e-4)
+
+    form = propagate(*case, method="form")
+    assert form.settled.all()
+    assert_allclose([form.lower, form.upper], bounds, atol=2e-5)
+    assert_allclose(form.mean, mean, atol=1e-5)
+    assert_allclose(form.std, std, rtol=2e-3)
+    probit = propagate(*case, method="probit")
+    assert_allclose([probit.lower, probit.upper], bounds, atol=0.02)
+    assert_allclose(probit.std, std, rtol=0.08)
+    linear = propagate(*case, method="linear")
+    assert_allclose(linear.std, detector().linearize(snr, 1.7e-4)[1] * spread * snr, rtol=1e-9)
+    # Where a method that does not warn is used it is right.
+    for found in (probit, linear):
+        good = ~found.curved
+        assert_allclose(found.std[good], std[good], rtol=0.04)
+        assert_allclose(found.lower[good], bounds[0][good], atol=0.01)
+
+
+@pytest.mark.parametrize("detector", EXACT)
+def test_a_wide_spread_is_warned_of_and_a_narrow_one_is_not(detector):
+    snr = np.array([3.0, 9.0, 20.0])
+    for spread, curved in ((0.3, True), (1e-3, False)):
+        for method in ("linear", "probit"):
+            found = propagate(*one_state(detector(), snr, spread), method=method)
+            if not (curved and method == "probit"):
+                assert_array_equal(found.curved, curved)
+            else:
+                assert found.curved.any()
