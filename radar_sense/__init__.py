@@ -28,6 +28,7 @@ _HOME = {
     "Swerling3": "detection",
     "budget": "analyses",
     "compare": "analyses",
+    "detectors": "analyses",
     "load_scenario": "scenario",
     "monte_carlo": "montecarlo",
     "parse_scenario": "scenario",
@@ -38,7 +39,15 @@ _HOME = {
 }
 
 if TYPE_CHECKING:
-    from radar_sense.analyses import Result, budget, compare, sensitivity, validate, variance
+    from radar_sense.analyses import (
+        Result,
+        budget,
+        compare,
+        detectors,
+        sensitivity,
+        validate,
+        variance,
+    )
     from radar_sense.detection import Marcum, North, Swerling1, Swerling3
     from radar_sense.model import DetectionModel, Linearization
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
@@ -67,6 +76,7 @@ __all__ = [
     "__version__",
     "budget",
     "compare",
+    "detectors",
     "load_scenario",
     "monte_carlo",
     "parse_scenario",

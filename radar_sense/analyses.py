@@ -26,9 +26,16 @@ from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.reader import ScenarioError
-from radar_sense.scenario import Scenario
+from radar_sense.scenario import DETECTORS, Scenario
 from radar_sense.states import SOURCES, FloatArray
 from radar_sense.wording import at, peak, reached, trough, where
+
+#: False alarm probabilities that `detectors` shows beside the scenario's, ...
+P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
+#: ... and its signal-to-noise ratios [dB].
+SNR_DB = np.linspace(-10.0, 30.0, 401)
+#: With a single pulse the others are the same as one of these.
+DISTINCT = ("north", "marcum", "swerling1", "swerling3")
 
 #: First order has nothing to say of a source whose part in the total is so much smaller than its
 #: part elsewhere: its gradient passes through zero there.
@@ -388,6 +395,42 @@ def validate(
         report=tuple(report),
         warnings=(*_doubts(found.moments, method, theta), *_clipped(found.clipped)),
         passed=found.verdict == "validated",
+    )
+
+
+def detectors(scenario: Scenario) -> Result:
+    """P_D of every detector by P_fa and S, and how far North's approximation is from the exact."""
+    p_fas = sorted({*P_FAS, scenario.model.p_fa}, reverse=True)
+    p_d = {
+        name: np.concatenate(
+            [DETECTORS[name]().p_d(10.0 ** (SNR_DB / 10.0), p_fa) for p_fa in p_fas]
+        )
+        for name in DISTINCT
+    }
+    error = p_d["north"] - p_d["marcum"]
+    worst = []
+    for p_fa, errors in zip(p_fas, error.reshape(len(p_fas), -1), strict=True):
+        i = int(np.argmax(abs(errors)))
+        worst.append({"p_fa": p_fa, "error": float(errors[i]), "snr_db": float(SNR_DB[i])})
+    snr = scenario.model.snr(scenario.aircraft, scenario.radar)
+    north, exact = (DETECTORS[name]().p_d(snr, scenario.model.p_fa) for name in DISTINCT[:2])
+    at_poses = peak(abs(north - exact), scenario.theta_r_deg)
+    return Result(
+        analysis="detectors",
+        scenario=scenario,
+        table={
+            "p_fa": np.repeat(p_fas, len(SNR_DB)),
+            "snr_db": np.tile(SNR_DB, len(p_fas)),
+            **{f"p_d_{name}": values for name, values in p_d.items()},
+            "north_less_marcum": error,
+        },
+        summary={"largest_error_of_north": worst, "error_of_north_at_poses": at_poses},
+        report=(
+            "largest error of North's approximation, its P_D less that of Marcum:",
+            *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
+            f"at a pose of this scenario at most {at(at_poses)}",
+        ),
+        warnings=(),
     )
 
 

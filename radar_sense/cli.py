@@ -380,6 +380,24 @@ def validate(
 
 @cli.command()
 @_config
+@_output
+@click.pass_obj
+def detectors(command: list[str], /, config: Path | None, **output: Any) -> None:
+    """P_D of every detector, and the error of North's approximation.
+
+    \b
+    Examples:
+      radar-sense detectors
+      radar-sense detectors my.yaml --format png
+    """
+    from radar_sense import analyses
+
+    scenario = _scenario(config)
+    _run(command, lambda: analyses.detectors(scenario), **output)
+
+
+@cli.command()
+@_config
 @_quiet
 def check(config: Path | None, quiet: bool) -> None:
     """Read and validate a scenario and print it in full; compute nothing.

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from radar_sense.analyses import Result
+from radar_sense.analyses import DISTINCT, P_FAS, Result
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.states import SOURCES, FloatArray
@@ -176,6 +176,41 @@ def _validate(result: Result) -> Figure:
     return figure
 
 
+def _detectors(result: Result) -> Figure:
+    figure, (top, bottom) = _new(2)
+    table, chosen = result.table, result.scenario.model.p_fa
+    p_fas = np.unique(table["p_fa"])
+    snr_db = table["snr_db"][table["p_fa"] == chosen]
+    # the scenario's, and the ends if their curves and labels are well away from it
+    few = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
+    for p_fa in (chosen, *few):
+        for name, style in zip(DISTINCT, (("0.75", "-"), *_LINES), strict=False):
+            p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
+            label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
+            _line(top, snr_db, p_d, style, label=label)
+        # labels above the data, the scenario's higher, so that none is on another
+        half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
+        place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
+        top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=6.5)
+    for line in top.lines[:: len(DISTINCT)]:
+        line.set_linewidth(3.5)  # North's shows on both sides of Marcum's
+    top.set_ylim(-0.04, 1.34)
+    top.set_yticks(np.linspace(0, 1, 6))
+    top.set_ylabel(r"$P_D$")
+    # In grey, as colours are for the detectors; the scenario's in black.
+    others = [p for p in p_fas[::-1] if p != chosen]
+    dashes = [dash for _, dash in (*_LINES[:4], _LINES[5])]
+    styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
+    for p_fa, style in {chosen: ("black", "-"), **styles}.items():
+        error = table["north_less_marcum"][table["p_fa"] == p_fa]
+        _line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
+    bottom.set_ylabel("North less Marcum")
+    bottom.set_xlabel("Signal-to-noise ratio $S$ [dB]")
+    bottom.xaxis.set_major_locator(MaxNLocator(nbins=9))
+    _legend(figure, top, bottom)
+    return figure
+
+
 _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "variance": _variance,
     "montecarlo": _montecarlo,
@@ -183,6 +218,7 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "budget": _budget,
     "compare": _compare,
     "validate": _validate,
+    "detectors": _detectors,
 }
 
 
@@ -208,6 +244,12 @@ def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
         (float(lefts[a]), float(rights[b - 1]))
         for a, b in zip(edges[::2], edges[1::2], strict=True)
     ]
+
+
+def _power_of_ten(value: float) -> str:
+    factor, exponent = f"{value:.1e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if factor == "1.0" else rf"${factor}\cdot {power}$"
 
 
 def _from_zero(axes: Axes) -> None:

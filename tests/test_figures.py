@@ -4,6 +4,7 @@ import re
 from functools import partial
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import scenario
 
 from radar_sense import analyses, figures
@@ -62,6 +63,33 @@ def test_layout(analysis, changes):
         assert low < high
     assert "[deg]" in figure.axes[-1].get_xlabel()
     assert not figure.get_suptitle()
+
+
+@pytest.mark.parametrize("p_fa", [0.99, 1e-2, 1.7e-4, 2e-12, 5e-324])
+def test_layout_of_detectors(p_fa):
+    """Labels lie on the axes, not on each other, and not on the data."""
+    figure = figures.draw(analyses.detectors(scenario(radar__p_fa=p_fa)))
+    FigureCanvasAgg(figure).draw()  # where text is as large as the axes say
+    top, bottom = figure.axes
+    (legend,) = figure.legends
+    assert not legend.get_window_extent().overlaps(top.get_window_extent())
+    boxes = [text.get_window_extent() for text in top.texts]
+    for i, box in enumerate(boxes):
+        inside = top.get_window_extent()
+        assert inside.x0 < box.x0 < box.x1 < inside.x1
+        assert box.y1 < inside.y1
+        assert box.y0 > top.transData.transform((0, 1.0))[1]
+        assert not any(box.overlaps(other) for other in boxes[:i])
+    assert "[dB]" in bottom.get_xlabel()
+    assert len(top.lines) == 4 * len(boxes)
+    # told apart without colour: two solid lines of very different width, and dashes
+    for axes in figure.axes:
+        lines = axes.lines[:4] if axes is top else axes.lines
+        styles = {
+            (str(line._unscaled_dash_pattern), line.get_linewidth(), line.get_color() == "black")
+            for line in lines
+        }
+        assert len(styles) == len(lines)
 
 
 @pytest.mark.parametrize("analysis", ["budget", "sensitivity"])
