@@ -23,8 +23,6 @@ from scipy.special import erfc, erfcx, gammainc, i0e, ndtri_exp
 from radar_sense.states import FloatArray
 
 _HALF_OVER_SQRT_PI = 0.5 / np.sqrt(np.pi)
-#: ln of a probability that would round to 1.
-_NEARLY_CERTAIN = -(2.0**-53)
 
 
 class Detector(Protocol):
@@ -190,16 +188,17 @@ def _marcum(snr: FloatArray, p_fa: float) -> _Marcum:
 
         Σ_{k≥1} = w₁ (1 + w₂ (1 + w₃ (...))).
 
-    The first w is the one of the uniform estimate z/(k − ½ + √(k² − ¼ + z²)) of I_k(z)/I_{k−1}(z),
-    right to the order 1/z² (Digital Library of Mathematical Functions, 10.40.1). The slope is
-    dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab), of which w₁ is a part.
+    To begin with, I_k/I_{k−1} at z is taken to be z/(k − ½ + √(k² + z²)), which is right to
+    1/(8z²) for large z (Digital Library of Mathematical Functions, 10.40.1); what is wrong with it
+    dies away as the recurrence goes back. The slope dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab) has w₁
+    as a part.
     """
     threshold = -math.log(p_fa)
     snr = np.asarray(snr)
     m, n = np.minimum(snr, threshold), np.maximum(snr, threshold)
     # Terms for a relative 1e-14 of every tail above 1e-300; found by adding more.
     last = math.ceil(10.0 * math.sqrt(threshold)) + 40
-    w = np.asarray(2.0 * m / (last - 0.5 + np.sqrt(last * last - 0.25 + 4.0 * m * n)))
+    w = np.asarray(2.0 * m / (last - 0.5 + np.sqrt(last * last + 4.0 * m * n)))
     rest = np.zeros_like(w)
     for k in range(last - 1, 0, -1):
         rest += 1.0
@@ -229,6 +228,6 @@ def _probit(
         log_tail: Its logarithm (...).
         rate: |d ln tail/dS| (...). The slope of z is this times tail/φ(z), Mills' ratio.
     """
-    side = ndtri_exp(np.minimum(log_tail, _NEARLY_CERTAIN))
+    side = ndtri_exp(log_tail)
     mills = math.sqrt(0.5 * math.pi) * erfcx(-math.sqrt(0.5) * side)
     return np.where(upper, -side, side), rate * mills
