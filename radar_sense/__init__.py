@@ -14,6 +14,7 @@ _HOME = {
     "ConstantRCS": "rcs",
     "DetectionModel": "model",
     "EllipsoidRCS": "rcs",
+    "ExactEllipsoidRCS": "rcs",
     "Linearization": "model",
     "Marcum": "detection",
     "Moments": "propagation",
@@ -26,9 +27,11 @@ _HOME = {
     "SurveillanceRadar": "radar",
     "Swerling1": "detection",
     "Swerling3": "detection",
+    "TableRCS": "rcs_table",
     "budget": "analyses",
     "compare": "analyses",
     "detectors": "analyses",
+    "load_rcs_table": "rcs_file",
     "load_scenario": "scenario",
     "monte_carlo": "montecarlo",
     "parse_scenario": "scenario",
@@ -53,7 +56,9 @@ if TYPE_CHECKING:
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
     from radar_sense.propagation import Moments, propagate
     from radar_sense.radar import SurveillanceRadar
-    from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+    from radar_sense.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
+    from radar_sense.rcs_file import load_rcs_table
+    from radar_sense.rcs_table import TableRCS
     from radar_sense.reader import ScenarioError
     from radar_sense.scenario import Scenario, load_scenario, parse_scenario
 
@@ -61,6 +66,7 @@ __all__ = [
     "ConstantRCS",
     "DetectionModel",
     "EllipsoidRCS",
+    "ExactEllipsoidRCS",
     "Linearization",
     "Marcum",
     "Moments",
@@ -73,10 +79,12 @@ __all__ = [
     "SurveillanceRadar",
     "Swerling1",
     "Swerling3",
+    "TableRCS",
     "__version__",
     "budget",
     "compare",
     "detectors",
+    "load_rcs_table",
     "load_scenario",
     "monte_carlo",
     "parse_scenario",

@@ -398,6 +398,26 @@ def detectors(command: list[str], /, config: Path | None, **output: Any) -> None
 
 @cli.command()
 @_config
+@_output
+@click.pass_obj
+def rcs(command: list[str], /, config: Path | None, **output: Any) -> None:
+    """The radar cross section by aspect: a polar cut and a map.
+
+    The table that it writes can be read as `rcs: {model: table, file: ...}` again.
+
+    \b
+    Examples:
+      radar-sense rcs
+      radar-sense rcs my.yaml --format png
+    """
+    from radar_sense.rcs_pattern import rcs as analyse
+
+    scenario = _scenario(config)
+    _run(command, lambda: analyse(scenario), **output)
+
+
+@cli.command()
+@_config
 @_quiet
 def check(config: Path | None, quiet: bool) -> None:
     """Read and validate a scenario and print it in full; compute nothing.

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from radar_sense.analyses import DISTINCT, P_FAS, Result
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
+from radar_sense.rcs_pattern import aspects, decibels, pattern
 from radar_sense.states import SOURCES, FloatArray
 
 _STYLE: dict[Any, Any] = {
@@ -211,6 +212,56 @@ def _detectors(result: Result) -> Figure:
     return figure
 
 
+def _rcs(result: Result) -> Figure:
+    scenario = result.scenario
+    model = scenario.model.rcs
+    figure = Figure(figsize=(_WIDTH, 6.4), layout="constrained")
+    polar: Any = figure.add_subplot(2, 1, 1, projection="polar")
+    below = figure.add_subplot(2, 1, 2)
+    azimuth = np.arange(-180.0, 180.25, 0.25)
+    seen_azimuth, seen_elevation = aspects(scenario)
+    middle = float(np.median(seen_elevation))
+    cuts = {"horizon": 0.0, f"elevation {middle:.1f} deg, as in the geometry": middle}
+    values = {name: pattern(model, azimuth, np.array(e)) for name, e in cuts.items()}
+    top = max(v.max() for v in values.values())
+    # Deep nulls would leave no room for the rest, and a cross section of 0 has no dB.
+    floor = max(min(v.min() for v in values.values()), top * 1e-5)
+    for (name, sigma), style in zip(values.items(), _LINES, strict=False):
+        level = decibels(np.maximum(sigma, floor))
+        _line(polar, np.deg2rad(azimuth), level, style, label=name)
+    low, high = decibels(np.array([floor, top]))
+    margin = max(1.0, 0.05 * (high - low))
+    polar.set_ylim(low - margin, high + margin)
+    polar.set_theta_zero_location("N")
+    polar.set_theta_direction(-1)
+    polar.set_rlabel_position(22.5)
+    polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
+    polar.set_xticklabels(
+        ["nose 0", "45", "right wing\n90", "135", "tail 180", "-135", "left wing\n-90", "-45"]
+    )
+    polar.set_ylabel("RCS [dBsm]", labelpad=32)
+
+    elevation = np.arange(-90.0, 91.0, 1.0)
+    wide = np.arange(-180.0, 180.5, 0.5)
+    grid = pattern(model, wide[:, np.newaxis], elevation)
+    level = decibels(np.maximum(grid, grid.max() * 1e-5)).T
+    drawn = below.pcolormesh(wide, elevation, level, shading="nearest", rasterized=True)
+    if np.ptp(level) > 0.01:
+        lines = below.contour(wide, elevation, level, levels=6, colors="white", linewidths=0.4)
+        below.clabel(lines, fontsize=6, fmt="%g")
+    below.plot(seen_azimuth, seen_elevation, ".", color="#D55E00", markersize=2, label="geometry")
+    below.set_xlim(-180, 180)
+    below.set_ylim(-90, 90)
+    below.set_xticks(range(-180, 181, 45))
+    below.set_yticks(range(-90, 91, 30))
+    below.set_ylabel("Elevation [deg]")
+    below.set_xlabel("Azimuth in the body frame [deg]")
+    figure.colorbar(drawn, ax=below, label="RCS [dBsm]")
+    _legend(figure, polar, below)
+    return figure
+
+
 _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "variance": _variance,
     "montecarlo": _montecarlo,
@@ -219,6 +270,7 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "compare": _compare,
     "validate": _validate,
     "detectors": _detectors,
+    "rcs": _rcs,
 }
 
 

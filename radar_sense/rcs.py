@@ -8,6 +8,10 @@ to that vector. An RCS depends on direction alone, so the gradient is perpendicu
 appear here unless a model needs λ itself: the direction cosines they stand for have no singular
 angle but the one that is real, straight above and below the aircraft, where λ is undefined. There
 the models take λ = 0 (as atan2 does), and the gradient of one that depends on λ is NaN.
+
+An RCS here is a function of aspect and of nothing else. That the echo of one aspect fluctuates from
+pulse to pulse or scan to scan (P. Swerling, IRE Trans. IT-6(2), 1960) is the detector's affair: the
+RCS gives the mean that it fluctuates about. The RCS from a table is in a module of its own.
 """
 
 from __future__ import annotations
@@ -122,6 +126,67 @@ class EllipsoidRCS:
         times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
         # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
         return np.where(hh > 0, hh / times_hh, self.c**-2)
+
+
+@dataclass(frozen=True)
+class ExactEllipsoidRCS:
+    """The ellipsoid itself, which the paper's formula is only near the horizon.
+
+    σ_r = π (s_x s_y s_z)² / D² with D = (s_x n_x)² + (s_y n_y)² + (s_z n_z)², where n is the
+    direction to the radar in the body frame (E. F. Knott, J. F. Shaeffer and M. T. Tuley, Radar
+    Cross Section, 2nd ed. 1993: π times the product of the principal radii of curvature at the
+    specular point). It is smooth in every direction.
+
+    `eq:rcs_ellipsoid` lacks a factor cos²φ in its term for the nose, and has a sin²λ in that for
+    down. With its (a, b, c) = (s_y, s_z, s_x), its D is (s_x² − s_z²) cos²λ sin²φ greater: nothing
+    at the horizon and abeam, and most straight above and below, where it depends on a λ that has
+    no meaning there.
+
+    Attributes:
+        x: Semi-axis along the nose [m], positive.
+        y: Semi-axis along the wing [m], positive.
+        z: Semi-axis down [m], positive.
+    """
+
+    x: float = parameter("x_m", POSITIVE)
+    y: float = parameter("y_m", POSITIVE)
+    z: float = parameter("z_m", POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        sigma, _, _ = self._parts(*split(np.asarray(body_vector, dtype=float)))
+        return sigma
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        x, y, z = split(np.asarray(body_vector, dtype=float))
+        sigma, (xx, yy, zz), weighted = self._parts(x, y, z)
+        aa, bb, cc = self.x**2, self.y**2, self.z**2
+        # With D = w/r² and w = Σ s_i² ρ_i², ∂σ/∂ρ_i = 4σ ρ_i (1/r² − s_i²/w). The bracket is
+        # (w − s_i² r²)/(r² w), written so that s_i² drops out and nothing cancels.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            outer = 4.0 * sigma / ((xx + yy + zz) * weighted)
+            gradient = join(
+                (
+                    outer * x * ((bb - aa) * yy + (cc - aa) * zz),
+                    outer * y * ((aa - bb) * xx + (cc - bb) * zz),
+                    outer * z * ((aa - cc) * xx + (bb - cc) * yy),
+                )
+            )
+        return sigma, gradient
+
+    def _parts(
+        self, x: FloatArray, y: FloatArray, z: FloatArray
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], FloatArray]:
+        """σ_r, the squares of the components, and w = r² D."""
+        xx, yy, zz = x * x, y * y, z * z
+        weighted = self.x**2 * xx + self.y**2 * yy + self.z**2 * zz
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = self.x * self.y * self.z * (xx + yy + zz) / weighted
+        return np.pi * ratio * ratio, (xx, yy, zz), weighted
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ import numpy as np
 
 from radar_sense import covariance
 from radar_sense.detection import Detector, Marcum, North, Swerling1, Swerling3
-from radar_sense.geometry import orbit, slant_range
+from radar_sense.geometry import body_vector, orbit, slant_range
 from radar_sense.limits import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -31,7 +31,10 @@ from radar_sense.limits import (
 )
 from radar_sense.model import DetectionModel
 from radar_sense.radar import SurveillanceRadar
-from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
+from radar_sense.rcs_file import KEYS as TABLE_KEYS
+from radar_sense.rcs_file import read_table
+from radar_sense.rcs_table import TableRCS
 from radar_sense.reader import (
     LARGEST,
     SMALLEST,
@@ -47,7 +50,9 @@ from radar_sense.states import FloatArray
 RCS_MODELS: Mapping[str, type[Any]] = {
     "constant": ConstantRCS,
     "ellipsoid": EllipsoidRCS,
+    "ellipsoid_exact": ExactEllipsoidRCS,
     "spikeball": SpikeballRCS,
+    "table": TableRCS,
 }
 
 #: The detectors that a scenario can name. With a single pulse Swerling's cases are two.
@@ -171,6 +176,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     theta_r_deg, position, document["geometry"] = _geometry(found["geometry"])
     aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
     _refuse_collision(found["geometry"], theta_r_deg, aircraft, radar)
+    _refuse_uncovered(found["geometry"], rcs, theta_r_deg, aircraft, radar)
     cov_aircraft, cov_radar, document["uncertainty"] = _uncertainty(found["uncertainty"])
     level, runs, seed = _analysis(found["analysis"], cov_radar)
     for array in (theta_r_deg, aircraft, radar, cov_aircraft, *cov_radar.values()):
@@ -214,11 +220,15 @@ def _radar(entry: Entry) -> tuple[FloatArray, float, Detector, dict[str, Any]]:
 def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
     found = entry.mapping(["rcs", "attitude_deg"])
     keys = dict.fromkeys(key for model in RCS_MODELS.values() for key in parameter_keys(model))
-    choices = found["rcs"].mapping([], ["model", *keys])
+    choices = found["rcs"].mapping([], ["model", *keys, *TABLE_KEYS])
     if "model" not in choices:
         raise found["rcs"].error(f"missing key 'model', one of {', '.join(RCS_MODELS)}")
     name = choices["model"].choice(RCS_MODELS)
-    rcs, values = found["rcs"].instance(RCS_MODELS[name], besides=["model"])
+    rcs, values = (
+        read_table(found["rcs"])
+        if name == "table"
+        else found["rcs"].instance(RCS_MODELS[name], besides=["model"])
+    )
     attitude = found["attitude_deg"].numbers(3, Limit(at_least=-360, at_most=360))
     document = {"rcs": {"model": name, **values}, "attitude_deg": attitude}
     return rcs, np.array(attitude) * _DEG, document
@@ -271,6 +281,23 @@ def _refuse_collision(
         raise entry.error(
             f"the aircraft is on top of the radar at azimuth {theta_r_deg[nearest]:g} deg, "
             f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+        )
+
+
+def _refuse_uncovered(
+    entry: Entry, rcs: RCS, theta_r_deg: FloatArray, aircraft: FloatArray, radar: FloatArray
+) -> None:
+    if not isinstance(rcs, TableRCS) or rcs.elevation is None:
+        return
+    body = body_vector(aircraft, radar)
+    outside = np.flatnonzero(rcs.uncovered(body))
+    if len(outside):
+        pose = outside[0]
+        x, y, z = body[pose]
+        raise entry.error(
+            f"at azimuth {theta_r_deg[pose]:g} deg the aircraft sees the radar at elevation "
+            f"{np.arctan2(-z, np.hypot(x, y)) / _DEG:.3g} deg, the RCS table covers "
+            f"{rcs.elevation[0] / _DEG:g} to {rcs.elevation[-1] / _DEG:g} deg"
         )
 
 

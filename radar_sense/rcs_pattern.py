@@ -1,0 +1,108 @@
+"""The radar cross section of a scenario's aircraft, by aspect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from radar_sense.analyses import Result
+from radar_sense.geometry import body_vector
+from radar_sense.rcs import RCS
+from radar_sense.rcs_table import TableRCS
+from radar_sense.scenario import Scenario
+from radar_sense.states import ATTITUDE, FloatArray
+
+#: Steps of the table that is written [deg].
+AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
+
+
+def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+    """Body-frame unit vectors (..., 3) to azimuths and elevations (...) [deg], positive above."""
+    azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    # Straight above and below h must be 0, not the rounding of π/2.
+    h = np.where(abs(elevation_deg) == 90, 0.0, np.cos(elevation))
+    parts = h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
+def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+    """σ_r (...) [m²] by azimuth and elevation (...) [deg] in the body frame."""
+    return rcs.cross_section(directions(azimuth_deg, elevation_deg))
+
+
+def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and elevation (n,) [deg] at which the aircraft sees the radar, pose by pose."""
+    x, y, z = np.moveaxis(body_vector(scenario.aircraft, scenario.radar), -1, 0)
+    return np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(-z, np.hypot(x, y)))
+
+
+def decibels(sigma: FloatArray) -> FloatArray:
+    """10 log10 of σ_r in m²; −inf where there is none."""
+    with np.errstate(divide="ignore"):
+        found: FloatArray = 10.0 * np.log10(sigma)
+    return found
+
+
+def rcs(scenario: Scenario) -> Result:
+    """σ_r over the sphere around the aircraft, in the form of an RCS table."""
+    model = scenario.model.rcs
+    azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
+    elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    columns = [a.ravel() for a in np.meshgrid(azimuth, elevation)]
+    sigma = pattern(model, *columns)
+    horizon = pattern(model, azimuth, np.zeros(1))
+    _, seen_elevation = aspects(scenario)
+    seen = model.cross_section(body_vector(scenario.aircraft, scenario.radar))
+    summary: dict[str, Any] = {
+        "largest": _extreme(sigma, columns, int(np.argmax(sigma))),
+        "smallest": _extreme(sigma, columns, int(np.argmin(sigma))),
+        "horizon_mean_m2": float(horizon.mean()),
+        "geometry": {
+            "elevation_deg": [float(seen_elevation.min()), float(seen_elevation.max())],
+            "rcs_m2": [float(seen.min()), float(seen.max())],
+        },
+    }
+    low, high = decibels(np.array([seen.min(), seen.max()]))
+    return Result(
+        analysis="rcs",
+        scenario=scenario,
+        table={"azimuth_deg": columns[0], "elevation_deg": columns[1], "rcs_m2": sigma},
+        summary=summary,
+        report=(
+            *(f"{name} RCS {_said(summary[name])}" for name in ("largest", "smallest")),
+            f"the geometry sees {low:.1f} to {high:.1f} dBsm, at elevation "
+            f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
+        ),
+        warnings=_beyond(scenario, model, seen_elevation),
+    )
+
+
+def _extreme(sigma: FloatArray, columns: list[FloatArray], index: int) -> dict[str, float]:
+    return {
+        "rcs_m2": float(sigma[index]),
+        "azimuth_deg": float(columns[0][index]),
+        "elevation_deg": float(columns[1][index]),
+    }
+
+
+def _said(extreme: dict[str, float]) -> str:
+    level = float(decibels(np.array(extreme["rcs_m2"])))
+    return (
+        f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, "
+        f"elevation {extreme['elevation_deg']:g} deg"
+    )
+
+
+def _beyond(scenario: Scenario, model: RCS, elevation: FloatArray) -> tuple[str, ...]:
+    """Say so if draws of the attitude leave the elevations of a table."""
+    if not isinstance(model, TableRCS) or model.elevation is None:
+        return ()
+    reach = 3 * np.rad2deg(np.sqrt(np.diag(scenario.cov_aircraft)[ATTITUDE].max()))
+    low, high = np.rad2deg(model.elevation[[0, -1]])
+    if elevation.min() - reach >= low and elevation.max() + reach <= high:
+        return ()
+    return (
+        f"3 sigma of the attitude, {reach:.3g} deg, reach beyond the elevations of the RCS table, "
+        f"{low:g} to {high:g} deg; there its outermost values are used",
+    )
