@@ -24,6 +24,7 @@ from radar_sense.analyses import DISTINCT, P_FAS, Result
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.rcs_pattern import aspects, decibels, pattern
+from radar_sense.rcs_table import TableRCS
 from radar_sense.states import SOURCES, FloatArray
 
 _STYLE: dict[Any, Any] = {
@@ -213,52 +214,60 @@ def _detectors(result: Result) -> Figure:
 
 
 def _rcs(result: Result) -> Figure:
-    scenario = result.scenario
-    model = scenario.model.rcs
-    figure = Figure(figsize=(_WIDTH, 6.4), layout="constrained")
-    polar: Any = figure.add_subplot(2, 1, 1, projection="polar")
-    below = figure.add_subplot(2, 1, 2)
-    azimuth = np.arange(-180.0, 180.25, 0.25)
+    scenario, model = result.scenario, result.scenario.model.rcs
+    figure = Figure(figsize=(_WIDTH, 6.0), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
+    polar: Any = figure.add_subplot(grid[0], projection="polar")
+    plane = figure.add_subplot(grid[1])
+
     seen_azimuth, seen_elevation = aspects(scenario)
     middle = float(np.median(seen_elevation))
-    cuts = {"horizon": 0.0, f"elevation {middle:.1f} deg, as in the geometry": middle}
-    values = {name: pattern(model, azimuth, np.array(e)) for name, e in cuts.items()}
-    top = max(v.max() for v in values.values())
-    # Deep nulls would leave no room for the rest, and a cross section of 0 has no dB.
-    floor = max(min(v.min() for v in values.values()), top * 1e-5)
-    for (name, sigma), style in zip(values.items(), _LINES, strict=False):
-        level = decibels(np.maximum(sigma, floor))
-        _line(polar, np.deg2rad(azimuth), level, style, label=name)
+    azimuth = np.arange(-180.0, 180.25, 0.25)
+    horizon, seen = (pattern(model, azimuth, np.array(e)) for e in (0.0, middle))
+    top = max(horizon.max(), seen.max())
+    # Deep nulls would leave no room for the rest, and a cross section of 0 has no decibels.
+    floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
+    for sigma, label, style in (
+        (horizon, "at the horizon", _LINES[0]),
+        (seen, f"at elevation {middle:.1f} deg, as in the geometry", _LINES[1]),
+    ):
+        _line(polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label)
     low, high = decibels(np.array([floor, top]))
     margin = max(1.0, 0.05 * (high - low))
     polar.set_ylim(low - margin, high + margin)
-    polar.set_theta_zero_location("N")
+    polar.set_theta_zero_location("N")  # the nose up, as seen from above
     polar.set_theta_direction(-1)
-    polar.set_rlabel_position(22.5)
+    polar.set_rlabel_position(65)
     polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
     polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-    polar.set_xticklabels(
-        ["nose 0", "45", "right wing\n90", "135", "tail 180", "-135", "left wing\n-90", "-45"]
-    )
-    polar.set_ylabel("RCS [dBsm]", labelpad=32)
+    polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
+    polar.set_ylabel("RCS [dBsm]", labelpad=24)
 
-    elevation = np.arange(-90.0, 91.0, 1.0)
-    wide = np.arange(-180.0, 180.5, 0.5)
-    grid = pattern(model, wide[:, np.newaxis], elevation)
-    level = decibels(np.maximum(grid, grid.max() * 1e-5)).T
-    drawn = below.pcolormesh(wide, elevation, level, shading="nearest", rasterized=True)
-    if np.ptp(level) > 0.01:
-        lines = below.contour(wide, elevation, level, levels=6, colors="white", linewidths=0.4)
-        below.clabel(lines, fontsize=6, fmt="%g")
-    below.plot(seen_azimuth, seen_elevation, ".", color="#D55E00", markersize=2, label="geometry")
-    below.set_xlim(-180, 180)
-    below.set_ylim(-90, 90)
-    below.set_xticks(range(-180, 181, 45))
-    below.set_yticks(range(-90, 91, 30))
-    below.set_ylabel("Elevation [deg]")
-    below.set_xlabel("Azimuth in the body frame [deg]")
-    figure.colorbar(drawn, ax=below, label="RCS [dBsm]")
-    _legend(figure, polar, below)
+    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
+    sigma = pattern(model, azimuth, elevation[:, np.newaxis])
+    level = decibels(np.maximum(sigma, 1e-5 * sigma.max()))
+    drawn = plane.pcolormesh(azimuth, elevation, level, shading="nearest", rasterized=True)
+    bar = figure.colorbar(
+        drawn, ax=plane, label="RCS [dBsm]", orientation="horizontal", aspect=40, pad=0.04
+    )
+    if np.ptp(level) > 0.1:
+        contours = plane.contour(
+            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=0.3
+        )
+        bar.add_lines(contours)
+    plane.plot(
+        seen_azimuth, seen_elevation, ".", color=_BAND[0], ms=2.5, label="the radar in the geometry"
+    )
+    if isinstance(model, TableRCS) and model.elevation is not None:
+        label: str | None = "ends of the table"
+        for end in np.rad2deg(model.elevation[[0, -1]]):
+            plane.axhline(end, color="white", linestyle=(0, (4, 3)), lw=1.0, label=label)
+            label = None
+    plane.set(xlim=(-180, 180), ylim=(-90, 90))
+    plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
+    plane.set_xlabel("Azimuth in the body frame [deg]")
+    plane.set_ylabel("Elevation [deg]")
+    _legend(figure, polar, plane)
     return figure
 
 

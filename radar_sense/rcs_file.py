@@ -249,13 +249,8 @@ def _grid(
     _refuse(out_of_order(names[0], slow[starts]), lines[starts], file)
     blocks = np.split(fast, starts[1:])
     first = blocks[0]
-    _refuse(out_of_order(names[1], first), lines, file)
-    if len(starts) < 2 or len(first) < 2:
-        raise file.error(
-            lines[0], "needs two or more azimuths and elevations; a table that holds for all "
-            "elevations has no column for them"
-        )  # fmt: skip
     for start, block in zip(starts, blocks, strict=True):
+        _refuse(out_of_order(names[1], block), lines[start:], file)
         common = min(len(block), len(first))
         off = np.flatnonzero(block[:common] != first[:common])
         at = f"{names[0]} {np.rad2deg(slow[start]):g}"
@@ -271,6 +266,11 @@ def _grid(
                 f"the grid is not complete: {at} has {len(block)} of the values for {names[1]}, "
                 f"must have {len(first)} as the first {names[0]} has",
             )
+    if len(starts) < 2 or len(first) < 2:
+        raise file.error(
+            lines[0], "needs two or more azimuths and elevations; a table that holds for all "
+            "elevations has no column for them"
+        )  # fmt: skip
     return slow[starts], first
 
 

@@ -1,0 +1,149 @@
+"""The exact ellipsoid, and where the paper's formula leaves it."""
+
+import numpy as np
+import pytest
+from mpmath import mp, mpf
+from scenarios import scenario
+
+import radar_sense as rs
+from radar_sense.rcs_pattern import directions
+
+#: Table I: the paper's a acts along the wing, b down, c along the nose.
+A, B, C = 0.15, 0.13, 0.21
+PAPER = rs.EllipsoidRCS(a=A, b=B, c=C)
+EXACT = rs.ExactEllipsoidRCS(x=C, y=A, z=B)
+
+
+def by_support(semi_axes, body):
+    """σ_r = π (s_x s_y s_z)²/(n'S²n)², with fifty digits and its gradient by differences."""
+    with mp.workdps(80):
+        s = [mpf(axis) for axis in semi_axes]
+
+        def sigma(point):
+            r = mp.sqrt(sum(c**2 for c in point))
+            support = sum((axis * c / r) ** 2 for axis, c in zip(s, point, strict=True))
+            return mp.pi * (s[0] * s[1] * s[2]) ** 2 / support**2
+
+        point = [mpf(c) for c in body]
+        step = mp.sqrt(sum(c**2 for c in point)) * mpf("1e-25")
+        slopes = []
+        for i in range(3):
+            ends = [
+                sigma([c + sign * step * (i == j) for j, c in enumerate(point)]) for sign in (1, -1)
+            ]
+            slopes.append((ends[0] - ends[1]) / (2 * step))
+        return float(sigma(point)), [float(slope) for slope in slopes]
+
+
+def test_against_fifty_digits():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        axes = 10.0 ** rng.uniform(-2, 2, 3)
+        body = rng.normal(size=3) * 10.0 ** rng.uniform(-3, 6, 3)
+        sigma, gradient = rs.ExactEllipsoidRCS(*axes).linearize(body)
+        exact, slopes = by_support(axes, body)
+        assert sigma == pytest.approx(exact, rel=1e-13)
+        assert rs.ExactEllipsoidRCS(*axes).cross_section(body) == sigma
+        # Each component is a sum of two terms that may cancel: exact beside the larger of them.
+        aa, bb, cc = axes**2
+        x, y, z = body
+        w = aa * x * x + bb * y * y + cc * z * z
+        terms = np.array(
+            [
+                abs(x) * max(abs(bb - aa) * y * y, abs(cc - aa) * z * z),
+                abs(y) * max(abs(aa - bb) * x * x, abs(cc - bb) * z * z),
+                abs(z) * max(abs(aa - cc) * x * x, abs(bb - cc) * y * y),
+            ]
+        )
+        scale = 4 * exact / (w * (body @ body)) * terms
+        assert np.all(abs(gradient - slopes) <= 1e-12 * scale + 1e-300)
+
+
+@pytest.mark.parametrize(("axis", "name"), [(0, "x"), (1, "y"), (2, "z")])
+def test_along_an_axis_it_is_the_curvature_there(axis, name):
+    """At the end of a semi-axis s the principal radii are the squares of the others over s."""
+    axes = {"x": C, "y": A, "z": B}
+    others = [value for key, value in axes.items() if key != name]
+    expected = np.pi * (others[0] * others[1] / axes[name]) ** 2
+    for sign in (1, -1):
+        sigma, gradient = EXACT.linearize(sign * np.eye(3)[axis])
+        assert sigma == pytest.approx(expected, rel=1e-14)
+        assert np.all(gradient == 0)
+
+
+def test_a_sphere_is_one():
+    sigma, gradient = rs.ExactEllipsoidRCS(0.3, 0.3, 0.3).linearize(np.array([1.0, 2.0, 3.0]))
+    assert sigma == pytest.approx(np.pi * 0.09, rel=1e-15)
+    assert np.all(gradient == 0)
+
+
+def test_the_papers_is_it_at_the_horizon_and_abeam():
+    azimuth = np.linspace(-180, 180, 73)
+    for directed in (
+        directions(azimuth, np.zeros(73)),
+        directions(np.full(73, 90.0), 0.499 * azimuth),
+    ):
+        np.testing.assert_allclose(
+            EXACT.cross_section(directed), PAPER.cross_section(directed), rtol=1e-14
+        )
+
+
+@pytest.mark.parametrize(
+    ("azimuth", "decibels", "elevation"),
+    [(0, 0.1, 7.83), (0, 1.0, 24.83), (0, 3.0, 43.48), (45, 0.1, 9.63), (45, 1.0, 30.69)],
+)
+def test_where_the_papers_leaves_it(azimuth, decibels, elevation):
+    """The elevations that the documentation names, rounded to 0.01 deg."""
+    for sign in (1, -1):
+        around = sign * (elevation + np.array([-0.01, 0.01]))
+        directed = directions(np.array(float(azimuth)), around)
+        ratio = 10 * np.log10(EXACT.cross_section(directed) / PAPER.cross_section(directed))
+        assert ratio[0] < decibels < ratio[1]
+
+
+def test_the_papers_jumps_straight_below_and_this_does_not():
+    nearly = np.array([[1e-9, 0, 1], [0, 1e-9, 1]])
+    off = 10 * np.log10(PAPER.cross_section(nearly))
+    assert off[1] - off[0] == pytest.approx(40 * np.log10(C / B), abs=1e-9)  # 8.33 dB
+    np.testing.assert_allclose(EXACT.cross_section(nearly), np.pi * (C * A / B) ** 2, rtol=1e-14)
+
+
+def test_where_that_matters_for_p_d():
+    """Level flight does not notice; a bank of 30 deg is 0.1 of P_D off."""
+    exact = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
+    worst = {}
+    for roll in (0, 10, 30):
+        flown = {
+            "aircraft__attitude_deg": [roll, 0, 90],
+            "geometry__azimuth_deg": {"start": 0, "stop": 360, "step": 0.5},
+        }
+        one, other = scenario(**flown), scenario(**flown, aircraft__rcs=exact)
+        found = [s.model.p_d(s.aircraft, s.radar) for s in (one, other)]
+        worst[roll] = np.max(abs(found[1] - found[0]))
+    assert worst[0] < 3e-5
+    assert worst[10] == pytest.approx(0.0113, abs=5e-5)
+    assert worst[30] == pytest.approx(0.100, abs=5e-4)
+
+
+def test_it_is_smooth_over_the_top():
+    """Along a great circle through the zenith, value and gradient go on."""
+    angle = np.deg2rad(90 + np.array([-1e-6, 0, 1e-6]))
+    directed = np.stack([np.cos(angle), 0.3 * np.cos(angle), -np.sin(angle)], axis=-1)
+    sigma, gradient = EXACT.linearize(directed)
+    np.testing.assert_allclose(sigma, sigma[1], rtol=1e-12)
+    np.testing.assert_allclose(gradient, gradient[[1, 1, 1]], atol=1e-6)
+
+
+@pytest.mark.parametrize("wrong", [0, -1, np.nan, np.inf])
+def test_axes_are_positive(wrong):
+    with pytest.raises(ValueError, match="y must be a number greater than 0"):
+        rs.ExactEllipsoidRCS(1, wrong, 1)
+
+
+def test_in_a_scenario():
+    entry = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
+    s = scenario(aircraft__rcs=entry)
+    assert s.model.rcs == EXACT
+    assert s.resolved()["aircraft"]["rcs"] == entry
+    with pytest.raises(rs.ScenarioError, match="unknown key 'a_m'"):
+        scenario(aircraft__rcs={**entry, "a_m": 1})

@@ -1,0 +1,697 @@
+"""RCS tables: the file, the interpolation, the envelope, and the chain that uses them."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scenarios import document, scenario
+from scipy.interpolate import CubicSpline
+
+import radar_sense as rs
+from radar_sense import analyses, rcs_file
+from radar_sense.rcs_pattern import directions, pattern
+
+DEG = np.pi / 180
+CONFIGS = Path(__file__).parent.parent / "configs"
+
+
+def direction(azimuth, elevation):
+    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    h = np.cos(elevation)
+    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
+
+
+def uneven(rng, count):
+    """Azimuths once around with steps that differ, none of them a gap."""
+    steps = rng.uniform(1, 1.4, count)
+    turns = np.concatenate([[0], np.cumsum(steps)])
+    return -np.pi + rng.uniform(0, 1) + turns[:-1] / turns[-1] * 2 * np.pi
+
+
+def cut(rng, count=36):
+    return rs.TableRCS(uneven(rng, count), 10 ** rng.uniform(-3, 1, count))
+
+
+def grid(rng, low=-40, high=60, count=24, **options):
+    elevation = np.linspace(low, high, 11) * DEG
+    values = 10 ** rng.uniform(-3, 1, (count, 11))
+    values[:, elevation <= -np.pi / 2] = 0.2
+    values[:, elevation >= np.pi / 2] = 0.3
+    return rs.TableRCS(uneven(rng, count), values, elevation, **options)
+
+
+def difference_quotient(function, body, step):
+    """Gradient by central differences of fourth order."""
+    slopes = []
+    for i in range(3):
+        e = step * np.eye(3)[i]
+        near, far = (function(body + k * e) - function(body - k * e) for k in (1, 2))
+        slopes.append((8 * near - far) / (12 * np.squeeze(step, -1)))
+    return np.stack(slopes, axis=-1)
+
+
+# The interpolation.
+
+
+def test_a_cut_is_exact_at_its_nodes_at_every_elevation():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        table = cut(rng, int(rng.integers(4, 400)))
+        body = direction(table.azimuth, rng.uniform(-1.5, 1.5, len(table.azimuth)))
+        body *= 10 ** rng.uniform(-3, 6, (len(body), 1))
+        np.testing.assert_allclose(table.cross_section(body), table.rcs, rtol=1e-11)
+
+
+def test_a_grid_is_exact_at_its_nodes():
+    rng = np.random.default_rng(2)
+    for low, high in ((-40, 60), (-90, 90), (-90, 10), (5, 90)):
+        table = grid(rng, low, high)
+        body = direction(table.azimuth[:, np.newaxis], table.elevation)
+        np.testing.assert_allclose(table.cross_section(body), table.rcs, rtol=1e-10)
+
+
+def test_between_the_nodes_it_is_the_tensor_product_of_splines():
+    """Scipy's splines one after the other, which the cells of the table know nothing of."""
+    rng = np.random.default_rng(3)
+    table = grid(rng)
+    azimuth = rng.uniform(-np.pi, np.pi, 200)
+    elevation = rng.uniform(-40, 60, 200) * DEG
+    closed = np.append(table.azimuth, table.azimuth[0] + 2 * np.pi)
+    expected = []
+    for a, e in zip(azimuth, elevation, strict=True):
+        up = CubicSpline(table.elevation, np.log(table.rcs), axis=1, bc_type="clamped")(e)
+        around = CubicSpline(closed, np.append(up, up[0]), bc_type="periodic")
+        expected.append(float(around(a)))
+    found = table.cross_section(direction(azimuth, elevation))
+    np.testing.assert_allclose(np.log(found), expected, atol=1e-11)
+
+
+@pytest.mark.parametrize("first", [-180, -179.5, -45.0, 0, 0.5, 90])
+def test_it_goes_around_wherever_it_begins(first):
+    """The same values at the same directions, counted from another azimuth."""
+    azimuth = np.arange(first, first + 360, 5.0) * DEG
+    azimuth = azimuth[azimuth <= 2 * np.pi]
+
+    def sigma(azimuth):
+        return np.exp(np.sin(azimuth) + 0.5 * np.cos(2 * azimuth))
+
+    if len(azimuth) < 72:
+        pytest.skip("does not fit")
+    table = rs.TableRCS(azimuth, sigma(azimuth))
+    fine = np.linspace(-np.pi, np.pi, 1001)
+    found = table.cross_section(direction(fine, np.zeros(1001)))
+    np.testing.assert_allclose(found, sigma(fine), rtol=2e-4)  # h⁴/384 f'''' = 1.3e-6 · 9/… of ln
+
+
+def test_the_seam_is_as_smooth_as_the_rest():
+    rng = np.random.default_rng(4)
+    for table in (cut(rng), grid(rng)):
+        for seam in (np.pi, table.azimuth[0]):
+            body = direction(seam + np.array([-1e-9, 0, 1e-9]), np.full(3, 0.1))
+            sigma, gradient = table.linearize(body)
+            np.testing.assert_allclose(sigma, sigma[1], rtol=1e-6)
+            np.testing.assert_allclose(gradient, gradient[[1, 1, 1]], atol=1e-5 * sigma[1])
+
+
+@pytest.mark.parametrize("kind", ["cut", "grid", "poles", "envelope", "envelope of a grid"])
+def test_the_gradient_is_that_of_the_cross_section(kind):
+    rng = np.random.default_rng(5)
+    make = {
+        "cut": lambda: cut(rng),
+        "grid": lambda: grid(rng),
+        "poles": lambda: grid(rng, -90, 90),
+        "envelope": lambda: rs.TableRCS(
+            uneven(rng, 36), 10 ** rng.uniform(-2, 1, 36), envelope=0.2
+        ),
+        "envelope of a grid": lambda: grid(rng, -90, 90, envelope=0.2),
+    }
+    table = make[kind]()
+    # Elevations beyond the table and every azimuth; not where a step would cross straight above.
+    body = direction(rng.uniform(-np.pi, np.pi, 500), rng.uniform(-1.45, 1.45, 500))
+    body *= 10 ** rng.uniform(0, 5, (500, 1))
+    sigma, gradient = table.linearize(body)
+    np.testing.assert_array_equal(sigma, table.cross_section(body))
+    reach = np.linalg.norm(body, axis=-1, keepdims=True)
+    slopes = difference_quotient(table.cross_section, body, 1e-5 * reach)
+    # The third derivative jumps at the nodes: at a handful of them the quotient is less exact.
+    error = np.max(abs(gradient - slopes), axis=-1) * reach[:, 0] / sigma
+    assert np.quantile(error, 0.95) < 1e-6
+    assert error.max() < 1e-3
+    across = np.sum(gradient * body, axis=-1) / sigma
+    np.testing.assert_allclose(across, 0, atol=1e-10)
+
+
+def difference_step(table, edge):
+    return table.linearize(direction(np.array(0.3), edge + np.array([-1e-7, 1e-7])))
+
+
+def test_beyond_its_elevations_it_goes_on_without_a_kink():
+    rng = np.random.default_rng(6)
+    table = grid(rng)
+    azimuth = rng.uniform(-np.pi, np.pi, 50)
+    for edge, beyond in ((60, 89), (-40, -89)):
+        here, there = (table.cross_section(direction(azimuth, e * DEG)) for e in (edge, beyond))
+        np.testing.assert_allclose(there, here, rtol=1e-12)
+        (inside, outside), gradients = difference_step(table, edge * DEG)
+        assert inside == pytest.approx(outside, rel=1e-9)
+        np.testing.assert_allclose(*gradients, atol=1e-4 * inside)
+
+
+def test_straight_above_and_below():
+    rng = np.random.default_rng(7)
+    ends = np.array([[0, 0, -2.0], [0, 0, 2.0]])
+    whole = grid(rng, -90, 90)
+    sigma, gradient = whole.linearize(ends)
+    np.testing.assert_allclose(sigma, [0.3, 0.2], rtol=1e-12)
+    assert np.all(gradient == 0)
+    nearly = ends + np.array([[1e-6, 2e-6, 0], [-3e-6, 1e-6, 0]])
+    np.testing.assert_allclose(whole.linearize(nearly)[1], 0, atol=1e-4)
+    above_only = grid(rng, -40, 90)
+    assert np.isnan(above_only.linearize(ends)[1]).any(axis=-1).tolist() == [False, True]
+    for table in (cut(rng), above_only):
+        assert np.all(np.isfinite(table.cross_section(ends)))
+        assert np.isnan(table.linearize(ends[1])[1]).all()
+    nothing = whole.linearize(np.zeros(3))[1]
+    assert np.isnan(nothing).all()
+
+
+def test_it_is_positive_everywhere_however_it_jumps():
+    rng = np.random.default_rng(8)
+    values = np.where(rng.random((36, 13)) > 0.5, 1e-12, 1e12)
+    table = rs.TableRCS(np.arange(36) * 10 * DEG, values, np.linspace(-60, 60, 13) * DEG)
+    sigma = table.cross_section(rng.normal(size=(20_000, 3)))
+    assert np.all(sigma > 0)
+    assert np.all(np.isfinite(sigma))
+
+
+def test_nan_in_nan_out():
+    rng = np.random.default_rng(9)
+    for table in (cut(rng), grid(rng)):
+        sigma = table.cross_section(np.array([[np.nan, 1, 1], [1.0, 1, 1]]))
+        assert np.isnan(sigma).tolist() == [True, False]
+
+
+def test_shapes():
+    rng = np.random.default_rng(10)
+    for table in (cut(rng), grid(rng)):
+        for shape in ((), (1,), (0,), (2, 3)):
+            sigma, gradient = table.linearize(rng.normal(size=(*shape, 3)))
+            assert np.shape(sigma) == shape
+            assert np.shape(gradient) == (*shape, 3)
+
+
+# The envelope.
+
+
+@pytest.mark.parametrize("width", [1e-3, 0.05, 0.2, 1.0])
+def test_the_envelope_of_a_cut_bounds_what_is_near(width):
+    rng = np.random.default_rng(11)
+    azimuth, values = uneven(rng, 60), 10 ** rng.uniform(-3, 1, 60)
+    table = rs.TableRCS(azimuth, values, envelope=width)
+    fine = np.linspace(-np.pi, np.pi, 5001)
+    found = table.cross_section(direction(fine, np.zeros(5001)))
+    apart = abs((fine[:, np.newaxis] - azimuth + np.pi) % (2 * np.pi) - np.pi)
+    step = 2 * np.pi / 60 * 1.4 / 1.0
+    least = np.where(apart <= width, values, 0).max(axis=1)
+    most = np.where(apart <= width + 4 * step, values, 0).max(axis=1)
+    assert np.all(found >= least * (1 - 1e-12))
+    assert np.all(found <= most * (1 + 1e-12))
+    # and never below either node beside it
+    index = np.searchsorted(azimuth, np.where(fine < azimuth[0], fine + 2 * np.pi, fine)) % 60
+    beside = np.maximum(values[index], values[index - 1])
+    assert np.all(found >= beside * (1 - 1e-12))
+
+
+@pytest.mark.parametrize(("low", "high"), [(-40, 60), (-90, 90)])
+def test_the_envelope_of_a_grid_bounds_what_is_near(low, high):
+    rng = np.random.default_rng(12)
+    width = 12 * DEG
+    table = grid(rng, low, high, envelope=width)
+    azimuth = rng.uniform(-np.pi, np.pi, 3000)
+    elevation = rng.uniform(low, high, 3000) * DEG
+    found = table.cross_section(direction(azimuth, elevation))
+    apart = abs((azimuth[:, np.newaxis] - table.azimuth + np.pi) % (2 * np.pi) - np.pi)
+    above = abs(elevation[:, np.newaxis] - table.elevation)
+    near = (apart <= width)[:, :, np.newaxis] & (above <= width)[:, np.newaxis]
+    least = np.where(near, table.rcs, 0).max(axis=(1, 2))
+    assert np.all(found >= least * (1 - 1e-12))
+    assert np.all(found <= table.rcs.max() * (1 + 1e-12))
+    at_nodes = table.cross_section(direction(table.azimuth[:, np.newaxis], table.elevation))
+    assert np.all(at_nodes >= table.rcs * (1 - 1e-12))
+
+
+def test_the_envelope_of_a_constant_is_it():
+    values = np.full((36, 7), 0.25)
+    table = rs.TableRCS(np.arange(36) * 10 * DEG, values, np.linspace(-90, 90, 7) * DEG, 0.3)
+    sigma, gradient = table.linearize(np.random.default_rng(0).normal(size=(200, 3)))
+    np.testing.assert_allclose(sigma, 0.25, rtol=1e-13)
+    np.testing.assert_allclose(gradient, 0, atol=1e-10)
+
+
+# The file.
+
+
+def write(path, *rows):
+    path.write_text("\n".join([*rows, ""]), encoding="utf-8")
+    return path
+
+
+def full(step=30, start=-180, stop=180, value="0.5"):
+    return [f"{a},{value}" for a in range(start, stop, step)]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_units_order_and_comments(here):
+    rng = np.random.default_rng(13)
+    azimuth, elevation = range(-180, 180, 20), range(-30, 60, 15)
+    level = rng.integers(-300, 100, (18, 6)) / 10
+    decibels = ["# made up", "", "azimuth_deg, elevation_deg, rcs_dbsm", "  # by azimuth"]
+    square = ["rcs_m2,elevation_deg,azimuth_deg"]
+    for i, a in enumerate(azimuth):
+        decibels += [f"{a}, {e}, {level[i, j]}" for j, e in enumerate(elevation)]
+    for j, e in enumerate(elevation):
+        square += [f'{float(10 ** (level[i, j] / 10))!r},{e},"{a}"' for i, a in enumerate(azimuth)]
+    one = rs.load_rcs_table(write(here / "one.csv", *decibels))
+    (here / "two.csv").write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*square, ""]).encode())
+    other = rs.load_rcs_table(here / "two.csv")
+    np.testing.assert_allclose(one.rcs, 10 ** (level / 10), rtol=1e-14)
+    np.testing.assert_allclose(other.rcs, one.rcs, rtol=1e-14)
+    for table in (one, other):
+        np.testing.assert_allclose(table.azimuth, np.deg2rad(azimuth), rtol=1e-15)
+        np.testing.assert_allclose(table.elevation, np.deg2rad(elevation), rtol=1e-15)
+
+
+def test_a_square_grid_is_not_turned_over(here):
+    rows = [f"{a},{e},{1 + a / 360 + e}" for e in range(12) for a in range(0, 360, 30)]
+    table = rs.load_rcs_table(write(here / "a.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows))
+    assert table.rcs[3, 5] == 1 + 90 / 360 + 5
+
+
+def test_body_frame_and_sign_of_elevation(here):
+    """90 deg is the right wing (body y), and above is where body z, which is down, is negative."""
+    rows = [
+        f"{a},{e},{1 + (a == 90) + 10 * (e == 30)}"
+        for a in range(0, 360, 10)
+        for e in range(-30, 31, 10)
+    ]
+    table = rs.load_rcs_table(write(here / "a.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows))
+    up = np.tan(np.pi / 6)
+    body = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 0, -up], [1, 0, up], [0, 1, -up]])
+    np.testing.assert_allclose(table.cross_section(body), [1, 2, 1, 11, 1, 12], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "azimuth",
+    [range(0, 181, 10), range(-180, 1, 10), range(5, 180, 10), range(-175, 0, 10)],
+    ids=["right", "left", "between", "left between"],
+)
+def test_halves_are_mirrored(here, azimuth):
+    rows = [f"{a},{1 + abs(a) / 90}" for a in azimuth]
+    file = write(here / "half.csv", "azimuth_deg,rcs_m2", *rows)
+    table = rs.load_rcs_table(file, mirror=True)
+    assert len(table.azimuth) == 36
+    angle = np.linspace(0, np.pi, 500)
+    right, left = (table.cross_section(direction(s * angle, 0 * angle)) for s in (1, -1))
+    np.testing.assert_allclose(left, right, rtol=1e-12)
+    nodes = np.deg2rad(np.array(azimuth))
+    found = table.cross_section(direction(nodes, 0 * nodes))
+    np.testing.assert_allclose(found, 1 + abs(np.rad2deg(nodes)) / 90, rtol=1e-12)
+    with pytest.raises(rs.ScenarioError, match=r"once around.*mirror: true completes"):
+        rs.load_rcs_table(file)
+
+
+def test_both_ends_of_the_circle_may_be_given(here):
+    for start in (-180, 0):
+        rows = full(30, start, start + 360)
+        closed = write(here / "c.csv", "azimuth_deg,rcs_m2", *rows, f"{start + 360},0.5")
+        opened = write(here / "o.csv", "azimuth_deg,rcs_m2", *rows)
+        one, other = rs.load_rcs_table(closed), rs.load_rcs_table(opened)
+        np.testing.assert_array_equal(one.azimuth, other.azimuth)
+
+
+def test_a_finer_sector_is_not_a_gap(here):
+    angles = [*range(-180, -30, 10), *np.arange(-30, 30, 0.5), *range(30, 180, 10)]
+    rows = [f"{a},1" for a in angles]
+    table = rs.load_rcs_table(write(here / "fine.csv", "azimuth_deg,rcs_m2", *rows))
+    assert len(table.azimuth) == len(angles)
+
+
+G = ["azimuth_deg,elevation_deg,rcs_m2"]
+BOX = [f"{a},{e},1" for a in range(-180, 180, 30) for e in (-10, 0, 10)]
+A = ["azimuth_deg,rcs_m2"]
+
+#: Rows of a file, the line that the error is to name, and what it is to say.
+REFUSED = {
+    "empty": ([], 1, "has no rows of numbers"),
+    "only a header": (A, 2, "has no rows of numbers"),
+    "only comments": (["# a", "# b"], 3, "has no rows"),
+    "unknown column": (["azimut_deg,rcs_m2"], 1, "unknown column 'azimut_deg', allowed: azimuth"),
+    "meant": (["azimut_deg,rcs_m2"], 1, "did you mean 'azimuth_deg'?"),
+    "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
+    "semicolons": (["azimuth_deg;rcs_m2", "0;1"], 1, "unknown column 'azimuth_deg;rcs_m2'"),
+    "no header": (full(), 1, "unknown column '-180'"),
+    "twice": (["azimuth_deg,azimuth_deg,rcs_m2"], 1, "column azimuth_deg twice"),
+    "no azimuth": (["elevation_deg,rcs_m2"], 1, "no column azimuth_deg"),
+    "no value": (["azimuth_deg,elevation_deg"], 1, "one of the columns rcs_m2 and rcs_dbsm"),
+    "two values": (["azimuth_deg,rcs_m2,rcs_dbsm"], 1, "and not both"),
+    "too few cells": ([*A, "-180"], 2, "must have 2 values, azimuth_deg, rcs_m2, got 1"),
+    "too many cells": ([*A, "-180,1,2"], 2, "got 3"),
+    "a word": ([*A, "-180,1", "# c", "-150,x"], 4, "rcs_m2 must be a number, got 'x'"),
+    "nothing": ([*A, "-180,"], 2, "rcs_m2 must be a number, got ''"),
+    "underscore": ([*A, "-1_80,1"], 2, "got '-1_80'"),
+    "nan": ([*A, *full(value="nan")], 2, "rcs_m2 must be a number from 1e-20 to 1e+20, got nan"),
+    "zero": ([*A, "-180,1", "-150,0"], 3, "must be a number from 1e-20 to 1e+20, got 0"),
+    "negative": ([*A, "-180,-1"], 2, "got -1"),
+    "decibels": (["azimuth_deg,rcs_dbsm", "0,201"], 2, "from -200 to 200, got 201"),
+    "azimuth": ([*A, "-181,1"], 2, "azimuth_deg must be a number from -180 to 360, got -181"),
+    "elevation": ([*G, "0,91,1"], 2, "elevation_deg must be a number from -90 to 90, got 91"),
+    "unsorted": ([*A, "-180,1", "-150,1", "-160,1"], 4, "azimuth must ascend"),
+    "descending": ([*A, "180,1", "150,1"], 3, "150 deg comes after 180"),
+    "repeated": ([*A, "-180,1", "-150,1", "-150,1"], 4, "azimuth -150 deg is repeated"),
+    "too near": ([*A, "0,1", "0.0001,1"], 3, "must ascend, by 0.001 deg or more"),
+    "gap": ([*A, *full()[:4], *full()[5:]], 6, "a gap in azimuth, from -90 to -30 deg"),
+    "half": ([*A, *full(30, 0, 181)], 8, "none from 180 to 360 deg"),
+    "too coarse": ([*A, *full(120)], 3, "and 90 deg at most"),
+    "one row": ([*A, "0,1"], 2, "once around"),
+    "too far around": ([*A, *full(30, -180, 211)], 15, "azimuth 210 is more than a turn from the"),
+    "ends differ": ([*A, *full(), "180,0.6"], 14, "azimuth 180 and -180 are the same direction"),
+    "hole in the grid": ([*G, *BOX[:7], *BOX[8:]], 9, "elevation must be 0 here, as at the first"),
+    "short row": ([*G, *BOX[:8], *BOX[9:]], 9, "azimuth -120 has 2 of the values for elevation"),
+    "short end": ([*G, *BOX[:-1]], 37 - 1, "azimuth 150 has 2 of the values"),
+    "long row": ([*G, *BOX[:6], "-150,20,1", *BOX[6:]], 8, "has 4 of the values for elevation"),
+    "grid unsorted": ([*G, *BOX[3:6], *BOX[:3]], 5, "azimuth must ascend"),
+    "grid unsorted within": ([*G, BOX[1], BOX[0]], 3, "elevation must ascend"),
+    "grid repeated": ([*G, *BOX[:6], *BOX[3:]], 8, "elevation must ascend"),
+    "one elevation": ([*G, *(f"{a},0,1" for a in range(0, 360, 30))], 2, "two or more"),
+    "gap above": (
+        [*G, *(f"{a},{e},1" for a in range(0, 360, 30) for e in (-20, -10, 0, 20, 30))],
+        5,
+        "a gap in elevation, from 0 to 20 deg; allowed is 1.5 times the wider step beside it",
+    ),
+    "gap in a grid": ([*G, *BOX[:6], *BOX[9:]], 8, "a gap in azimuth, from -150 to -90 deg"),
+    "pole": (
+        [*G, *(f"{a},{e},{1 + (a == 90) * (e == 90)}" for e in (70, 80, 90)
+               for a in range(0, 360, 30))],
+        29,
+        "straight above the aircraft azimuth has no meaning",
+    ),
+    "open quote": ([*A, '"0,1'], 3, "is not valid CSV"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_with_file_and_line(here, name):
+    rows, line, said = REFUSED[name]
+    write(here / "bad.csv", *rows)
+    with pytest.raises(rs.ScenarioError) as caught:
+        rs.load_rcs_table("bad.csv")
+    message = str(caught.value)
+    assert message.startswith(f"bad.csv:{line}: "), message
+    assert said in message
+    assert "\n" not in message
+
+
+def test_a_whole_table_is_not_mirrored(here):
+    write(here / "a.csv", *A, *full(30, 0, 360))
+    with pytest.raises(rs.ScenarioError, match=r"a\.csv:9: mirror: true is for .* got 210"):
+        rs.load_rcs_table("a.csv", mirror=True)
+
+
+def test_not_a_text_file(here, monkeypatch):
+    (here / "a.csv").write_bytes(b"azimuth_deg,rcs_m2\n0,\xff\n")
+    with pytest.raises(rs.ScenarioError, match=r"a\.csv:2: is not UTF-8 text: byte 0xff"):
+        rs.load_rcs_table("a.csv")
+    for name in ("none.csv", ".", "a\0b"):
+        with pytest.raises(rs.ScenarioError, match=r"cannot be read|null"):
+            rs.load_rcs_table(name)
+    monkeypatch.setattr(rcs_file, "MAX_BYTES", 1_000_000)
+    (here / "a.csv").write_bytes(b"#" * 1_000_001)
+    with pytest.raises(rs.ScenarioError, match="larger than 1 MB"):
+        rs.load_rcs_table("a.csv")
+
+
+def test_the_extremes_that_are_allowed(here):
+    for column, values in (("rcs_dbsm", (-200, 200)), ("rcs_m2", ("1e-20", "1e20"))):
+        rows = [f"{a},{values[a % 60 == 0]}" for a in range(0, 360, 30)]
+        rs.load_rcs_table(write(here / "a.csv", f"azimuth_deg,{column}", *rows))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (([0, 1], [1, 1]), "gap|once around"),
+        ((np.arange(4) * np.pi / 2, [1, 1, 1]), "shape"),
+        ((np.arange(4) * np.pi / 2, [1, 1, 1, 0]), "rcs must be from"),
+        ((np.arange(4) * np.pi / 2 - 4, [1, 1, 1, 1]), "between -pi and 2 pi"),
+        (([[0, 1]], [1, 1]), "shape"),
+        (([0, 1, np.nan, 3], [1] * 4), "finite"),
+        ((np.arange(4) * np.pi / 2, np.ones((4, 2)), [0, 2]), "pi/2|gap"),
+        ((np.arange(4) * np.pi / 2, np.ones(4), None, -1), "envelope"),
+        ((np.arange(4) * np.pi / 2, [[1, 1], [2, 1], [1, 1], [1, 1]], [-np.pi / 2, 0]), "below"),
+    ],
+)
+def test_bad_arrays_are_refused(arguments, said):
+    with pytest.raises(ValueError, match=said):
+        rs.TableRCS(*arguments)
+
+
+# In a scenario.
+
+
+def in_folder(folder, **entry):
+    """Write the paper's scenario with a table to a folder of its own, and return its path."""
+    changed = document(aircraft__rcs={"model": "table", "file": "t.csv", **entry})
+    path = folder / "scenarios" / "s.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(yaml.safe_dump(changed, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def test_the_file_is_looked_for_beside_the_scenario(here):
+    path = in_folder(here)
+    write(path.parent / "t.csv", *A, *full())
+    s = rs.load_scenario(path)
+    assert isinstance(s.model.rcs, rs.TableRCS)
+    assert rs.load_scenario(path.relative_to(here)).resolved() == s.resolved()
+    entry = s.resolved()["aircraft"]["rcs"]
+    digest = hashlib.sha256((path.parent / "t.csv").read_bytes()).hexdigest()
+    assert entry == {
+        "model": "table",
+        "file": str(path.parent / "t.csv"),
+        "mirror": False,
+        "sha256": digest,
+    }
+    path.unlink()
+    again = rs.parse_scenario(yaml.safe_dump(s.resolved()))
+    assert again.resolved() == s.resolved()
+    np.testing.assert_array_equal(again.model.rcs.rcs, s.model.rcs.rcs)
+    # What was resolved is that table or no table.
+    write(here / "scenarios" / "t.csv", *A, *full(value="0.6"))
+    with pytest.raises(rs.ScenarioError, match=r"aircraft.rcs.sha256: .* another file than it was"):
+        rs.parse_scenario(yaml.safe_dump(s.resolved()))
+
+
+def test_mirror_and_envelope_are_read(here):
+    path = in_folder(here, mirror=True, envelope_deg=15)
+    write(path.parent / "t.csv", *A, *(f"{a},{1 + (a == 90)}" for a in range(0, 181, 5)))
+    s = rs.load_scenario(path)
+    assert s.model.rcs.envelope == pytest.approx(15 * DEG)
+    assert s.resolved()["aircraft"]["rcs"]["mirror"] is True
+    assert s.resolved()["aircraft"]["rcs"]["envelope_deg"] == 15
+    wings = pattern(s.model.rcs, np.array([75.0, 90, 105, -75, -90, -105]), np.zeros(1))
+    np.testing.assert_allclose(wings, 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("entry", "said"),
+    [
+        ({"file": "none.csv"}, r"aircraft.rcs.file: .*none.csv cannot be read: No such file"),
+        ({"file": ["t.csv"]}, r"aircraft.rcs.file: must be the name of a CSV file"),
+        ({"file": ""}, "must be the name of a CSV file"),
+        ({"mirror": "yes"}, "aircraft.rcs.mirror: must be one of true, false"),
+        ({"envelope_deg": 0}, "envelope_deg: must be a number greater than 0"),
+        ({"envelope_deg": 91}, "not greater than 90"),
+        ({"envelop_deg": 3}, "unknown key 'envelop_deg'.*did you mean 'envelope_deg'"),
+        ({"unit": "dBsm"}, "unknown key 'unit'"),
+        ({"a_m": 3}, "unknown key 'a_m', allowed: model, file, mirror"),
+        ({"sha256": "abc"}, "64 digits"),
+    ],
+)
+def test_bad_entries_are_refused(here, entry, said):
+    path = in_folder(here, **entry)
+    write(path.parent / "t.csv", *A, *full())
+    with pytest.raises(rs.ScenarioError, match=said) as caught:
+        rs.load_scenario(path)
+    assert str(caught.value).startswith(f"{path}:")
+
+
+def test_a_table_that_the_geometry_leaves_is_refused(here):
+    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-10, 31, 10)]
+    write(here / "t.csv", *G, *rows)
+    entry = {"model": "table", "file": "t.csv"}
+    scenario(aircraft__rcs=entry)
+    with pytest.raises(rs.ScenarioError) as caught:
+        scenario(aircraft__rcs=entry, geometry__down_km=-300)
+    message = str(caught.value)
+    assert message.startswith("scenario:")
+    assert "geometry: at azimuth 0 deg the aircraft sees the radar at elevation -31 deg" in message
+    assert "the RCS table covers -10 to 30 deg" in message
+    # Banked by 20 degrees the right wing's side of the orbit is too low.
+    with pytest.raises(rs.ScenarioError, match="covers -10 to 30 deg"):
+        scenario(aircraft__rcs=entry, aircraft__attitude_deg=[-20, 0, 90])
+    write(here / "t.csv", *A, *full())
+    scenario(aircraft__rcs=entry, geometry__down_km=-300)  # a cut is for all elevations
+
+
+def smooth(here):
+    """A table without anything narrow in it."""
+    azimuth, elevation = np.meshgrid(np.arange(-180, 180, 5), np.arange(-90, 91, 15))
+    level = -9 + 2 * np.cos(2 * azimuth * DEG) * np.cos(elevation * DEG) ** 2
+    rows = [f"{a},{e},{v!r}" for a, e, v in zip(
+        azimuth.ravel().tolist(), elevation.ravel().tolist(), level.ravel().tolist(), strict=True
+    )]  # fmt: skip
+    write(here / "smooth.csv", "azimuth_deg,elevation_deg,rcs_dbsm", *rows)
+    return scenario(
+        aircraft__rcs={"model": "table", "file": "smooth.csv"},
+        geometry__azimuth_deg={"start": 0, "stop": 150, "step": 30},
+    )
+
+
+def test_the_chain_of_partials(here):
+    s = smooth(here)
+    aircraft = s.aircraft + np.array([0, 0, 0, 0.1, -0.05, 0.2])
+    lin = s.model.linearize(aircraft, s.radar)
+    for i, step in enumerate([30, 30, 30, 1e-4, 1e-4, 1e-4]):
+        e = step * np.eye(6)[i]
+        near, far = (
+            s.model.p_d(aircraft + k * e, s.radar) - s.model.p_d(aircraft - k * e, s.radar)
+            for k in (1, 2)
+        )
+        slope = (8 * near - far) / (12 * step)
+        scale = np.max(abs(lin.jac_aircraft[:, i]))
+        np.testing.assert_allclose(lin.jac_aircraft[:, i], slope, atol=1e-5 * scale)
+
+
+def test_monte_carlo_agrees_with_form(here):
+    s = smooth(here)
+    form = rs.propagate(
+        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"], method="form"
+    )
+    mc = rs.monte_carlo(s, runs=4000)
+    error = form.std / np.sqrt(mc.runs)
+    assert np.all(abs(mc.mean - form.mean) < 4.5 * error)
+    assert np.all(abs(mc.std / form.std - 1) < 4.5 / np.sqrt(2 * mc.runs) * 1.2)
+    # The bounds are quantiles at Φ(±3): 5.4 draws expected beyond each, 17 or more once in 10^4.
+    inside = rs.monte_carlo(s, runs=4000, method="form").inside
+    assert np.all(mc.runs - inside < 30)
+
+
+# What is in the folder of scenarios, and the command.
+
+
+def test_the_script_makes_the_synthetic_table(here):
+    made = runpy.run_path(str(CONFIGS / "make_synthetic_aircraft.py"))["text"]()
+    there = (CONFIGS / "synthetic_aircraft.csv").read_text(encoding="utf-8")
+    # What is printed is rounded to 0.01 dB: another library of sines could turn a last digit.
+    old, new = (text.splitlines() for text in (there, made))
+    assert old[:3] == new[:3]
+    assert "SYNTHETIC" in old[0]
+    values = [np.array([row.split(",") for row in rows[3:]], dtype=float) for rows in (old, new)]
+    np.testing.assert_allclose(*values, atol=0.0101)
+
+
+def test_what_the_table_scenario_says_of_itself():
+    """The numbers in the comment of configs/table.yaml."""
+    s = rs.load_scenario(CONFIGS / "table.yaml")
+    budget = rs.budget(s)
+    assert budget.summary["largest_three_sigma_total"]["theta_r_deg"] == [147.5]
+    assert budget.summary["largest_three_sigma_total"]["value"] == pytest.approx(1.65, abs=5e-3)
+    shares = budget.summary["shares_at_largest"]
+    assert shares["aircraft_orientation"] == pytest.approx(0.998, abs=5e-4)
+    mc = analyses.montecarlo(s)
+    assert mc.summary["coverage_lowest"]["theta_r_deg"] == 145
+    assert mc.summary["coverage_lowest"]["value"] == pytest.approx(0.43, abs=0.08)
+    pose = 290
+    assert 3 * mc.table["sigma_pd"][pose] == pytest.approx(0.003, abs=5e-4)
+    assert any("do not rely" in warning for warning in mc.warnings)
+    table = rs.load_rcs_table(CONFIGS / "synthetic_aircraft.csv", mirror=True, envelope=3 * DEG)
+    enveloped = rs.DetectionModel(rcs=table, p_fa=s.model.p_fa)
+    assert s.model.p_d(s.aircraft, s.radar).mean() == pytest.approx(0.31, abs=5e-3)
+    assert enveloped.p_d(s.aircraft, s.radar).mean() == pytest.approx(0.46, abs=5e-3)
+
+
+def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
+    code, out, _ = tool("rcs", "--format", "png")
+    assert code == 0
+    assert "the geometry sees" in out
+    table = rs.load_rcs_table("figures/paper_rcs.csv")
+    model = rs.load_scenario().model.rcs
+    azimuth = np.arange(-180.0, 180, 0.5)
+    for elevation in (0.0, -12.5, 40):
+        direct = pattern(model, azimuth, np.array(elevation))
+        found = pattern(table, azimuth, np.array(elevation))
+        np.testing.assert_allclose(found, direct, rtol=1e-4)
+    record = json.loads(Path("figures/paper_rcs.json").read_text())
+    assert record["summary"]["geometry"]["elevation_deg"] == pytest.approx([-0.344] * 2, abs=1e-3)
+    nose = np.pi * (0.15 * 0.13 / 0.21) ** 2
+    assert record["summary"]["smallest"]["rcs_m2"] == pytest.approx(nose, rel=1e-12)
+
+
+def test_the_command_says_where_draws_leave_the_table(tool, here):
+    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-4, 31, 2)]
+    path = in_folder(here)
+    write(path.parent / "t.csv", *G, *rows)
+    _, _, err = tool("rcs", path, "--no-plot")
+    assert err == ""
+    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
+    write(path.parent / "t.csv", *G, *rows)
+    _, _, err = tool("rcs", path, "--no-plot")
+    assert "3 deg, reach beyond the elevations of the RCS table, -2 to 30 deg" in err
+
+
+@pytest.mark.parametrize(
+    "rcs",
+    [
+        {"model": "constant", "rcs_m2": 1},
+        {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21},
+        {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.18, "floor_m2": 0},
+    ],
+    ids=lambda entry: entry["model"],
+)
+def test_the_figure(rcs):
+    from radar_sense import figures
+    from radar_sense.rcs_pattern import rcs as analysis
+
+    figure = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
+    png = figures.render(figure, "png")
+    if rcs["model"] == "ellipsoid":
+        again = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
+        assert png == figures.render(again, "png")
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert box.x0 >= figure.bbox.x0
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 <= figure.bbox.y1
+    polar, plane, bar = figure.axes
+    assert not any(box.overlaps(axes.get_window_extent()) for axes in figure.axes)
+    assert polar.get_ylabel() == bar.get_xlabel() == "RCS [dBsm]"
+    assert "[deg]" in plane.get_xlabel()
+    assert "[deg]" in plane.get_ylabel()
+
+
+def test_directions_straight_up_have_no_azimuth():
+    up = directions(np.arange(-180.0, 180, 30), np.array(90.0))
+    assert np.all(up[:, :2] == 0)
+    assert np.all(up[:, 2] == -1)
