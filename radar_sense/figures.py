@@ -259,10 +259,10 @@ def _rcs(result: Result) -> Figure:
         seen_azimuth, seen_elevation, ".", color=_BAND[0], ms=2.5, label="the radar in the geometry"
     )
     if isinstance(model, TableRCS) and model.elevation is not None:
-        label: str | None = "ends of the table"
-        for end in np.rad2deg(model.elevation[[0, -1]]):
-            plane.axhline(end, color="white", linestyle=(0, (4, 3)), lw=1.0, label=label)
-            label = None
+        ends = np.rad2deg(model.elevation[[0, -1]])
+        plane.hlines(
+            ends, -180, 180, colors="black", linestyles="--", lw=0.8, label="ends of the table"
+        )
     plane.set(xlim=(-180, 180), ylim=(-90, 90))
     plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
     plane.set_xlabel("Azimuth in the body frame [deg]")
