@@ -38,6 +38,31 @@ def problem(covariance: FloatArray) -> str | None:
     return None
 
 
+def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
+    """Find the first of many matrices (k, n, n) that is not a covariance: `problem`, but fast.
+
+    Args:
+        covariances: Symmetric matrices.
+
+    Returns:
+        Its index and what is wrong with it, or None.
+    """
+    try:
+        np.linalg.cholesky(covariances)
+    except np.linalg.LinAlgError:  # not all are definite; semidefinite is enough
+        variances = np.diagonal(covariances, axis1=-2, axis2=-1)
+        negative = np.any(variances < 0, axis=-1)
+        alone = np.any((variances == 0)[..., np.newaxis] & (covariances != 0), axis=(-2, -1))
+        unit = np.eye(covariances.shape[-1])
+        correlation = _correlation(np.where(negative[:, np.newaxis, np.newaxis], unit, covariances))
+        lowest = np.linalg.eigvalsh(correlation)[:, 0]
+        for index in np.flatnonzero(negative | alone | (lowest < -TOLERANCE)):
+            found = problem(covariances[index])
+            if found:
+                return int(index), found
+    return None
+
+
 def scaled(covariance: FloatArray, components: slice, factor: float) -> FloatArray:
     """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
     scale = np.ones(covariance.shape[-1])
