@@ -493,11 +493,11 @@ def _assemble(
     time, place = np.empty(count), np.empty((count, 3))
     attitude = np.empty((count, 3)) if layout.attitude else None
     covariance = np.zeros((count, 6, 6)) if layout.std or layout.cov else None
-    start = 0
-    blocks.reverse()
+    stop = count
+    # From the last to the first: memory that was taken last can be given back first.
     while blocks:
         rows = blocks.pop()
-        some = slice(start, start + len(rows))
+        some = slice(stop - len(rows), stop)
         time[some] = rows[:, layout.time]
         place[some] = rows[:, layout.position] * layout.units(layout.position)
         if layout.attitude and attitude is not None:
@@ -507,7 +507,7 @@ def _assemble(
             covariance[some, diagonal, diagonal] = (rows[:, layout.std] * _COV_UNITS) ** 2
         if layout.cov and covariance is not None:
             covariance[some] = rows[:, layout.cov][:, _ENTRY] * np.outer(_COV_UNITS, _COV_UNITS)
-        start += len(rows)
+        stop -= len(rows)
     return time, place, attitude, covariance
 
 
