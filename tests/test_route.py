@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from radar_sense import route, wgs84
 from radar_sense.covariance import problem
 from radar_sense.reader import ScenarioError
-from radar_sense.route import attitude_from_track, load_route, resample
+from radar_sense.route import attitude_from_motion, attitude_from_track, load_route, resample
 
 G = 9.80665
 DEG = np.pi / 180
@@ -202,6 +202,22 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned(load):
         scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
         assert np.max(np.abs(found.covariance[i] - expected) / scale) < 3e-3  # of position: 1e-4 m
         assert problem(found.covariance[i]) is None
+    np.testing.assert_array_equal(found.covariance, np.swapaxes(found.covariance, -1, -2))
+
+
+def test_what_should_be_no_variance_does_not_round_to_less(load):
+    # Position is certain but for one direction, which is that of an axis of the origin's frame.
+    rng = np.random.default_rng(8)
+    place = np.array(ORIGIN) + rng.uniform(-1, 1, (200, 3)) * [0.3, 0.3, 1000]
+    axes = wgs84.turn_to_origin(place, ORIGIN)
+    covariance = np.zeros((200, 6, 6))
+    covariance[:, :3, :3] = 900 * axes[:, 0, :, np.newaxis] * axes[:, 0, np.newaxis, :]
+    columns = {**geodetic(np.arange(200.0), place), **triangle(covariance)}
+    found = load(columns, origin=ORIGIN).covariance
+    np.testing.assert_allclose(found[:, 0, 0], 900, rtol=1e-12)
+    variances = np.diagonal(found, axis1=-2, axis2=-1)
+    assert np.all(variances >= 0)
+    assert not np.any(found[variances == 0])
 
 
 def test_the_size_of_the_blocks_changes_nothing(load, monkeypatch):
@@ -341,6 +357,28 @@ def test_a_parabola_and_a_cubic_are_exact():
     assert np.sign(roll[0]) == -1
 
 
+def test_acceleration_is_between_those_measured_around_it():
+    rng = np.random.default_rng(9)
+    time = np.cumsum(rng.uniform(0.1, 3.0, 200))
+    position = rng.standard_normal((200, 3))
+    slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    measured = 2 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
+    _, acceleration = route._motion(time, position)
+    # Row i + 2 has second differences centred near it, before it and after it.
+    around = np.stack([measured[:-2], measured[1:-1], measured[2:]])
+    inner = acceleration[2:-2]
+    assert np.all((inner >= around.min(axis=0)) & (inner <= around.max(axis=0)))
+
+
+def test_drifting_is_hovering():
+    velocity = np.array([[10.0, 0, -1], [0, 0.05, -0.05], [0, 0.05, 5]])
+    acceleration = np.array([[0.0, 2, 0]] * 3)
+    roll, pitch, yaw = attitude_from_motion(velocity, acceleration).T
+    np.testing.assert_allclose(roll, [math.atan(2 / G), 0, 0], rtol=1e-14)
+    np.testing.assert_allclose(pitch, [math.atan(0.1), 0, math.atan2(-5, 0.05)], rtol=1e-14)
+    np.testing.assert_array_equal(yaw, 0.0)
+
+
 def test_three_rows_and_two():
     position = np.array([[0.0, 0, 0], [100, 0, 0], [200, 10, 0]])
     three = attitude_from_track(np.array([0.0, 1, 2]), position)
@@ -394,6 +432,16 @@ def test_the_last_pose_is_there_if_a_step_meets_it(load):
         assert len(found.time_s) == count
         assert found.time_s[-1] <= 20
     assert resample(path, 0.1).time_s[-1] == 20
+    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
+    path = load(f"{header}\n0,0,0,0,0,0,0\n0.3,9,0,0,0,0,0\n")
+    assert resample(path, 0.1).time_s[-1] == 0.3  # and not 3 · 0.1 = 0.30000000000000004
+
+
+def test_a_step_must_move_the_clock(load):
+    path = load(f"{HEAD}\n999999999999,0,0,0\n1e12,100,0,0\n")
+    assert np.all(np.diff(resample(path, 2e-3).time_s) > 0)
+    with pytest.raises(ScenarioError, match=r"step_s must be a number not less than 0\.001"):
+        resample(path, 1e-4)
 
 
 def test_a_smooth_path_goes_through_its_samples_and_banks(load):
@@ -629,10 +677,11 @@ def test_lines_are_counted_across_pieces(load, monkeypatch):
     lines = [f"{i},{i * 100},0,0" for i in range(100)]
     assert len(load("\n".join([HEAD, *lines])).time_s) == 100
     for bad, says in (("x", "north_m"), ("7,0,0,0", "time_s"), ("80,1e9,0,0", "north_m")):
-        changed = [*lines]
-        changed[80] = bad if "," in bad else "80,x,0,0"
-        with pytest.raises(ScenarioError, match=rf"^route\.csv:83: {says}"):
-            load("\n".join(["# comment", HEAD, *changed]))
+        for row in range(80, 88):  # first, inside, and last of a piece
+            changed = [*lines]
+            changed[row] = bad.replace("80", str(row)) if "," in bad else f"{row},x,0,0"
+            with pytest.raises(ScenarioError, match=rf"^route\.csv:{row + 3}: {says}"):
+                load("\n".join(["# comment", HEAD, *changed]))
 
 
 def test_gaps_are_refused_if_asked(load):
