@@ -372,7 +372,7 @@ def test_acceleration_is_between_those_measured_around_it():
 
 def test_drifting_is_hovering():
     velocity = np.array([[10.0, 0, -1], [0, 0.05, -0.05], [0, 0.05, 5]])
-    acceleration = np.array([[0.0, 2, 0]] * 3)
+    acceleration = np.array([[2.0, 2, 0]] * 3)
     roll, pitch, yaw = attitude_from_motion(velocity, acceleration).T
     np.testing.assert_allclose(roll, [math.atan(2 / G), 0, 0], rtol=1e-14)
     np.testing.assert_allclose(pitch, [math.atan(0.1), 0, math.atan2(-5, 0.05)], rtol=1e-14)
