@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from radar_sense import validation
 from radar_sense.error_budget import MONTE_CARLO, Allowance, allowances, error_budget
 from radar_sense.geometry import body_vector, slant_range
-from radar_sense.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.montecarlo import TAIL, WITHIN_3_SIGMA, MonteCarlo, monte_carlo
 from radar_sense.propagation import (
     BOUND_CHANGE,
     METHODS,
@@ -219,25 +220,51 @@ def montecarlo(
     scenario: Scenario,
     *,
     method: str | None = None,
+    sampler: str = "random",
     workers: int = 1,
+    executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Monte Carlo draws of P_D against the 3σ band of a method."""
     theta = scenario.theta_r_deg
-    mc = monte_carlo(scenario, method=_chosen(method), workers=workers, progress=progress)
-    low, high = mc.coverage_interval()
+    mc = monte_carlo(
+        scenario,
+        method=_chosen(method),
+        sampler=sampler,
+        workers=workers,
+        executor=executor,
+        progress=progress,
+    )
     pose = int(np.argmin(mc.coverage))
-    # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
-    lowest, highest = mc.coverage_interval(1 - 0.05 / len(theta))
-    off = (highest < WITHIN_3_SIGMA) | (lowest > WITHIN_3_SIGMA)
     overall = float(mc.coverage.mean())
     name = _band_name(method)
     warnings = list(_doubts(mc.band, method, theta))
-    if off.any():
-        warnings.append(
-            f"the {name} band does not hold the 99.73 % of the draws that it should "
-            f"{where(off, theta)} (95 % confidence for all poses together)"
-        )
+    lowest_summary: dict[str, Any] = {
+        "value": float(mc.coverage[pose]),
+        "theta_r_deg": float(theta[pose]),
+    }
+    summary: dict[str, Any] = {
+        "runs": mc.runs,
+        "sampler": mc.sampler,
+        "coverage_expected": WITHIN_3_SIGMA,
+        "coverage_overall": overall,
+        "coverage_lowest": lowest_summary,
+    }
+    lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {theta[pose]:g} deg"
+    if mc.sampler == "random":
+        low, high = mc.coverage_interval()
+        # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
+        least, most = mc.coverage_interval(1 - 0.05 / len(theta))
+        off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
+        lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
+        lowest_summary["confidence_95"] = [float(low[pose]), float(high[pose])]
+        summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
+        summary["poses_inconsistent"] = int(np.count_nonzero(off))
+        if off.any():
+            warnings.append(
+                f"the {name} band does not hold the 99.73 % of the draws that it should "
+                f"{where(off, theta)} (95 % confidence for all poses together)"
+            )
     warnings += _clipped(mc.clipped)
     return Result(
         analysis="montecarlo",
@@ -251,24 +278,16 @@ def montecarlo(
             **_mean(mc.band.mean, method),
         },
         summary={
-            "runs": mc.runs,
-            "coverage_expected": WITHIN_3_SIGMA,
-            "coverage_overall": overall,
-            "coverage_lowest": {
-                "value": float(mc.coverage[pose]),
-                "theta_r_deg": float(theta[pose]),
-                "confidence_95": [float(low[pose]), float(high[pose])],
-            },
-            "coverage_confidence_95": {"lower": low.tolist(), "upper": high.tolist()},
-            "poses_inconsistent": int(np.count_nonzero(off)),
+            **summary,
+            "quantile_rank_error": mc.rank_error,
             "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), theta),
             "radar_constants_set_to_zero": mc.clipped,
         },
         report=(
-            f"{mc.runs} runs ({scenario.level}, seed {mc.seed}): {overall:.2%} of the draws lie "
-            f"in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
-            f"lowest coverage {mc.coverage[pose]:.2%} at {theta[pose]:g} deg "
-            f"(95 % confidence {low[pose]:.2%} to {high[pose]:.2%})",
+            f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{_points(mc)}): {overall:.2%} of the "
+            f"draws lie in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
+            lowest,
+            *_rank_error(mc),
         ),
         warnings=tuple(warnings),
         monte_carlo=mc,
@@ -276,11 +295,18 @@ def montecarlo(
 
 
 def compare(
-    scenario: Scenario, *, workers: int = 1, progress: Callable[[int], None] | None = None
+    scenario: Scenario,
+    *,
+    sampler: str = "random",
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Bounds of P_D by every method of propagation against those of Monte Carlo."""
     theta = scenario.theta_r_deg
-    mc = monte_carlo(scenario, workers=workers, progress=progress)
+    mc = monte_carlo(
+        scenario, sampler=sampler, workers=workers, executor=executor, progress=progress
+    )
     moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
     worst = {
         method: {
@@ -308,9 +334,15 @@ def compare(
                 )
             },
         },
-        summary={"runs": mc.runs, "largest_difference": worst},
+        summary={
+            "runs": mc.runs,
+            "sampler": mc.sampler,
+            "quantile_rank_error": mc.rank_error,
+            "largest_difference": worst,
+        },
         report=(
-            f"largest difference from {mc.runs} runs ({scenario.level}, seed {mc.seed}):",
+            f"largest difference from {mc.runs} runs "
+            f"({scenario.level}, seed {mc.seed}{_points(mc)}):",
             f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
             *(
                 f"  {method:10}{at(w['bounds']):28}{at(w['sigma']):28}{at(w['mean'])}"
@@ -489,6 +521,18 @@ def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[st
         ),
     )
     return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, theta)))
+
+
+def _points(mc: MonteCarlo) -> str:
+    return "" if mc.sampler == "random" else ", Sobol' points"
+
+
+def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
+    """Say how far the quantiles may be off where not all draws of the tails could be kept."""
+    if not mc.rank_error:
+        return ()
+    share = mc.rank_error / (TAIL * mc.runs)
+    return (f"quantiles at the probability 0.00135 to within {share:.2%} of it",)
 
 
 def _clipped(count: int) -> tuple[str, ...]:

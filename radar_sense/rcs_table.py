@@ -22,7 +22,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
 
 from radar_sense.geometry import join, split
 from radar_sense.limits import Limit
@@ -238,6 +237,8 @@ class _Axis:
 
     def through(self, values: FloatArray) -> FloatArray:
         """Coefficients (4, cells, ...) of the cubic spline through values (n, ...) at the nodes."""
+        from scipy.interpolate import CubicSpline  # slow to import
+
         if self.periodic:
             values = np.concatenate([values, values[:1]])
         ends = "periodic" if self.periodic else "clamped"
@@ -251,6 +252,8 @@ class _Axis:
         (C. de Boor, A Practical Guide to Splines, 1978, ch. IX): between the least and the greatest
         of them.
         """
+        from scipy.interpolate import BSpline, CubicHermiteSpline  # slow to import
+
         nodes, rest = self.nodes, [(0, 0)] * (values.ndim - 1)
         if self.periodic:
             knots = np.concatenate([nodes[-4:-1] - TURN, nodes, nodes[1:4] + TURN])

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
+import pty
 import re
 import shlex
 import signal
@@ -563,6 +565,26 @@ def test_a_run_that_is_stopped_writes_nothing(tmp_path, number):
         assert err.lstrip("\n") == "Interrupted; nothing was written.\n"
     else:
         assert running.returncode != 0
+
+
+def test_progress_on_a_terminal_says_how_many_how_fast_and_how_long(tmp_path):
+    terminal, other_end = pty.openpty()
+    args = ["montecarlo", "--runs", "20000", "--no-plot"]
+    command = [sys.executable, "-m", "radar_sense", *args]
+    wide = {**os.environ, "COLUMNS": "120"}
+    running = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=other_end, env=wide
+    )
+    os.close(other_end)
+    seen = b""
+    with contextlib.suppress(OSError):  # the other end is closed
+        while part := os.read(terminal, 4096):
+            seen += part
+    os.close(terminal)
+    assert running.wait(timeout=30) == 0
+    text = seen.decode()
+    assert re.search(r"runs  \[#+-*\]  \d+/20000  \d\d:\d\d:\d\d  [\d,]+ runs/s", text), text
+    assert "20000/20000" in text
 
 
 @pytest.mark.parametrize("args", [["check"], ["init", "-"], ["budget", "--no-plot"], ["--help"]])
