@@ -73,8 +73,9 @@ def test_a_band_outside_zero_and_one_is_said_to_be():
     outside, neglected = analyses.variance(s.with_analysis(level="high")).warnings
     assert "leaves [0, 1] at 67.5 to 112.5 deg" in outside
     assert "do not rely on the linearized band" in neglected
-    for method in ("probit", "form"):
-        assert analyses.variance(s.with_analysis(level="high"), method=method).warnings == ()
+    assert analyses.variance(s.with_analysis(level="high"), method="form").warnings == ()
+    (neglected,) = analyses.variance(s.with_analysis(level="high"), method="probit").warnings
+    assert "do not rely on the probit band at 78 to 102 deg" in neglected  # σ is off by 2 to 2.9 %
     table = analyses.variance(s.with_analysis(level="high")).table
     over = table["theta_r_deg"][table["upper_3sigma"] > 1]
     assert (over.min(), over.max()) == (67.5, 112.5)
