@@ -402,6 +402,51 @@ def validate(
 
 @cli.command()
 @_config
+@_level
+@click.option(
+    "--runs",
+    type=Number(RUNS),
+    help="Largest number of runs; a power of two is taken.  [default: 16384]",
+)
+@_seed
+@_workers
+@_output
+@click.pass_obj
+def convergence(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    runs: int | None,
+    seed: int | None,
+    workers: int | None,
+    **output: Any,
+) -> None:
+    """Error of Monte Carlo by number of runs, for random and Sobol' draws.
+
+    Also with the linear model as a control variate for both. Sobol' points are best for mean and
+    sigma, whose error falls nearly as 1/runs; for 3-sigma quantiles they win less. Random draws are
+    the only ones whose coverage has a binomial confidence interval.
+
+    \b
+    Examples:
+      radar-sense convergence
+      radar-sense convergence my.yaml --level high --runs 4096
+    """
+    from radar_sense.convergence import REFERENCES, REPLICATIONS
+    from radar_sense.convergence import convergence as analyse
+
+    scenario = _scenario(config, level=level, seed=seed)
+
+    def run() -> Result:
+        with _progress(REPLICATIONS + REFERENCES, "repetitions") as advance:
+            return analyse(scenario, runs=runs, workers=_threads(workers), progress=advance)
+
+    _run(command, run, **output)
+
+
+@cli.command()
+@_config
 @_output
 @click.pass_obj
 def detectors(command: list[str], /, config: Path | None, **output: Any) -> None:

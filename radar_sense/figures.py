@@ -21,6 +21,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from radar_sense.analyses import DISTINCT, P_FAS, Result
+from radar_sense.convergence import ESTIMATORS, STATISTICS
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.rcs_pattern import aspects, decibels, pattern
@@ -271,6 +272,48 @@ def _rcs(result: Result) -> Figure:
     return figure
 
 
+def _convergence(result: Result) -> Figure:
+    figure, panels = _new(len(STATISTICS))
+    table, runs = result.table, result.table["runs"]
+    marks = dict(zip(ESTIMATORS, ("o", "s", "^", "D"), strict=True))
+    names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
+    for axes, statistic, name in zip(panels, STATISTICS, names, strict=True):
+        errors = {e: table[f"error_{statistic}_{e}"] for e in ESTIMATORS}
+        for (estimator, error), style in zip(errors.items(), _LINES, strict=False):
+            label = estimator.replace("sobol", "Sobol\N{PRIME}").replace("_", ", ")
+            _line(axes, runs, error, style, label=label if axes is panels[0] else None)
+            axes.lines[-1].set(marker=marks[estimator], markersize=2.8)
+        axes.set_xscale("log", base=2)
+        axes.set_yscale("log")
+        axes.margins(x=0.03)
+        _slope(axes, runs, 1.6 * np.max([e[0] for e in errors.values()]), -0.5, "$n^{-1/2}$")
+        if statistic != "quantile":  # which nothing brings to fall so fast
+            _slope(axes, runs, np.min([e[0] for e in errors.values()]) / 1.6, -1.0, "$n^{-1}$")
+        axes.set_ylabel(f"Error of {name} [$\\sigma_{{pd}}$]")
+    panels[-1].set_xlabel("Number of runs $n$")
+    _legend(figure, panels[0])
+    return figure
+
+
+def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) -> None:
+    """Draw what falls as a power of the number of runs, to compare the lines with."""
+    if not start > 0 or len(runs) < 2:
+        return
+    guide = start * (runs / runs[0]) ** power
+    axes.plot(runs, guide, color="0.55", lw=0.7)
+    middle, above = len(runs) // 2, power > -1
+    axes.annotate(
+        name,
+        (runs[middle], guide[middle]),
+        xytext=(0, 3 if above else -3),
+        textcoords="offset points",
+        ha="left" if above else "right",
+        va="bottom" if above else "top",
+        fontsize=6.5,
+        color="0.35",
+    )
+
+
 _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "variance": _variance,
     "montecarlo": _montecarlo,
@@ -280,6 +323,7 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "validate": _validate,
     "detectors": _detectors,
     "rcs": _rcs,
+    "convergence": _convergence,
 }
 
 

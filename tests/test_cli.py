@@ -47,7 +47,7 @@ COLUMNS = {
 
 def few(command: str) -> list[str]:
     """Options that keep Monte Carlo short."""
-    return ["--runs", "40"] if command in ("montecarlo", "compare") else []
+    return ["--runs", "40"] if command in ("montecarlo", "compare", "convergence") else []
 
 
 def files(folder: str | Path = "figures") -> dict[str, bytes]:
