@@ -392,7 +392,7 @@ def _doubts(found: Convergence) -> tuple[str, ...]:
         (~found.usable, "sigma of P_D is zero, and errors cannot be measured by it,"),
     )
     return tuple(
-        f"{words} {place}; the errors are those of the other poses"
+        f"{words} {place}" + ("" if mask.all() else "; the errors are those of the other poses")
         for mask, words in said
         if (place := where(mask, found.theta_r_deg))
     )

@@ -283,13 +283,16 @@ def _convergence(result: Result) -> Figure:
             label = estimator.replace("sobol", "Sobol\N{PRIME}").replace("_", ", ")
             _line(axes, runs, error, style, label=label if axes is panels[0] else None)
             axes.lines[-1].set(marker=marks[estimator], markersize=2.8)
-        axes.set_xscale("log", base=2)
-        axes.set_yscale("log")
-        axes.margins(x=0.03)
-        _slope(axes, runs, 1.6 * np.max([e[0] for e in errors.values()]), -0.5, "$n^{-1/2}$")
-        if statistic != "quantile":  # which nothing brings to fall so fast
-            _slope(axes, runs, np.min([e[0] for e in errors.values()]) / 1.6, -1.0, "$n^{-1}$")
         axes.set_ylabel(f"Error of {name} [$\\sigma_{{pd}}$]")
+        axes.set_xscale("log", base=2)
+        axes.margins(x=0.03)
+        first = [error[0] for error in errors.values() if np.all(error > 0)]
+        if not first:
+            continue  # nothing that a logarithmic axis could show
+        axes.set_yscale("log")
+        _slope(axes, runs, 1.6 * np.max(first), -0.5, "$n^{-1/2}$")
+        if statistic != "quantile":  # which nothing brings to fall so fast
+            _slope(axes, runs, np.min(first) / 1.6, -1.0, "$n^{-1}$")
     panels[-1].set_xlabel("Number of runs $n$")
     _legend(figure, panels[0])
     return figure
@@ -297,7 +300,7 @@ def _convergence(result: Result) -> Figure:
 
 def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) -> None:
     """Draw what falls as a power of the number of runs, to compare the lines with."""
-    if not start > 0 or len(runs) < 2:
+    if len(runs) < 2:
         return
     guide = start * (runs / runs[0]) ** power
     axes.plot(runs, guide, color="0.55", lw=0.7)

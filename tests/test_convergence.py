@@ -1,0 +1,400 @@
+"""How fast Monte Carlo settles: the control variate, the estimators, and the errors measured."""
+
+import json
+from pathlib import Path
+
+import chain_rule
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from scenarios import OVERHEAD, scenario
+
+from radar_sense import convergence as module
+from radar_sense import figures
+from radar_sense.convergence import (
+    ESTIMATORS,
+    REFERENCES,
+    REPLICATIONS,
+    STATISTICS,
+    LinearModel,
+    controlled,
+    convergence,
+    draw,
+    measure,
+    plain,
+    rate,
+)
+from radar_sense.covariance import draws
+from radar_sense.montecarlo import TAIL, Sampler
+from radar_sense.propagation import propagate_scenario
+from radar_sense.reader import ScenarioError
+from radar_sense.sampling import SAMPLERS, Random
+from radar_sense.scenario import load_scenario
+
+THREE = {"start": 15, "stop": 85, "step": 35}
+#: So uncertain a radar constant that it is often cut off at 0.
+CUT = {"only": {"position_m": 100, "constant": 100}}
+#: Straight below the aircraft, a radar that is so weak, 13 km away, that P_D is 0.6.
+WEAK = {
+    **OVERHEAD,
+    "radar__constant": 4e-5,
+    "uncertainty__radar": {"only": {"position_m": 1, "constant": 2e-6}},
+    "analysis": {"level": "only"},
+}
+NOTHING = {
+    "uncertainty": {
+        "aircraft": {"position_m": 0, "attitude_deg": 0},
+        "radar": {"none": {"position_m": 0, "constant": 0}},
+    },
+    "analysis": {"level": "none"},
+}
+
+
+def sampler_and_linear(s):
+    sampler = Sampler.of(s)
+    return sampler, LinearModel.of(sampler)
+
+
+def rms(values, axis=None):
+    return np.sqrt(np.mean(np.square(values), axis=axis))
+
+
+# The linear model.
+
+
+def test_the_linear_model_is_that_of_the_paper_before_the_cut():
+    """L − P̄_D = A_a (a − ā) + A_r (r − r̄), with the gradient by the paper's own chain rule."""
+    s = load_scenario("configs/covariance.yaml")
+    sampler, linear = sampler_and_linear(s)
+    white_radar, white_aircraft = Random(1, 50, len(s.aircraft)).block(0, 50)
+    found = linear.deviation(white_radar, white_aircraft)
+    radar = draws(np.zeros(4), sampler.factor_radar, white_radar)
+    aircraft = draws(np.zeros((len(s.aircraft), 6)), sampler.factor_aircraft, white_aircraft)
+    rcs = s.document["aircraft"]["rcs"]
+    assert rcs["model"] == "ellipsoid"
+    _, by_aircraft, by_radar = chain_rule.linearize(
+        s.aircraft,
+        np.tile(s.radar, (len(s.aircraft), 1)),
+        ("ellipsoid", rcs["a_m"], rcs["b_m"], rcs["c_m"]),
+        s.model.p_fa,
+    )
+    expected = np.einsum("ri,ni->rn", radar, by_radar)
+    expected += np.einsum("rni,ni->rn", aircraft, by_aircraft)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * linear.std.max())
+    np.testing.assert_allclose(linear.std, propagate_scenario(s).std, rtol=1e-12)
+
+
+def test_the_linear_model_is_normal_where_the_radar_constant_is_cut():
+    s = scenario(geometry__azimuth_deg=THREE, uncertainty__radar=CUT, analysis={"level": "only"})
+    sampler, linear = sampler_and_linear(s)
+    white_radar, white_aircraft = Random(2, 20_000, 3).block(0, 20_000)
+    assert sampler.draw_radar(white_radar)[1].sum() > 500
+    unit = linear.deviation(white_radar, white_aircraft) / linear.std
+    error = 1 / np.sqrt(20_000)
+    assert np.max(abs(unit.mean(axis=0))) < 4 * error
+    assert np.max(abs(unit.std(axis=0) - 1)) < 4 * error / np.sqrt(2)
+    # the skewness of what is not cut
+    assert np.max(abs(np.mean(unit**3, axis=0))) < 4 * np.sqrt(15) * error
+
+
+def test_the_draws_are_those_of_monte_carlo_whatever_the_runs():
+    s = scenario(geometry__azimuth_deg=THREE)
+    sampler, linear = sampler_and_linear(s)
+    for kind in SAMPLERS:
+        many, deviation = draw(sampler, linear, kind, 5, 5000)
+        few, _ = draw(sampler, None, kind, 5, 4500)
+        np.testing.assert_array_equal(many[:4500], few)
+        # On the same draws: what is left of P_D is small, and of second order.
+        rest = many - sampler.model.p_d(s.aircraft, s.radar) - deviation
+        assert np.all(rest.std(axis=0) < 0.2 * many.std(axis=0))
+
+
+# The estimators.
+
+
+def test_plain_estimates_are_numpys():
+    p_d = np.random.default_rng(1).random((3000, 4))
+    for rows in (p_d, p_d[:2], p_d[:741], p_d[:743]):
+        found = plain(rows)
+        quantiles = np.quantile(rows, [TAIL, 1 - TAIL], axis=0)
+        expected = [rows.mean(axis=0), rows.std(axis=0, ddof=1), *quantiles]
+        np.testing.assert_allclose(found, expected, rtol=1e-13)
+
+
+@pytest.mark.parametrize("runs", [2, 30, 3000, 20_000])
+def test_controlled_estimates_are_as_defined(runs):
+    rng = np.random.default_rng(runs)
+    scale = np.array([0.01, 0.02, 0.05])
+    deviation = rng.standard_normal((runs, 3)) * scale
+    p_d = 0.5 + deviation + rng.standard_normal((runs, 3)) * 0.1 * scale
+    found = controlled(p_d, deviation, scale)
+    for j, sigma in enumerate(scale):
+        p, d = p_d[:, j].tolist(), deviation[:, j].tolist()
+        mean_p, mean_d = sum(p) / runs, sum(d) / runs
+        variance = sum((x - mean_p) ** 2 for x in p) - sum((x - mean_d) ** 2 for x in d)
+        variance = max(variance / (runs - 1) + sigma**2, 0)
+        assert found[0, j] == pytest.approx(mean_p - mean_d, rel=1e-12)
+        assert found[1, j] == pytest.approx(np.sqrt(variance), rel=1e-9)
+        low = np.quantile(p, sum(x < -3 * sigma for x in d) / runs)
+        high = np.quantile(p, 1 - sum(x > 3 * sigma for x in d) / runs)
+        np.testing.assert_allclose(found[2:, j], [low, high], rtol=1e-10)
+
+
+def test_a_linear_p_d_is_known_after_a_few_runs():
+    """The control takes all of the error of mean and σ, and makes the quantiles' ranks exact."""
+    sigma = np.array([0.02])
+    deviation = np.random.default_rng(3).standard_normal((5000, 1)) * sigma
+    found = controlled(0.4 + deviation, deviation, sigma)
+    np.testing.assert_allclose(found[:2, 0], [0.4, 0.02], rtol=1e-13)
+    # between the draws next to −3σ_L
+    below = np.sort(deviation[:, 0])
+    rank = np.searchsorted(below, -0.06)
+    assert 0.4 + below[rank - 1] <= found[2, 0] <= 0.4 + below[rank]
+
+
+@pytest.mark.parametrize("level", ["medium", "high"])
+@pytest.mark.parametrize(("kind", "runs", "times"), [("random", 64, 4000), ("sobol", 64, 400)])
+def test_the_controlled_mean_and_variance_are_unbiased(kind, runs, times, level):
+    """Over many repetitions of few runs, each within 4.5 standard errors."""
+    s = scenario(geometry__azimuth_deg=THREE, analysis__level=level)
+    sampler, linear = sampler_and_linear(s)
+    true = plain(draw(sampler, None, "sobol", 99, 2**17)[0])  # wrong by 1e-5 σ or so
+    if kind == "random":
+        drawn = [a.reshape(times, runs, 3) for a in draw(sampler, linear, kind, 1, runs * times)]
+        parts = zip(*drawn, strict=True)
+    else:
+        parts = (draw(sampler, linear, kind, seed, runs) for seed in range(times))
+    found = np.stack([controlled(p, d, linear.std)[:2] for p, d in parts])
+    found[:, 1] **= 2
+    error = found.std(axis=0, ddof=1) / np.sqrt(times)
+    z = (found.mean(axis=0) - [true[0], true[1] ** 2]) / error
+    assert np.max(abs(z)) < 4.5
+    # and that can tell: of σ_pd the mean to 1 %, of its square to 3 %
+    assert np.all(error < np.array([[0.01], [0.03]]) * [true[1], true[1] ** 2] / 4.5)
+
+
+def test_the_control_takes_off_the_error_what_is_correlated():
+    """The mean's by std(P − L)/std(P), which is √(1 − ρ²) if the slope of P on L is 1."""
+    runs, times = 64, 4000
+    s = scenario(geometry__azimuth_deg=THREE)
+    sampler, linear = sampler_and_linear(s)
+    p_d, deviation = draw(sampler, linear, "random", 1, runs * times)
+    parts = [a.reshape(times, runs, 3) for a in (p_d, deviation)]
+    found = np.stack([controlled(p, d, linear.std)[0] for p, d in zip(*parts, strict=True)])
+    without = parts[0].mean(axis=1)
+    reduction = found.std(axis=0) / without.std(axis=0)
+    expected = (p_d - deviation).std(axis=0) / p_d.std(axis=0)
+    # a standard deviation of so many has the relative error 1/√(2 times)
+    assert np.max(abs(reduction / expected - 1)) < 4.5 / np.sqrt(times)
+    rho = [np.corrcoef(p_d[:, i], deviation[:, i])[0, 1] for i in range(3)]
+    by_correlation = np.sqrt(1 - np.square(rho))
+    assert np.all(by_correlation < 0.2)
+    np.testing.assert_allclose(reduction, by_correlation, rtol=0.2)  # the slope is not quite 1
+
+
+# The errors.
+
+
+@pytest.fixture(scope="module")
+def measured():
+    """The paper's scenario with fewer runs than by default."""
+    return measure(load_scenario(), 2**11, replications=64)
+
+
+def test_random_errors_fall_as_the_root_of_runs(measured):
+    """From the first to the last number of runs, within four standard errors.
+
+    RMS values of R repetitions have the relative error 1/√(2R) at most: the poses add to R.
+    """
+    runs, repetitions = measured.runs, 64
+    error = np.sqrt(2) / np.sqrt(2 * repetitions) / np.log(runs[-1] / runs[0])
+    for estimator in ("random", "random_control"):
+        for statistic in ("mean", "std"):
+            errors = measured.error(estimator, statistic)
+            slope = np.log(errors[-1] / errors[0]) / np.log(runs[-1] / runs[0])
+            assert slope == pytest.approx(-0.5, abs=4 * error), (estimator, statistic)
+    # the mean's is σ/√n itself
+    np.testing.assert_allclose(
+        measured.error("random", "mean") * np.sqrt(runs), 1, atol=4 / np.sqrt(2 * repetitions)
+    )
+
+
+def test_sobol_points_and_control_are_better(measured):
+    last = {(e, s): measured.error(e, s)[-1] for e in ESTIMATORS for s in STATISTICS}
+    assert rate(measured.runs, measured.error("sobol", "mean")) < -0.9
+    assert rate(measured.runs, measured.error("sobol", "std")) < -0.8
+    for statistic, sobol, control, both in (
+        ("mean", 50, 8, 100),
+        ("std", 8, 3, 15),
+        ("quantile", 1.3, 1.2, 1.2),
+    ):
+        plainly = last["random", statistic]
+        assert plainly > sobol * last["sobol", statistic]
+        assert plainly > control * last["random_control", statistic]
+        assert plainly > both * last["sobol_control", statistic]
+
+
+def test_the_reference_is_much_better_than_what_it_judges(measured):
+    for statistic in STATISTICS:
+        least = min(measured.error(e, statistic)[-1] for e in ESTIMATORS)
+        assert measured.own_error(statistic) < least / 4
+
+
+def test_the_reference_agrees_with_form(measured):
+    """Which is wrong by 1.3e-6 in the mean, 0.04 % in σ and 6e-5 in the bounds at most."""
+    s = load_scenario()
+    form = propagate_scenario(s, method="form")
+    at = np.searchsorted(s.theta_r_deg, measured.theta_r_deg)
+    np.testing.assert_array_equal(s.theta_r_deg[at], np.arange(0, 181, 10))
+    exact = np.stack([form.mean, form.std, form.lower, form.upper])[:, at]
+    known = np.stack([np.full(19, 1.3e-6), 4e-4 * exact[1], *np.full((2, 19), 6e-5)])
+    difference = abs(measured.reference - exact)
+    # a standard error from 8 values: Student's t with 7 degrees, 1e-5 beyond 10
+    assert np.all(difference < known + 10 * measured.reference_error)
+    assert np.all(measured.reference_error[:2] < 1e-3 * exact[1])
+
+
+def test_rate_of_what_falls_as_a_power():
+    runs = np.array([8, 16, 32, 64, 128])
+    assert rate(runs, 3.0 * runs**-0.75) == pytest.approx(-0.75)
+    assert np.isnan(rate(runs[:1], np.ones(1)))
+    assert np.isnan(rate(runs, np.zeros(5)))
+
+
+# The analysis.
+
+
+@pytest.fixture(scope="module")
+def small():
+    return convergence(load_scenario(), runs=100)
+
+
+def test_columns_and_sizes(small):
+    assert list(small.table) == [
+        "runs",
+        *(f"error_{statistic}_{name}" for statistic in STATISTICS for name in ESTIMATORS),
+    ]
+    np.testing.assert_array_equal(small.table["runs"], [2, 4, 8, 16, 32, 64])
+    assert small.scenario.runs == 64
+    nine = measure(load_scenario(), 1024, replications=2).runs
+    np.testing.assert_array_equal(nine, 2 ** np.arange(2, 11))
+    assert np.all([np.isfinite(column).all() for column in small.table.values()])
+    assert small.warnings == ()
+    last = small.summary["at_largest_runs"]["mean"]
+    assert last["random"]["random_runs_for_the_same"] == pytest.approx(64)
+    ratio = last["random"]["error"] / last["sobol"]["error"]
+    assert last["sobol"]["random_runs_for_the_same"] == pytest.approx(64 * ratio**2)
+
+
+def test_workers_do_not_change_a_bit_and_seeds_do(small):
+    seen = []
+    again = convergence(load_scenario(), runs=64, workers=3, progress=seen.append)
+    assert sum(seen) == REPLICATIONS + REFERENCES
+    other = convergence(load_scenario().with_analysis(seed=2), runs=64)
+    for name, column in small.table.items():
+        assert column.tobytes() == again.table[name].tobytes()
+        assert (name == "runs") != np.all(column != other.table[name])
+
+
+@pytest.mark.parametrize("runs", [1, 0, 2**17 + 1, 10**9])
+def test_runs_beyond_the_limit(runs):
+    with pytest.raises(ScenarioError, match="runs must be a whole number not less than 2 and not"):
+        convergence(load_scenario(), runs=runs)
+
+
+def test_no_gradient_no_control():
+    result = convergence(scenario(**WEAK), runs=64)
+    for name, column in result.table.items():
+        assert np.isnan(column).all() == name.endswith("control")
+    (warning,) = result.warnings
+    assert warning == "there is no gradient, and so no linear model for a control, at 0 deg"
+    assert "undefined" in result.report[-1]
+    assert "undefined" not in result.report[-3]
+
+
+def test_no_uncertainty_no_error():
+    result = convergence(scenario(**NOTHING), runs=64)
+    assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
+    (warning,) = result.warnings
+    assert warning == "sigma of P_D is zero, and errors cannot be measured by it, at every pose"
+
+
+def test_poses_without_are_left_out():
+    """The radar below one pose of three, where there is no gradient."""
+    sweep = {"start": -1e-3, "stop": 1e-3, "step": 1e-3}
+    result = convergence(scenario(**WEAK | {"geometry__azimuth_deg": sweep}), runs=64)
+    assert result.warnings == (
+        "there is no gradient, and so no linear model for a control, at 0 deg; "
+        "the errors are those of the other poses",
+    )
+    assert all(np.isfinite(column).all() for column in result.table.values())
+
+
+def test_an_undefined_gradient_matters_only_if_uncertain():
+    certain = {"position_m": 0, "attitude_deg": 0}
+    level = {"only": {"position_m": 0, "constant": 2e-6}}
+    s = scenario(**WEAK | {"uncertainty": {"aircraft": certain, "radar": level}})
+    result = convergence(s, runs=64)
+    assert not result.warnings
+    assert np.all(result.table["error_mean_random_control"] > 0)
+
+
+# The figure and the command.
+
+
+@pytest.mark.parametrize("changes", [{}, WEAK, NOTHING], ids=["paper", "overhead", "nothing"])
+@pytest.mark.parametrize("runs", [2, 64])
+def test_layout(changes, runs):
+    figure = figures.draw(convergence(scenario(**changes), runs=runs))
+    FigureCanvasAgg(figure).draw()
+    assert len(figure.axes) == 3
+    (legend,) = figure.legends
+    box = legend.get_window_extent()
+    assert figure.bbox.x0 <= box.x0
+    assert box.x1 <= figure.bbox.x1
+    assert box.y1 <= figure.bbox.y1
+    for axes in figure.axes:
+        assert not box.overlaps(axes.get_window_extent())
+        assert axes.get_xscale() == "log"
+        assert axes.get_yscale() == ("linear" if changes is NOTHING else "log")
+        lines = axes.lines[: len(ESTIMATORS)]
+        assert len({line.get_marker() for line in lines}) == len(ESTIMATORS)  # tells them in grey
+        assert len({str(line._unscaled_dash_pattern) for line in lines}) == len(ESTIMATORS)
+        for text in axes.texts:
+            assert axes.get_window_extent().contains(*text.get_window_extent().min)
+            assert axes.get_window_extent().contains(*text.get_window_extent().max)
+    for kind in ("png", "pdf", "svg"):
+        assert figures.render(figure, kind)
+
+
+def test_the_slopes_are_what_they_say(small):
+    figure = figures.draw(small)
+    for axes, powers in zip(figure.axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
+        guides = axes.lines[len(ESTIMATORS) :]
+        for line, power in zip(guides, powers, strict=True):
+            x, y = line.get_data()
+            assert np.log(y[-1] / y[0]) / np.log(x[-1] / x[0]) == pytest.approx(power)
+
+
+def test_the_command(tool, monkeypatch):
+    monkeypatch.setattr(module, "DEFAULT_RUNS", 32)
+    code, out, err = tool("convergence", "--seed", 4, "--level", "high", "--format", "png")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[0].startswith("RMS error with 32 runs (high)")
+    assert [line.split("  ")[1] for line in out.splitlines()[2:6]] == [
+        "random",
+        "sobol",
+        "random, control",
+        "sobol, control",
+    ]
+    record = json.loads(Path("figures/paper_convergence.json").read_text())
+    assert (record["seed"], record["summary"]["repetitions"]) == (4, REPLICATIONS)
+    assert record["scenario"]["analysis"] == {"level": "high", "runs": 32, "seed": 4}
+    assert len(Path("figures/paper_convergence.csv").read_text().splitlines()) == 6
+
+
+def test_the_command_refuses(tool):
+    for args in (("--runs", "1e6"), ("--runs", "1"), ("--sampler", "sobol")):
+        code, out, err = tool("convergence", *args, "--out", "new")
+        assert (code, out, len(err.splitlines())) == (2, "", 1)
+        assert not Path("new").exists()
