@@ -430,8 +430,8 @@ def convergence(
 
     \b
     Examples:
-      radar-sense convergence
-      radar-sense convergence my.yaml --level high --runs 4096
+      radar-sense convergence --runs 4096
+      radar-sense convergence my.yaml --level high --runs 65536
     """
     from radar_sense.convergence import REFERENCES, REPLICATIONS
     from radar_sense.convergence import convergence as analyse

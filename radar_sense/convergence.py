@@ -388,7 +388,7 @@ def _cell(error: float, rate: float, equal: float) -> str:
 def _doubts(found: Convergence) -> tuple[str, ...]:
     undefined: NDArray[np.bool_] = np.isnan(found.estimates["random_control"][0, 0, 0])
     said = (
-        (undefined, "there is no gradient, and so no linear model for a control,"),
+        (undefined, "the gradient is undefined, and there is no control without a linear model,"),
         (~found.usable, "sigma of P_D is zero, and errors cannot be measured by it,"),
     )
     return tuple(

@@ -153,7 +153,7 @@ def test_a_linear_p_d_is_known_after_a_few_runs():
 
 
 @pytest.mark.parametrize("level", ["medium", "high"])
-@pytest.mark.parametrize(("kind", "runs", "times"), [("random", 64, 4000), ("sobol", 64, 400)])
+@pytest.mark.parametrize(("kind", "runs", "times"), [("random", 64, 2000), ("sobol", 64, 200)])
 def test_the_controlled_mean_and_variance_are_unbiased(kind, runs, times, level):
     """Over many repetitions of few runs, each within 4.5 standard errors."""
     s = scenario(geometry__azimuth_deg=THREE, analysis__level=level)
@@ -169,8 +169,8 @@ def test_the_controlled_mean_and_variance_are_unbiased(kind, runs, times, level)
     error = found.std(axis=0, ddof=1) / np.sqrt(times)
     z = (found.mean(axis=0) - [true[0], true[1] ** 2]) / error
     assert np.max(abs(z)) < 4.5
-    # and that can tell: of σ_pd the mean to 1 %, of its square to 3 %
-    assert np.all(error < np.array([[0.01], [0.03]]) * [true[1], true[1] ** 2] / 4.5)
+    # and that can tell: of σ_pd the mean to 1 %, of its square to 4 %
+    assert np.all(error < np.array([[0.01], [0.04]]) * [true[1], true[1] ** 2] / 4.5)
 
 
 def test_the_control_takes_off_the_error_what_is_correlated():
@@ -254,6 +254,33 @@ def test_the_reference_agrees_with_form(measured):
     assert np.all(measured.reference_error[:2] < 1e-3 * exact[1])
 
 
+def test_errors_are_root_mean_squares_in_units_of_sigma():
+    reference = np.array([[0.5, 0.6], [0.1, 0.2], [0.2, 0.1], [0.8, 0.9]])
+    off = np.zeros((3, 1, 4, 2))
+    off[0, 0] = [[0.03, 0.0], [0.0, 0.08], [0.03, 0.0], [0.0, 0.12]]
+    found = module.Convergence(
+        runs=np.array([8]),
+        theta_r_deg=np.zeros(2),
+        reference=reference,
+        reference_error=off[0, 0],
+        estimates={"random": reference + off},
+    )
+    # 0.3 σ, 0.4 σ, and 0.3 σ and 0.6 σ, at one of three repetitions and one of two poses
+    square = {"mean": 0.3**2 / 2, "std": 0.4**2 / 2, "quantile": (0.3**2 + 0.6**2) / 4}
+    for statistic in STATISTICS:
+        assert found.error("random", statistic) ** 2 == pytest.approx([square[statistic] / 3])
+        assert found.own_error(statistic) ** 2 == pytest.approx(square[statistic])
+
+
+def test_the_standard_error_of_the_reference_is_that_of_its_scatter():
+    s = load_scenario()
+    one, other = (measure(s.with_analysis(seed=i), 128, replications=1) for i in (1, 2))
+    error = np.hypot(one.reference_error, other.reference_error)
+    z = (one.reference - other.reference) / error
+    # Student's t squared with 14 degrees has the mean 14/12; the 76 are correlated
+    assert 0.6 < rms(z) < 1.6
+
+
 def test_rate_of_what_falls_as_a_power():
     runs = np.array([8, 16, 32, 64, 128])
     assert rate(runs, 3.0 * runs**-0.75) == pytest.approx(-0.75)
@@ -307,7 +334,10 @@ def test_no_gradient_no_control():
     for name, column in result.table.items():
         assert np.isnan(column).all() == name.endswith("control")
     (warning,) = result.warnings
-    assert warning == "there is no gradient, and so no linear model for a control, at 0 deg"
+    assert (
+        warning
+        == "the gradient is undefined, and there is no control without a linear model, at 0 deg"
+    )
     assert "undefined" in result.report[-1]
     assert "undefined" not in result.report[-3]
 
@@ -324,7 +354,7 @@ def test_poses_without_are_left_out():
     sweep = {"start": -1e-3, "stop": 1e-3, "step": 1e-3}
     result = convergence(scenario(**WEAK | {"geometry__azimuth_deg": sweep}), runs=64)
     assert result.warnings == (
-        "there is no gradient, and so no linear model for a control, at 0 deg; "
+        "the gradient is undefined, and there is no control without a linear model, at 0 deg; "
         "the errors are those of the other poses",
     )
     assert all(np.isfinite(column).all() for column in result.table.values())
@@ -363,8 +393,6 @@ def test_layout(changes, runs):
         for text in axes.texts:
             assert axes.get_window_extent().contains(*text.get_window_extent().min)
             assert axes.get_window_extent().contains(*text.get_window_extent().max)
-    for kind in ("png", "pdf", "svg"):
-        assert figures.render(figure, kind)
 
 
 def test_the_slopes_are_what_they_say(small):
