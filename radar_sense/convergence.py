@@ -17,8 +17,8 @@ known and is taken off what they say of P_D:
 
 The coefficient of the control is 1 throughout. So mean and variance are unbiased for any number of
 runs, and nothing has to be estimated. A coefficient by regression has a bias of the order 1/runs;
-measured on the paper's scenario at Medium and High it does not better the mean, and takes at most
-a tenth off the error of σ but for noise.
+measured on the paper's scenario at Medium and High it does not better the mean, and takes nothing
+to a fifth off the error of σ.
 
 What each is good for, measured on the paper's scenario with 16384 runs at Medium (High):
 
@@ -28,9 +28,10 @@ What each is good for, measured on the paper's scenario with 16384 runs at Mediu
   130 000 (60 000) times as many random draws do for the mean, 2200 (570) times as many for σ. Of
   the quantiles a few of a thousand draws decide: there it is 7 (7) times as many.
 - The control makes random draws worth 150 (45) times their number for the mean and 22 (7) for σ,
-  and takes half off the error of Sobol' points for the mean at Medium, but little at High. For the
-  quantiles it needs some 2000 runs, so that draws of L lie beyond; then random draws are about as
-  good with it as Sobol' points, for which it does next to nothing. It needs a gradient of P_D.
+  and takes half (a quarter) off the error of Sobol' points for the mean, a third (a tenth) off that
+  for σ. For the quantiles it needs some 2000 runs, so that draws of L lie beyond; then random draws
+  are about as good with it as Sobol' points, for which it does next to nothing. It needs a gradient
+  of P_D.
 """
 
 from __future__ import annotations
