@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-FIGURES := variance montecarlo sensitivity budget detectors
+FIGURES := variance montecarlo sensitivity budget detectors rcs convergence
 
 .PHONY: figures test bench lint format clean
 
