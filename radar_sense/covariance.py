@@ -116,6 +116,20 @@ def factor(covariance: FloatArray) -> FloatArray:
     return np.where(independent[..., np.newaxis, np.newaxis], diagonal, root)
 
 
+def symmetric_factor(covariance: FloatArray) -> FloatArray:
+    """Return F (..., n, n) with F Fᵀ = C, for a C that may be singular, that is continuous in C.
+
+    F is D S, with D the standard deviations and S the symmetric square root of the correlation
+    matrix; so it does not depend on units. Unlike the eigenvectors of `factor`, which can change
+    sign and order between nearly equal matrices, it can carry one error from pose to pose.
+    """
+    std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    values, vectors = np.linalg.eigh(_correlation(covariance))
+    scaled_vectors = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
+    root: FloatArray = std[..., np.newaxis] * (scaled_vectors @ np.swapaxes(vectors, -1, -2))
+    return root
+
+
 def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray:
     """Turn independent unit normals (..., n) into draws (..., n) with covariance F Fᵀ.
 

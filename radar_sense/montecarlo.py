@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from radar_sense.sampling import SAMPLERS, Source, check_sampler
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
+
+T = TypeVar("T")
 
 #: Samples of a block, about. A part of the result's definition: another value, other draws.
 SAMPLES_PER_BLOCK = 131_072
@@ -267,21 +270,30 @@ def monte_carlo(
 
 def _computed(blocks: _Blocks, workers: int, executor: Executor | None) -> Iterator[_Statistics]:
     """Compute all blocks and give their statistics in their order."""
+    return in_order(blocks.statistics, len(blocks), workers, executor)
+
+
+def in_order(
+    function: Callable[[int], T], count: int, workers: int, executor: Executor | None = None
+) -> Iterator[T]:
+    """Compute a function of 0 to count − 1 by threads, or an executor, and give it in order."""
     if executor:
-        yield from _in_order(executor, blocks, ahead=8 * workers)
+        yield from _submitted(executor, function, count, ahead=8 * workers)
     elif workers == 1:
-        yield from map(blocks.statistics, range(len(blocks)))
+        yield from map(function, range(count))
     else:
         with ThreadPoolExecutor(workers) as threads:
-            yield from _in_order(threads, blocks, ahead=2 * workers)
+            yield from _submitted(threads, function, count, ahead=2 * workers)
 
 
-def _in_order(executor: Executor, blocks: _Blocks, ahead: int) -> Iterator[_Statistics]:
-    """Keep a few blocks under way, so that memory does not grow with the number of blocks."""
-    waiting: deque[Future[_Statistics]] = deque()
+def _submitted(
+    executor: Executor, function: Callable[[int], T], count: int, ahead: int
+) -> Iterator[T]:
+    """Keep a few calls under way, so that memory does not grow with the number of them."""
+    waiting: deque[Future[T]] = deque()
     try:
-        for index in range(len(blocks)):
-            waiting.append(executor.submit(blocks.statistics, index))
+        for index in range(count):
+            waiting.append(executor.submit(function, index))
             if len(waiting) > ahead:
                 yield waiting.popleft().result()
         while waiting:

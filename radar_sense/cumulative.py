@@ -1,0 +1,670 @@
+"""Along a mission: probability that some look, or m of n looks in a row, has detected the aircraft.
+
+A look is one pulse, or one scan, at one time; those of several radars are one sequence. Given the
+states, looks are independent, and the probability of detection by look k is
+
+    P_c(k) = 1 − Π_{j≤k} (1 − P_j) = 1 − exp(−H_k), H_k = Σ_{j≤k} h_j, h_j = −ln(1 − P_j).
+
+The states are not known, and what is wrong with them is not independent from look to look. The
+radar's errors are constant during a mission. The aircraft's are a first-order Gauss–Markov process
+(A. Gelb, *Applied Optimal Estimation*, 1974, ch. 3): the pose at look i is x̄_i + F_i u_i with unit
+normals u of covariance exp(−|t_i − t_j|/τ) I, and F_i the symmetric factor of C_i, F_i F_iᵀ = C_i.
+At τ = 0 looks at different times have independent errors; at τ = ∞ all have the same. Two looks at
+one time see one pose, and share its error whatever τ is.
+
+H is the sum of functions of one look each. So to first order its variance is a double sum over the
+looks whose terms do not depend on k, and an exponential kernel needs but one pass over them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp
+
+from radar_sense.covariance import draws, factor, symmetric_factor, variance_along
+from radar_sense.model import DetectionModel
+from radar_sense.montecarlo import SAMPLES_PER_BLOCK, in_order
+from radar_sense.propagation import Spread, probit_moments
+from radar_sense.sampling import random_stream
+from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
+from radar_sense.statistics import RunningMoments, Tails
+
+#: Largest n of m-of-n, which keeps track of 2^(n−1) histories.
+MAX_WINDOW = 12
+
+#: Farther out in the tails than this nothing is left of a normal density.
+_FAR = 37.5
+_SQRT_2 = math.sqrt(2.0)
+_ROOT_2_OVER_PI = math.sqrt(2.0 / math.pi)
+
+
+class Model(Protocol):
+    """What is asked of a model: `DetectionModel`, a network, or `Interleaved`.
+
+    K looks are the first axis of the aircraft states, and m radars have 4m states.
+    """
+
+    def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
+        """P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
+        ...
+
+    def linearize_probit(
+        self, aircraft: FloatArray, radar: FloatArray, /
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Probits z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Interleaved:
+    """Several radars that look at times of their own, as the model of one sequence of looks.
+
+    Attributes:
+        models: The model of each of m radars.
+        which: The radar of each look (K,), 0 to m − 1.
+    """
+
+    models: tuple[DetectionModel, ...]
+    which: NDArray[np.intp]
+
+    def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
+        """P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
+        found = np.empty(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]))
+        for i, model in enumerate(self.models):
+            looks = self.which == i
+            found[looks] = model.p_d(aircraft[looks], radar[..., _states_of(i)])
+        return found
+
+    def linearize_probit(
+        self, aircraft: FloatArray, radar: FloatArray, /
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Probits z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
+        z, by_aircraft = np.empty(len(aircraft)), np.empty(aircraft.shape)
+        by_radar = np.zeros((len(aircraft), len(RADAR) * len(self.models)))
+        for i, model in enumerate(self.models):
+            looks, part = self.which == i, _states_of(i)
+            z[looks], by_aircraft[looks], by_radar[looks, part] = model.linearize_probit(
+                aircraft[looks], radar[part]
+            )
+        return z, by_aircraft, by_radar
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """A sequence of K looks, each linearized in its probit z = Φ⁻¹(P_D).
+
+    Attributes:
+        time: Times (K,) [s], which do not decrease.
+        probit: z (K,).
+        by_aircraft: Partials of z for the pose at that look (K, 6).
+        by_radar: Partials of z for the states of all radars (K, 4m).
+    """
+
+    time: FloatArray
+    probit: FloatArray
+    by_aircraft: FloatArray
+    by_radar: FloatArray
+
+    @property
+    def p_d(self) -> FloatArray:
+        """P_D of each look (K,)."""
+        p_d: FloatArray = ndtr(self.probit)
+        return p_d
+
+    @property
+    def hazard(self) -> FloatArray:
+        """Hazard h = −ln(1 − P_D) of each look (K,), to its own digits in both tails."""
+        hazard: FloatArray = -log_ndtr(-self.probit)
+        return hazard
+
+
+@dataclass(frozen=True, eq=False)
+class Cumulative:
+    """Probability of an event up to each look (K,), and its uncertainty.
+
+    Attributes:
+        p: Its probability with the nominal states.
+        mean: Mean of it over the errors of the states.
+        std: Standard deviation of it.
+        lower: Bound that it falls below with probability Φ(−β).
+        upper: Bound that it stays below with probability Φ(β).
+    """
+
+    p: FloatArray
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+def linearize_looks(model: Model, time: ArrayLike, aircraft: ArrayLike, radar: ArrayLike) -> Looks:
+    """Linearize every look of a sequence.
+
+    Args:
+        model: The model.
+        time: Times of the looks (K,) [s], which do not decrease.
+        aircraft: Nominal aircraft states (K, 6).
+        radar: Nominal states of the radars (4m,).
+
+    Raises:
+        ValueError: If a shape does not fit or the times decrease.
+    """
+    time, aircraft = _times(time), np.asarray(aircraft, dtype=float)
+    if aircraft.shape != (len(time), len(AIRCRAFT)):
+        raise ValueError(
+            f"aircraft states must have shape ({len(time)}, 6), one a look, got {aircraft.shape}"
+        )
+    return Looks(time, *model.linearize_probit(aircraft, np.asarray(radar, dtype=float)))
+
+
+def cumulative_p_d(p_d: ArrayLike) -> FloatArray:
+    """P_c (..., K) from P_D (..., K) of each look.
+
+    Small probabilities are right to their own digits. Where P_D rounds to 1, so does P_c; what is
+    left of 1 − P_c then is only to be had from probits, as `Looks.hazard`.
+    """
+    with np.errstate(divide="ignore"):  # ln(1 − 1) = −inf, and P_c is 1 from there on
+        log_miss = np.log1p(-np.asarray(p_d, dtype=float))
+    found: FloatArray = -np.expm1(np.cumsum(log_miss, axis=-1))
+    return found
+
+
+def cumulative_detection(
+    looks: Looks,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    correlation_time: float,
+    method: str = "probit",
+    beta: float = 3.0,
+) -> Cumulative:
+    """P_c up to each look, with its uncertainty to first order, in time proportional to K.
+
+    Args:
+        looks: The looks.
+        cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
+        cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
+        correlation_time: τ [s] of the pose errors, from 0 to infinity.
+        method: Name of the method, one of `METHODS`.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+
+    Raises:
+        ValueError: If there is no such method, a shape does not fit or a number is out of range.
+    """
+    hazard = np.cumsum(looks.hazard)
+    # dh/dz = φ(z)/Φ(−z), the inverse of Mills' ratio, which is finite where 1 − P_D rounds to 0
+    slope = _inverse_mills(looks.probit)
+    variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
+    by_radar = np.cumsum(slope[:, np.newaxis] * looks.by_radar, axis=0)
+    std = np.sqrt(variance + variance_along(by_radar, cov_radar))
+    z = -ndtri_exp(-hazard)
+    found = _method(method, beta)(z, std * np.exp(-hazard), std / _inverse_mills(z), beta)
+    return _certain(-np.expm1(-hazard), found, std)
+
+
+def track_initiation(
+    looks: Looks,
+    m: int,
+    n: int,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    correlation_time: float,
+    method: str = "probit",
+    beta: float = 3.0,
+) -> Cumulative:
+    """Probability that m of n looks in a row have detected, with its uncertainty to first order.
+
+    Time and memory grow with K², since this is no sum over looks; 1000 looks take some 0.5 s.
+
+    Args:
+        looks: The looks.
+        m: Detections needed.
+        n: Looks in a row that they must be within, at most `MAX_WINDOW`.
+        cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
+        cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
+        correlation_time: τ [s] of the pose errors, from 0 to infinity.
+        method: Name of the method, one of `METHODS`.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+
+    Raises:
+        ValueError: If there is no such method, a shape does not fit or a number is out of range.
+    """
+    p_d, miss = looks.p_d, ndtr(-looks.probit)
+    p, left = _forwards(p_d, miss, m, n)
+    # dP_D/dz = φ(z)
+    slope = _backwards(p_d, miss, m, n) * _density(looks.probit)
+    variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
+    # Rows end with their own look: the partials for later ones are 0.
+    std = np.sqrt(variance[..., -1] + variance_along(_sum_over(slope, looks.by_radar), cov_radar))
+    # Before look m no track is possible, and later it may be so sure that nothing is left of φ(z).
+    z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(left)), -_FAR, _FAR)
+    std_z = np.where(abs(z) < _FAR, std / _density(z), 0.0)
+    found = _method(method, beta)(z, std, std_z, beta)
+    return _certain(p, found, std)
+
+
+def _sum_over(slope: FloatArray, by_radar: FloatArray) -> FloatArray:
+    """Sum slope (k, K) times partials (K, 4m) over the looks; 0 · NaN is 0, a look to come."""
+    total: FloatArray = np.einsum("kj,ji->ki", slope, np.nan_to_num(by_radar))
+    unknown = np.maximum.accumulate(np.isnan(by_radar), axis=0)
+    return np.where(unknown, np.nan, total)
+
+
+def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Spread:
+    """First order in the probability itself. Its bounds may leave [0, 1].
+
+    Args:
+        z: Probit of the probability (K,).
+        std: Standard deviation of the probability to first order (K,).
+        std_z: Standard deviation of z to first order (K,).
+        beta: β.
+    """
+    p = ndtr(z)
+    return Spread(p, std, p - beta * std, p + beta * std)
+
+
+def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Spread:
+    """First order in the probit of the probability: for one look the method of that name."""
+    mean, deviation = probit_moments(z, std_z)
+    return Spread(mean, deviation, ndtr(z - beta * std_z), ndtr(z + beta * std_z))
+
+
+#: Methods: from z, σ, σ_z and β to mean, deviation and bounds.
+METHODS: Mapping[str, Callable[[FloatArray, FloatArray, FloatArray, float], Spread]] = {
+    "linear": linear,
+    "probit": probit,
+}
+
+
+def m_of_n(p_d: ArrayLike, m: int, n: int) -> FloatArray:
+    """Probability that some n looks in a row up to each look have had m detections or more.
+
+    Given P_D the looks are independent, and the outcomes of the last n − 1 are the state of a
+    Markov chain that success absorbs (J. C. Fu and M. V. Koutras, "Distribution theory
+    of runs: a Markov chain approach", J. Amer. Statist. Assoc. 89, 1994); so this is exact. Before
+    look n the window is what there has been.
+
+    Args:
+        p_d: P_D of each look (..., K).
+        m: Detections needed, 1 to n.
+        n: Looks in a row that they must be within, at most `MAX_WINDOW`.
+
+    Returns:
+        (..., K).
+
+    Raises:
+        ValueError: If m or n is out of range.
+    """
+    p_d = np.asarray(p_d, dtype=float)
+    return _forwards(p_d, 1.0 - p_d, m, n)[0]
+
+
+def m_of_n_gradient(p_d: ArrayLike, m: int, n: int) -> FloatArray:
+    """Partials of `m_of_n` up to look k for P_D of look j, (K, K) by k and j.
+
+    Args:
+        p_d: P_D of each look (K,).
+        m: Detections needed, 1 to n.
+        n: Looks in a row that they must be within, at most `MAX_WINDOW`.
+
+    Raises:
+        ValueError: If m or n is out of range.
+    """
+    p_d = np.asarray(p_d, dtype=float)
+    return _backwards(p_d, 1.0 - p_d, m, n)
+
+
+def _forwards(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArray, FloatArray]:
+    """Probability of m of n up to each look, and what is left to 1, from P_D and 1 − P_D (..., K).
+
+    Both are sums of what is not negative, so that each is right to its own digits.
+    """
+    detections = _histories(m, n)
+    weight = np.zeros((len(detections), *p_d.shape[:-1]))
+    weight[0] = 1.0
+    found, left = np.empty(p_d.shape), np.empty(p_d.shape)
+    total = np.zeros(p_d.shape[:-1])
+    for k in range(p_d.shape[-1]):
+        total = total + p_d[..., k] * weight[detections == m - 1].sum(axis=0)
+        weight = _advanced(weight, p_d[..., k], miss[..., k], detections, m)
+        found[..., k], left[..., k] = total, weight.sum(axis=0)
+    return found, left
+
+
+def _backwards(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> FloatArray:
+    """Partials (K, K) of `m_of_n`, from P_D and 1 − P_D (K,).
+
+    Forwards goes the probability of every history before look j, backwards that of success by look
+    k from every history after it; the partial is the difference that a detection at j makes to it.
+    Where success is likely, it is the probability of failure that goes backwards, lest the
+    difference be one of two numbers near 1.
+    """
+    detections = _histories(m, n)
+    looks, states = len(p_d), len(detections)
+    before = np.zeros((looks, states))
+    weight = np.zeros(states)
+    weight[0] = 1.0
+    found = np.zeros(looks)
+    for j in range(looks):
+        before[j] = weight
+        found[j] = found[j - 1] + p_d[j] * weight[detections == m - 1].sum()
+        weight = _advanced(weight, p_d[j], miss[j], detections, m)
+    likely = found > 0.5
+    after_miss = (2 * np.arange(states)) % states
+    after_hit = (after_miss + 1) % states
+    gradient = np.zeros((looks, looks))
+    later = np.repeat(np.where(likely, 1.0, 0.0)[:, np.newaxis], states, axis=1)
+    on_success = np.where(likely, 0.0, 1.0)[:, np.newaxis]
+    sign = np.where(likely, -1.0, 1.0)
+    for j in range(looks - 1, -1, -1):
+        hit = np.where(detections == m - 1, on_success[j:], later[j:, after_hit])
+        missed = later[j:, after_miss]
+        gradient[j:, j] = sign[j:] * np.sum((hit - missed) * before[j], axis=1)
+        later[j:] = p_d[j] * hit + miss[j] * missed
+    return gradient
+
+
+def _histories(m: int, n: int) -> NDArray[np.intp]:
+    """Number of detections in each history of the last n − 1 looks, the latest the lowest bit."""
+    if not 1 <= m <= n <= MAX_WINDOW:
+        raise ValueError(f"m of n must have 1 <= m <= n <= {MAX_WINDOW}, got {m} of {n}")
+    return np.array([state.bit_count() for state in range(2 ** (n - 1))])
+
+
+def _advanced(
+    weight: FloatArray, p_d: FloatArray, miss: FloatArray, detections: NDArray[np.intp], m: int
+) -> FloatArray:
+    """Probability of each history (states, ...) one look later, without success so far."""
+    states = len(detections)
+    if states == 1:  # m = n = 1: there is nothing to remember, and any detection is success
+        return weight * miss
+    going_on = weight.copy()
+    going_on[detections >= m - 1] = 0.0
+    later = np.empty_like(weight)
+    # The oldest outcome, the highest bit, is forgotten; the new one becomes the lowest.
+    later[0::2] = (weight[: states // 2] + weight[states // 2 :]) * miss
+    later[1::2] = (going_on[: states // 2] + going_on[states // 2 :]) * p_d
+    return later
+
+
+class Drawn(NamedTuple):
+    """Statistics of draws at each look, each (K,); the bounds are quantiles."""
+
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Mission:
+    """What draws of a whole mission show.
+
+    Attributes:
+        runs: Number of runs.
+        seed: Seed of the draws.
+        detection: P_c up to each look.
+        track: Probability of m-of-n up to each look, if it was asked for.
+        clipped: Number of radar constants that were drawn below zero and set to zero.
+        rank_error: By how many of the sorted draws the bounds are off at most; 0 where exact.
+    """
+
+    runs: int
+    seed: int
+    detection: Drawn
+    track: Drawn | None
+    clipped: int
+    rank_error: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """The runs of a mission, a block at a time."""
+
+    model: Model
+    aircraft: FloatArray
+    radar: FloatArray
+    factors: FloatArray
+    factor_radar: FloatArray
+    decay: FloatArray
+    fresh: FloatArray
+    m_of_n: tuple[int, int] | None
+    runs: int
+    runs_per_block: int
+    seed: int
+    tail: float
+
+    def statistics(self, index: int) -> tuple[list[tuple[RunningMoments, Tails]], int]:
+        """Draw a block of runs and keep what is needed of it."""
+        generator = random_stream(self.seed, index)
+        looks, width = len(self.aircraft), self.runs_per_block
+        # All of the block is drawn, so that more runs begin with the same ones.
+        white_radar = generator.standard_normal((width, len(self.radar)))
+        white = generator.standard_normal((looks, len(AIRCRAFT), width))
+        runs = min(width, self.runs - index * width)
+        radar = draws(self.radar, self.factor_radar, white_radar[:runs])
+        constants = radar[:, CONSTANT :: len(RADAR)]
+        clipped = int(np.count_nonzero(constants < 0))
+        constants[constants < 0] = 0.0
+        p_d = self.model.p_d(self._poses(white[..., :runs]), radar).T
+        parts = []
+        for rows in (_accumulated(p_d), *([m_of_n(p_d, *self.m_of_n)] if self.m_of_n else [])):
+            moments, tails = RunningMoments(looks), Tails(looks, self.runs, self.tail)
+            moments.add(rows)
+            tails.add(rows)
+            parts.append((moments, tails))
+        return parts, clipped
+
+    def _poses(self, white: FloatArray) -> FloatArray:
+        """Aircraft states (K, runs, 6) from independent unit normals (K, 6, runs), overwritten."""
+        for k in range(1, len(white)):
+            white[k] *= self.fresh[k - 1]
+            white[k] += self.decay[k - 1] * white[k - 1]
+        states = np.empty((len(AIRCRAFT), len(white), white.shape[-1]))
+        for i, state in enumerate(states):
+            state[:] = self.aircraft[:, i, np.newaxis]
+            for j in range(len(AIRCRAFT)):
+                weight = self.factors[:, i, j, np.newaxis]
+                if weight.any():
+                    state += weight * white[:, j]
+        return np.moveaxis(states, 0, -1)
+
+
+def mission_monte_carlo(
+    model: Model,
+    time: ArrayLike,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    correlation_time: float,
+    runs: int,
+    seed: int,
+    m_of_n: tuple[int, int] | None = None,
+    beta: float = 3.0,
+    workers: int = 1,
+    executor: Executor | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> Mission:
+    """Draw whole missions: the radars once a run, poses whose errors are correlated in time.
+
+    Args:
+        model: The model.
+        time: Times of the looks (K,) [s], which do not decrease.
+        aircraft: Nominal aircraft states (K, 6).
+        radar: Nominal states of the radars (4m,).
+        cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
+        cov_radar: C_rr (4m, 4m).
+        correlation_time: τ [s] of the pose errors, from 0 to infinity.
+        runs: Number of runs, two or more.
+        seed: Seed of the draws.
+        m_of_n: m and n, to have the probability of m-of-n too.
+        beta: β > 0; the quantiles are at Φ(−β) and Φ(β).
+        workers: Threads to compute with; of no influence on the result.
+        executor: Computes in place of threads; of no influence on the result.
+        progress: Called with the number of runs that have come in since the last call.
+
+    Raises:
+        ValueError: If a shape does not fit or a number is out of range.
+    """
+    time, aircraft, radar = _times(time), np.asarray(aircraft, float), np.asarray(radar, float)
+    if aircraft.shape != (len(time), len(AIRCRAFT)) or radar.ndim != 1:
+        raise ValueError(
+            f"aircraft and radar states must have shapes ({len(time)}, 6) and (4m,), "
+            f"got {aircraft.shape} and {radar.shape}"
+        )
+    if runs < 2 or not 0 < beta < math.inf:
+        raise ValueError(f"needs 2 runs or more and beta > 0, got {runs} and {beta}")
+    if m_of_n is not None:
+        _histories(*m_of_n)
+    decay, fresh = _correlation(time, correlation_time)
+    poses = len(time)
+    blocks = _Runs(
+        model=model,
+        aircraft=aircraft,
+        radar=radar,
+        factors=_factors(cov_aircraft, poses),
+        factor_radar=factor(np.asarray(cov_radar, dtype=float)),
+        decay=decay,
+        fresh=fresh,
+        m_of_n=m_of_n,
+        runs=runs,
+        runs_per_block=max(1, SAMPLES_PER_BLOCK // poses),
+        seed=seed,
+        tail=float(ndtr(-beta)),
+    )
+    events = 1 if m_of_n is None else 2
+    total = [(RunningMoments(poses), Tails(poses, runs, blocks.tail)) for _ in range(events)]
+    clipped = 0
+    count = -(-runs // blocks.runs_per_block)
+    for parts, negative in in_order(blocks.statistics, count, workers, executor):
+        for (moments, tails), (more, ends) in zip(total, parts, strict=True):
+            moments.merge(more)
+            tails.merge(ends)
+        clipped += negative
+        if progress:
+            progress(parts[0][0].count)
+    found = [Drawn(moments.mean, moments.std(), *tails.quantiles()) for moments, tails in total]
+    return Mission(
+        runs=runs,
+        seed=seed,
+        detection=found[0],
+        track=found[1] if m_of_n else None,
+        clipped=clipped,
+        rank_error=max(tails.rank_error for _, tails in total),
+    )
+
+
+def _accumulated(p_d: FloatArray) -> FloatArray:
+    """P_c (runs, K) from P_D (runs, K), as sums of what is not negative: no digits are lost."""
+    found = np.empty(p_d.shape)
+    total = np.zeros(len(p_d))
+    for k in range(p_d.shape[1]):
+        total += (1.0 - total) * p_d[:, k]
+        found[:, k] = total
+    return found
+
+
+def _pose_variance(
+    looks: Looks, slope: FloatArray, cov_aircraft: ArrayLike, correlation_time: float
+) -> FloatArray:
+    """Variance (..., K), up to each look, of Σ slope_j z_j from the errors of the poses.
+
+    With a_j = slope_j F_jᵀ ∂z_j/∂x and ρ_ij the correlation of looks i and j it is the double sum
+    V_k = Σ_{i,j≤k} a_i·a_j ρ_ij. As ρ_ik = ρ_ij ρ_jk for times i, j, k in order,
+    A_k = Σ_{i≤k} ρ_ik a_i = ρ_{k−1,k} A_{k−1} + a_k and V_k = V_{k−1} + a_k·(2 A_k − a_k).
+    """
+    factors = _factors(cov_aircraft, len(looks.time))
+    # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
+    partials = np.where(np.any(factors != 0, axis=-1), looks.by_aircraft, 0.0)
+    weights = np.einsum("kij,ki->kj", factors, partials)
+    decay, _ = _correlation(looks.time, correlation_time)
+    variance = np.zeros(slope.shape)
+    along, total = np.zeros((*slope.shape[:-1], len(AIRCRAFT))), np.zeros(slope.shape[:-1])
+    for k, weight in enumerate(weights):
+        if k:
+            along = decay[k - 1] * along
+        step = slope[..., k, np.newaxis] * weight
+        if slope.ndim > 1:  # a look to come has no part in what is before it, be it undefined
+            step[:k] = 0.0
+        along = along + step
+        total = total + np.sum(step * (2.0 * along - step), axis=-1)
+        variance[..., k] = total
+    # a double sum of a semidefinite kernel can round to just below zero
+    return np.maximum(variance, 0.0)
+
+
+def _correlation(time: FloatArray, correlation_time: float) -> tuple[FloatArray, FloatArray]:
+    """Correlation ρ (K − 1,) of each look's pose error with the next, and √(1 − ρ²)."""
+    if not correlation_time >= 0:
+        raise ValueError(f"correlation time must not be negative, got {correlation_time}")
+    step = np.diff(time)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        x = np.where(step > 0, step / correlation_time, 0.0)  # one time, one pose: also at τ = 0
+    return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))
+
+
+def _factors(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
+    """Symmetric factors (K, 6, 6) of C_aa."""
+    covariance = np.asarray(cov_aircraft, dtype=float)
+    n = len(AIRCRAFT)
+    if covariance.shape not in ((n, n), (looks, n, n)):
+        raise ValueError(
+            f"aircraft covariance must have shape (6, 6) or ({looks}, 6, 6), got {covariance.shape}"
+        )
+    return np.broadcast_to(symmetric_factor(covariance), (looks, n, n))
+
+
+def _times(time: ArrayLike) -> FloatArray:
+    time = np.asarray(time, dtype=float)
+    if time.ndim != 1 or not time.size or not np.isfinite(time).all() or np.any(np.diff(time) < 0):
+        raise ValueError("times of looks must be finite numbers (K,) that do not decrease")
+    return time
+
+
+def _method(
+    name: str, beta: float
+) -> Callable[[FloatArray, FloatArray, FloatArray, float], Spread]:
+    if name not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {name!r}")
+    if not 0 < beta < math.inf:
+        raise ValueError(f"beta must be positive, got {beta}")
+    return METHODS[name]
+
+
+def _certain(p: FloatArray, found: Spread, std: FloatArray) -> Cumulative:
+    """Where nothing is uncertain, not even the rounding is."""
+    mean, deviation, lower, upper = found
+    known = std == 0
+    return Cumulative(
+        p,
+        np.where(known, p, mean),
+        np.where(known, 0.0, deviation),
+        np.where(known, p, lower),
+        np.where(known, p, upper),
+    )
+
+
+def _inverse_mills(z: FloatArray) -> FloatArray:
+    """φ(z)/Φ(−z) (...), finite in both tails."""
+    found: FloatArray = _ROOT_2_OVER_PI / erfcx(z / _SQRT_2)
+    return found
+
+
+def _density(z: FloatArray) -> FloatArray:
+    """φ(z) (...)."""
+    found: FloatArray = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    return found
+
+
+def _states_of(radar: int) -> slice:
+    return slice(radar * len(RADAR), (radar + 1) * len(RADAR))
