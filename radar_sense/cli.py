@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from radar_sense import __version__
-from radar_sense.limits import ANY, RUNS, SEED, TARGET, Limit
+from radar_sense.limits import ANY, MAP_KM, MAP_STEP_KM, RUNS, SEED, TARGET, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses import Result
@@ -149,7 +149,7 @@ def cli() -> None:
     """How sure can you be of a radar's probability of detection?
 
     CONFIG is a scenario file; without it, the scenario of the paper is used.
-    Every analysis writes a CSV table, a figure, and a JSON record of how they were made.
+    Every analysis writes a CSV table (map: NPZ), a figure, and a JSON record of how they were made.
 
     \b
     Examples:
@@ -483,6 +483,81 @@ def rcs(command: list[str], /, config: Path | None, **output: Any) -> None:
     _run(command, lambda: analyse(scenario), **output)
 
 
+@cli.command("map")
+@_config
+@_level
+@click.option("--upper", is_flag=True, help="Show the upper 3-sigma bound in place of P_D.")
+@click.option(
+    "--method",
+    metavar="NAME",
+    help="Method for --upper: linear (the default), probit, or form.",
+)
+@click.option(
+    "--north-km",
+    nargs=2,
+    type=Number(MAP_KM),
+    help="South and north end.  [default: around radars and path]",
+)
+@click.option("--east-km", nargs=2, type=Number(MAP_KM), help="West and east end.")
+@click.option(
+    "--step-km", type=Number(MAP_STEP_KM), help="Distance of cells.  [default: 1/500 of a side]"
+)
+@click.option(
+    "--down-km", type=Number(MAP_KM), help="Down coordinate.  [default: the first pose's]"
+)
+@click.option(
+    "--course-deg",
+    type=Number(Limit(at_least=-360, at_most=360)),
+    help="Yaw of the aircraft.  [default: the first pose's]",
+)
+@_output
+@click.pass_obj
+def area_map(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    upper: bool,
+    method: str | None,
+    north_km: tuple[float, float] | None,
+    east_km: tuple[float, float] | None,
+    step_km: float | None,
+    down_km: float | None,
+    course_deg: float | None,
+    **output: Any,
+) -> None:
+    """P_D over an area at one height and course.
+
+    The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d, and
+    upper_3sigma with --upper.
+
+    \b
+    Examples:
+      radar-sense map
+      radar-sense map my.yaml --upper --method probit --step-km 5
+      radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45
+    """
+    from radar_sense import area
+
+    scenario = _scenario(config, level=level)
+    with _refusals():
+        cells = area.grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
+
+    def analyse() -> Result:
+        with _progress(math.prod(cells.shape), "cells") as advance:
+            return area.area_map(
+                scenario,
+                cells,
+                down_km=down_km,
+                course_deg=course_deg,
+                upper=upper,
+                method=method,
+                progress=advance,
+            )
+
+    _run(command, analyse, **output)
+
+
 @cli.command()
 @_config
 @_quiet
@@ -576,7 +651,8 @@ def _run(
     with _refusals():
         result = analyse()
     stem = output.stem(result)
-    files = {out / f"{stem}.csv": output.csv(result.table)}
+    ending, content = output.data(result)
+    files = {out / f"{stem}.{ending}": content}
     if not no_plot:
         from radar_sense import figures
 

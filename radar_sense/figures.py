@@ -21,12 +21,13 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from radar_sense.analyses import DISTINCT, P_FAS, Result
+from radar_sense.area import LEVELS
 from radar_sense.convergence import ESTIMATORS, STATISTICS
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.rcs_pattern import aspects, decibels, pattern
 from radar_sense.rcs_table import TableRCS
-from radar_sense.states import SOURCES, FloatArray
+from radar_sense.states import RADAR, SOURCES, FloatArray
 
 _STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -317,6 +318,59 @@ def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) 
     )
 
 
+def _map(result: Result) -> Figure:
+    table, scenario = result.table, result.scenario
+    north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
+    bounded = "upper_3sigma" in table
+    # A figure has room for no more cells than this; lines through more would take long.
+    every = max(1, -(-max(len(north), len(east)) // 1000))
+    north, east = north[::every], east[::every]
+    values = table["upper_3sigma" if bounded else "p_d"][::every, ::every]
+    half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
+    extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
+    shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
+
+    figure = Figure(figsize=(_WIDTH, min(8.0, 0.55 + 2.4 * shape)), layout="constrained")
+    axes = figure.subplots()
+    axes.grid(visible=False)
+    # cividis is as light as it is high, so that it reads the same in grey
+    image = axes.imshow(
+        values, origin="lower", extent=extent, cmap="cividis", vmin=0, vmax=1, aspect="equal"
+    )
+    name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
+    bar = figure.colorbar(
+        image,
+        ax=axes,
+        label=name if bounded else r"Probability of detection $P_D$",
+        extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
+        fraction=0.05,
+        pad=0.03,
+    )
+    drawn = [v for v in LEVELS if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
+    if drawn:
+        lines = axes.contour(
+            east,
+            north,
+            values,
+            drawn,
+            colors=["white" if v < 0.6 else "black" for v in drawn],
+            linestyles="-",
+            linewidths=0.8,
+        )
+        axes.clabel(lines, fmt="%g", fontsize=6.5)
+        for v in drawn:
+            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
+    path_north, path_east = scenario.aircraft[:, 0] / 1e3, scenario.aircraft[:, 1] / 1e3
+    _line(axes, path_east, path_north, (_BAND[0], "--"), label="path")
+    radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
+    axes.plot(
+        radars[:, 1], radars[:, 0], "^", color="white", mec="black", mew=0.7, ms=5.5, label="radar"
+    )
+    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
+    _legend(figure, axes)
+    return figure
+
+
 _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "variance": _variance,
     "montecarlo": _montecarlo,
@@ -327,6 +381,7 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "detectors": _detectors,
     "rcs": _rcs,
     "convergence": _convergence,
+    "map": _map,
 }
 
 

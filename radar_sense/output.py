@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -12,6 +13,8 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from radar_sense import __version__
 from radar_sense.analyses import Result
@@ -23,6 +26,20 @@ _PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
 def stem(result: Result) -> str:
     """Name of the result's files without folder and ending."""
     return f"{result.scenario.name}_{result.analysis}"
+
+
+def data(result: Result) -> tuple[str, bytes]:
+    """Ending and content of the file of a result's table: CSV, or NPZ for the planes of a map."""
+    if any(column.ndim > 1 for column in result.table.values()):
+        return "npz", npz(result.table)
+    return "csv", csv(result.table)
+
+
+def npz(table: Mapping[str, FloatArray]) -> bytes:
+    """Arrays by name, as `numpy.load` reads them; the same arrays give the same bytes."""
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **dict[str, Any](table))
+    return buffer.getvalue()
 
 
 def csv(table: Mapping[str, FloatArray]) -> bytes:
