@@ -1,0 +1,217 @@
+"""The map: cells against the model, bounds against propagate, the files and the figure."""
+
+import io
+import json
+import math
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scenarios import scenario
+
+import radar_sense as rs
+from radar_sense import area, figures, output
+from radar_sense.propagation import METHODS
+
+
+def small(s, **options):
+    return area.grid(s, north_km=(-600, 600), east_km=(-300, 700), step_km=50, **options)
+
+
+def test_cells_are_those_of_the_model():
+    s = scenario(aircraft__attitude_deg=[3, -2, 90], geometry__down_km=-4)
+    cells = small(s)
+    assert cells.shape == (25, 21)
+    p_d, bound = area.area(s, cells, down=-7e3, course=math.radians(20))
+    assert bound is None
+    assert p_d.dtype == np.float32
+    for i, j in ((0, 0), (3, 17), (24, 20), (12, 5)):
+        state = [cells.north[i], cells.east[j], -7e3, *np.deg2rad([3, -2, 20])]
+        np.testing.assert_allclose(p_d[i, j], s.model.p_d(state, s.radar), rtol=1e-7)
+    assert (cells.north[0], cells.north[-1], cells.east[0], cells.east[-1]) == (
+        -600e3, 600e3, -300e3, 700e3,
+    )  # fmt: skip
+    own, _ = area.area(s, cells)
+    state = [cells.north[3], cells.east[4], -4e3, *np.deg2rad([3, -2, 90])]
+    np.testing.assert_allclose(own[3, 4], s.model.p_d(state, s.radar), rtol=1e-7)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("level", ["low", "high"])
+def test_bound_is_that_of_propagate(method, level):
+    s = scenario().with_analysis(level=level)
+    cells = area.grid(s, north_km=(-600, 600), east_km=(10, 700), step_km=150)
+    _, bound = area.area(s, cells, method=method)
+    states = np.zeros((*cells.shape, 6))
+    states[..., 0], states[..., 1] = cells.north[:, None], cells.east
+    states[..., 2:] = s.aircraft[0, 2:]
+    expected = rs.propagate(
+        s.model, states, s.radar, s.cov_aircraft, s.cov_radar[level], method=method
+    ).upper
+    np.testing.assert_allclose(bound, expected, rtol=2e-7)
+
+
+def test_blocks_do_not_matter(monkeypatch):
+    s, said = scenario(), []
+    cells = small(s)
+    one = area.area(s, cells, method="probit", progress=said.append)
+    for size in (1, 10, 100):
+        monkeypatch.setattr(area, "BLOCK", size)
+        other = area.area(s, cells, method="probit", progress=said.append)
+        for a, b in zip(one, other, strict=True):
+            np.testing.assert_array_equal(a, b)
+    assert sum(said) == 4 * 25 * 21
+
+
+def test_the_default_grid_has_radar_and_path_in_it():
+    for s in (scenario(), scenario(radar__position_m=[2e6, -1e5, 0])):
+        cells = area.grid(s)
+        for axis, ends in enumerate((cells.north, cells.east)):
+            assert ends[0] < min(s.aircraft[:, axis].min(), s.radar[axis])
+            assert ends[-1] > max(s.aircraft[:, axis].max(), s.radar[axis])
+        assert cells.shape == (501, 501)
+
+
+def test_summary_and_report():
+    s = scenario(
+        aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
+        geometry__down_km=0,
+    )
+    cells = area.grid(s, north_km=(-1000, 1000), east_km=(-1000, 1000), step_km=4)
+    result = area.area_map(s, cells)
+    # With a constant RCS P_D falls with range alone: the areas are circles.
+    for level, found in result.summary["area_km2_at_or_above"].items():
+        low, high = 1.0, 1e7
+        for _ in range(100):
+            middle = math.sqrt(low * high)
+            p_d = s.model.p_d([middle, 0, 0, 0, 0, 0], s.radar)
+            low, high = (middle, high) if p_d >= float(level) else (low, middle)
+        assert found == pytest.approx(math.pi * (low / 1e3) ** 2, rel=2e-3)
+    assert result.summary["area_km2"] == 501**2 * 16
+    assert result.summary["shown"] == "p_d"
+    # the aircraft is at the radar in the cell in the middle
+    assert "1 of 251,001 cells" in result.warnings[0]
+    assert np.isnan(result.table["p_d"][250, 250])
+    assert set(result.table) == {"north_m", "east_m", "p_d"}
+
+
+def test_what_a_bound_cannot_be_is_said():
+    s = scenario().with_analysis(level="high")
+    linear = area.area_map(s, small(s), upper=True)
+    assert any("passes 1" in w for w in linear.warnings)
+    probit = area.area_map(s, small(s), upper=True, method="probit")
+    assert not any("passes 1" in w for w in probit.warnings)
+    assert probit.summary["shown"] == "upper_3sigma"
+    assert "high, probit" in probit.report[0]
+
+
+def test_command(tool):
+    args = [
+        "--north-km",
+        -610,
+        590,
+        "--step-km",
+        40,
+        "--format",
+        "png",
+        "--upper",
+        "--method",
+        "probit",
+    ]
+    code, out, err = tool("map", *args, "--down-km", -5, "--course-deg", 30)
+    assert (code, err) == (0, "")
+    for ending in ("npz", "png", "json"):
+        assert f"figures/paper_map.{ending}\n" in out
+    with np.load("figures/paper_map.npz") as data:
+        assert data["p_d"].shape == (len(data["north_m"]), len(data["east_m"])) == (31, 31)
+        assert data["p_d"].dtype == data["upper_3sigma"].dtype == np.float32
+        state = [data["north_m"][2], data["east_m"][3], -5e3, 0, 0, np.deg2rad(30)]
+        s = scenario()
+        np.testing.assert_allclose(data["p_d"][2, 3], s.model.p_d(state, s.radar), rtol=1e-7)
+        assert np.all(data["upper_3sigma"] >= data["p_d"])
+    record = json.loads(Path("figures/paper_map.json").read_text(encoding="utf-8"))
+    assert record["summary"]["cells"] == [31, 31]
+    assert record["summary"]["down_km"] == -5
+
+
+def test_the_same_map_is_the_same_bytes(monkeypatch):
+    s = scenario()
+    once = output.data(area.area_map(s, small(s)))
+    real = time.time
+    monkeypatch.setattr(time, "time", lambda: real() + 1e8)
+    assert output.data(area.area_map(s, small(s))) == once
+    assert once[0] == "npz"
+    assert np.load(io.BytesIO(once[1]))["p_d"].shape == (25, 21)
+
+
+@pytest.mark.parametrize(
+    ("args", "words"),
+    [
+        ("--north-km 5 1", "lesser to a greater"),
+        ("--north-km 5 5", "lesser to a greater"),
+        ("--east-km 1e9 2e9", "--east-km"),
+        ("--east-km 0 nan", "--east-km"),
+        ("--step-km 0", "--step-km"),
+        ("--step-km 0.001", "allowed are 25,000,000"),
+        ("--step-km 5000", "longer than a side"),
+        ("--north-km -1e-9 1e-9 --east-km -1e-9 1e-9", "step must be"),
+        ("--course-deg 400", "--course-deg"),
+        ("--down-km inf", "--down-km"),
+        ("--method form", "--upper"),
+        ("--upper --method frm", "did you mean 'form'"),
+        ("--level medum", "did you mean 'medium'"),
+    ],
+)
+def test_what_is_refused(tool, args, words):
+    code, out, err = tool("map", *args.split())
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 1
+    assert words in err
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}},
+        {"radar__position_m": [2e6, -1e5, 0]},
+        {"geometry__range_km": 1},  # detected everywhere: no line to draw
+        {"geometry__range_km": 20_000},
+    ],
+)
+@pytest.mark.parametrize("upper", [False, True])
+def test_figure(changes, upper):
+    s = scenario(**changes)
+    figure = figures.draw(area.area_map(s, area.grid(s), upper=upper))
+    figures.render(figure, "png")
+    axes, bar = figure.axes
+    assert axes.get_aspect() == 1
+    assert axes.get_xlabel() == "East [km]"
+    assert axes.get_ylabel() == "North [km]"
+    assert "P_D" in bar.get_ylabel()
+    (legend,) = figure.legends
+    assert [text.get_text() for text in legend.get_texts()] == ["path", "radar"]
+    box, page = legend.get_window_extent(), figure.bbox
+    assert not box.overlaps(axes.get_window_extent())
+    assert page.x0 <= box.x0 < box.x1 <= page.x1
+    (image,) = axes.images
+    low, high = axes.get_xlim()
+    assert low <= s.radar[1] / 1e3 <= high
+    # what is north is up, and what is east to the right
+    cells = area.grid(s)
+    assert image.get_extent()[0] == pytest.approx(
+        (cells.east[0] - 0.5 * (cells.east[1] - cells.east[0])) / 1e3
+    )
+    assert image.origin == "lower"
+
+
+def test_a_long_or_wide_map_still_fits():
+    s = scenario()
+    for north, east in (((-50, 900), (0, 90)), ((0, 90), (-600, 600))):
+        cells = area.grid(s, north_km=north, east_km=east, step_km=10)
+        figure = figures.draw(area.area_map(s, cells))
+        figures.render(figure, "png")
+        axes = figure.axes[0]
+        assert axes.get_window_extent().width > 20
+        assert axes.get_window_extent().height > 20

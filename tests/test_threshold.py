@@ -1,0 +1,83 @@
+"""The threshold test: margins, times above, and what is not known."""
+
+import numpy as np
+import pytest
+
+import radar_sense as rs
+from radar_sense.propagation import propagate_scenario
+from radar_sense.threshold import threshold_test
+
+
+def test_margin_and_poses():
+    upper = np.array([0.1, 0.3, 0.5, 0.7, 0.4])
+    found = threshold_test(upper, 0.5, [0, 1, 2, 4, 8])
+    np.testing.assert_allclose(found.margin, [0.4, 0.2, 0, -0.2, 0.1], atol=1e-15)
+    np.testing.assert_array_equal(found.violated, [False, False, False, True, False])
+    assert (found.first, found.worst, found.passed) == (3, 3, False)
+    # from 2, where it is reached, to 4, and then 2/3 of the way to 8
+    assert found.above == pytest.approx(2 + 4 * 2 / 3, rel=1e-14)
+    assert found.total == 8
+
+
+def test_equal_is_allowed():
+    found = threshold_test([0.5, 0.5], 0.5, [0, 3])
+    assert (found.passed, found.first, found.above, found.total) == (True, None, 0, 3)
+
+
+def test_time_above_is_that_of_the_broken_line():
+    """Against the line between poses, looked at in very many points."""
+    rng = np.random.default_rng(1)
+    for _ in range(50):
+        upper, coordinate = rng.uniform(0, 1.2, 12), np.cumsum(rng.uniform(0, 3, 12))
+        p_max = rng.uniform(0.05, 1)
+        found = threshold_test(upper, p_max, coordinate)
+        dense = np.linspace(coordinate[0], coordinate[-1], 200_001)
+        share = np.mean(np.interp(dense, coordinate, upper) > p_max)
+        assert found.above == pytest.approx(share * found.total, abs=24 * found.total / 200_000)
+        back = threshold_test(upper[::-1], p_max, -coordinate[::-1] * 2)
+        assert back.above == pytest.approx(2 * found.above, rel=1e-12, abs=1e-12)
+        falling = threshold_test(upper, p_max, -coordinate)
+        assert falling.above == pytest.approx(found.above, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("unknown", [np.nan, np.inf])
+def test_what_is_not_known_is_a_violation(unknown):
+    found = threshold_test([0.1, unknown, 0.1, 0.1], 0.5, [0, 1, 3, 7])
+    np.testing.assert_array_equal(found.violated, [False, True, False, False])
+    assert (found.first, found.worst, found.above) == (1, 1, 3)
+
+
+def test_one_pose():
+    assert threshold_test([0.9], 0.5, [7.0]).above == 0
+    assert threshold_test([0.9], 0.5, [7.0]).first == 0
+
+
+def test_methods_disagree_about_the_paper():
+    """At High the linear bound passes 1, so that no P_max would do; a quantile does not."""
+    scenario = rs.load_scenario().with_analysis(level="high")
+    linear, probit = (
+        threshold_test(propagate_scenario(scenario, method=m).upper, 1.0, scenario.theta_r_deg)
+        for m in ("linear", "probit")
+    )
+    assert linear.first is not None
+    assert scenario.theta_r_deg[linear.first] == pytest.approx(70, abs=10)
+    assert linear.above == pytest.approx(np.count_nonzero(linear.violated) * 0.5, abs=0.5)
+    assert probit.passed
+    assert linear.total == probit.total == 180
+
+
+@pytest.mark.parametrize(
+    ("upper", "p_max", "coordinate", "words"),
+    [
+        ([0.1], 0, [0], "p_max"),
+        ([0.1], 1.1, [0], "p_max"),
+        ([0.1], np.nan, [0], "p_max"),
+        ([0.1, 0.2], 0.5, [0], "shape"),
+        ([], 0.5, [], "shape"),
+        ([0.1, 0.2, 0.3], 0.5, [0, 2, 1], "in order"),
+        ([0.1, 0.2], 0.5, [0, np.nan], "in order"),
+    ],
+)
+def test_what_is_refused(upper, p_max, coordinate, words):
+    with pytest.raises(ValueError, match=words):
+        threshold_test(upper, p_max, coordinate)
