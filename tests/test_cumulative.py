@@ -211,6 +211,19 @@ def test_an_undefined_gradient_is_undefined_from_there_on():
             assert np.isfinite(found.std[:3]).all()
             assert np.isnan(found.std[3:]).all()
             assert np.isnan(found.upper[3:]).all()
+    # likewise where it is the radar alone that is not certain
+    certain = 0 * COV_AIRCRAFT, COV_RADAR["low"]
+    for found in (
+        cu.cumulative_detection(looks, *certain, correlation_time=9.0),
+        cu.track_initiation(looks, 2, 3, *certain, correlation_time=9.0),
+    ):
+        assert np.isfinite(found.std[:3]).all()
+        assert np.isnan(found.std[3:]).all()
+
+
+def test_where_nothing_is_uncertain_not_even_the_rounding_is():
+    time, aircraft = flight(60)
+    looks = cu.linearize_looks(MODEL, time, aircraft, RADAR)
     nothing = cu.cumulative_detection(looks, 0 * COV_AIRCRAFT, np.zeros((4, 4)), correlation_time=0)
     for values in (nothing.mean, nothing.lower, nothing.upper):
         np.testing.assert_array_equal(values, nothing.p)
@@ -324,6 +337,25 @@ def test_draws_of_poses_have_the_covariance_that_was_asked_for():
         found = states[i].T @ states[j] / runs
         scale = np.sqrt(np.outer(np.diag(cov[i]), np.diag(cov[j])))
         assert np.max(abs(found - expected) / scale) < 6 * math.sqrt(2 / runs)
+
+
+class Constant:
+    """A model that sees how often the radar constant is 0, and whether it is ever less."""
+
+    def p_d(self, aircraft, radar):
+        assert radar[..., 3].min() >= 0
+        return np.broadcast_to(radar[..., 3] == 0, (len(aircraft), len(radar))) + 0.0
+
+    linearize_probit = Linear.linearize_probit
+
+
+def test_constants_below_zero_are_set_to_zero_and_counted():
+    drawn = cu.mission_monte_carlo(
+        Constant(), [0.0, 1.0], np.zeros((2, 6)), np.array([0, 0, 0, 1.0]), np.eye(6), np.eye(4),
+        correlation_time=1.0, runs=3000, seed=1,
+    )  # fmt: skip
+    assert drawn.detection.mean == pytest.approx([drawn.clipped / 3000] * 2, rel=1e-12)
+    assert drawn.clipped == pytest.approx(3000 * ndtr(-1.0), abs=5 * math.sqrt(3000 * 0.16))
 
 
 @pytest.mark.parametrize("workers", [1, 3])
