@@ -179,7 +179,7 @@ def upper_bound(
 ) -> FloatArray:
     """Return `upper` of `propagate`, without the second order behind its warning if it can be.
 
-    By `linear` and `probit` this takes a fiftieth of the time.
+    By `linear` and `probit` this takes a hundredth of the time.
 
     Args:
         model: The detection model.

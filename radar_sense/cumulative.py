@@ -222,7 +222,7 @@ def track_initiation(
 ) -> Cumulative:
     """Probability that m of n looks in a row have detected, with its uncertainty to first order.
 
-    Time and memory grow with K², since this is no sum over looks; 1000 looks take some 0.5 s.
+    Time and memory grow with K², since this is no sum over looks; 2000 looks take some 0.6 s.
 
     Args:
         looks: The looks.
@@ -261,6 +261,9 @@ def _sum_over(slope: FloatArray, by_radar: FloatArray) -> FloatArray:
 def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Spread:
     """First order in the probability itself. Its bounds may leave [0, 1].
 
+    On the flight that `probit` is judged by, σ of P_c is wrong by 3, 7 and 19 % at most, its bounds
+    by 0.004, 0.010 and 0.036; for 3 of 5 by 2, 11 and 30 %, and by 0.007, 0.020 and 0.066.
+
     Args:
         z: Probit of the probability (K,).
         std: Standard deviation of the probability to first order (K,).
@@ -272,7 +275,13 @@ def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Sp
 
 
 def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Spread:
-    """First order in the probit of the probability: for one look the method of that name."""
+    """First order in the probit of the probability: for one look the method of that name.
+
+    Judged by 100,000 runs of 60 looks on a flight past the radar (as in the tests), with the levels
+    Low, Medium and High of the paper and τ of 0, 100 s and infinity: σ of P_c, where above 0.001,
+    is wrong by 0.7 % at most, the bounds by 0.004; for 3 of 5 looks σ by 1.0, 0.9 and 4.5 %, the
+    bounds by 0.002, 0.004 and 0.014. The runs' own noise is some 0.2 % of σ, and 0.03 σ in a bound.
+    """
     mean, deviation = probit_moments(z, std_z)
     return Spread(mean, deviation, ndtr(z - beta * std_z), ndtr(z + beta * std_z))
 
