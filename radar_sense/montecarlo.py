@@ -21,9 +21,10 @@ from scipy.special import ndtr
 from radar_sense.covariance import draws, factor
 from radar_sense.model import DetectionModel
 from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.radar_constant import Part, draw, normals
 from radar_sense.sampling import SAMPLERS, Source, check_sampler
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, FloatArray
+from radar_sense.states import CONSTANT, RADAR, FloatArray
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
 
 T = TypeVar("T")
@@ -98,6 +99,7 @@ class Sampler:
         radar: Nominal radar state (4,).
         factor_aircraft: F (6, 6) with F Fᵀ = C_aa.
         factor_radar: F (4, 4) with F Fᵀ = C_rr.
+        parts: What makes c_r uncertain, if that is known; c_r is then drawn as they make it.
     """
 
     model: DetectionModel
@@ -105,6 +107,7 @@ class Sampler:
     radar: FloatArray
     factor_aircraft: FloatArray
     factor_radar: FloatArray
+    parts: tuple[Part, ...] = ()
 
     @classmethod
     def of(cls, scenario: Scenario) -> Sampler:
@@ -115,18 +118,27 @@ class Sampler:
             radar=scenario.radar,
             factor_aircraft=factor(scenario.cov_aircraft),
             factor_radar=factor(scenario.cov_radar[scenario.level]),
+            parts=scenario.parts,
         )
+
+    @property
+    def radar_normals(self) -> int:
+        """Unit normals that a radar state takes, m: 4, or 3 and one for each part of c_r."""
+        return normals(self.parts)
 
     def draw_radar(self, white: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Draw radar states from unit normals.
 
         Args:
-            white: Unit normals (runs, 4).
+            white: Unit normals (runs, m).
 
         Returns:
             Radar states (runs, 4), and where c_r was drawn below zero and set to zero (runs,).
         """
-        radar = draws(self.radar, self.factor_radar, white)
+        radar = draws(self.radar, self.factor_radar, white[:, : len(RADAR)])
+        if self.parts:  # a parameter below zero has been set to zero, and c_r with it
+            radar[:, CONSTANT] = draw(self.radar[CONSTANT], self.parts, white[:, CONSTANT:])
+            return radar, radar[:, CONSTANT] == 0
         negative = radar[:, CONSTANT] < 0
         radar[negative, CONSTANT] = 0.0
         return radar, negative
@@ -231,9 +243,10 @@ def monte_carlo(
     poses = len(scenario.aircraft)
     # a power of two, as Sobol' points want it
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
+    states = Sampler.of(scenario)
     blocks = _Blocks(
-        sampler=Sampler.of(scenario),
-        source=SAMPLERS[sampler](scenario.seed, runs_per_block, poses),
+        sampler=states,
+        source=SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals),
         band=band,
         runs=scenario.runs,
         runs_per_block=runs_per_block,

@@ -76,6 +76,7 @@ def propagate(
     *,
     method: str = "linear",
     beta: float = 3.0,
+    log_constant: bool = False,
 ) -> Moments:
     """Mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
@@ -87,6 +88,8 @@ def propagate(
         cov_radar: C_rr (..., 4, 4), which may be singular. The four broadcast against each other.
         method: Name of the method.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+        log_constant: Whether ln c_r is Gaussian, with the relative deviation of C_rr, rather than
+            c_r. To first order that is the same.
 
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
@@ -94,7 +97,9 @@ def propagate(
     check_method(method)
     if not 0 < beta < np.inf:
         raise ValueError(f"beta must be positive, got {beta}")
-    shape, blocks = standardize(model, aircraft, radar, cov_aircraft, cov_radar)
+    shape, blocks = standardize(
+        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
+    )
     found = [METHODS[method](z, beta) for z in blocks]
     values = {f.name: np.concatenate([getattr(m, f.name) for m in found]) for f in fields(Moments)}
     for name in ("mean", "lower", "upper"):  # where nothing is uncertain, not even the rounding is
@@ -116,6 +121,7 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
         scenario.cov_radar[scenario.level],
         method=method,
         beta=beta,
+        log_constant=bool(scenario.parts),  # exact where all are in decibels
     )
 
 

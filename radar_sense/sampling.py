@@ -38,7 +38,7 @@ class Source(Protocol):
         """Unit normals of the first runs of a block.
 
         Returns:
-            For the radar (runs, 4) and for the aircraft (runs, n, 6).
+            For the radar (runs, m) and for the aircraft (runs, n, 6).
         """
         ...
 
@@ -51,17 +51,19 @@ class Random:
         seed: Seed of all streams.
         runs: Runs of a block.
         poses: Number of poses n.
+        radar: Unit normals that a radar state takes, m.
     """
 
     seed: int
     runs: int
     poses: int
+    radar: int = len(RADAR)
 
     def block(self, index: int, runs: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of the first runs of a block, (runs, 4) and (runs, n, 6)."""
+        """Unit normals of the first runs of a block, (runs, m) and (runs, n, 6)."""
         generator = random_stream(self.seed, index)
         # The radar's of the whole block, so that more runs begin with the same ones.
-        radar = generator.standard_normal((self.runs, len(RADAR)))
+        radar = generator.standard_normal((self.runs, self.radar))
         # In memory the components of a run one after the other: arithmetic goes by component.
         aircraft = generator.standard_normal((runs, len(AIRCRAFT), self.poses))
         return radar[:runs], np.moveaxis(aircraft, 1, -1)
@@ -69,13 +71,13 @@ class Random:
 
 @dataclass(frozen=True)
 class Sobol:
-    """Unit normals from a scrambled Sobol' sequence in the ten dimensions of the two states.
+    """Unit normals from a scrambled Sobol' sequence in the dimensions of the two states.
 
-    All poses share the sequence, and so the radar's draws. The aircraft's are made different at
-    every pose by a digital shift (an exclusive-or with random bits), under which a Sobol' sequence
-    remains one: at each pose the draws fill the ten dimensions evenly, while from pose to pose
-    their errors differ. (P. L'Ecuyer and C. Lemieux, "Recent advances in randomized quasi-Monte
-    Carlo methods", 2002.)
+    These are ten, and one more for each part of the radar constant beyond the first. All poses
+    share the sequence, and so the radar's draws. The aircraft's are made different at every pose by
+    a digital shift (an exclusive-or with random bits), under which a Sobol' sequence remains one:
+    at each pose the draws fill all dimensions evenly, while from pose to pose their errors differ.
+    (P. L'Ecuyer and C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002.)
 
     So what is said of each pose by itself is right. Of two poses together it is not: their draws of
     the aircraft are shifts of each other, not independent. Over many seeds the correlation is 0 in
@@ -85,23 +87,25 @@ class Sobol:
         seed: Seed of scrambling and shifts.
         runs: Runs of a block.
         poses: Number of poses n.
+        radar: Unit normals that a radar state takes, m.
     """
 
     seed: int
     runs: int
     poses: int
+    radar: int = len(RADAR)
 
     def block(self, index: int, runs: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of the first runs of a block, (runs, 4) and (runs, n, 6)."""
+        """Unit normals of the first runs of a block, (runs, m) and (runs, n, 6)."""
         from scipy.stats import qmc  # slow to import
 
         sequence = qmc.Sobol(
-            len(RADAR) + len(AIRCRAFT), bits=BITS, rng=random_stream(self.seed, _SCRAMBLE)
+            self.radar + len(AIRCRAFT), bits=BITS, rng=random_stream(self.seed, _SCRAMBLE)
         )
         if index:
             sequence.fast_forward(index * self.runs)
         points = (sequence.random(self.runs)[:runs] / _UNIT).astype(np.uint32)
-        radar, aircraft = np.split(points, [len(RADAR)], axis=1)
+        radar, aircraft = np.split(points, [self.radar], axis=1)
         shift = random_stream(self.seed, _SHIFT).integers(
             2**BITS, size=(len(AIRCRAFT), self.poses), dtype=np.uint32
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
@@ -30,20 +30,13 @@ from radar_sense.limits import (
     parameter_keys,
 )
 from radar_sense.model import DetectionModel
-from radar_sense.radar import SurveillanceRadar
+from radar_sense.radar import RADARS
+from radar_sense.radar_constant import Makeup, Part, read_makeup, relative_std
 from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
 from radar_sense.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.rcs_file import read_table
 from radar_sense.rcs_table import TableRCS
-from radar_sense.reader import (
-    LARGEST,
-    SMALLEST,
-    Entry,
-    ScenarioError,
-    did_you_mean,
-    parse,
-    read_file,
-)
+from radar_sense.reader import Entry, ScenarioError, did_you_mean, parse, read_file
 from radar_sense.states import FloatArray
 
 #: The RCS models that a scenario can name. Their keys are declared with their fields.
@@ -94,6 +87,8 @@ class Scenario:
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
         document: The file's content, checked and with defaults filled in, in the file's units.
+        constant_parts: What makes c_r uncertain, for the levels that say so; C_rr has it to first
+            order.
     """
 
     name: str
@@ -107,6 +102,12 @@ class Scenario:
     runs: int
     seed: int
     document: Mapping[str, Any]
+    constant_parts: Mapping[str, tuple[Part, ...]] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What makes c_r uncertain at the scenario's level; nothing if that is one number."""
+        return self.constant_parts.get(self.level, ())
 
     def resolved(self) -> dict[str, Any]:
         """Return the scenario as a document that reads back as this scenario."""
@@ -171,13 +172,15 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
             "a name of up to 100 letters A to Z, digits, '_', '-' or '.'",
         )
     }
-    radar, p_fa, detector, document["radar"] = _radar(found["radar"])
+    radar, makeup, p_fa, detector, document["radar"] = _radar(found["radar"])
     rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"])
     theta_r_deg, position, document["geometry"] = _geometry(found["geometry"])
     aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
     _refuse_collision(found["geometry"], theta_r_deg, aircraft, radar)
     _refuse_uncovered(found["geometry"], rcs, theta_r_deg, aircraft, radar)
-    cov_aircraft, cov_radar, document["uncertainty"] = _uncertainty(found["uncertainty"])
+    cov_aircraft, cov_radar, constant_parts, document["uncertainty"] = _uncertainty(
+        found["uncertainty"], makeup
+    )
     level, runs, seed = _analysis(found["analysis"], cov_radar)
     for array in (theta_r_deg, aircraft, radar, cov_aircraft, *cov_radar.values()):
         array.flags.writeable = False
@@ -193,28 +196,31 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         runs=runs,
         seed=seed,
         document=MappingProxyType(document),
+        constant_parts=MappingProxyType(constant_parts),
     )
 
 
-def _radar(entry: Entry) -> tuple[FloatArray, float, Detector, dict[str, Any]]:
-    found = entry.mapping(["position_m", "p_fa"], ["constant", "surveillance", "detector"])
-    if ("constant" in found) == ("surveillance" in found):
-        raise entry.error("needs one of the keys 'constant' and 'surveillance', and not both")
+def _radar(entry: Entry) -> tuple[FloatArray, Makeup | None, float, Detector, dict[str, Any]]:
+    found = entry.mapping(["position_m", "p_fa"], ["constant", *RADARS, "detector"])
+    given = [key for key in ("constant", *RADARS) if key in found]
+    if len(given) != 1:
+        *others, last = (f"'{key}'" for key in ("constant", *RADARS))
+        raise entry.error(
+            f"needs one of the keys {', '.join(others)} and {last}, and not "
+            + ("both" if len(given) < 3 else "more")
+        )
     document: dict[str, Any] = {"position_m": found["position_m"].numbers(3)}
+    makeup: Makeup | None = None
     if "constant" in found:
         document["constant"] = constant = found["constant"].number(POSITIVE)
     else:
-        surveillance, document["surveillance"] = found["surveillance"].instance(SurveillanceRadar)
-        constant = surveillance.constant()
-        if not SMALLEST <= constant <= LARGEST:
-            raise found["surveillance"].error(
-                f"makes the radar constant {constant:g} J m^2/K, "
-                f"allowed is {SMALLEST:g} to {LARGEST:g}"
-            )
+        makeup, document[given[0]] = read_makeup(found[given[0]], given[0])
+        constant = makeup.constant
     document["p_fa"] = found["p_fa"].number(PROBABILITY)
     document["detector"] = found["detector"].choice(DETECTORS) if "detector" in found else "north"
     detector = DETECTORS[document["detector"]]()
-    return np.array([*document["position_m"], constant]), document["p_fa"], detector, document
+    radar = np.array([*document["position_m"], constant])
+    return radar, makeup, document["p_fa"], detector, document
 
 
 def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
@@ -301,7 +307,9 @@ def _refuse_uncovered(
         )
 
 
-def _uncertainty(entry: Entry) -> tuple[FloatArray, dict[str, FloatArray], dict[str, Any]]:
+def _uncertainty(
+    entry: Entry, makeup: Makeup | None
+) -> tuple[FloatArray, dict[str, FloatArray], dict[str, tuple[Part, ...]], dict[str, Any]]:
     found = entry.mapping(["aircraft", "radar"])
     cov_aircraft, aircraft_document = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
     levels = found["radar"].named(
@@ -311,14 +319,19 @@ def _uncertainty(entry: Entry) -> tuple[FloatArray, dict[str, FloatArray], dict[
     if not levels:
         raise found["radar"].error("needs at least one level of uncertainty")
     cov_radar: dict[str, FloatArray] = {}
+    constant_parts: dict[str, tuple[Part, ...]] = {}
     radar_document: dict[str, Any] = {}
     for level, level_entry in levels.items():
-        cov_radar[level], radar_document[level] = _covariance(level_entry, _RADAR_PARTS)
-    return cov_aircraft, cov_radar, {"aircraft": aircraft_document, "radar": radar_document}
+        cov_radar[level], radar_document[level] = _covariance(level_entry, _RADAR_PARTS, makeup)
+        tolerances = radar_document[level].get("constant")
+        if makeup and isinstance(tolerances, dict):
+            constant_parts[level] = makeup.parts(tolerances)
+    documents = {"aircraft": aircraft_document, "radar": radar_document}
+    return cov_aircraft, cov_radar, constant_parts, documents
 
 
 def _covariance(
-    entry: Entry, parts: Sequence[tuple[str, int, float]]
+    entry: Entry, parts: Sequence[tuple[str, int, float]], makeup: Makeup | None = None
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Read one state's covariance: a key for each part, or `covariance` for all of it at once."""
     keys = [key for key, _, _ in parts]
@@ -334,10 +347,25 @@ def _covariance(
     documents: dict[str, Any] = {}
     start = 0
     for key, size, unit in parts:
-        part, documents[key] = _part(found[key], size)
+        if key == "constant" and found[key].is_mapping():
+            part, documents[key] = _tolerances(found[key], makeup)
+        else:
+            part, documents[key] = _part(found[key], size)
         total[start : start + size, start : start + size] = part * unit**2
         start += size
     return total, documents
+
+
+def _tolerances(entry: Entry, makeup: Makeup | None) -> tuple[FloatArray, dict[str, float]]:
+    """Read standard deviations of what c_r is made of; they give its variance to first order."""
+    if makeup is None:
+        raise entry.error(
+            f"must be {NOT_NEGATIVE}, got a mapping; standard deviations by parameter need "
+            f"{' or '.join(f'radar.{kind}' for kind in RADARS)} in place of radar.constant"
+        )
+    tolerances = makeup.read_tolerances(entry)
+    std = makeup.constant * relative_std(makeup.parts(tolerances))
+    return covariance.from_std([std]), tolerances
 
 
 def _part(entry: Entry, size: int) -> tuple[FloatArray, Any]:

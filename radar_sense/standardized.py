@@ -42,6 +42,7 @@ class Standardized:
         value: z(0) (m,).
         gradient: g (m, 10), NaN where z has none.
         curvature: λ (m, 10), NaN where it cannot be found.
+        log_constant: Whether it is ln c_r that is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
     """
 
     model: DetectionModel
@@ -53,10 +54,12 @@ class Standardized:
     value: FloatArray
     gradient: FloatArray
     curvature: FloatArray
+    log_constant: bool = False
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (k,) and its gradient (k, 10) at u (k, 10), each row for its pose (k,)."""
-        return _evaluate(self.model, self.aircraft[pose], self.radar[pose], self.factor[pose], u)
+        states = self.aircraft[pose], self.radar[pose]
+        return _evaluate(self.model, *states, self.factor[pose], u, self.log_constant)
 
     @property
     def floor(self) -> float:
@@ -70,6 +73,8 @@ def standardize(
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
     cov_radar: ArrayLike,
+    *,
+    log_constant: bool = False,
 ) -> tuple[tuple[int, ...], Iterator[Standardized]]:
     """Broadcast states and covariances against each other and standardize them block by block.
 
@@ -101,7 +106,8 @@ def standardize(
     def blocks() -> Iterator[Standardized]:
         for start in range(0, max(poses, 1), BLOCK):
             index = np.unravel_index(np.arange(start, min(start + BLOCK, poses)), grid)
-            yield _expand(model, *(view[index] for view in views))
+            states = (view[index] for view in views)
+            yield _expand(model, *states, log_constant=log_constant)
 
     return shape, blocks()
 
@@ -112,6 +118,8 @@ def _expand(
     radar: FloatArray,
     cov_aircraft: FloatArray,
     cov_radar: FloatArray,
+    *,
+    log_constant: bool,
 ) -> Standardized:
     n, both = len(AIRCRAFT), len(AIRCRAFT) + len(RADAR)
     root = np.zeros((len(aircraft), both, both))
@@ -121,14 +129,17 @@ def _expand(
     for i in range(both):
         u = np.zeros((len(aircraft), both))
         u[:, i] = STEP
-        ahead, behind = (_evaluate(model, aircraft, radar, root, v)[1] for v in (u, -u))
+        ahead, behind = (
+            _evaluate(model, aircraft, radar, root, v, log_constant)[1] for v in (u, -u)
+        )
         hessian[:, i] = (ahead - behind) / (2.0 * STEP)
     known = np.isfinite(hessian).all(axis=(1, 2))
     hessian[~known] = 0.0
     curvature, rotation = np.linalg.eigh((hessian + hessian.swapaxes(1, 2)) / 2.0)
     curvature[~known] = np.nan
     rotated = root @ rotation
-    value, gradient = _evaluate(model, aircraft, radar, rotated, np.zeros((len(aircraft), both)))
+    nominal = np.zeros((len(aircraft), both))
+    value, gradient = _evaluate(model, aircraft, radar, rotated, nominal, log_constant)
     return Standardized(
         model=model,
         aircraft=aircraft,
@@ -139,6 +150,7 @@ def _expand(
         value=value,
         gradient=gradient,
         curvature=curvature,
+        log_constant=log_constant,
     )
 
 
@@ -148,6 +160,7 @@ def _evaluate(
     radar: FloatArray,
     factor: FloatArray,
     u: FloatArray,
+    log_constant: bool = False,
 ) -> tuple[FloatArray, FloatArray]:
     """Return z (k,) and its gradient (k, 10) at u (k, 10).
 
@@ -158,10 +171,15 @@ def _evaluate(
     """
     shift = np.einsum("kij,kj->ki", factor, u)
     aircraft = aircraft + shift[:, : len(AIRCRAFT)]
-    radar = radar + shift[:, len(AIRCRAFT) :]
+    nominal, radar = radar, radar + shift[:, len(AIRCRAFT) :]
+    if log_constant:
+        growth = np.exp(shift[:, len(AIRCRAFT) + CONSTANT] / nominal[:, CONSTANT])
+        radar[:, CONSTANT] = nominal[:, CONSTANT] * growth
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
     radar[:, CONSTANT] -= below_zero
     value, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
+    if log_constant:  # ∂c_r/∂Δ
+        by_radar[:, CONSTANT] *= growth
     by_state = np.concatenate((by_aircraft, by_radar), axis=1)
     # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
     by_state = np.where(np.any(factor != 0, axis=-1), by_state, 0.0)

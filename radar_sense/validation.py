@@ -31,7 +31,7 @@ from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.reader import ScenarioError
 from radar_sense.sampling import random_stream
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray
 from radar_sense.statistics import binomial_interval
 
 #: Keeps the random streams apart from those of `monte_carlo`. Part of the result's definition.
@@ -285,7 +285,7 @@ class _Batches:
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
         """Radar states of a batch (draws, 4), and how many radar constants were set to zero."""
-        white = self._stream(number, 0).standard_normal((self.draws, len(RADAR)))
+        white = self._stream(number, 0).standard_normal((self.draws, self.sampler.radar_normals))
         radar, negative = self.sampler.draw_radar(white)
         return radar, int(np.count_nonzero(negative))
 
