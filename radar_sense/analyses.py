@@ -7,7 +7,7 @@ paper's columns alone; a method that is named adds columns of its own, its mean 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 
 from radar_sense import validation
-from radar_sense.error_budget import MONTE_CARLO, Allowance, allowances, error_budget
+from radar_sense.error_budget import (
+    MONTE_CARLO,
+    OF_CONSTANT,
+    Allowance,
+    allowances,
+    error_budget,
+    part_name,
+    scaled_moments,
+)
 from radar_sense.geometry import body_vector, slant_range
 from radar_sense.montecarlo import TAIL, WITHIN_3_SIGMA, MonteCarlo, monte_carlo
 from radar_sense.propagation import (
@@ -26,6 +34,7 @@ from radar_sense.propagation import (
     check_method,
     propagate_scenario,
 )
+from radar_sense.radar_constant import doubt
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import DETECTORS, Scenario
 from radar_sense.states import SOURCES, FloatArray
@@ -96,7 +105,7 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
             f"P_D runs from {at(low)} to {at(high)}",
             f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst)}",
         ),
-        warnings=_doubts(moments, method, theta),
+        warnings=(*_doubts(moments, method, theta), *_not_as_taken(scenario, method)),
     )
 
 
@@ -130,7 +139,10 @@ def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
         warnings=tuple(
             f"{level}: {doubt}"
             for level, m in moments.items()
-            for doubt in _doubts(m, method, theta)
+            for doubt in (
+                *_doubts(m, method, theta),
+                *_not_as_taken(scenario.with_analysis(level=level), method),
+            )
         ),
     )
 
@@ -173,6 +185,14 @@ def budget(
         if (place := where((dominant == i) & (total > 0), theta))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
+    parts = {key: 3 * std for key, std in found.parts.items()}
+    part_shares = {key: float(v[pose]) for key, v in found.part_shares().items()}
+    parts_ranked = sorted(parts, key=lambda key: parts[key][pose], reverse=True)
+    rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s))] for s in ranked}
+    rows[OF_CONSTANT] += [
+        _row(f"  {key}", float(parts[key][pose]), part_shares[key], errors.get(part_name(key)))
+        for key in parts_ranked
+    ]
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if target is not None:
@@ -180,6 +200,8 @@ def budget(
         inverse = {"target": _inverse_summary(target, at_deg, allowed)}
         inverse_report = _inverse_report(target, at_deg, allowed)
     warnings = [] if found.moments is None else [*_doubts(found.moments, method, theta)]
+    if method != MONTE_CARLO:
+        warnings += _not_as_taken(scenario, method)
     if _chosen(method) == "linear":
         warnings += _vanishing(three_sigma, total, theta)
     return Result(
@@ -194,6 +216,7 @@ def budget(
             **({} if method is None else {f"share_{s}": v for s, v in shares.items()}),
             **{f"total_index_{s}": v for s, v in (found.total_index or {}).items()},
             **{f"share_error_{s}": v for s, v in (found.share_error or {}).items()},
+            **{f"three_sigma_{part_name(key)}": values for key, values in parts.items()},
         },
         summary={
             "largest_three_sigma_total": worst,
@@ -201,15 +224,17 @@ def budget(
             "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
             "dominant": ranked[0],
             "dominates": dominates,
+            **_parts_summary({key: float(v[pose]) for key, v in parts.items()}, part_shares),
             **inverse,
         },
         report=(
             f"3 sigma of P_D ({_named(scenario.level, method)}) at {theta[pose]:g} deg, "
             "where the total is largest, and share of its variance:",
-            *(_row(s, at_worst[s], shares[s][pose], errors.get(s)) for s in ranked),
+            *(row for source in ranked for row in rows[source]),
             *_interaction_row(shares["interaction"][pose], errors.get("interaction")),
             _row("total", float(total[pose])),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
+            *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
             *inverse_report,
         ),
         warnings=(*warnings, *_correlated(three_sigma, total, method)),
@@ -265,7 +290,7 @@ def montecarlo(
                 f"the {name} band does not hold the 99.73 % of the draws that it should "
                 f"{where(off, theta)} (95 % confidence for all poses together)"
             )
-    warnings += _clipped(mc.clipped)
+    warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped))
     return Result(
         analysis="montecarlo",
         scenario=scenario,
@@ -350,7 +375,9 @@ def compare(
             ),
         ),
         warnings=tuple(
-            doubt for method, m in moments.items() for doubt in _doubts(m, method, theta)
+            doubt
+            for method, m in moments.items()
+            for doubt in (*_doubts(m, method, theta), *_not_as_taken(scenario, method))
         ),
         monte_carlo=mc,
     )
@@ -425,7 +452,11 @@ def validate(
             "radar_constants_set_to_zero": found.clipped,
         },
         report=tuple(report),
-        warnings=(*_doubts(found.moments, method, theta), *_clipped(found.clipped)),
+        warnings=(
+            *_doubts(found.moments, method, theta),
+            *_not_as_taken(scenario, method),
+            *_clipped(found.clipped),
+        ),
         passed=found.verdict == "validated",
     )
 
@@ -535,6 +566,12 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
     return (f"quantiles at the probability 0.00135 to within {share:.2%} of it",)
 
 
+def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
+    """Say so if the radar constant is not distributed as the method takes it to be."""
+    said = doubt(scenario.parts, _chosen(method)) if scenario.parts else None
+    return () if said is None else (said,)
+
+
 def _clipped(count: int) -> tuple[str, ...]:
     if not count:
         return ()
@@ -578,6 +615,29 @@ def _row(
     return f"  {name:21}{three_sigma:.4f}{_percent(share, error)}"
 
 
+def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]) -> dict[str, Any]:
+    """Return what the JSON record says of the parts of the radar constant, if it has any."""
+    if not three_sigma:
+        return {}
+    return {
+        "radar_constant_parts_at_largest": dict(three_sigma),
+        "shares_of_radar_constant_parts_at_largest": dict(shares),
+    }
+
+
+def _measure_better(
+    scenario: Scenario, method: str | None, ranked: Sequence[str], pose: int, total: float
+) -> tuple[str, ...]:
+    """Say which part of the radar constant is worth measuring better, and what that would bring."""
+    if not ranked or not total > 0:
+        return ()
+    said = f"of the radar constant, {ranked[0]} is what to measure better first"
+    if method == MONTE_CARLO:
+        return (said,)
+    halved = scaled_moments(scenario, _chosen(method), [part_name(ranked[0])], 0.5).std
+    return (f"{said}: with half its deviation the total would be {3 * halved[pose]:.4f}",)
+
+
 def _interaction_row(share: float, error: float | None) -> tuple[str, ...]:
     """Return a row for what no source does alone, unless there is nothing but rounding."""
     return () if not abs(share) > 1e-9 else (f"  {'interaction':27}{_percent(share, error)}",)
@@ -608,6 +668,8 @@ def _inverse_report(
         "deviations of one source, the others as they are, or of all together, by at most:"
     ]
     for source, allowance in found.items():
+        part = source.startswith(f"{OF_CONSTANT}_")
+        name = f"  {source.removeprefix(f'{OF_CONSTANT}_')}" if part else source
         if not allowance.known:
             said = "not known: this method has no answer"
             if allowance.factor:
@@ -623,5 +685,5 @@ def _inverse_report(
             said = "less than a millionth"
         else:
             said = f"{allowance.factor:.4g}"
-        lines.append(f"  {source:21}{said}")
+        lines.append(f"  {name:21}{said}")
     return lines

@@ -573,9 +573,13 @@ def check(config: Path | None, quiet: bool) -> None:
     """
     import yaml
 
+    from radar_sense.radar_constant import describe
+
     scenario = _scenario(config)
     if not quiet:
         click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
+        for level, parts in scenario.constant_parts.items():
+            click.echo(f"# {level}: {describe(scenario.radar[3], parts)}")
         # default_flow_style None: lists of numbers on one line, mappings spread out
         resolved = yaml.safe_dump(
             scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True

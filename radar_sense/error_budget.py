@@ -1,23 +1,28 @@
 """What the uncertainty of P_D is made of, and how small its sources would have to be.
 
-A source of the budget is a block of a state's covariance, see `states.SOURCES`.
+A source of the budget is a block of a state's covariance, see `states.SOURCES`. Where the scenario
+says what makes the radar constant uncertain, that source has parts, one for each parameter.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from radar_sense import covariance
 from radar_sense.propagation import Moments, check_method, propagate_scenario
+from radar_sense.radar_constant import draw, normals, relative_std
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.sobol import REPLICATES, sobol_indices
-from radar_sense.states import CONSTANT, SOURCES, FloatArray
+from radar_sense.states import CONSTANT, RADAR, SOURCES, FloatArray
 from radar_sense.wording import reached
+
+#: Begins the names of the parts of the radar constant, before their keys; itself the source.
+OF_CONSTANT = "radar_constant"
 
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
 MONTE_CARLO = "montecarlo"
@@ -40,7 +45,9 @@ class Budget:
             from each source with the others averaged out.
         moments: What the method says of the total; None by Sobol' indices.
         total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
-        share_error: Standard errors of the shares and of the interaction (n,), by Sobol' indices.
+        share_error: Standard errors of the shares, of the interaction, and of the shares of the
+            parts by `part_name` (n,), by Sobol' indices.
+        parts: Standard deviation from each part of the radar constant alone (n,), by its key.
     """
 
     mean: FloatArray
@@ -49,6 +56,12 @@ class Budget:
     moments: Moments | None = None
     total_index: Mapping[str, FloatArray] | None = None
     share_error: Mapping[str, FloatArray] | None = None
+    parts: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def part_shares(self) -> dict[str, FloatArray]:
+        """Shares of the variance by part of the radar constant alone (n,), NaN as `shares`."""
+        variance = np.where(self.std > 0, self.std**2, np.nan)
+        return {key: std**2 / variance for key, std in self.parts.items()}
 
     def shares(self) -> dict[str, FloatArray]:
         """Shares of the variance by source, and `interaction`, which makes them add up to 1 (n,).
@@ -78,11 +91,29 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
+    names = {part.key: part_name(part.key) for part in scenario.parts}
     alone = {
-        source: _scaled_moments(scenario, method, set(SOURCES) - {source}, 0.0).std
+        source: scaled_moments(scenario, method, set(SOURCES) - {source}, 0.0).std
         for source in SOURCES
     }
-    return Budget(mean=total.mean, std=total.std, alone=alone, moments=total)
+    parts = {
+        key: scaled_moments(
+            scenario, method, {*SOURCES, *names.values()} - {name, OF_CONSTANT}, 0.0
+        )
+        for key, name in names.items()
+    }
+    return Budget(
+        mean=total.mean,
+        std=total.std,
+        alone=alone,
+        moments=total,
+        parts={key: moments.std for key, moments in parts.items()},
+    )
+
+
+def part_name(key: str) -> str:
+    """Name of a part of the radar constant among the sources."""
+    return f"{OF_CONSTANT}_{key}"
 
 
 @dataclass(frozen=True)
@@ -119,7 +150,8 @@ def allowances(
         at: Azimuth of the only pose that counts [deg]; every pose if None.
 
     Returns:
-        An allowance for each source with the others as they are, and for "all" scaled together.
+        An allowance for each source with the others as they are, for each part of the radar
+        constant, as named by `part_name`, and for "all" sources scaled together.
 
     Raises:
         ScenarioError: If there is no pose at that azimuth.
@@ -127,10 +159,11 @@ def allowances(
     if at is not None:
         scenario = _only_at(scenario, at)
     theta = scenario.theta_r_deg
-    alone = error_budget(scenario, method).alone
+    found = error_budget(scenario, method)
+    parts = {part_name(key): std for key, std in found.parts.items()}
 
     def three_sigma(sources: Collection[str], factor: float) -> FloatArray:
-        return 3 * _scaled_moments(scenario, method, sources, factor).std
+        return 3 * scaled_moments(scenario, method, sources, factor).std
 
     def excess(log_factor: float, sources: Collection[str]) -> float:
         """Largest 3σ less the target; NaN where the method has no answer."""
@@ -169,7 +202,10 @@ def allowances(
         remains = three_sigma(sources, used)
         unknown = np.isnan(remains)
         pose = int(np.argmax(unknown if unknown.any() else reached(remains)))
-        others = {s: std[pose] for s, std in alone.items() if s not in sources}
+        others = {s: std[pose] for s, std in found.alone.items() if s not in sources}
+        if not parts.keys().isdisjoint(sources):  # the rest of the radar constant, part by part
+            del others[OF_CONSTANT]
+            others.update({s: std[pose] for s, std in parts.items() if s not in sources})
         return Allowance(
             factor=factor,
             remains=float(remains[pose]),
@@ -178,7 +214,8 @@ def allowances(
             known=known,
         )
 
-    return {**{source: allowance([source]) for source in SOURCES}, "all": allowance(list(SOURCES))}
+    each = {source: allowance([source]) for source in (*SOURCES, *parts)}
+    return {**each, "all": allowance(list(SOURCES))}
 
 
 def _only_at(scenario: Scenario, at: float) -> Scenario:
@@ -194,23 +231,39 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
     return dataclasses.replace(scenario, theta_r_deg=theta[pose], aircraft=scenario.aircraft[pose])
 
 
-def _scaled_moments(
+def scaled_moments(
     scenario: Scenario, method: str, sources: Collection[str], factor: float
 ) -> Moments:
-    """Propagate with the standard deviations of some sources multiplied by a factor."""
+    """Propagate with the standard deviations of some sources multiplied by a factor.
+
+    Args:
+        scenario: The scenario, at its level.
+        method: Method of propagation.
+        sources: Names in `states.SOURCES`, and of parts of the radar constant as by `part_name`.
+        factor: What to multiply by, not negative.
+    """
     level = scenario.level
     covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[level]}
-    for source in sources:
-        whose, components = SOURCES[source]
-        covariances[whose] = covariance.scaled(covariances[whose], components, factor)
-    scaled = dataclasses.replace(
-        scenario, cov_aircraft=covariances["aircraft"], cov_radar={level: covariances["radar"]}
+    scaled = [(*SOURCES[source], factor) for source in sources if source in SOURCES]
+    parts = [part for part in scenario.parts if part_name(part.key) in sources]
+    if parts:
+        whole = relative_std(scenario.parts)
+        others = relative_std([part for part in scenario.parts if part not in parts])
+        remains = np.hypot(others, factor * relative_std(parts))
+        scaled.append((*SOURCES[OF_CONSTANT], remains / whole if whole else 1.0))
+    for whose, components, by in scaled:
+        covariances[whose] = covariance.scaled(covariances[whose], components, by)
+    return propagate_scenario(
+        dataclasses.replace(
+            scenario, cov_aircraft=covariances["aircraft"], cov_radar={level: covariances["radar"]}
+        ),
+        method=method,
     )
-    return propagate_scenario(scaled, method=method)
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
-    evaluations = (len(SOURCES) + 4) * scenario.runs / REPLICATES * 2
+    parts = scenario.parts
+    evaluations = (len(SOURCES) + len(parts) + 4) * scenario.runs / REPLICATES * 2
     if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
         raise ScenarioError(
             f"{scenario.runs:,} runs of {len(scenario.aircraft):,} poses are more than fit into "
@@ -233,17 +286,23 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             "radar": (cov_radar, factor_radar),
         }[whose]
         root[components, components] = covariance.factor(matrix[components, components])
-    aircraft_inputs, radar_inputs = len(factor_aircraft), len(factor_radar)
-    groups = [
-        list(range(aircraft_inputs)[components])
-        if whose == "aircraft"
-        else list(range(aircraft_inputs, aircraft_inputs + radar_inputs)[components])
-        for whose, components in SOURCES.values()
-    ]
+    aircraft_inputs, radar_inputs = len(factor_aircraft), normals(parts)
+    inputs = {
+        "aircraft": range(aircraft_inputs),
+        "radar": range(aircraft_inputs, aircraft_inputs + radar_inputs),
+    }
+    groups = [list(inputs[whose][components]) for whose, components in SOURCES.values()]
+    if parts:  # the constant is all of them, and then each of them is a group by itself
+        of_constant = list(inputs["radar"][CONSTANT:])
+        groups[list(SOURCES).index(OF_CONSTANT)] = of_constant
+        groups += [[i] for i in of_constant]
 
     def p_d(white: FloatArray) -> FloatArray:
         aircraft = covariance.draws(np.zeros(6), factor_aircraft, white[:, :aircraft_inputs])
-        radar = covariance.draws(scenario.radar, factor_radar, white[:, aircraft_inputs:])
+        of_radar = white[:, aircraft_inputs:]
+        radar = covariance.draws(scenario.radar, factor_radar, of_radar[:, : len(RADAR)])
+        if parts:
+            radar[:, CONSTANT] = draw(scenario.radar[CONSTANT], parts, of_radar[:, CONSTANT:])
         radar[:, CONSTANT] = np.maximum(radar[:, CONSTANT], 0.0)
         return np.stack([scenario.model.p_d(pose + aircraft, radar) for pose in scenario.aircraft])
 
@@ -258,6 +317,14 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         total_index={s: indices.total[i] for i, s in enumerate(SOURCES)},
         share_error={
             **{s: indices.first_error[i] for i, s in enumerate(SOURCES)},
-            "interaction": np.sqrt(np.sum(indices.first_error**2, axis=0)),
+            "interaction": np.sqrt(np.sum(indices.first_error[: len(SOURCES)] ** 2, axis=0)),
+            **{
+                part_name(part.key): indices.first_error[i]
+                for i, part in enumerate(parts, start=len(SOURCES))
+            },
+        },
+        parts={
+            part.key: std * np.sqrt(np.maximum(first[i], 0.0))
+            for i, part in enumerate(parts, start=len(SOURCES))
         },
     )

@@ -8,6 +8,7 @@ keeps no global state and loads faster.
 from __future__ import annotations
 
 import io
+import itertools
 import re
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -23,6 +24,7 @@ from numpy.typing import NDArray
 from radar_sense.analyses import DISTINCT, P_FAS, Result
 from radar_sense.area import LEVELS
 from radar_sense.convergence import ESTIMATORS, STATISTICS
+from radar_sense.error_budget import OF_CONSTANT, part_name
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.rcs_pattern import aspects, decibels, pattern
@@ -128,6 +130,12 @@ def _budget(result: Result) -> Figure:
     for source, style in zip(SOURCES, _LINES, strict=False):
         label = source.replace("_", " ")
         _line(axes, theta, table[f"three_sigma_{source}"], style, label=label)
+    # What the radar constant is made of, thin and in its colour.
+    colour = _LINES[list(SOURCES).index(OF_CONSTANT)][0]
+    for part, (_, dashes) in zip(result.scenario.parts, itertools.cycle(_LINES), strict=False):
+        values = table[f"three_sigma_{part_name(part.key)}"]
+        _line(axes, theta, values, (colour, dashes), label=part.key)
+        axes.lines[-1].set_linewidth(0.6)
     _line(axes, theta, table["three_sigma_total"], ("black", "-"), label="total")
     axes.set_ylabel(r"$3\,\sigma_{pd}$")
     _from_zero(axes)

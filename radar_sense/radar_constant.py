@@ -145,6 +145,15 @@ def doubt(parts: Sequence[Part], method: str) -> str | None:
     )
 
 
+def describe(constant: float, parts: Sequence[Part]) -> str:
+    """Say in words how c_r is distributed, exactly and to first order."""
+    exact, first_order = shape(parts), constant * relative_std(parts)
+    return (
+        f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
+        f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
+    )
+
+
 def _shape(first: float, second: float, third: float) -> Shape:
     variance = max(second - first * first, 0.0)
     if variance <= 1e-12 * first * first:  # nothing but rounding

@@ -54,7 +54,8 @@ def sobol_indices(
 
     Args:
         function: From inputs (m, d) to outputs (s, m).
-        groups: Input numbers of each group; together they are all d inputs.
+        groups: Input numbers of each group; together they are all d inputs. A group may also be
+            listed with groups that are parts of it.
         samples: Base samples, rounded up to a power of two for each of the replicates. The function
             is evaluated g + 2 times as often.
         seed: Seed of the scramblings.
@@ -66,7 +67,7 @@ def sobol_indices(
     from scipy.stats import qmc
     from scipy.stats import sobol_indices as estimate
 
-    dimension = sum(len(group) for group in groups)
+    dimension = len(set().union(*groups))
     exponent = max(1, int(np.ceil(np.log2(samples / REPLICATES))))
     found = []
     for stream in np.random.SeedSequence(seed).spawn(REPLICATES):
