@@ -20,9 +20,9 @@ DECIBELS = Limit(at_least=-200, at_most=200)
 
 #: What stands below the power-aperture product in c_r, by the name that a scenario gives it. With a
 #: beam of solid angle λ²/A it is 4π (M. I. Skolnik, "Introduction to Radar Systems", 2001; MATLAB's
-#: radareqsearchpap). B. R. Mahafza ("Radar Systems Analysis and Design Using MATLAB", 2000) and the
-#: paper take (λ/D)² for it, with A = π D²/4 of a circular aperture: π/4 of that, and so 16. With
-#: 4π c_r is 1.05 dB larger.
+#: radareqsearchpap). B. R. Mahafza ("Radar Systems Analysis and Design Using MATLAB", 2000), and
+#: after him the paper, take (λ/D)² for it, with A = π D²/4 of a circular aperture: π/4 of that, and
+#: so 16. With 4π, as in the programs of his 3rd edition (2013), c_r is 1.05 dB larger.
 SEARCH_FACTORS: Mapping[str, float] = {"16": 16.0, "4pi": 4.0 * math.pi}
 
 
