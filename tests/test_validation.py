@@ -92,9 +92,9 @@ def paper(level="medium", **azimuth):
 def with_method(monkeypatch, **changes):
     """Change what the method says of a linear model: a function of it for each attribute."""
 
-    def said(model, *states, method, beta):
+    def said(model, *states, method, beta, **choices):
         if not isinstance(model, LinearModel):
-            return propagate(model, *states, method=method, beta=beta)
+            return propagate(model, *states, method=method, beta=beta, **choices)
         exact = model.moments(*states, beta)
         return dataclasses.replace(exact, **{k: f(getattr(exact, k)) for k, f in changes.items()})
 
