@@ -30,6 +30,7 @@ from radar_sense.radar_constant import (
 from radar_sense.rcs import ConstantRCS
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import load_scenario, parse_scenario
+from radar_sense.standardized import standardize
 from radar_sense.states import SOURCES
 
 SURVEILLANCE = {
@@ -410,6 +411,21 @@ def test_first_order_does_not_know_of_logarithms():
     np.testing.assert_array_equal(as_log.lower, propagate_scenario(s, method="form").lower)
 
 
+def test_gradient_of_z_where_ln_c_is_gaussian():
+    s = scenario()
+    _, blocks = standardize(
+        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["sheet"], log_constant=True
+    )
+    z = next(blocks)
+    pose = np.arange(len(s.aircraft))
+    u = np.random.default_rng(2).standard_normal((len(pose), 10))
+    gradient = z(u, pose)[1]
+    for i in range(10):
+        step = 1e-5 * np.eye(10)[i]
+        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
+        np.testing.assert_allclose(gradient[:, i], slope, rtol=1e-6, atol=1e-7)
+
+
 def test_validation_draws_the_true_distribution():
     d = described(steps={"start": 40, "stop": 40, "step": 1})
     found = analyses.validate(parse_scenario(text(d)), method="form", digits=1)
@@ -492,6 +508,9 @@ def test_indices_of_parts_by_monte_carlo():
     shares, errors = found.part_shares(), found.share_error
     for key in TOLERANCES["surveillance"]:
         assert errors[part_name(key)][0] < 0.02
+        assert shares[key][0] == pytest.approx(form.part_shares()[key][0], rel=0.35)
+    of_sources = [errors[source][0] for source in SOURCES]
+    assert errors["interaction"][0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)
     # what a part brings about alone, and averaged over the others, are not quite the same
     together = sum(share[0] for share in shares.values())
     whole = found.shares()["radar_constant"][0]
