@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from radar_sense import validation
+from radar_sense.axis import Axis
 from radar_sense.error_budget import (
     MONTE_CARLO,
     OF_CONSTANT,
@@ -81,19 +82,19 @@ class Result:
 
 def variance(scenario: Scenario, *, method: str | None = None) -> Result:
     """P_D along the geometry with its standard deviation and 3σ band."""
-    aircraft, radar, theta = scenario.aircraft, scenario.radar, scenario.theta_r_deg
+    aircraft, radar, axis = scenario.aircraft, scenario.radar, scenario.axis
     moments = propagate_scenario(scenario, method=_chosen(method))
     snr = scenario.model.snr(aircraft, radar)
     with np.errstate(divide="ignore"):  # no cross section, no signal: −inf dB
         snr_db = 10.0 * np.log10(snr)
-    low, high = trough(moments.p_d, theta), peak(moments.p_d, theta)
-    worst = peak(3 * moments.std, theta)
+    low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
+    worst = peak(3 * moments.std, axis)
     return Result(
         analysis="variance",
         scenario=scenario,
         method=_chosen(method),
         table={
-            "theta_r_deg": theta,
+            axis.key: axis.values,
             "range_m": slant_range(aircraft, radar),
             "rcs_m2": scenario.model.rcs.cross_section(body_vector(aircraft, radar)),
             "snr_db": snr_db,
@@ -102,28 +103,28 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
         },
         summary={"lowest_p_d": low, "highest_p_d": high, "largest_three_sigma": worst},
         report=(
-            f"P_D runs from {at(low)} to {at(high)}",
-            f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst)}",
+            f"P_D runs from {at(low, axis)} to {at(high, axis)}",
+            f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst, axis)}",
         ),
-        warnings=(*_doubts(moments, method, theta), *_not_as_taken(scenario, method)),
+        warnings=(*_doubts(moments, method, axis), *_not_as_taken(scenario, method)),
     )
 
 
 def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
     """3σ of P_D for every level of radar uncertainty."""
-    theta = scenario.theta_r_deg
+    axis = scenario.axis
     moments = {
         level: propagate_scenario(scenario.with_analysis(level=level), method=_chosen(method))
         for level in scenario.cov_radar
     }
-    worst = {level: peak(3 * m.std, theta) for level, m in moments.items()}
+    worst = {level: peak(3 * m.std, axis) for level, m in moments.items()}
     width = max(map(len, worst))
     return Result(
         analysis="sensitivity",
         scenario=scenario,
         method=_chosen(method),
         table={
-            "theta_r_deg": theta,
+            axis.key: axis.values,
             **{f"three_sigma_{level}": 3 * m.std for level, m in moments.items()},
             **{
                 key: column
@@ -134,13 +135,13 @@ def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
         summary={"largest_three_sigma": worst},
         report=(
             f"largest 3 sigma of P_D by level{_by(method)}:",
-            *(f"  {level:{width}}  {at(top)}" for level, top in worst.items()),
+            *(f"  {level:{width}}  {at(top, axis)}" for level, top in worst.items()),
         ),
         warnings=tuple(
             f"{level}: {doubt}"
             for level, m in moments.items()
             for doubt in (
-                *_doubts(m, method, theta),
+                *_doubts(m, method, axis),
                 *_not_as_taken(scenario.with_analysis(level=level), method),
             )
         ),
@@ -152,7 +153,7 @@ def budget(
     *,
     method: str | None = None,
     target: float | None = None,
-    at_deg: float | None = None,
+    only_at: float | None = None,
 ) -> Result:
     """3σ of P_D from each source of uncertainty alone, and from all together.
 
@@ -160,7 +161,8 @@ def budget(
         scenario: The scenario.
         method: A method of propagation, or "montecarlo" for Sobol' indices.
         target: With it, also how small each source must be for 3σ to stay within this.
-        at_deg: Azimuth of the only pose that counts for the target; every pose if None.
+        only_at: Place on the scenario's axis of the only pose that counts for the target; every
+            pose if None.
 
     Raises:
         ScenarioError: If there is no such method or pose, or the two do not go together.
@@ -168,13 +170,13 @@ def budget(
     check_method(_chosen(method), [MONTE_CARLO])
     if target is not None and method == MONTE_CARLO:
         raise ScenarioError(f"a target needs one of the methods {', '.join(METHODS)}")
-    if at_deg is not None and target is None:
-        raise ScenarioError("an azimuth for the target needs a target")
-    theta = scenario.theta_r_deg
+    if only_at is not None and target is None:
+        raise ScenarioError("a pose for the target needs a target")
+    axis = scenario.axis
     found = error_budget(scenario, _chosen(method))
     three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
     shares = found.shares()
-    worst = peak(total, theta)
+    worst = peak(total, axis)
     pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
     at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
     ranked = sorted(at_worst, key=at_worst.__getitem__, reverse=True)
@@ -182,7 +184,7 @@ def budget(
     dominates = {
         source: place
         for i, source in enumerate(SOURCES)
-        if (place := where((dominant == i) & (total > 0), theta))
+        if (place := where((dominant == i) & (total > 0), axis))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
     parts = {key: 3 * std for key, std in found.parts.items()}
@@ -196,20 +198,20 @@ def budget(
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if target is not None:
-        allowed = allowances(scenario, target, method=_chosen(method), at=at_deg)
-        inverse = {"target": _inverse_summary(target, at_deg, allowed)}
-        inverse_report = _inverse_report(target, at_deg, allowed)
-    warnings = [] if found.moments is None else [*_doubts(found.moments, method, theta)]
+        allowed = allowances(scenario, target, method=_chosen(method), at=only_at)
+        inverse = {"target": _inverse_summary(target, only_at, allowed, axis)}
+        inverse_report = _inverse_report(target, only_at, allowed, axis)
+    warnings = [] if found.moments is None else [*_doubts(found.moments, method, axis)]
     if method != MONTE_CARLO:
         warnings += _not_as_taken(scenario, method)
     if _chosen(method) == "linear":
-        warnings += _vanishing(three_sigma, total, theta)
+        warnings += _vanishing(three_sigma, total, axis)
     return Result(
         analysis="budget",
         scenario=scenario,
         method=_chosen(method),
         table={
-            "theta_r_deg": theta,
+            axis.key: axis.values,
             **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
             "three_sigma_total": total,
             **_mean(found.mean, method),
@@ -228,7 +230,7 @@ def budget(
             **inverse,
         },
         report=(
-            f"3 sigma of P_D ({_named(scenario.level, method)}) at {theta[pose]:g} deg, "
+            f"3 sigma of P_D ({_named(scenario.level, method)}) at {axis.at(pose)}, "
             "where the total is largest, and share of its variance:",
             *(row for source in ranked for row in rows[source]),
             *_interaction_row(shares["interaction"][pose], errors.get("interaction")),
@@ -251,7 +253,7 @@ def montecarlo(
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Monte Carlo draws of P_D against the 3σ band of a method."""
-    theta = scenario.theta_r_deg
+    axis = scenario.axis
     mc = monte_carlo(
         scenario,
         method=_chosen(method),
@@ -263,10 +265,10 @@ def montecarlo(
     pose = int(np.argmin(mc.coverage))
     overall = float(mc.coverage.mean())
     name = _band_name(method)
-    warnings = list(_doubts(mc.band, method, theta))
+    warnings = list(_doubts(mc.band, method, axis))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
-        "theta_r_deg": float(theta[pose]),
+        axis.key: float(axis.values[pose]),
     }
     summary: dict[str, Any] = {
         "runs": mc.runs,
@@ -275,11 +277,11 @@ def montecarlo(
         "coverage_overall": overall,
         "coverage_lowest": lowest_summary,
     }
-    lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {theta[pose]:g} deg"
+    lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}"
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
         # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
-        least, most = mc.coverage_interval(1 - 0.05 / len(theta))
+        least, most = mc.coverage_interval(1 - 0.05 / len(axis))
         off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
         lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest_summary["confidence_95"] = [float(low[pose]), float(high[pose])]
@@ -288,7 +290,7 @@ def montecarlo(
         if off.any():
             warnings.append(
                 f"the {name} band does not hold the 99.73 % of the draws that it should "
-                f"{where(off, theta)} (95 % confidence for all poses together)"
+                f"{where(off, axis)} (95 % confidence for all poses together)"
             )
     warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped))
     return Result(
@@ -296,7 +298,7 @@ def montecarlo(
         scenario=scenario,
         method=_chosen(method),
         table={
-            "theta_r_deg": theta,
+            axis.key: axis.values,
             **_band(mc.band),
             **_drawn(mc.mean, mc.std, mc.lower, mc.upper),
             "coverage_3sigma": mc.coverage,
@@ -305,7 +307,7 @@ def montecarlo(
         summary={
             **summary,
             "quantile_rank_error": mc.rank_error,
-            "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), theta),
+            "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), axis),
             "radar_constants_set_to_zero": mc.clipped,
         },
         report=(
@@ -328,16 +330,16 @@ def compare(
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Bounds of P_D by every method of propagation against those of Monte Carlo."""
-    theta = scenario.theta_r_deg
+    axis = scenario.axis
     mc = monte_carlo(
         scenario, sampler=sampler, workers=workers, executor=executor, progress=progress
     )
     moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
     worst = {
         method: {
-            "bounds": peak(np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper)), theta),
-            "sigma": peak(abs(m.std - mc.std), theta),
-            "mean": peak(abs(m.mean - mc.mean), theta),
+            "bounds": peak(np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper)), axis),
+            "sigma": peak(abs(m.std - mc.std), axis),
+            "mean": peak(abs(m.mean - mc.mean), axis),
         }
         for method, m in moments.items()
     }
@@ -345,7 +347,7 @@ def compare(
         analysis="compare",
         scenario=scenario,
         table={
-            "theta_r_deg": theta,
+            axis.key: axis.values,
             "p_d": mc.band.p_d,
             **_drawn(mc.mean, mc.std, mc.lower, mc.upper),
             **{
@@ -370,14 +372,15 @@ def compare(
             f"({scenario.level}, seed {mc.seed}{_points(mc)}):",
             f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
             *(
-                f"  {method:10}{at(w['bounds']):28}{at(w['sigma']):28}{at(w['mean'])}"
+                f"  {method:10}"
+                + "".join(f"{at(extreme, axis):28}" for extreme in w.values()).rstrip()
                 for method, w in worst.items()
             ),
         ),
         warnings=tuple(
             doubt
             for method, m in moments.items()
-            for doubt in (*_doubts(m, method, theta), *_not_as_taken(scenario, method))
+            for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
         ),
         monte_carlo=mc,
     )
@@ -392,7 +395,7 @@ def validate(
     progress: Callable[[int], None] | None = None,
 ) -> Result:
     """Verdict on a method of propagation by adaptive Monte Carlo, pose by pose."""
-    theta = scenario.theta_r_deg
+    axis = scenario.axis
     found = validation.validate(
         scenario, method=_chosen(method), digits=digits, workers=workers, progress=progress
     )
@@ -405,20 +408,20 @@ def validate(
         f"{name} 3-sigma interval ({scenario.level}), {digits} significant "
         f"digit{'s' if digits > 1 else ''}: "
         + ("validated" if found.verdict == "validated" else "NOT validated"),
-        f"  validated at {count} of {len(theta)} poses",
+        f"  validated at {count} of {len(axis)} poses",
     ]
-    if place := where(no_result, theta):
+    if place := where(no_result, axis):
         report.append(f"  no result {place}")
-    if place := where(found.refuted & ~no_result, theta):
+    if place := where(found.refuted & ~no_result, axis):
         report.append(f"  refuted {place}")
-    if place := where(found.undecided, theta):
+    if place := where(found.undecided, axis):
         report.append(f"  undecided {place}: the draws did not become stable")
-    worst = peak(ratio, theta)
+    worst = peak(ratio, axis)
     if not no_result.all():
         pose = int(np.argmax(reached(ratio)))
         report += [
             f"  farthest for what is allowed: {ratio[pose] * found.delta[pose]:.2g} "
-            f"at {theta[pose]:g} deg, where {found.delta[pose]:.1g} is",
+            f"at {axis.at(pose)}, where {found.delta[pose]:.1g} is",
             f"  coverage {np.nanmin(found.coverage):.2%} to {np.nanmax(found.coverage):.2%} "
             f"of {found.runs.min():,} to {found.runs.max():,} draws a pose, "
             f"{WITHIN_3_SIGMA:.2%} expected",
@@ -428,7 +431,7 @@ def validate(
         scenario=scenario,
         method=_chosen(method),
         table={
-            "theta_r_deg": theta,
+            axis.key: axis.values,
             **_band(found.moments),
             **_drawn(found.mc_mean, found.mc_std, found.mc_lower, found.mc_upper),
             "delta": found.delta,
@@ -453,7 +456,7 @@ def validate(
         },
         report=tuple(report),
         warnings=(
-            *_doubts(found.moments, method, theta),
+            *_doubts(found.moments, method, axis),
             *_not_as_taken(scenario, method),
             *_clipped(found.clipped),
         ),
@@ -477,7 +480,7 @@ def detectors(scenario: Scenario) -> Result:
         worst.append({"p_fa": p_fa, "error": float(errors[i]), "snr_db": float(SNR_DB[i])})
     snr = scenario.model.snr(scenario.aircraft, scenario.radar)
     north, exact = (DETECTORS[name]().p_d(snr, scenario.model.p_fa) for name in DISTINCT[:2])
-    at_poses = peak(abs(north - exact), scenario.theta_r_deg)
+    at_poses = peak(abs(north - exact), scenario.axis)
     return Result(
         analysis="detectors",
         scenario=scenario,
@@ -491,7 +494,7 @@ def detectors(scenario: Scenario) -> Result:
         report=(
             "largest error of North's approximation, its P_D less that of Marcum:",
             *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
-            f"at a pose of this scenario at most {at(at_poses)}",
+            f"at a pose of this scenario at most {at(at_poses, scenario.axis)}",
         ),
         warnings=(),
     )
@@ -533,7 +536,7 @@ def _band_name(method: str | None) -> str:
     return "linearized" if method in (None, "linear") else str(method)
 
 
-def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[str, ...]:
+def _doubts(moments: Moments, method: str | None, axis: Axis) -> tuple[str, ...]:
     """Say where the band of a method is not to be trusted."""
     name = _band_name(method)
     undefined = ~np.isfinite(moments.std)
@@ -551,7 +554,7 @@ def _doubts(moments: Moments, method: str | None, theta: FloatArray) -> tuple[st
             f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
     )
-    return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, theta)))
+    return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, axis)))
 
 
 def _points(mc: MonteCarlo) -> str:
@@ -578,14 +581,12 @@ def _clipped(count: int) -> tuple[str, ...]:
     return (f"the radar constant was drawn below zero and set to zero in {count} runs",)
 
 
-def _vanishing(
-    alone: Mapping[str, FloatArray], total: FloatArray, theta: FloatArray
-) -> tuple[str, ...]:
+def _vanishing(alone: Mapping[str, FloatArray], total: FloatArray, axis: Axis) -> tuple[str, ...]:
     """Say where first order reports (nearly) nothing for a source that matters elsewhere."""
     doubts = []
     for source, values in alone.items():
         part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
-        if place := where((part < VANISHING * part.max()) & (total > 0), theta):
+        if place := where((part < VANISHING * part.max()) & (total > 0), axis):
             doubts.append(
                 f"the gradient for {source} vanishes {place}: only effects of second order remain "
                 "there, which the linearized budget leaves out"
@@ -650,19 +651,25 @@ def _percent(share: float, error: float | None) -> str:
 
 
 def _inverse_summary(
-    target: float, at_deg: float | None, found: Mapping[str, Allowance]
+    target: float, only_at: float | None, found: Mapping[str, Allowance], axis: Axis
 ) -> dict[str, Any]:
     return {
         "three_sigma": target,
-        "at_deg": at_deg,
-        "allowances": {source: dataclasses.asdict(a) for source, a in found.items()},
+        f"at_{axis.unit}": only_at,
+        "allowances": {
+            source: {
+                axis.key if key == "place" else key: value
+                for key, value in dataclasses.asdict(allowance).items()
+            }
+            for source, allowance in found.items()
+        },
     }
 
 
 def _inverse_report(
-    target: float, at_deg: float | None, found: Mapping[str, Allowance]
+    target: float, only_at: float | None, found: Mapping[str, Allowance], axis: Axis
 ) -> list[str]:
-    place = "every pose" if at_deg is None else f"{at_deg:g} deg"
+    place = "every pose" if only_at is None else f"{axis.say(only_at)}"
     lines = [
         f"to keep 3 sigma within {target:g} at {place}, multiply the standard "
         "deviations of one source, the others as they are, or of all together, by at most:"
@@ -677,7 +684,7 @@ def _inverse_report(
         elif allowance.factor is None:
             said = (
                 f"no value of it alone is small enough: {allowance.remains:.4f} remains "
-                f"at {allowance.theta_r_deg:g} deg, most of it from {allowance.remains_from}"
+                f"at {axis.say(allowance.place)}, most of it from {allowance.remains_from}"
             )
         elif np.isinf(allowance.factor):
             said = "any factor"

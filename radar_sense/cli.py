@@ -267,7 +267,10 @@ def sensitivity(
     help="Say how small each source must be for 3 sigma to stay within X.",
 )
 @click.option(
-    "--at", metavar="DEG", type=Number(ANY), help="Azimuth that --target is for.  [default: all]"
+    "--at",
+    metavar="X",
+    type=Number(ANY),
+    help="Azimuth [deg], time [s] or distance [m] that --target is for.  [default: all]",
 )
 @_runs
 @_seed
@@ -299,7 +302,7 @@ def budget(
     scenario = _scenario(config, level=level, runs=runs, seed=seed)
     _run(
         command,
-        lambda: analyses.budget(scenario, method=method, target=target, at_deg=at),
+        lambda: analyses.budget(scenario, method=method, target=target, only_at=at),
         **output,
     )
 

@@ -38,7 +38,6 @@ What each is good for, measured on the paper's scenario with 16384 runs at Mediu
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -47,6 +46,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.analyses import Result
+from radar_sense.axis import Axis
 from radar_sense.limits import Limit
 from radar_sense.montecarlo import TAIL, Sampler
 from radar_sense.reader import ScenarioError
@@ -192,14 +192,14 @@ class Convergence:
 
     Attributes:
         runs: Numbers of runs (k,), each twice the one before.
-        theta_r_deg: Azimuth of the n poses [deg].
+        axis: Where the n poses are.
         reference: Mean, standard deviation, lower and upper quantile (4, n).
         reference_error: Their standard errors (4, n).
         estimates: By estimator, (repetitions, k, 4, n).
     """
 
     runs: NDArray[np.int64]
-    theta_r_deg: FloatArray
+    axis: Axis
     reference: FloatArray
     reference_error: FloatArray
     estimates: dict[str, FloatArray]
@@ -246,10 +246,8 @@ def measure(
         progress: Called with 1 whenever one of `replications` + REFERENCES parts is done.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
-    theta = scenario.theta_r_deg[poses]
-    sampler = Sampler.of(
-        dataclasses.replace(scenario, theta_r_deg=theta, aircraft=scenario.aircraft[poses])
-    )
+    some = scenario.part(poses)
+    sampler = Sampler.of(some)
     linear = LinearModel.of(sampler)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]
     seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + replications)
@@ -286,7 +284,7 @@ def measure(
     known = np.stack(references)
     return Convergence(
         runs=np.array(sizes),
-        theta_r_deg=theta,
+        axis=some.axis,
         reference=known.mean(axis=0),
         reference_error=known.std(axis=0, ddof=1) / np.sqrt(REFERENCES),
         estimates={name: np.stack([r[name] for r in repetitions]) for name in ESTIMATORS},
@@ -347,7 +345,7 @@ def convergence(
         summary={
             "runs": runs,
             "repetitions": REPLICATIONS,
-            "poses_deg": found.theta_r_deg.tolist(),
+            "poses": {found.axis.key: found.axis.values.tolist()},
             "reference_error": {s: found.own_error(s) for s in STATISTICS},
             "at_largest_runs": last,
         },
@@ -397,5 +395,5 @@ def _doubts(found: Convergence) -> tuple[str, ...]:
     return tuple(
         f"{words} {place}" + ("" if mask.all() else "; the errors are those of the other poses")
         for mask, words in said
-        if (place := where(mask, found.theta_r_deg))
+        if (place := where(mask, found.axis))
     )

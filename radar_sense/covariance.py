@@ -10,6 +10,9 @@ from radar_sense.states import FloatArray
 #: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
 TOLERANCE = 1e-9
 
+#: Matrices factored at a time; of no influence on the result.
+BLOCK = 16_384
+
 
 def from_std(std: ArrayLike) -> FloatArray:
     """Covariance (n, n) of independent components with standard deviations (n,)."""
@@ -107,9 +110,14 @@ def factor(covariance: FloatArray) -> FloatArray:
     The eigenvectors of the correlation matrix are used, so that metres beside radians cost no
     accuracy; for independent components F is the diagonal of standard deviations.
     """
+    if covariance.ndim > 2 and len(covariance) > BLOCK:  # so as not to need memory several times
+        parts = (covariance[i : i + BLOCK] for i in range(0, len(covariance), BLOCK))
+        return np.concatenate([factor(part) for part in parts])
     std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     diagonal = std[..., np.newaxis] * np.eye(std.shape[-1])
     independent = np.all((covariance == 0) | np.eye(std.shape[-1], dtype=bool), axis=(-2, -1))
+    if independent.all():
+        return diagonal
     values, vectors = np.linalg.eigh(_correlation(covariance))
     root: FloatArray = std[..., np.newaxis] * vectors
     root *= np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
@@ -138,17 +146,25 @@ def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray
 
     Args:
         mean: Mean of the draws, broadcast against them.
-        factor: F (n, n).
+        factor: F (n, n), or (k, n, n) for draws (..., k, n) that have one each.
         white: Independent unit normals (..., n).
     """
-    drawn = np.empty((len(factor), *white.shape[:-1]))
-    for i, weights in enumerate(factor):
-        np.multiply(white[..., i], weights[i], out=drawn[i])
-        for j in np.flatnonzero(weights):
-            if j != i:
-                drawn[i] += weights[j] * white[..., j]
+    size = factor.shape[-1]
+    drawn = np.empty((size, *white.shape[:-1]))
+    for i in range(size):
+        np.multiply(white[..., i], factor[..., i, i], out=drawn[i])
+        for j in range(size):
+            if j != i and np.any(factor[..., i, j]):
+                drawn[i] += factor[..., i, j] * white[..., j]
         drawn[i] += mean[..., i]
     return np.moveaxis(drawn, 0, -1)
+
+
+def component_first(matrices: FloatArray) -> FloatArray:
+    """Return matrices (..., n, n) with every entry [..., i, j] one contiguous run in memory."""
+    return np.moveaxis(
+        np.ascontiguousarray(np.moveaxis(matrices, (-2, -1), (0, 1))), (0, 1), (-2, -1)
+    )
 
 
 def _correlation(covariance: FloatArray) -> FloatArray:

@@ -7,7 +7,8 @@ says what makes the radar constant uncertain, that source has parts, one for eac
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+import itertools
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,7 +19,7 @@ from radar_sense.radar_constant import draw, normals, relative_std
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.sobol import REPLICATES, sobol_indices
-from radar_sense.states import CONSTANT, RADAR, SOURCES, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, SOURCES, FloatArray
 from radar_sense.wording import reached
 
 #: Begins the names of the parts of the radar constant, before their keys; itself the source.
@@ -124,14 +125,14 @@ class Allowance:
         factor: What to multiply its standard deviations by; below 1 it has to shrink. None if not
             even 0 is small enough, 0 if a millionth is not; infinite if a million is.
         remains: 3σ of P_D that remains with the source at `factor`, or at 0 if there is none.
-        theta_r_deg: Where it remains.
+        place: Where it remains, on the scenario's axis.
         remains_from: The largest of the other sources there; none if all are scaled together.
         known: False if the method has no answer, at no factor or beyond the one given.
     """
 
     factor: float | None
     remains: float
-    theta_r_deg: float
+    place: float
     remains_from: str | None
     known: bool = True
 
@@ -147,18 +148,17 @@ def allowances(
         scenario: The scenario, at its level.
         target: What 3σ of P_D is to stay within, positive.
         method: Method of propagation that says what 3σ is.
-        at: Azimuth of the only pose that counts [deg]; every pose if None.
+        at: Place on the scenario's axis of the only pose that counts; every pose if None.
 
     Returns:
         An allowance for each source with the others as they are, for each part of the radar
         constant, as named by `part_name`, and for "all" sources scaled together.
 
     Raises:
-        ScenarioError: If there is no pose at that azimuth.
+        ScenarioError: If there is no pose there.
     """
     if at is not None:
         scenario = _only_at(scenario, at)
-    theta = scenario.theta_r_deg
     found = error_budget(scenario, method)
     parts = {part_name(key): std for key, std in found.parts.items()}
 
@@ -209,7 +209,7 @@ def allowances(
         return Allowance(
             factor=factor,
             remains=float(remains[pose]),
-            theta_r_deg=float(theta[pose]),
+            place=float(scenario.axis.values[pose]),
             remains_from=max(others, key=others.__getitem__) if others else None,
             known=known,
         )
@@ -220,15 +220,14 @@ def allowances(
 
 def _only_at(scenario: Scenario, at: float) -> Scenario:
     """Return the scenario with a single pose of its."""
-    theta = scenario.theta_r_deg
-    nearest = int(np.argmin(abs(theta - at)))
-    if abs(theta[nearest] - at) > 1e-9:
+    axis = scenario.axis
+    pose = axis.find(at)
+    if pose is None:
         raise ScenarioError(
-            f"there is no pose at {at:g} deg, the nearest of {len(theta)} is at "
-            f"{theta[nearest]:g} deg"
+            f"there is no pose at {axis.say(at)}, the nearest of {len(axis)} is at "
+            f"{axis.at(axis.nearest(at))}"
         )
-    pose = slice(nearest, nearest + 1)
-    return dataclasses.replace(scenario, theta_r_deg=theta[pose], aircraft=scenario.aircraft[pose])
+    return scenario.part(slice(pose, pose + 1))
 
 
 def scaled_moments(
@@ -278,15 +277,16 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
                 f"level {scenario.level}: {whose} position and the rest of its state are "
                 "correlated; Sobol' indices need independent sources, use another method"
             )
-    factor_aircraft, factor_radar = np.zeros((6, 6)), np.zeros((4, 4))
+    factor_aircraft, factor_radar = np.zeros_like(scenario.cov_aircraft), np.zeros((4, 4))
     for whose, components in SOURCES.values():
         # each source on its own, so that no input serves two of them
         matrix, root = {
             "aircraft": (scenario.cov_aircraft, factor_aircraft),
             "radar": (cov_radar, factor_radar),
         }[whose]
-        root[components, components] = covariance.factor(matrix[components, components])
-    aircraft_inputs, radar_inputs = len(factor_aircraft), normals(parts)
+        block = (..., components, components)
+        root[block] = covariance.factor(matrix[block])
+    aircraft_inputs, radar_inputs = len(AIRCRAFT), normals(parts)
     inputs = {
         "aircraft": range(aircraft_inputs),
         "radar": range(aircraft_inputs, aircraft_inputs + radar_inputs),
@@ -298,13 +298,18 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         groups += [[i] for i in of_constant]
 
     def p_d(white: FloatArray) -> FloatArray:
-        aircraft = covariance.draws(np.zeros(6), factor_aircraft, white[:, :aircraft_inputs])
+        errors = _errors(factor_aircraft, white[:, :aircraft_inputs])
         of_radar = white[:, aircraft_inputs:]
         radar = covariance.draws(scenario.radar, factor_radar, of_radar[:, : len(RADAR)])
         if parts:
             radar[:, CONSTANT] = draw(scenario.radar[CONSTANT], parts, of_radar[:, CONSTANT:])
         radar[:, CONSTANT] = np.maximum(radar[:, CONSTANT], 0.0)
-        return np.stack([scenario.model.p_d(pose + aircraft, radar) for pose in scenario.aircraft])
+        return np.stack(
+            [
+                scenario.model.p_d(pose + error, radar)
+                for pose, error in zip(scenario.aircraft, errors, strict=False)
+            ]
+        )
 
     indices = sobol_indices(p_d, groups, samples=scenario.runs, seed=scenario.seed)
     std = np.sqrt(indices.variance)
@@ -328,3 +333,11 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             for i, part in enumerate(parts, start=len(SOURCES))
         },
     )
+
+
+def _errors(factor: FloatArray, white: FloatArray) -> Iterable[FloatArray]:
+    """Errors (m, 6) of the aircraft at pose after pose: one and the same, or one for each."""
+    mean = np.zeros(len(AIRCRAFT))
+    if factor.ndim == 2:
+        return itertools.repeat(covariance.draws(mean, factor, white))
+    return (covariance.draws(mean, root, white) for root in factor)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses import DISTINCT, P_FAS, Result
 from radar_sense.area import LEVELS
+from radar_sense.axis import Axis
 from radar_sense.convergence import ESTIMATORS, STATISTICS
 from radar_sense.error_budget import OF_CONSTANT, part_name
 from radar_sense.montecarlo import WITHIN_3_SIGMA
@@ -82,13 +83,13 @@ def render(figure: Figure, kind: str) -> bytes:
 
 
 def _variance(result: Result) -> Figure:
-    figure, (axes,) = _new(1)
-    table, theta = result.table, result.table["theta_r_deg"]
-    _line(axes, theta, table["p_d"], ("black", "-"), label=r"$P_D$")
+    figure, (axes,) = _new(1, result)
+    table, x = result.table, _x(result)
+    _line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
     axes.fill_between(
-        theta, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0
+        x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0
     )
-    _band(axes, theta, table["lower_3sigma"], table["upper_3sigma"], result)
+    _band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result)
     axes.set_ylabel(r"Probability of detection $P_D$")
     _legend(figure, axes)
     return figure
@@ -97,27 +98,27 @@ def _variance(result: Result) -> Figure:
 def _montecarlo(result: Result) -> Figure:
     if result.monte_carlo is None:
         raise ValueError("a Monte Carlo figure needs the draws")
-    mc, theta = result.monte_carlo, result.table["theta_r_deg"]
-    figure, (top, bottom) = _new(2)
+    mc, x = result.monte_carlo, _x(result)
+    figure, (top, bottom) = _new(2, result)
     shown = len(mc.hairs)
     label = f"{mc.runs} runs" if shown == mc.runs else f"{shown} of {mc.runs} runs"
-    _hairs(top, theta, mc.hairs, label)
-    _line(top, theta, mc.band.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
-    _band(top, theta, result.table["lower_3sigma"], result.table["upper_3sigma"], result)
+    _hairs(top, x, mc.hairs, label)
+    _line(top, x, mc.band.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
+    _band(top, x, result.table["lower_3sigma"], result.table["upper_3sigma"], result)
     top.set_ylabel(r"$P_D$")
-    _hairs(bottom, theta, mc.hairs - mc.band.p_d, label)
-    _band(bottom, theta, mc.band.lower - mc.band.p_d, mc.band.upper - mc.band.p_d, result)
+    _hairs(bottom, x, mc.hairs - mc.band.p_d, label)
+    _band(bottom, x, mc.band.lower - mc.band.p_d, mc.band.upper - mc.band.p_d, result)
     bottom.set_ylabel(r"Error $P_D - \bar P_D$")
     _legend(figure, top)
     return figure
 
 
 def _sensitivity(result: Result) -> Figure:
-    figure, (axes,) = _new(1)
+    figure, (axes,) = _new(1, result)
     levels = list(result.scenario.cov_radar)
     for i, level in enumerate(levels):
         values = result.table[f"three_sigma_{level}"]
-        _line(axes, result.table["theta_r_deg"], values, _LINES[i % len(_LINES)], label=level)
+        _line(axes, _x(result), values, _LINES[i % len(_LINES)], label=level)
     axes.set_ylabel(r"$3\,\sigma_{pd}$")
     _from_zero(axes)
     _legend(figure, axes)
@@ -125,18 +126,18 @@ def _sensitivity(result: Result) -> Figure:
 
 
 def _budget(result: Result) -> Figure:
-    figure, (axes,) = _new(1)
-    table, theta = result.table, result.table["theta_r_deg"]
+    figure, (axes,) = _new(1, result)
+    table, x = result.table, _x(result)
     for source, style in zip(SOURCES, _LINES, strict=False):
         label = source.replace("_", " ")
-        _line(axes, theta, table[f"three_sigma_{source}"], style, label=label)
+        _line(axes, x, table[f"three_sigma_{source}"], style, label=label)
     # What the radar constant is made of, thin and in its colour.
     colour = _LINES[list(SOURCES).index(OF_CONSTANT)][0]
     for part, (_, dashes) in zip(result.scenario.parts, itertools.cycle(_LINES), strict=False):
         values = table[f"three_sigma_{part_name(part.key)}"]
-        _line(axes, theta, values, (colour, dashes), label=part.key)
+        _line(axes, x, values, (colour, dashes), label=part.key)
         axes.lines[-1].set_linewidth(0.6)
-    _line(axes, theta, table["three_sigma_total"], ("black", "-"), label="total")
+    _line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
     axes.set_ylabel(r"$3\,\sigma_{pd}$")
     _from_zero(axes)
     _legend(figure, axes)
@@ -144,15 +145,15 @@ def _budget(result: Result) -> Figure:
 
 
 def _compare(result: Result) -> Figure:
-    figure, (top, bottom) = _new(2)
-    table, theta = result.table, result.table["theta_r_deg"]
+    figure, (top, bottom) = _new(2, result)
+    table, x = result.table, _x(result)
     ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
-    top.fill_between(theta, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
+    top.fill_between(x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
     for method, style in zip(METHODS, _LINES, strict=False):
         for end, drawn in ends.items():
             label = method if end == "upper" else None
-            _line(top, theta, table[f"{end}_3sigma_{method}"], style, label=label)
-            _line(bottom, theta, table[f"{end}_3sigma_{method}"] - drawn, style)
+            _line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
+            _line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
     top.set_ylabel(r"Bounds of $P_D$ at $\Phi(\pm 3)$")
     bottom.set_ylabel("Bounds less those\nof Monte Carlo")
     _legend(figure, top)
@@ -160,23 +161,23 @@ def _compare(result: Result) -> Figure:
 
 
 def _validate(result: Result) -> Figure:
-    figure, (top, bottom) = _new(2)
-    table, theta = result.table, result.table["theta_r_deg"]
+    figure, (top, bottom) = _new(2, result)
+    table, x = result.table, _x(result)
     for axes in (top, bottom):
         label = f"{result.method} validated" if axes is top else None
-        for left, right in _spans(table["validated"] > 0, theta):
+        for left, right in _spans(table["validated"] > 0, x):
             axes.axvspan(left, right, color="0.9", lw=0, label=label)
             label = None
     for end, style in zip(("lower", "upper"), _LINES, strict=False):
         distance = table[f"distance_{end}"] / table["delta"]
-        _line(top, theta, distance, style, label=f"{end} bound")
+        _line(top, x, distance, style, label=f"{end} bound")
     top.axhline(1.0, color="black", lw=0.8)
     top.set_yscale("log")
     top.set_ylabel(r"Distance from Monte Carlo [$\delta$]")
     expected = "99.73 %"
     bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=0.8, label=expected)
     bottom.fill_between(
-        theta,
+        x,
         100 * table["coverage_low"],
         100 * table["coverage_high"],
         color=_LINES[2][0],
@@ -189,7 +190,7 @@ def _validate(result: Result) -> Figure:
 
 
 def _detectors(result: Result) -> Figure:
-    figure, (top, bottom) = _new(2)
+    figure, (top, bottom) = _new(2, result)
     table, chosen = result.table, result.scenario.model.p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
@@ -282,7 +283,7 @@ def _rcs(result: Result) -> Figure:
 
 
 def _convergence(result: Result) -> Figure:
-    figure, panels = _new(len(STATISTICS))
+    figure, panels = _panels(len(STATISTICS))
     table, runs = result.table, result.table["runs"]
     marks = dict(zip(ESTIMATORS, ("o", "s", "^", "D"), strict=True))
     names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
@@ -393,15 +394,52 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
 }
 
 
-def _new(panels: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with panels below each other that share the azimuth axis."""
-    figure = Figure(figsize=(_WIDTH, 0.6 + 1.7 * panels), layout="constrained")
-    axes = list(figure.subplots(panels, 1, sharex=True, squeeze=False)[:, 0])
-    axes[-1].set_xlabel(r"Radar azimuth $\theta_r$ [deg]")
-    axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=[1, 1.5, 2, 3, 4.5, 6, 9, 10]))
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    """Make a figure with panels below each other that share an axis."""
+    figure = Figure(figsize=(_WIDTH, 0.6 + 1.7 * count), layout="constrained")
+    return figure, list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+
+
+def _new(panels: int, result: Result) -> tuple[Figure, list[Axes]]:
+    """Make a figure with panels below each other that share the axis of the poses."""
+    figure, axes = _panels(panels)
+    shown = _shown(result.scenario.axis)
+    axes[-1].set_xlabel(shown.label)
+    axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
     for ax in axes:
         ax.margins(x=0)
     return figure, axes
+
+
+class _Shown(NamedTuple):
+    """How an axis is drawn: its label, the size of its unit in that of `Axis`, and its ticks."""
+
+    label: str
+    unit: float
+    steps: Sequence[float]
+
+
+_TENS = (1, 2, 2.5, 5, 10)
+_SIXTIES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
+
+
+def _shown(axis: Axis) -> _Shown:
+    """Choose the unit of an axis by how far it reaches."""
+    span = float(np.ptp(axis.values))
+    if axis.key == "time_s":
+        units = (("h", 3600.0, _TENS), ("min", 60.0, _SIXTIES), ("s", 1.0, _SIXTIES))
+        name, unit, steps = next(u for u in units if span >= 4 * u[1] or u[1] == 1)
+        return _Shown(f"Time [{name}]", unit, steps)
+    if axis.key == "distance_m":
+        name, unit = ("km", 1e3) if span >= 4e3 else ("m", 1.0)
+        return _Shown(f"Distance flown [{name}]", unit, _TENS)
+    return _Shown(r"Radar azimuth $\theta_r$ [deg]", 1.0, _SIXTIES)
+
+
+def _x(result: Result) -> FloatArray:
+    """Where the poses are drawn."""
+    axis = result.scenario.axis
+    return axis.values / _shown(axis).unit
 
 
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.covariance import draws, factor
+from radar_sense.covariance import component_first, draws, factor
 from radar_sense.model import DetectionModel
 from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.radar_constant import Part, draw, normals
@@ -97,7 +97,7 @@ class Sampler:
         model: The detection model.
         aircraft: Nominal aircraft states (n, 6).
         radar: Nominal radar state (4,).
-        factor_aircraft: F (6, 6) with F Fᵀ = C_aa.
+        factor_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
         factor_radar: F (4, 4) with F Fᵀ = C_rr.
         parts: What makes c_r uncertain, if that is known; c_r is then drawn as they make it.
     """
@@ -116,7 +116,7 @@ class Sampler:
             model=scenario.model,
             aircraft=scenario.aircraft,
             radar=scenario.radar,
-            factor_aircraft=factor(scenario.cov_aircraft),
+            factor_aircraft=component_first(factor(scenario.cov_aircraft)),
             factor_radar=factor(scenario.cov_radar[scenario.level]),
             parts=scenario.parts,
         )
@@ -154,7 +154,9 @@ class Sampler:
         Returns:
             P_D (runs, poses).
         """
-        aircraft = draws(self.aircraft[poses], self.factor_aircraft, white)
+        root = self.factor_aircraft
+        root = root if root.ndim == 2 else root[poses]
+        aircraft = draws(self.aircraft[poses], root, white)
         return self.model.p_d(aircraft, radar[:, np.newaxis])
 
 

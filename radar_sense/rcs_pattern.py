@@ -98,7 +98,8 @@ def _beyond(scenario: Scenario, model: RCS, elevation: FloatArray) -> tuple[str,
     """Say so if draws of the attitude leave the elevations of a table."""
     if not isinstance(model, TableRCS) or model.elevation is None:
         return ()
-    reach = 3 * np.rad2deg(np.sqrt(np.diag(scenario.cov_aircraft)[ATTITUDE].max()))
+    variances = np.diagonal(scenario.cov_aircraft, axis1=-2, axis2=-1)[..., ATTITUDE]
+    reach = 3 * np.rad2deg(np.sqrt(variances.max()))
     low, high = np.rad2deg(model.elevation[[0, -1]])
     if elevation.min() - reach >= low and elevation.max() + reach <= high:
         return ()

@@ -170,7 +170,8 @@ def load_route(
     layout, blocks = _read(path, max_gap_s)
     if layout.geodetic and origin is None:
         raise ScenarioError(
-            f"{source}:{layout.line}: latitude_deg: needs the origin of the north-east-down frame"
+            f"{source}:{layout.line}: latitude_deg: needs the origin of the north-east-down frame, "
+            "geometry.origin in a scenario"
         )
     if not layout.geodetic and origin is not None:
         raise ScenarioError(

@@ -16,8 +16,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from radar_sense import covariance
+from radar_sense import axis, covariance
+from radar_sense.axis import Axis
 from radar_sense.detection import Detector, Marcum, North, Swerling1, Swerling3
 from radar_sense.geometry import body_vector, orbit, slant_range
 from radar_sense.limits import (
@@ -30,6 +32,7 @@ from radar_sense.limits import (
     parameter_keys,
 )
 from radar_sense.model import DetectionModel
+from radar_sense.path import read_path
 from radar_sense.radar import RADARS
 from radar_sense.radar_constant import Makeup, Part, read_makeup, relative_std
 from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
@@ -78,10 +81,10 @@ class Scenario:
     Attributes:
         name: Stem of the names of the files written.
         model: RCS, P_fa and detector.
-        theta_r_deg: Azimuth of each pose along the orbit (n,) [deg], as tables and plots show it.
+        axis: What the poses are laid out along: azimuth, time or distance (n,).
         aircraft: Nominal aircraft states (n, 6).
         radar: Nominal radar state (4,).
-        cov_aircraft: C_aa (6, 6).
+        cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
         cov_radar: C_rr (4, 4) for each level of radar uncertainty, in the file's order.
         level: The level that an analysis of a single one uses.
         runs: Monte Carlo runs.
@@ -93,7 +96,7 @@ class Scenario:
 
     name: str
     model: DetectionModel
-    theta_r_deg: FloatArray
+    axis: Axis
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
@@ -108,6 +111,22 @@ class Scenario:
     def parts(self) -> tuple[Part, ...]:
         """What makes c_r uncertain at the scenario's level; nothing if that is one number."""
         return self.constant_parts.get(self.level, ())
+
+    @property
+    def theta_r_deg(self) -> FloatArray:
+        """The place of each pose on the axis (n,): on an orbit θ_r [deg]."""
+        return self.axis.values
+
+    def part(self, poses: slice | NDArray[np.intp]) -> Scenario:
+        """Return the scenario with some of its poses."""
+        return dataclasses.replace(
+            self,
+            axis=self.axis.part(poses),
+            aircraft=self.aircraft[poses],
+            cov_aircraft=self.cov_aircraft
+            if self.cov_aircraft.ndim == 2
+            else self.cov_aircraft[poses],
+        )
 
     def resolved(self) -> dict[str, Any]:
         """Return the scenario as a document that reads back as this scenario."""
@@ -173,22 +192,22 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         )
     }
     radar, makeup, p_fa, detector, document["radar"] = _radar(found["radar"])
-    rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"])
-    theta_r_deg, position, document["geometry"] = _geometry(found["geometry"])
-    aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
-    _refuse_collision(found["geometry"], theta_r_deg, aircraft, radar)
-    _refuse_uncovered(found["geometry"], rcs, theta_r_deg, aircraft, radar)
+    rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"], found["geometry"])
+    poses, document["geometry"] = _geometry(found["geometry"], attitude)
+    _refuse_collision(found["geometry"], poses, radar)
+    _refuse_uncovered(found["geometry"], rcs, poses, radar)
     cov_aircraft, cov_radar, constant_parts, document["uncertainty"] = _uncertainty(
-        found["uncertainty"], makeup
+        found["uncertainty"], poses, makeup
     )
     level, runs, seed = _analysis(found["analysis"], cov_radar)
-    for array in (theta_r_deg, aircraft, radar, cov_aircraft, *cov_radar.values()):
+    arrays = (poses.axis.values, poses.aircraft, radar, cov_aircraft, *cov_radar.values())
+    for array in arrays:
         array.flags.writeable = False
     return Scenario(
         name=document["name"],
         model=DetectionModel(rcs=rcs, p_fa=p_fa, detector=detector),
-        theta_r_deg=theta_r_deg,
-        aircraft=aircraft,
+        axis=poses.axis,
+        aircraft=poses.aircraft,
         radar=radar,
         cov_aircraft=cov_aircraft,
         cov_radar=MappingProxyType(cov_radar),
@@ -223,8 +242,14 @@ def _radar(entry: Entry) -> tuple[FloatArray, Makeup | None, float, Detector, di
     return radar, makeup, document["p_fa"], detector, document
 
 
-def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
-    found = entry.mapping(["rcs", "attitude_deg"])
+def _aircraft(entry: Entry, geometry: Entry) -> tuple[RCS, FloatArray | None, dict[str, Any]]:
+    """Read RCS and attitude; a path has the attitude of its own."""
+    on_path = _is_path(geometry)
+    found = entry.mapping(*((["rcs"], ["attitude_deg"]) if on_path else (["rcs", "attitude_deg"],)))
+    if on_path and "attitude_deg" in found:
+        raise found["attitude_deg"].error(
+            "must be left out with a path: attitude is that of the route file, or of its track"
+        )
     keys = dict.fromkeys(key for model in RCS_MODELS.values() for key in parameter_keys(model))
     choices = found["rcs"].mapping([], ["model", *keys, *TABLE_KEYS])
     if "model" not in choices:
@@ -235,14 +260,40 @@ def _aircraft(entry: Entry) -> tuple[RCS, FloatArray, dict[str, Any]]:
         if name == "table"
         else found["rcs"].instance(RCS_MODELS[name], besides=["model"])
     )
+    document: dict[str, Any] = {"rcs": {"model": name, **values}}
+    if on_path:
+        return rcs, None, document
     attitude = found["attitude_deg"].numbers(3, Limit(at_least=-360, at_most=360))
-    document = {"rcs": {"model": name, **values}, "attitude_deg": attitude}
+    document["attitude_deg"] = attitude
     return rcs, np.array(attitude) * _DEG, document
 
 
-def _geometry(entry: Entry) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
+@dataclass(frozen=True, eq=False)
+class _Poses:
+    """The geometry: poses along an axis.
+
+    Attributes:
+        axis: What they are laid out along (n,).
+        aircraft: Aircraft states (n, 6).
+        covariance: C_aa (n, 6, 6), if the geometry says something of it.
+    """
+
+    axis: Axis
+    aircraft: FloatArray
+    covariance: FloatArray | None = None
+
+
+def _is_path(entry: Entry) -> bool:
+    found = entry.entries()
+    return "type" in found and found["type"].choice(["orbit", "path"]) == "path"
+
+
+def _geometry(entry: Entry, attitude: FloatArray | None) -> tuple[_Poses, dict[str, Any]]:
+    if attitude is None:
+        along, route, document = read_path(entry)
+        return _Poses(along, route.aircraft, route.covariance), document
     found = entry.mapping(["type", "range_km", "down_km", "azimuth_deg"], ["azimuth_from"])
-    document: dict[str, Any] = {
+    document = {
         "type": found["type"].choice(["orbit"]),
         "range_km": found["range_km"].number(NOT_NEGATIVE),
         "down_km": found["down_km"].number(),
@@ -257,7 +308,8 @@ def _geometry(entry: Entry) -> tuple[FloatArray, FloatArray, dict[str, Any]]:
         down=document["down_km"] * 1e3,
         azimuth_from=document["azimuth_from"],
     )
-    return theta_r_deg, position, document
+    aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
+    return _Poses(axis.azimuth(theta_r_deg), aircraft), document
 
 
 def _sweep(entry: Entry) -> tuple[FloatArray, dict[str, float]]:
@@ -278,40 +330,46 @@ def _sweep(entry: Entry) -> tuple[FloatArray, dict[str, float]]:
     return degrees, {"start": start, "stop": stop, "step": step}
 
 
-def _refuse_collision(
-    entry: Entry, theta_r_deg: FloatArray, aircraft: FloatArray, radar: FloatArray
-) -> None:
-    distance = slant_range(aircraft, radar)
+def _refuse_collision(entry: Entry, poses: _Poses, radar: FloatArray) -> None:
+    distance = slant_range(poses.aircraft, radar)
     nearest = int(np.argmin(distance))
     if distance[nearest] < MIN_RANGE:
         raise entry.error(
-            f"the aircraft is on top of the radar at azimuth {theta_r_deg[nearest]:g} deg, "
+            f"the aircraft is on top of the radar at {poses.axis.name} {poses.axis.at(nearest)}, "
             f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
         )
 
 
-def _refuse_uncovered(
-    entry: Entry, rcs: RCS, theta_r_deg: FloatArray, aircraft: FloatArray, radar: FloatArray
-) -> None:
+def _refuse_uncovered(entry: Entry, rcs: RCS, poses: _Poses, radar: FloatArray) -> None:
     if not isinstance(rcs, TableRCS) or rcs.elevation is None:
         return
-    body = body_vector(aircraft, radar)
+    body = body_vector(poses.aircraft, radar)
     outside = np.flatnonzero(rcs.uncovered(body))
     if len(outside):
         pose = outside[0]
         x, y, z = body[pose]
         raise entry.error(
-            f"at azimuth {theta_r_deg[pose]:g} deg the aircraft sees the radar at elevation "
+            f"at {poses.axis.name} {poses.axis.at(pose)} the aircraft sees the radar at elevation "
             f"{np.arctan2(-z, np.hypot(x, y)) / _DEG:.3g} deg, the RCS table covers "
             f"{rcs.elevation[0] / _DEG:g} to {rcs.elevation[-1] / _DEG:g} deg"
         )
 
 
 def _uncertainty(
-    entry: Entry, makeup: Makeup | None
+    entry: Entry, poses: _Poses, makeup: Makeup | None
 ) -> tuple[FloatArray, dict[str, FloatArray], dict[str, tuple[Part, ...]], dict[str, Any]]:
-    found = entry.mapping(["aircraft", "radar"])
-    cov_aircraft, aircraft_document = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
+    document: dict[str, Any] = {}
+    if poses.covariance is None:
+        found = entry.mapping(["aircraft", "radar"])
+        cov_aircraft, document["aircraft"] = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
+    else:
+        found = entry.mapping(["radar"], ["aircraft"])
+        cov_aircraft = poses.covariance
+        if "aircraft" in found:
+            raise found["aircraft"].error(
+                "must be left out here, or the columns std_... and cov_... in the route file: "
+                "both say how uncertain the aircraft is"
+            )
     levels = found["radar"].named(
         "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
         "the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
@@ -326,8 +384,8 @@ def _uncertainty(
         tolerances = radar_document[level].get("constant")
         if makeup and isinstance(tolerances, dict):
             constant_parts[level] = makeup.parts(tolerances)
-    documents = {"aircraft": aircraft_document, "radar": radar_document}
-    return cov_aircraft, cov_radar, constant_parts, documents
+    document["radar"] = radar_document
+    return cov_aircraft, cov_radar, constant_parts, document
 
 
 def _covariance(

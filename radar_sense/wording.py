@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.axis import Axis
 from radar_sense.states import FloatArray
 
 
@@ -20,45 +21,43 @@ def reached(values: FloatArray) -> NDArray[np.bool_]:
     return np.greater_equal(values, top - 1e-9 * abs(top))
 
 
-def peak(values: FloatArray, theta: FloatArray) -> dict[str, Any]:
-    """Return the largest value and all angles at which it is reached."""
+def peak(values: FloatArray, axis: Axis) -> dict[str, Any]:
+    """Return the largest value and all places at which it is reached."""
     if not np.isfinite(values).any():
-        return {"value": float("nan"), "theta_r_deg": []}
-    return {"value": float(np.nanmax(values)), "theta_r_deg": theta[reached(values)].tolist()}
+        return {"value": float("nan"), axis.key: []}
+    return {"value": float(np.nanmax(values)), axis.key: axis.values[reached(values)].tolist()}
 
 
-def trough(values: FloatArray, theta: FloatArray) -> dict[str, Any]:
-    """Return the smallest value and all angles at which it is reached."""
-    top = peak(-values, theta)
+def trough(values: FloatArray, axis: Axis) -> dict[str, Any]:
+    """Return the smallest value and all places at which it is reached."""
+    top = peak(-values, axis)
     return {**top, "value": -top["value"]}
 
 
-def at(extreme: Mapping[str, Any]) -> str:
-    """Describe a peak or a trough: its value and the angles."""
-    angles = extreme["theta_r_deg"]
-    if not angles:
+def at(extreme: Mapping[str, Any], axis: Axis) -> str:
+    """Describe a peak or a trough: its value and the places."""
+    places = extreme[axis.key]
+    if not places:
         return "undefined"
-    if len(angles) > 3:
-        place = f"{len(angles)} poses"
+    if len(places) > 3:
+        said = f"{len(places)} poses"
     else:
-        *others, last = (f"{angle:g}" for angle in angles)
-        place = f"{', '.join(others)} and {last} deg" if others else f"{last} deg"
-    return f"{extreme['value']:.4f} at {place}"
+        *others, last = map(axis.number, places)
+        said = " and ".join(filter(None, (", ".join(others), last))) + f" {axis.unit}"
+    return f"{extreme['value']:.4f} at {said}"
 
 
-def where(mask: NDArray[np.bool_], theta: FloatArray) -> str:
+def where(mask: NDArray[np.bool_], axis: Axis) -> str:
     """Describe the poses of a mask; nothing if there are none."""
     count = int(np.count_nonzero(mask))
     if count == 0:
         return ""
     if count == mask.size:
-        return "at every pose" if count > 1 else f"at {theta[0]:g} deg"
+        return "at every pose" if count > 1 else f"at {axis.at(0)}"
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    spans = [
-        f"{theta[a]:g}" if b - a == 1 else f"{theta[a]:g} to {theta[b - 1]:g}"
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
-    if len(spans) > 4:
-        first, last = theta[mask][[0, -1]]
-        return f"at {count} of {mask.size} poses between {first:g} and {last:g} deg"
-    return f"at {', '.join(spans)} deg"
+    if len(edges) > 8:
+        first, last = map(axis.number, axis.values[mask][[0, -1]])
+        return f"at {count} of {mask.size} poses between {first} and {last} {axis.unit}"
+    firsts, lasts = (map(axis.number, axis.values[e]) for e in (edges[::2], edges[1::2] - 1))
+    spans = (a if a == b else f"{a} to {b}" for a, b in zip(firsts, lasts, strict=True))
+    return f"at {', '.join(spans)} {axis.unit}"

@@ -5,6 +5,7 @@ import pytest
 from scenarios import OVERHEAD, scenario
 
 from radar_sense import analyses
+from radar_sense.axis import azimuth
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import load_scenario
 from radar_sense.states import SOURCES
@@ -165,7 +166,7 @@ def test_validate_answers_where_a_method_may_be_trusted():
     ],
 )
 def test_poses_in_words(mask, says):
-    assert where(np.array(mask, dtype=bool), 10.0 * np.arange(len(mask))) == says
+    assert where(np.array(mask, dtype=bool), azimuth(10.0 * np.arange(len(mask)))) == says
 
 
 def test_no_uncertainty_at_all():

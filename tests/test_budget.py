@@ -176,7 +176,7 @@ def test_allowances_at_one_pose():
     alone = {source: 9 * std[20] ** 2 for source, std in error_budget(s).alone.items()}
     found = allowances(s, 0.05, at=10.0)
     assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
-    assert all(f.theta_r_deg == 10 for f in found.values())
+    assert all(f.place == 10 for f in found.values())
     with pytest.raises(ScenarioError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
         allowances(s, 0.05, at=10.1)
 

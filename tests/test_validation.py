@@ -18,6 +18,7 @@ from scipy.stats import beta as beta_distribution
 from scipy.stats import norm
 
 from radar_sense import model, propagation, validation
+from radar_sense.axis import azimuth
 from radar_sense.montecarlo import Sampler
 from radar_sense.propagation import Moments, propagate
 from radar_sense.reader import ScenarioError
@@ -75,7 +76,7 @@ def gaussian(std=0.03, shared=0.0, poses=4, exaggerate=1.0, seed=1):
     return dataclasses.replace(
         paper,
         model=LinearModel(*slope, exaggerate),
-        theta_r_deg=np.arange(float(poses)),
+        axis=azimuth(np.arange(float(poses))),
         aircraft=np.zeros((poses, 6)),
         radar=np.array([0.0, 0.0, 0.0, 167.0]),
         cov_aircraft=np.diag([1.0, 0, 0, 0, 0, 0]),
@@ -345,7 +346,7 @@ def test_a_pose_does_not_depend_on_the_others():
     s = paper(step=30)
     together = validate(s, digits=1, fraction=0.6)
     assert len(set(together.runs)) > 1
-    fewer = dataclasses.replace(s, aircraft=s.aircraft[:3], theta_r_deg=s.theta_r_deg[:3])
+    fewer = s.part(slice(3))
     assert_same(together, validate(fewer, digits=1, fraction=0.6), slice(0, 3))
     # nor on when it stops: what more digits draw begins with what fewer have drawn
     longer = validate(fewer, digits=1, fraction=0.3)
