@@ -420,7 +420,8 @@ class _Shown(NamedTuple):
 
 
 _TENS = (1, 2, 2.5, 5, 10)
-_SIXTIES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
+_SIXTIES = (1, 1.5, 2, 3, 5, 6, 10)
+_DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
 
 
 def _shown(axis: Axis) -> _Shown:
@@ -433,7 +434,7 @@ def _shown(axis: Axis) -> _Shown:
     if axis.key == "distance_m":
         name, unit = ("km", 1e3) if span >= 4e3 else ("m", 1.0)
         return _Shown(f"Distance flown [{name}]", unit, _TENS)
-    return _Shown(r"Radar azimuth $\theta_r$ [deg]", 1.0, _SIXTIES)
+    return _Shown(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
 
 
 def _x(result: Result) -> FloatArray:

@@ -1,0 +1,508 @@
+"""Paths in place of the orbit: from the route file to tables, figures, words and refusals."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scenarios import document
+
+import radar_sense as rs
+from radar_sense import analyses, axis, covariance, figures
+from radar_sense.error_budget import allowances, error_budget
+from radar_sense.model import DetectionModel
+from radar_sense.montecarlo import Sampler, monte_carlo
+from radar_sense.propagation import propagate_scenario
+from radar_sense.reader import ScenarioError
+from radar_sense.validation import validate
+from radar_sense.wording import at, peak, where
+
+ROOT = Path(__file__).parent.parent
+STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
+HEADER = "time_s,north_m,east_m,down_m"
+#: Three legs past the radar, with a climb and two turns.
+ROUTE = f"""{HEADER}
+0,400e3,-200e3,-8000
+500,400e3,-100e3,-8000
+1000,350e3,0,-9000
+1500,350e3,100e3,-9000
+"""
+#: The same with standard deviations that differ from pose to pose.
+UNCERTAIN = f"""{HEADER},{STD}
+0,400e3,-200e3,-8000,10,20,30,1,2,3
+500,400e3,-100e3,-8000,100,20,30,1,0,3
+1000,350e3,0,-9000,1000,20,30,1,2,0.1
+1500,350e3,100e3,-9000,0,0,0,0,0,0
+"""
+#: The same with correlations that differ from pose to pose, but none between position and attitude.
+STD_OF_POSE = np.array([[10, 20, 30, 1, 2, 3], [200, 100, 50, 2, 1, 2], [0, 30, 30, 1, 1, 0]])
+
+
+def write(folder, text, constant=50, **changes):
+    """Write a route and a scenario that flies it; return the scenario's path."""
+    route = folder / "route.csv"
+    route.write_text(text)
+    content = document(geometry={"type": "path", "file": "route.csv"}, radar__constant=constant)
+    del content["aircraft"]["attitude_deg"]
+    if "std_" in text or "cov_" in text:
+        del content["uncertainty"]["aircraft"]
+    for key, value in changes.items():
+        *parents, last = key.split("__")
+        place = content
+        for parent in parents:
+            place = place[parent]
+        place[last] = value
+    file = folder / "scenario.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def load(folder, text=ROUTE, **changes):
+    return rs.load_scenario(write(folder, text, **changes))
+
+
+def correlated_route():
+    """Four poses with a full covariance each."""
+    rng = np.random.default_rng(5)
+    names = ("north", "east", "down", "roll", "pitch", "yaw")
+    units = ("m",) * 3 + ("deg",) * 3
+    upper = [(i, j) for i in range(6) for j in range(i, 6)]
+
+    def unit(i, j):
+        return f"{units[i]}2" if units[i] == units[j] else f"{units[i]}_{units[j]}"
+
+    header = ",".join(f"cov_{names[i]}_{names[j]}_{unit(i, j)}" for i, j in upper)
+    lines = [f"{HEADER},{header}"]
+    for row in ROUTE.splitlines()[1:]:
+        root = rng.standard_normal((6, 6)) * np.array([[30.0, 20, 10, 0.5, 0.3, 1.0]]).T
+        matrix = root @ root.T
+        lines.append(row + "," + ",".join(repr(float(matrix[i, j])) for i, j in upper))
+    return "\n".join(lines) + "\n"
+
+
+# The paper's orbit, as a path.
+
+
+def orbit_route(aircraft, theta, std=None):
+    extra = ("," + STD, "," + std) if std else ("", "")
+    lines = [f"{HEADER},roll_deg,pitch_deg,yaw_deg{extra[0]}"]
+    for t, (north, east, down) in zip(theta.tolist(), aircraft[:, :3].tolist(), strict=True):
+        lines.append(f"{t!r},{north!r},{east!r},{down!r},0,0,90{extra[1]}")
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize("std", [None, "10,10,10,1,1,1"])
+@pytest.mark.parametrize(
+    ("step", "analyse"),
+    [
+        (1, analyses.variance),
+        (1, analyses.sensitivity),
+        (1, analyses.budget),
+        (31, lambda s: analyses.budget(s, target=0.05, only_at=46.5)),
+        (60, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
+        (1, lambda s: analyses.montecarlo(s.with_analysis(runs=40))),
+        (60, lambda s: analyses.variance(s, method="form")),
+    ],
+)
+def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
+    orbit = rs.load_scenario().part(slice(None, None, step))
+    path = load(tmp_path, orbit_route(orbit.aircraft, orbit.theta_r_deg, std), constant=167)
+    assert path.cov_aircraft.ndim == (3 if std else 2)
+    expected, found = analyse(orbit), analyse(path)
+    names = list(expected.table)
+    assert names[0] == "theta_r_deg"
+    assert list(found.table) == ["time_s", *names[1:]]
+    for old, new in zip(expected.table.values(), found.table.values(), strict=True):
+        assert old.tobytes() == new.tobytes()
+
+
+def test_validate_gives_the_same_verdict_too(tmp_path):
+    orbit = rs.load_scenario().part(slice(80, 83))
+    text = orbit_route(orbit.aircraft, orbit.theta_r_deg, "10,10,10,1,1,1")
+    expected, found = (
+        validate(orbit, digits=1),
+        validate(load(tmp_path, text, constant=167), digits=1),
+    )
+    assert (expected.mc_upper == found.mc_upper).all()
+    assert (expected.runs == found.runs).all()
+
+
+# One covariance for each pose.
+
+
+def alone(scenario, pose):
+    """A scenario of one pose, with its covariance as an orbit has it."""
+    one = scenario.part(slice(pose, pose + 1))
+    return dataclasses.replace(one, cov_aircraft=one.cov_aircraft[0])
+
+
+@pytest.mark.parametrize("text", [UNCERTAIN, correlated_route()], ids=["std", "cov"])
+def test_every_pose_has_its_own_covariance(tmp_path, text):
+    s = load(tmp_path, text)
+    assert s.cov_aircraft.shape == (4, 6, 6)
+    for method in ("linear", "probit", "form"):
+        together = propagate_scenario(s, method=method)
+        budget = error_budget(s, method)
+        for pose in range(4):
+            one = propagate_scenario(alone(s, pose), method=method)
+            assert together.std[pose] == pytest.approx(one.std[0], rel=1e-9)
+            assert together.upper[pose] == pytest.approx(one.upper[0], rel=1e-9)
+            for source, std in error_budget(alone(s, pose), method).alone.items():
+                assert budget.alone[source][pose] == pytest.approx(std[0], rel=1e-9, abs=1e-15)
+    stds = [propagate_scenario(alone(s, pose)).std[0] for pose in (0, 1, 2)]
+    swapped = dataclasses.replace(s, cov_aircraft=s.cov_aircraft[::-1])
+    assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
+
+
+def test_standard_deviations_of_the_route_are_those_of_the_states(tmp_path):
+    s = load(tmp_path, UNCERTAIN)
+    expected = [1000.0, 20, 30, *np.radians([1, 2, 0.1])]
+    assert np.sqrt(np.diagonal(s.cov_aircraft[2])) == pytest.approx(expected, rel=1e-14)
+
+
+@pytest.mark.parametrize("text", [UNCERTAIN, correlated_route()], ids=["std", "cov"])
+def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
+    s = load(tmp_path, text)
+    sampler = Sampler.of(s)
+    white = np.random.default_rng(3).standard_normal((40_000, 4, 6))
+    drawn = covariance.draws(s.aircraft, sampler.factor_aircraft, white)
+    for pose in range(4):
+        std = np.sqrt(np.diagonal(s.cov_aircraft[pose]))
+        scale = np.where(std > 0, std, 1.0)
+        found = np.cov((drawn[:, pose] - s.aircraft[pose]) / scale, rowvar=False)
+        # a correlation of 40 000 draws has a standard error of 0.005, a variance of 0.007
+        assert found == pytest.approx(s.cov_aircraft[pose] / np.outer(scale, scale), abs=0.035)
+        one = covariance.draws(s.aircraft[pose], sampler.factor_aircraft[pose], white[:, pose])
+        assert (one == drawn[:, pose]).all()
+
+
+def test_factors_do_not_depend_on_how_many_are_made_at_a_time(monkeypatch):
+    rng = np.random.default_rng(1)
+    root = rng.standard_normal((7, 6, 6))
+    matrices = root @ np.swapaxes(root, -1, -2)
+    matrices[2] = np.diag(np.arange(6.0))
+    whole = covariance.factor(matrices)
+    assert whole @ np.swapaxes(whole, -1, -2) == pytest.approx(matrices, abs=1e-12)
+    assert (whole[2] == np.diag(np.sqrt(np.arange(6.0)))).all()
+    monkeypatch.setattr(covariance, "BLOCK", 3)
+    assert (covariance.factor(matrices) == whole).all()
+    first = covariance.component_first(whole)
+    assert (first == whole).all()
+    assert first[:, 2, 3].flags.c_contiguous
+
+
+def test_monte_carlo_agrees_with_propagation_at_every_pose(tmp_path):
+    s = load(tmp_path, UNCERTAIN)
+    mc = monte_carlo(s, runs=20_000, method="form")
+    # a standard deviation of 20 000 draws has a standard error of 0.5 %
+    assert mc.std == pytest.approx(mc.band.std, rel=0.02)
+    part = monte_carlo(s, runs=200, workers=2)
+    assert (part.mean == monte_carlo(s, runs=200).mean).all()
+
+
+def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
+    s = load(tmp_path, UNCERTAIN).with_analysis(runs=1024)
+    found, expected = error_budget(s, "montecarlo"), error_budget(s, "form")
+    assert found.std == pytest.approx(expected.std, rel=0.02)
+    for source, std in expected.alone.items():
+        assert found.alone[source] == pytest.approx(std, rel=0.05, abs=0.002)
+    assert found.alone["aircraft_position"][3] == 0
+    with pytest.raises(ScenarioError, match=r"aircraft position .* correlated"):
+        error_budget(load(tmp_path, correlated_route()), "montecarlo")
+
+
+def test_the_verdict_at_a_pose_is_by_its_covariance(tmp_path):
+    s = load(tmp_path, UNCERTAIN)
+    found = validate(s, digits=1, method="form")
+    assert found.mc_std == pytest.approx(found.moments.std, rel=0.03)
+    assert found.verdict == "validated"
+
+
+def test_allowances_scale_every_covariance(tmp_path):
+    s = load(tmp_path, UNCERTAIN)
+    top = float(np.max(3 * propagate_scenario(s).std))
+    assert allowances(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
+    pose = s.part(slice(2, 3))
+    alone_at = allowances(s, 0.01, at=1000.0)
+    assert alone_at["all"].factor == pytest.approx(
+        0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6
+    )
+
+
+# The scenario.
+
+
+def test_attitude_follows_the_track_and_waypoints_are_interpolated(tmp_path):
+    s = load(tmp_path, geometry__interpolate={"step_s": 100})
+    assert s.axis.key == "time_s"
+    assert s.axis.values.tolist() == list(range(0, 1501, 100))
+    assert s.aircraft[2] == pytest.approx([400e3, -160e3, -8000, 0, 0, np.pi / 2])
+    climb = np.arctan2(1000, np.hypot(50e3, 100e3))
+    assert s.aircraft[7, 3:] == pytest.approx([0, climb, np.arctan2(100, -50)])
+    smooth = load(tmp_path, geometry__interpolate={"step_s": 100, "method": "smooth"})
+    assert np.max(abs(smooth.aircraft[:, 3])) > 0.01  # it banks
+    assert load(tmp_path).aircraft.shape == (4, 6)
+
+
+def test_the_axis_may_be_the_distance_flown(tmp_path):
+    s = load(tmp_path, geometry__axis="distance")
+    climb = np.sqrt(50e3**2 + 100e3**2 + 1000**2)
+    assert s.axis.key == "distance_m"
+    assert s.axis.values == pytest.approx([0, 100e3, 100e3 + climb, 200e3 + climb], rel=1e-14)
+    result = analyses.variance(s)
+    assert "distance_m" in result.table
+    assert result.report[0].startswith("P_D runs from ")
+    assert result.report[0].endswith(" m")
+    assert "distance_m" in result.summary["highest_p_d"]
+
+
+def test_latitude_and_longitude_are_about_the_origin(tmp_path):
+    text = (
+        "time_s,latitude_deg,longitude_deg,altitude_m\n"
+        "0,47,8,10000\n600,47,9,10000\n1200,47.5,9.5,10000\n"
+    )
+    place = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
+    s = load(tmp_path, text, geometry__origin=place, radar__position_m=[0, 0, 0])
+    # the parallel curves to the north as seen from the middle of it, the level drops by d²/2R
+    assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
+    assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
+    assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
+    with pytest.raises(ScenarioError, match=r"route\.csv:1: latitude_deg: needs the origin"):
+        load(tmp_path, text)
+
+
+def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
+    path = {
+        "interpolate": {"step_s": 70.0, "method": "smooth"},
+        "max_gap_s": 600.0,
+        "axis": "distance",
+    }
+    geometry = {"type": "path", "file": "route.csv", **path}
+    s = load(tmp_path, UNCERTAIN, geometry=geometry)
+    resolved = s.resolved()
+    assert "aircraft" not in resolved["uncertainty"]
+    assert "attitude_deg" not in resolved["aircraft"]
+    assert {key: resolved["geometry"][key] for key in path} == path
+    again = rs.parse_scenario(yaml.safe_dump(resolved), "/nowhere/else.yaml")
+    assert again.resolved() == resolved
+    for name in ("aircraft", "cov_aircraft", "theta_r_deg"):
+        assert (getattr(again, name) == getattr(s, name)).all()
+        assert not getattr(again, name).flags.writeable
+    (tmp_path / "route.csv").write_text(UNCERTAIN + " ")
+    with pytest.raises(ScenarioError, match=r"geometry\.sha256: .*route\.csv is another file"):
+        rs.parse_scenario(yaml.safe_dump(resolved))
+
+
+REFUSED = [
+    (ROUTE, {"aircraft__attitude_deg": [0, 0, 90]}, "aircraft.attitude_deg: must be left out"),
+    (UNCERTAIN, {"uncertainty__aircraft": {"position_m": 1}}, "uncertainty.aircraft: must be left"),
+    (ROUTE, {"uncertainty": {"radar": {}}}, "uncertainty: missing key 'aircraft'"),
+    (ROUTE, {"geometry__type": "paths"}, "geometry.type: must be one of orbit, path, got 'paths'"),
+    (ROUTE, {"geometry__range_km": 500}, "geometry: unknown key 'range_km', allowed: type, file"),
+    (ROUTE, {"geometry": {"type": "path"}}, "geometry: missing key 'file'"),
+    (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv cannot be read: No such"),
+    (ROUTE, {"geometry__file": "."}, "geometry.file: .* cannot be read: Is a directory"),
+    (ROUTE, {"geometry__axis": "times"}, "geometry.axis: .*; did you mean 'time'?"),
+    (ROUTE, {"geometry__interpolate": {}}, "interpolate: missing key 'step_s'"),
+    (ROUTE, {"geometry__interpolate": {"step_s": 0}}, "interpolate.step_s: .*greater than 0"),
+    (ROUTE, {"geometry__interpolate": {"step_s": 1e-5}}, "interpolate: step_s makes more than"),
+    (
+        ROUTE,
+        {"geometry__interpolate": {"step_s": 1, "method": "leg"}},
+        "interpolate.method: .*; did you mean 'legs'?",
+    ),
+    (ROUTE, {"geometry__max_gap_s": 400}, "route.csv:3: time_s: must be within 400 s"),
+    (ROUTE, {"geometry__max_gap_s": -1}, "geometry.max_gap_s: must be"),
+    (ROUTE, {"geometry__origin": {"latitude_deg": 1}}, "origin: missing key 'longitude_deg'"),
+    (
+        ROUTE,
+        {"geometry__origin": {"latitude_deg": 91, "longitude_deg": 0, "altitude_m": 0}},
+        "origin.latitude_deg: must be .* 90, got 91",
+    ),
+    (
+        ROUTE,
+        {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
+        "route.csv:1: north, east and down are about an origin already",
+    ),
+    (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: .* is another file than it was"),
+    (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than 0.0"),
+    (ROUTE.replace("350e3", "nan"), {}, "route.csv:4: north_m: must be finite, got nan"),
+    (
+        f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n",
+        {},
+        "geometry: the aircraft is on top of the radar at time 60 s",
+    ),
+    (
+        f"{HEADER}\n0,0,-9e3,0\n60,0,0,0\n",
+        {"geometry__axis": "distance"},
+        "geometry: the aircraft is on top of the radar at distance 9000 m",
+    ),
+    (f"{HEADER}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
+    (
+        ROUTE,
+        {
+            "aircraft__rcs": {
+                "model": "table",
+                "file": str(ROOT / "configs/synthetic_aircraft.csv"),
+                "mirror": True,
+            },
+            "radar__position_m": [400e3, -150e3, 0],
+            "geometry__interpolate": {"step_s": 250},
+        },
+        r"at time 250 s the aircraft sees the radar at elevation -90 deg, the RCS table",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "changes", "says"), REFUSED)
+def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
+    file = write(tmp_path, text, **changes)
+    done = tool("variance", file)
+    assert done.code == 2
+    assert done.err.count("\n") == 1
+    assert "scenario.yaml:" in done.err or "route.csv" in done.err
+    with pytest.raises(ScenarioError, match=says.replace("?", r"\?")):
+        rs.load_scenario(file)
+    assert not (tmp_path / "figures").exists()
+
+
+def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
+    for block, key in (("aircraft", "attitude_deg"), ("uncertainty", "aircraft")):
+        content = document()
+        del content[block][key]
+        with pytest.raises(ScenarioError, match=f"{block}: missing key '{key}'"):
+            rs.parse_scenario(yaml.safe_dump(content))
+
+
+# What is written and said.
+
+
+def test_the_command_line_says_times(tool, tmp_path):
+    file = write(tmp_path, UNCERTAIN)
+    done = tool("budget", file, "--target", 0.05, "--at", 1000)
+    assert done.code == 0
+    assert "at 1000 s" in done.out
+    record = json.loads((tmp_path / "figures/paper_budget.json").read_text())
+    target = record["summary"]["target"]
+    assert target["at_s"] == 1000
+    assert target["allowances"]["all"]["time_s"] == 1000
+    assert record["scenario"]["geometry"]["sha256"]
+    table = (tmp_path / "figures/paper_budget.csv").read_text()
+    assert table.startswith("time_s,three_sigma_aircraft_position")
+    assert table.splitlines()[2].startswith("500.0,")
+    missed = tool("budget", file, "--target", 0.05, "--at", 900)
+    assert missed.code == 2
+    assert "no pose at 900 s, the nearest of 4 is at 1000 s" in missed.err
+    shown = tool("check", file)
+    assert shown.out.startswith("# 4 poses")
+    resolved = tmp_path / "resolved.yaml"
+    resolved.write_text(shown.out)
+    assert tool("check", resolved).out == shown.out
+
+
+def test_the_record_of_a_coverage_says_when(tmp_path):
+    result = analyses.montecarlo(load(tmp_path).with_analysis(runs=20))
+    assert result.summary["coverage_lowest"]["time_s"] in (0, 500, 1000, 1500)
+    assert " s (95 % confidence" in result.report[1]
+
+
+def test_places_are_said_with_the_digits_they_need():
+    values = np.array([0.1, 0.2, 0.1 + 0.2, 1e6 + 0.125, 2e6])
+    when = axis.time(values)
+    top = np.array([0, 0, 1.0, 0, 1])
+    assert at(peak(top, when), when) == "1.0000 at 0.3 and 2000000 s"
+    assert where(top < 1, when) == "at 0.1 to 0.2, 1000000.125 s"
+    far = axis.distance(1000 * values)
+    assert where(top > 0, far) == "at 300, 2000000000 m"
+    assert when.find(0.3) == 2
+    assert when.find(1e6) is None
+    assert far.find(100.9) == 0
+    assert axis.azimuth(values).find(0.1001) is None
+
+
+LABELS = [
+    ("time", 30 * 3600, "Time [h]", 3600),
+    ("time", 4 * 3600, "Time [h]", 3600),
+    ("time", 3600, "Time [min]", 60),
+    ("time", 240, "Time [min]", 60),
+    ("time", 239, "Time [s]", 1),
+    ("distance", 4000, "Distance flown [km]", 1000),
+    ("distance", 3999, "Distance flown [m]", 1),
+]
+
+
+@pytest.mark.parametrize(("kind", "span", "label", "unit"), LABELS)
+def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
+    values = np.linspace(7.0, 7.0 + span, 4)
+    s = dataclasses.replace(load(tmp_path), axis=getattr(axis, kind)(values))
+    figure = figures.draw(analyses.variance(s))
+    (axes,) = figure.axes
+    assert axes.get_xlabel() == label
+    assert axes.lines[0].get_xdata() == pytest.approx(values / unit)
+    assert axes.get_xlim() == pytest.approx((7 / unit, (7 + span) / unit))
+
+
+@pytest.mark.parametrize(
+    "name", ["variance", "sensitivity", "budget", "montecarlo", "compare", "detectors", "rcs"]
+)
+def test_every_analysis_takes_a_path(tool, tmp_path, name):
+    file = write(tmp_path, UNCERTAIN, analysis__runs=20)
+    done = tool(name, file, "--format", "svg")
+    assert done.code == 0, done.err
+    record = json.loads((tmp_path / f"figures/paper_{name}.json").read_text())
+    assert "theta_r_deg" not in json.dumps(record)
+    assert "theta_r" not in (tmp_path / f"figures/paper_{name}.csv").read_text()
+    if name not in ("detectors", "rcs"):
+        assert "Time [min]" in "".join(
+            text.get_text()
+            for text in [ax.xaxis.label for ax in figures.draw(_result(name, file)).axes]
+        )
+
+
+def _result(name, file):
+    return getattr(analyses, name)(rs.load_scenario(file))
+
+
+def test_the_example_teaches_what_it_says():
+    s = rs.load_scenario(ROOT / "configs/path.yaml")
+    result = analyses.budget(s)
+    time, total = result.table["time_s"], result.table["three_sigma_total"]
+    share = (result.table["three_sigma_aircraft_orientation"] / total) ** 2
+    by_time = dict(zip(time.tolist(), share.tolist(), strict=True))
+    assert result.summary["largest_three_sigma_total"]["time_s"] == [768]
+    assert total.max() == pytest.approx(0.13, abs=0.005)
+    assert by_time[768] == pytest.approx(0.30, abs=0.01)
+    assert by_time[400] == pytest.approx(0.12, abs=0.01)
+    assert by_time[1100] == pytest.approx(0.19, abs=0.01)
+    assert by_time[822] < 1e-3
+    p_d = s.model.p_d(s.aircraft, s.radar)
+    assert p_d[time == 748] == pytest.approx(0.90, abs=0.01)
+    assert p_d[time == 820] == pytest.approx(0.21, abs=0.01)
+    level = s.aircraft.copy()
+    level[:, 3] = 0
+    assert abs(p_d - s.model.p_d(level, s.radar)).max() < 0.018
+    turning = (time > 760) & (time < 830)
+    bank = np.degrees(s.aircraft[turning, 3])
+    assert bank == pytest.approx(np.degrees(np.arctan(200**2 / (9.80665 * 12e3))), abs=1)
+
+
+def test_many_poses_go_through_in_parts(tmp_path):
+    """More poses than any block, with a covariance each: every one as it is alone."""
+    count = 17_500
+    time = np.arange(count)
+    std = [10.0 + time % (7 + i) for i in range(6)]
+    rows = np.column_stack([time, 4e5 - 10 * time, 50e3 + time, 0 * time - 9e3, *std])
+    text = f"{HEADER},{STD}\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist())
+    s = load(tmp_path, text)
+    found = propagate_scenario(s)
+    model: DetectionModel = s.model
+    linear = model.linearize(s.aircraft, s.radar)
+    expected = linear.std(s.cov_aircraft, s.cov_radar[s.level])
+    assert found.std == pytest.approx(expected, rel=1e-12)
+    assert Sampler.of(s).factor_aircraft[17_001, 1, 1] == pytest.approx(
+        10.0 + 17_001 % 8, rel=1e-15
+    )
