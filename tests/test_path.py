@@ -17,6 +17,7 @@ from radar_sense.error_budget import allowances, error_budget
 from radar_sense.model import DetectionModel
 from radar_sense.montecarlo import Sampler, monte_carlo
 from radar_sense.propagation import propagate_scenario
+from radar_sense.rcs_pattern import rcs
 from radar_sense.reader import ScenarioError
 from radar_sense.validation import validate
 from radar_sense.wording import at, peak, where
@@ -295,6 +296,26 @@ def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
     (tmp_path / "route.csv").write_text(UNCERTAIN + " ")
     with pytest.raises(ScenarioError, match=r"geometry\.sha256: .*route\.csv is another file"):
         rs.parse_scenario(yaml.safe_dump(resolved))
+
+
+def test_the_file_is_recorded_with_its_whole_path(tmp_path, monkeypatch):
+    write(tmp_path, ROUTE)
+    monkeypatch.chdir(tmp_path)
+    resolved = rs.load_scenario("scenario.yaml").resolved()
+    assert resolved["geometry"]["file"] == str(tmp_path / "route.csv")
+
+
+def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
+    table = {
+        "model": "table",
+        "file": str(ROOT / "configs/synthetic_aircraft.csv"),
+        "mirror": True,
+    }
+    assert not rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=table)).warnings
+    # 3 sigma of 11 deg at the first pose alone: beyond the 30 deg of the table
+    text = UNCERTAIN.replace("10,20,30,1,2,3", "10,20,30,1,11,3")
+    (warning,) = rcs(load(tmp_path, text, aircraft__rcs=table)).warnings
+    assert "3 sigma of the attitude, 33 deg, reach beyond" in warning
 
 
 REFUSED = [
