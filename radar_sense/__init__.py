@@ -28,6 +28,7 @@ _HOME = {
     "Swerling1": "detection",
     "Swerling3": "detection",
     "TableRCS": "rcs_table",
+    "TrackingRadar": "radar",
     "budget": "analyses",
     "compare": "analyses",
     "detectors": "analyses",
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
     from radar_sense.model import DetectionModel, Linearization
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
     from radar_sense.propagation import Moments, propagate
-    from radar_sense.radar import SurveillanceRadar
+    from radar_sense.radar import SurveillanceRadar, TrackingRadar
     from radar_sense.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
     from radar_sense.rcs_file import load_rcs_table
     from radar_sense.rcs_table import TableRCS
@@ -80,6 +81,7 @@ __all__ = [
     "Swerling1",
     "Swerling3",
     "TableRCS",
+    "TrackingRadar",
     "__version__",
     "budget",
     "compare",
