@@ -52,7 +52,7 @@ from radar_sense.montecarlo import TAIL, Sampler
 from radar_sense.reader import ScenarioError
 from radar_sense.sampling import SAMPLERS, random_stream
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
+from radar_sense.states import CONSTANT, FloatArray
 from radar_sense.wording import where
 
 #: Largest number of runs unless another is asked for, and the limit of it.
@@ -85,7 +85,7 @@ class LinearModel:
     """The deviation L − P̄_D of the linear model as a function of the unit normals.
 
     Attributes:
-        by_radar: Partials for the unit normals of the radar (n, 4), A_r F_r with F Fᵀ = C.
+        by_radar: Partials for the unit normals of the radar (n, m), A_r F_r with F Fᵀ = C.
         by_aircraft: Partials for those of the aircraft (n, 6), A_a F_a.
     """
 
@@ -96,10 +96,12 @@ class LinearModel:
     def of(cls, sampler: Sampler) -> LinearModel:
         """Linearize P_D at the nominal states of a sampler; NaN where there is no gradient."""
         lin = sampler.model.linearize(sampler.aircraft, sampler.radar)
-        return cls(
-            _partials(lin.jac_radar, sampler.factor_radar),
-            _partials(lin.jac_aircraft, sampler.factor_aircraft),
-        )
+        by_radar = _partials(lin.jac_radar, sampler.factor_radar)
+        if sampler.parts:  # in place of a normal for c_r there is one for each part of it
+            by_log_constant = lin.jac_radar[:, CONSTANT:] * sampler.radar[CONSTANT]
+            slopes = np.array([part.slope for part in sampler.parts])
+            by_radar = np.hstack([by_radar[:, :CONSTANT], by_log_constant * slopes])
+        return cls(by_radar, _partials(lin.jac_aircraft, sampler.factor_aircraft))
 
     @property
     def std(self) -> FloatArray:
@@ -108,7 +110,7 @@ class LinearModel:
         return np.sqrt(total)
 
     def deviation(self, white_radar: FloatArray, white_aircraft: FloatArray) -> FloatArray:
-        """L − P̄_D (runs, n) from unit normals (runs, 4) and (runs, n, 6)."""
+        """L − P̄_D (runs, n) from unit normals (runs, m) and (runs, n, 6)."""
         total = np.zeros(white_aircraft.shape[:-1])
         # Written out: the rounding of a matrix product depends on the library behind it.
         for i in range(self.by_radar.shape[1]):
@@ -120,7 +122,7 @@ class LinearModel:
 
 def _partials(jacobian: FloatArray, factor: FloatArray) -> FloatArray:
     # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
-    known = np.where(np.any(factor != 0, axis=1), jacobian, 0.0)
+    known = np.where(np.any(factor != 0, axis=-1), jacobian, 0.0)
     partials: FloatArray = np.sum(known[..., np.newaxis] * factor, axis=-2)
     return partials
 
@@ -130,7 +132,7 @@ def draw(
 ) -> tuple[FloatArray, FloatArray | None]:
     """Draw P_D (runs, n) and, on the same draws, L − P̄_D (runs, n)."""
     poses = len(sampler.aircraft)
-    source = SAMPLERS[kind](seed, BLOCK, poses)
+    source = SAMPLERS[kind](seed, BLOCK, poses, sampler.radar_normals)
     p_d = np.empty((runs, poses))
     deviation = None if linear is None else np.empty((runs, poses))
     for first in range(0, runs, BLOCK):

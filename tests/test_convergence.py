@@ -11,6 +11,7 @@ from scenarios import OVERHEAD, scenario
 
 from radar_sense import convergence as module
 from radar_sense import figures
+from radar_sense.axis import azimuth
 from radar_sense.convergence import (
     ESTIMATORS,
     REFERENCES,
@@ -244,7 +245,7 @@ def test_the_reference_agrees_with_form(measured):
     """Which is wrong by 1.3e-6 in the mean, 0.04 % in σ and 6e-5 in the bounds at most."""
     s = load_scenario()
     form = propagate_scenario(s, method="form")
-    at = np.searchsorted(s.theta_r_deg, measured.theta_r_deg)
+    at = np.searchsorted(s.theta_r_deg, measured.axis.values)
     np.testing.assert_array_equal(s.theta_r_deg[at], np.arange(0, 181, 10))
     exact = np.stack([form.mean, form.std, form.lower, form.upper])[:, at]
     known = np.stack([np.full(19, 1.3e-6), 4e-4 * exact[1], *np.full((2, 19), 6e-5)])
@@ -260,7 +261,7 @@ def test_errors_are_root_mean_squares_in_units_of_sigma():
     off[0, 0] = [[0.03, 0.0], [0.0, 0.08], [0.03, 0.0], [0.0, 0.12]]
     found = module.Convergence(
         runs=np.array([8]),
-        theta_r_deg=np.zeros(2),
+        axis=azimuth(np.zeros(2)),
         reference=reference,
         reference_error=off[0, 0],
         estimates={"random": reference + off},
@@ -426,3 +427,18 @@ def test_the_command_refuses(tool):
         code, out, err = tool("convergence", *args, "--out", "new")
         assert (code, out, len(err.splitlines())) == (2, "", 1)
         assert not Path("new").exists()
+
+
+@pytest.mark.parametrize("name", ["s_band_surveillance", "path"])
+def test_the_control_is_unbiased_with_parts_of_the_constant_and_a_covariance_per_pose(name):
+    s = load_scenario(f"configs/{name}.yaml")
+    some = s.part(np.linspace(0, len(s.aircraft) - 1, 4).astype(int))
+    sampler = Sampler.of(some)
+    linear = LinearModel.of(sampler)
+    p_d, deviation = draw(sampler, linear, "random", 3, 40_000)
+    np.testing.assert_allclose(linear.std, propagate_scenario(some).std, rtol=1e-12)
+    error = linear.std / np.sqrt(len(p_d))
+    assert np.all(abs(deviation.mean(axis=0)) < 4.5 * error)
+    assert np.all(abs(deviation.std(axis=0) / linear.std - 1) < 4.5 / np.sqrt(2 * len(p_d)))
+    correlation = [np.corrcoef(p_d[:, i], deviation[:, i])[0, 1] for i in range(4)]
+    assert min(correlation) > 0.6
