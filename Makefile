@@ -30,6 +30,12 @@ figures: $(VENV)/installed
 	@for analysis in $(FIGURES); do \
 		$(BIN)/radar-sense $$analysis --out figures --format pdf --format png || exit; \
 	done
+	@$(BIN)/radar-sense rcs configs/table.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense montecarlo configs/table.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense budget configs/s_band_surveillance.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense budget configs/x_band_tracking.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense variance configs/path.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense map configs/path.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense compare --level high --runs 200000 \
 		--out figures --format pdf --format png
 	@# 3: the answer is that the paper's linearization is not valid at every angle
