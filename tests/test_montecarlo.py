@@ -4,6 +4,8 @@ A statistic of n draws is compared in units of its own standard error. Four of t
 chance once in 16 000 comparisons; where many are compared the bound is that of the largest of many.
 """
 
+import tracemalloc
+
 import chain_rule
 import numpy as np
 import pytest
@@ -239,3 +241,34 @@ def test_progress_adds_up_to_the_runs():
     seen = []
     monte_carlo(load_scenario(), runs=100, workers=2, progress=seen.append)
     assert sum(seen) == 100
+
+
+@pytest.mark.parametrize("sampler", ["random", "sobol"])
+def test_memory_does_not_grow_with_the_runs(sampler):
+    s = scenario(geometry__azimuth_deg=FEW)
+    monte_carlo(s, runs=2, sampler=sampler)  # imports what it needs
+
+    def peak(runs):
+        tracemalloc.start()
+        monte_carlo(s, runs=runs, sampler=sampler)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    assert peak(400_000) < 1.2 * peak(40_000)
+
+
+def test_quantiles_beyond_what_is_kept_say_how_far_off_they_may_be():
+    s = only_radar_constant(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+    runs = 2_000_000
+    mc = monte_carlo(s, runs=runs, seed=2)
+    assert 0 < mc.rank_error < 0.01 * TAIL * runs
+    # P_D at the quantile of c_r that the rank it may have allows, and what chance adds
+    for side, bound in ((-1, mc.lower[0]), (1, mc.upper[0])):
+        reach = 5 * np.sqrt(TAIL * runs) + mc.rank_error
+        ranks = (TAIL * runs + np.array([-1, 1]) * reach) / runs
+        radar = np.zeros((2, 4))
+        radar[:, 3] = 167.0 - side * 5 * _normal_quantile(ranks)
+        low, high = np.sort(p_d(s, np.repeat(s.aircraft, 2, axis=0), radar))
+        assert low <= bound <= high
+    assert monte_carlo(s, runs=100_000).rank_error == 0

@@ -33,7 +33,7 @@ ROOT = HERE.parents[1]
 P_FA = 1.7e-4
 TAIL = float(ndtr(-3.0))
 POSES = 300_000
-RUNS = 8_000
+RUNS = 20_000
 #: The NumPy transcriptions hold all draws at once, and some 0.4 kB a sample beside them.
 FEWER_RUNS = 2_000
 
@@ -237,7 +237,7 @@ def door():
             ("a wrong argument beside the same", wrong, click),
             ("budget beside NumPy, Matplotlib and a figure", budget, figure),
         ):
-            row(what, interleaved(ours, peer), 1, "ms", longer=1.3)
+            row(what, interleaved(ours, peer), 1, "ms", longer=2.0)
         (alone,) = interleaved(start)
         print(f"  (Python itself starts in {alone * 1e3:.0f} ms)")
 
