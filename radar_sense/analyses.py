@@ -27,6 +27,7 @@ from radar_sense.error_budget import (
 )
 from radar_sense.geometry import body_vector, slant_range
 from radar_sense.montecarlo import TAIL, WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.network import alone
 from radar_sense.propagation import (
     BOUND_CHANGE,
     METHODS,
@@ -38,7 +39,7 @@ from radar_sense.propagation import (
 from radar_sense.radar_constant import doubt
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import DETECTORS, Scenario
-from radar_sense.states import SOURCES, FloatArray
+from radar_sense.states import FloatArray
 from radar_sense.wording import at, peak, reached, trough, where
 
 #: False alarm probabilities that `detectors` shows beside the scenario's, ...
@@ -81,12 +82,9 @@ class Result:
 
 
 def variance(scenario: Scenario, *, method: str | None = None) -> Result:
-    """P_D along the geometry with its standard deviation and 3σ band."""
-    aircraft, radar, axis = scenario.aircraft, scenario.radar, scenario.axis
+    """P_D along the geometry with its standard deviation and 3σ band; of each radar too."""
+    axis = scenario.axis
     moments = propagate_scenario(scenario, method=_chosen(method))
-    snr = scenario.model.snr(aircraft, radar)
-    with np.errstate(divide="ignore"):  # no cross section, no signal: −inf dB
-        snr_db = 10.0 * np.log10(snr)
     low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
     worst = peak(3 * moments.std, axis)
     return Result(
@@ -95,11 +93,17 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
         method=_chosen(method),
         table={
             axis.key: axis.values,
-            "range_m": slant_range(aircraft, radar),
-            "rcs_m2": scenario.model.rcs.cross_section(body_vector(aircraft, radar)),
-            "snr_db": snr_db,
+            **_towards(scenario),
             **_band(moments),
             **_mean(moments.mean, method),
+            **{
+                f"{name}_{radar}": column
+                for radar, part in alone(scenario).items()
+                for name, column in {
+                    **_towards(part),
+                    **_band(propagate_scenario(part, method=_chosen(method))),
+                }.items()
+            },
         },
         summary={"lowest_p_d": low, "highest_p_d": high, "largest_three_sigma": worst},
         report=(
@@ -183,7 +187,7 @@ def budget(
     dominant = np.argmax(np.stack(list(three_sigma.values())), axis=0)
     dominates = {
         source: place
-        for i, source in enumerate(SOURCES)
+        for i, source in enumerate(three_sigma)
         if (place := where((dominant == i) & (total > 0), axis))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
@@ -191,10 +195,9 @@ def budget(
     part_shares = {key: float(v[pose]) for key, v in found.part_shares().items()}
     parts_ranked = sorted(parts, key=lambda key: parts[key][pose], reverse=True)
     rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s))] for s in ranked}
-    rows[OF_CONSTANT] += [
-        _row(f"  {key}", float(parts[key][pose]), part_shares[key], errors.get(part_name(key)))
-        for key in parts_ranked
-    ]
+    for key in parts_ranked:
+        share, error = part_shares[key], errors.get(part_name(key))
+        rows[OF_CONSTANT].append(_row(f"  {key}", float(parts[key][pose]), share, error))
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if target is not None:
@@ -214,6 +217,7 @@ def budget(
             axis.key: axis.values,
             **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
             "three_sigma_total": total,
+            **{f"three_sigma_{source}": 3 * std for source, std in found.finer.items()},
             **_mean(found.mean, method),
             **({} if method is None else {f"share_{s}": v for s, v in shares.items()}),
             **{f"total_index_{s}": v for s, v in (found.total_index or {}).items()},
@@ -466,7 +470,7 @@ def validate(
 
 def detectors(scenario: Scenario) -> Result:
     """P_D of every detector by P_fa and S, and how far North's approximation is from the exact."""
-    p_fas = sorted({*P_FAS, scenario.model.p_fa}, reverse=True)
+    p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     p_d = {
         name: np.concatenate(
             [DETECTORS[name]().p_d(10.0 ** (SNR_DB / 10.0), p_fa) for p_fa in p_fas]
@@ -479,8 +483,11 @@ def detectors(scenario: Scenario) -> Result:
         i = int(np.argmax(abs(errors)))
         worst.append({"p_fa": p_fa, "error": float(errors[i]), "snr_db": float(SNR_DB[i])})
     snr = scenario.model.snr(scenario.aircraft, scenario.radar)
-    north, exact = (DETECTORS[name]().p_d(snr, scenario.model.p_fa) for name in DISTINCT[:2])
-    at_poses = peak(abs(north - exact), scenario.axis)
+    of_radars = []
+    for model, ratio in zip(scenario.model.models, snr.reshape(len(snr), -1).T, strict=True):
+        north, exact = (DETECTORS[name]().p_d(ratio, model.p_fa) for name in DISTINCT[:2])
+        of_radars.append(abs(north - exact))
+    at_poses = peak(np.max(of_radars, axis=0), scenario.axis)
     return Result(
         analysis="detectors",
         scenario=scenario,
@@ -508,6 +515,21 @@ def _drawn(
     mean: FloatArray, std: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> dict[str, FloatArray]:
     return {"mc_mean": mean, "mc_std": std, "mc_lower": lower, "mc_upper": upper}
+
+
+def _towards(scenario: Scenario) -> dict[str, FloatArray]:
+    """Return the columns of what a single radar has to do with; none for a network."""
+    aircraft, radar = scenario.aircraft, scenario.radar
+    if len(scenario.model.models) > 1:
+        return {}
+    snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
+    with np.errstate(divide="ignore"):  # no cross section, no signal: −inf dB
+        snr_db = 10.0 * np.log10(snr)
+    return {
+        "range_m": slant_range(aircraft, radar),
+        "rcs_m2": scenario.model.rcs.cross_section(body_vector(aircraft, radar)),
+        "snr_db": snr_db,
+    }
 
 
 def _band(moments: Moments) -> dict[str, FloatArray]:

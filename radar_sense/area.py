@@ -19,7 +19,7 @@ from radar_sense.analyses import Result
 from radar_sense.covariance import variance_along
 from radar_sense.geometry import body_vector
 from radar_sense.limits import MAP_KM, MAP_STEP_KM
-from radar_sense.model import DetectionModel
+from radar_sense.model import Model
 from radar_sense.propagation import check_method, propagate
 from radar_sense.rcs_table import TableRCS
 from radar_sense.reader import ScenarioError
@@ -168,7 +168,7 @@ def area(
 
 
 def upper_bound(
-    model: DetectionModel,
+    model: Model,
     aircraft: FloatArray,
     radar: FloatArray,
     cov_aircraft: FloatArray,
@@ -184,9 +184,9 @@ def upper_bound(
     Args:
         model: The detection model.
         aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4).
+        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m.
         cov_aircraft: C_aa (6, 6).
-        cov_radar: C_rr (4, 4).
+        cov_radar: C_rr (4, 4), or (4m, 4m).
         method: Name of the method.
         beta: β of the bound.
     """

@@ -1,7 +1,8 @@
 """What the uncertainty of P_D is made of, and how small its sources would have to be.
 
-A source of the budget is a block of a state's covariance, see `states.SOURCES`. Where the scenario
-says what makes the radar constant uncertain, that source has parts, one for each parameter.
+A source of the budget is a block of a state's covariance, see `states.sources`. Where the scenario
+says what makes the constant of a single radar uncertain, that source has parts, one for each
+parameter.
 """
 
 from __future__ import annotations
@@ -19,7 +20,16 @@ from radar_sense.radar_constant import draw, normals, relative_std
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.sobol import REPLICATES, sobol_indices
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, SOURCES, FloatArray
+from radar_sense.states import (
+    AIRCRAFT,
+    CONSTANT,
+    CONSTANTS,
+    SOURCES,
+    FloatArray,
+    Source,
+    finer_sources,
+    sources,
+)
 from radar_sense.wording import reached
 
 #: Begins the names of the parts of the radar constant, before their keys; itself the source.
@@ -45,6 +55,8 @@ class Budget:
         alone: Standard deviation from each source with the others certain (n,); by Sobol' indices,
             from each source with the others averaged out.
         moments: What the method says of the total; None by Sobol' indices.
+        finer: As `alone`, from the aircraft as a whole and from parts of the radars of a network,
+            which are in `alone` already in another grouping (n,); none by Sobol' indices.
         total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
         share_error: Standard errors of the shares, of the interaction, and of the shares of the
             parts by `part_name` (n,), by Sobol' indices.
@@ -55,6 +67,7 @@ class Budget:
     std: FloatArray
     alone: Mapping[str, FloatArray]
     moments: Moments | None = None
+    finer: Mapping[str, FloatArray] = field(default_factory=dict)
     total_index: Mapping[str, FloatArray] | None = None
     share_error: Mapping[str, FloatArray] | None = None
     parts: Mapping[str, FloatArray] = field(default_factory=dict)
@@ -92,23 +105,18 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
-    names = {part.key: part_name(part.key) for part in scenario.parts}
-    alone = {
-        source: scaled_moments(scenario, method, set(SOURCES) - {source}, 0.0).std
-        for source in SOURCES
-    }
-    parts = {
-        key: scaled_moments(
-            scenario, method, {*SOURCES, *names.values()} - {name, OF_CONSTANT}, 0.0
-        )
-        for key, name in names.items()
-    }
+    names = scenario.model.names
+    wanted = (sources(names), finer_sources(names), [part_name(p.key) for p in scenario.parts])
+    alone, finer, parts = (
+        {name: _alone(scenario, method, name).std for name in group} for group in wanted
+    )
     return Budget(
         mean=total.mean,
         std=total.std,
         alone=alone,
         moments=total,
-        parts={key: moments.std for key, moments in parts.items()},
+        finer=finer,
+        parts={part.key: parts[part_name(part.key)] for part in scenario.parts},
     )
 
 
@@ -162,50 +170,50 @@ def allowances(
     found = error_budget(scenario, method)
     parts = {part_name(key): std for key, std in found.parts.items()}
 
-    def three_sigma(sources: Collection[str], factor: float) -> FloatArray:
-        return 3 * scaled_moments(scenario, method, sources, factor).std
+    def three_sigma(names: Collection[str], factor: float) -> FloatArray:
+        return 3 * scaled_moments(scenario, method, names, factor).std
 
-    def excess(log_factor: float, sources: Collection[str]) -> float:
+    def excess(log_factor: float, names: Collection[str]) -> float:
         """Largest 3σ less the target; NaN where the method has no answer."""
-        return float(np.max(three_sigma(sources, float(np.exp(log_factor))))) - target
+        return float(np.max(three_sigma(names, float(np.exp(log_factor))))) - target
 
-    def largest_factor(sources: Collection[str]) -> tuple[float | None, bool]:
+    def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
         """Return the factor, and whether the method has an answer beyond it."""
-        nothing = float(np.max(three_sigma(sources, 0.0)))
+        nothing = float(np.max(three_sigma(names, 0.0)))
         if not nothing <= target:
             return None, not np.isnan(nothing)
         low, high, step = 0.0, 0.0, np.log(4.0)
         # `not <=` is meant: where there is no answer is not within the target
-        if excess(0.0, sources) <= 0:
-            while excess(high, sources) <= 0:
+        if excess(0.0, names) <= 0:
+            while excess(high, names) <= 0:
                 low, high = high, high + step
                 if high > LARGEST_LOG_FACTOR:
                     return np.inf, True
         else:
-            while not excess(low, sources) <= 0:
+            while not excess(low, names) <= 0:
                 low, high = low - step, low
                 if low < -LARGEST_LOG_FACTOR:
-                    return 0.0, not np.isnan(excess(low, sources))
-        while np.isnan(excess(high, sources)):
+                    return 0.0, not np.isnan(excess(low, names))
+        while np.isnan(excess(high, names)):
             if high - low < 0.01:
                 return float(np.exp(low)), False
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if excess(middle, sources) <= 0 else (low, middle)
+            low, high = (middle, high) if excess(middle, names) <= 0 else (low, middle)
         from scipy.optimize import brentq  # slow to import
 
-        root = brentq(excess, low, high, args=(sources,), xtol=1e-10, rtol=1e-15)
+        root = brentq(excess, low, high, args=(names,), xtol=1e-10, rtol=1e-15)
         return float(np.exp(root - 1e-9)), True  # on the side that is within the target
 
-    def allowance(sources: Collection[str]) -> Allowance:
-        factor, known = largest_factor(sources)
+    def allowance(names: Collection[str]) -> Allowance:
+        factor, known = largest_factor(names)
         used = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
-        remains = three_sigma(sources, used)
+        remains = three_sigma(names, used)
         unknown = np.isnan(remains)
         pose = int(np.argmax(unknown if unknown.any() else reached(remains)))
-        others = {s: std[pose] for s, std in found.alone.items() if s not in sources}
-        if not parts.keys().isdisjoint(sources):  # the rest of the radar constant, part by part
+        others = {s: std[pose] for s, std in found.alone.items() if s not in names}
+        if not parts.keys().isdisjoint(names):  # the rest of the radar constant, part by part
             del others[OF_CONSTANT]
-            others.update({s: std[pose] for s, std in parts.items() if s not in sources})
+            others.update({s: std[pose] for s, std in parts.items() if s not in names})
         return Allowance(
             factor=factor,
             remains=float(remains[pose]),
@@ -214,8 +222,8 @@ def allowances(
             known=known,
         )
 
-    each = {source: allowance([source]) for source in (*SOURCES, *parts)}
-    return {**each, "all": allowance(list(SOURCES))}
+    each = {name: allowance([name]) for name in (*found.alone, *parts)}
+    return {**each, "all": allowance(list(found.alone))}
 
 
 def _only_at(scenario: Scenario, at: float) -> Scenario:
@@ -231,38 +239,66 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
 
 
 def scaled_moments(
-    scenario: Scenario, method: str, sources: Collection[str], factor: float
+    scenario: Scenario, method: str, names: Collection[str], factor: float
 ) -> Moments:
     """Propagate with the standard deviations of some sources multiplied by a factor.
 
     Args:
         scenario: The scenario, at its level.
         method: Method of propagation.
-        sources: Names in `states.SOURCES`, and of parts of the radar constant as by `part_name`.
+        names: Names of sources, `states.sources`, and of parts of the radar constant as by
+            `part_name`.
         factor: What to multiply by, not negative.
     """
-    level = scenario.level
-    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[level]}
-    scaled = [(*SOURCES[source], factor) for source in sources if source in SOURCES]
-    parts = [part for part in scenario.parts if part_name(part.key) in sources]
+    return _propagate(scenario, method, _scaled(scenario, names, factor))
+
+
+def _alone(scenario: Scenario, method: str, name: str) -> Moments:
+    """Propagate with all certain but one source, or one part of the radar constant."""
+    parts = {part_name(part.key) for part in scenario.parts}
+    owner, components = _source(scenario, OF_CONSTANT if name in parts else name)
+    others = parts - {name} if name in parts else ()
+    covariances = {
+        whose: covariance.only(matrix, components if whose == owner else slice(0, 0))
+        for whose, matrix in _scaled(scenario, others, 0.0).items()
+    }
+    return _propagate(scenario, method, covariances)
+
+
+def _source(scenario: Scenario, name: str) -> Source:
+    names = scenario.model.names
+    return {**sources(names), **finer_sources(names)}[name]
+
+
+def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
+    """Return C_aa and C_rr with the standard deviations of some sources multiplied."""
+    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[scenario.level]}
+    parts = [part for part in scenario.parts if part_name(part.key) in names]
+    of_parts = {part_name(part.key) for part in parts}
+    scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
     if parts:
         whole = relative_std(scenario.parts)
         others = relative_std([part for part in scenario.parts if part not in parts])
         remains = np.hypot(others, factor * relative_std(parts))
-        scaled.append((*SOURCES[OF_CONSTANT], remains / whole if whole else 1.0))
-    for whose, components, by in scaled:
+        scaled.append((SOURCES[OF_CONSTANT], remains / whole if whole else 1.0))
+    for (whose, components), by in scaled:
         covariances[whose] = covariance.scaled(covariances[whose], components, by)
-    return propagate_scenario(
-        dataclasses.replace(
-            scenario, cov_aircraft=covariances["aircraft"], cov_radar={level: covariances["radar"]}
-        ),
-        method=method,
+    return covariances
+
+
+def _propagate(scenario: Scenario, method: str, covariances: Mapping[str, FloatArray]) -> Moments:
+    """Propagate with other covariances."""
+    changed = dataclasses.replace(
+        scenario,
+        cov_aircraft=covariances["aircraft"],
+        cov_radar={scenario.level: covariances["radar"]},
     )
+    return propagate_scenario(changed, method=method)
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
-    parts = scenario.parts
-    evaluations = (len(SOURCES) + len(parts) + 4) * scenario.runs / REPLICATES * 2
+    parts, every = scenario.parts, sources(scenario.model.names)
+    evaluations = (len(every) + len(parts) + 4) * scenario.runs / REPLICATES * 2
     if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
         raise ScenarioError(
             f"{scenario.runs:,} runs of {len(scenario.aircraft):,} poses are more than fit into "
@@ -270,15 +306,15 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         )
     cov_radar = scenario.cov_radar[scenario.level]
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
-        blocks = [components for owner, components in SOURCES.values() if owner == whose]
+        blocks = [components for owner, components in every.values() if owner == whose]
         apart = sum(covariance.only(matrix, components) for components in blocks)
         if not np.array_equal(matrix, apart):
             raise ScenarioError(
                 f"level {scenario.level}: {whose} position and the rest of its state are "
                 "correlated; Sobol' indices need independent sources, use another method"
             )
-    factor_aircraft, factor_radar = np.zeros_like(scenario.cov_aircraft), np.zeros((4, 4))
-    for whose, components in SOURCES.values():
+    factor_aircraft, factor_radar = np.zeros_like(scenario.cov_aircraft), np.zeros_like(cov_radar)
+    for whose, components in every.values():
         # each source on its own, so that no input serves two of them
         matrix, root = {
             "aircraft": (scenario.cov_aircraft, factor_aircraft),
@@ -286,24 +322,24 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         }[whose]
         block = (..., components, components)
         root[block] = covariance.factor(matrix[block])
-    aircraft_inputs, radar_inputs = len(AIRCRAFT), normals(parts)
+    aircraft_inputs, radar_inputs = len(AIRCRAFT), normals(len(cov_radar), parts)
     inputs = {
         "aircraft": range(aircraft_inputs),
         "radar": range(aircraft_inputs, aircraft_inputs + radar_inputs),
     }
-    groups = [list(inputs[whose][components]) for whose, components in SOURCES.values()]
+    groups = [list(inputs[whose][components]) for whose, components in every.values()]
     if parts:  # the constant is all of them, and then each of them is a group by itself
         of_constant = list(inputs["radar"][CONSTANT:])
-        groups[list(SOURCES).index(OF_CONSTANT)] = of_constant
+        groups[list(every).index(OF_CONSTANT)] = of_constant
         groups += [[i] for i in of_constant]
 
     def p_d(white: FloatArray) -> FloatArray:
         errors = _errors(factor_aircraft, white[:, :aircraft_inputs])
         of_radar = white[:, aircraft_inputs:]
-        radar = covariance.draws(scenario.radar, factor_radar, of_radar[:, : len(RADAR)])
+        radar = covariance.draws(scenario.radar, factor_radar, of_radar[:, : len(cov_radar)])
         if parts:
             radar[:, CONSTANT] = draw(scenario.radar[CONSTANT], parts, of_radar[:, CONSTANT:])
-        radar[:, CONSTANT] = np.maximum(radar[:, CONSTANT], 0.0)
+        radar[:, CONSTANTS] = np.maximum(radar[:, CONSTANTS], 0.0)
         return np.stack(
             [
                 scenario.model.p_d(pose + error, radar)
@@ -318,19 +354,19 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         mean=indices.mean,
         std=std,
         # an estimate of a share can come out below zero
-        alone={s: std * np.sqrt(np.maximum(first[i], 0.0)) for i, s in enumerate(SOURCES)},
-        total_index={s: indices.total[i] for i, s in enumerate(SOURCES)},
+        alone={s: std * np.sqrt(np.maximum(first[i], 0.0)) for i, s in enumerate(every)},
+        total_index={s: indices.total[i] for i, s in enumerate(every)},
         share_error={
-            **{s: indices.first_error[i] for i, s in enumerate(SOURCES)},
-            "interaction": np.sqrt(np.sum(indices.first_error[: len(SOURCES)] ** 2, axis=0)),
+            **{s: indices.first_error[i] for i, s in enumerate(every)},
+            "interaction": np.sqrt(np.sum(indices.first_error[: len(every)] ** 2, axis=0)),
             **{
                 part_name(part.key): indices.first_error[i]
-                for i, part in enumerate(parts, start=len(SOURCES))
+                for i, part in enumerate(parts, start=len(every))
             },
         },
         parts={
             part.key: std * np.sqrt(np.maximum(first[i], 0.0))
-            for i, part in enumerate(parts, start=len(SOURCES))
+            for i, part in enumerate(parts, start=len(every))
         },
     )
 

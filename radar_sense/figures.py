@@ -30,7 +30,7 @@ from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.rcs_pattern import aspects, decibels, pattern
 from radar_sense.rcs_table import TableRCS
-from radar_sense.states import RADAR, SOURCES, FloatArray
+from radar_sense.states import RADAR, SOURCES, FloatArray, sources
 
 _STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -128,7 +128,8 @@ def _sensitivity(result: Result) -> Figure:
 def _budget(result: Result) -> Figure:
     figure, (axes,) = _new(1, result)
     table, x = result.table, _x(result)
-    for source, style in zip(SOURCES, _LINES, strict=False):
+    every = sources(result.scenario.model.names)
+    for source, style in zip(every, itertools.cycle(_LINES), strict=False):
         label = source.replace("_", " ")
         _line(axes, x, table[f"three_sigma_{source}"], style, label=label)
     # What the radar constant is made of, thin and in its colour.
@@ -191,7 +192,7 @@ def _validate(result: Result) -> Figure:
 
 def _detectors(result: Result) -> Figure:
     figure, (top, bottom) = _new(2, result)
-    table, chosen = result.table, result.scenario.model.p_fa
+    table, chosen = result.table, result.scenario.model.models[0].p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
     # the scenario's, and the ends if their curves and labels are well away from it

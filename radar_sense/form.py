@@ -72,6 +72,7 @@ def _climb(
     """
     u, best = np.zeros_like(g), sign * z.value[row]
     g, damping, settled = g.copy(), np.zeros(len(g)), np.zeros(len(g), dtype=bool)
+    floor = z.floor
     spread = np.sqrt(np.sum(g * g + 0.5 * lam * lam, axis=1))
     stiffness = spread / np.where(radius > 0, radius, 1.0) + np.abs(lam).max(axis=1)
     for _ in range(ITERATIONS):
@@ -89,7 +90,7 @@ def _climb(
         damping[won] /= 4.0
         damping[lost] = np.maximum(4.0 * damping[lost], stiffness[lost])
         promise = radius[won] * np.linalg.norm(g[won], axis=1) - np.sum(g[won] * u[won], axis=1)
-        at_floor = (sign[won] < 0) & (-best[won] <= z.floor)
+        at_floor = (sign[won] < 0) & (-best[won] <= floor[row[won]])
         settled[won] = (promise <= TOLERANCE * spread[won]) | at_floor
     return best, settled
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import variance_along
 from radar_sense.detection import Detector, North
@@ -41,7 +41,8 @@ class Linearization:
     Attributes:
         p_d: Probability of detection (...).
         jac_aircraft: A_Pa (..., 6), partials for north, east, down [1/m], roll, pitch, yaw [1/rad].
-        jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)].
+        jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)]; those of
+            m radars (..., 4m) one after the other.
     """
 
     p_d: FloatArray
@@ -53,7 +54,7 @@ class Linearization:
 
         Args:
             cov_aircraft: C_aa (..., 6, 6), in metres and radians.
-            cov_radar: C_rr (..., 4, 4), in metres and J m²/K.
+            cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), in metres and J m²/K.
 
         Returns:
             σ_pd (...).
@@ -65,6 +66,67 @@ class Linearization:
             variance_along(self.jac_aircraft, cov_aircraft)
             + variance_along(self.jac_radar, cov_radar)
         )
+
+
+class Model(Protocol):
+    """What the rest of the package asks of a model: one radar's, or that of a network of m.
+
+    Aircraft states are (..., 6), radar states (..., 4m); they broadcast against each other.
+    """
+
+    @property
+    def rcs(self) -> RCS:
+        """Radar cross section by aspect."""
+        ...
+
+    @property
+    def models(self) -> tuple[DetectionModel, ...]:
+        """The detection model of each radar; as many as there are radars."""
+        ...
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the radars, if they have any."""
+        ...
+
+    def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
+        """Signal-to-noise ratio, (...) at one radar, (..., m) at those of a network."""
+        ...
+
+    def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
+        """Probability of detection (...)."""
+        ...
+
+    def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
+        """Probability of detection and its partials."""
+        ...
+
+    def linearize_probit(
+        self, aircraft: ArrayLike, radar: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The probit Φ⁻¹(P_D) (...), its partials for aircraft (..., 6) and radars (..., 4m)."""
+        ...
+
+    def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
+        """Say which radars (..., m) see the aircraft."""
+        ...
+
+    def continued_probit(
+        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As `linearize_probit`, but smooth, so that it can be expanded about a state.
+
+        Args:
+            aircraft: (k, 6).
+            radar: (k, 4m). A radar constant below zero stands for zero, where z has its floor. Here
+                z goes on below it, with the slope that it has at c_r = 0.
+            visible: Which radars (k, m) see the aircraft, wherever the states are.
+        """
+        ...
+
+    def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
+        """The least z (...) there is, that without any signal, of the radars visible (..., m)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -88,6 +150,16 @@ class DetectionModel:
     def __post_init__(self) -> None:
         if not 0 < self.p_fa < 1:
             raise ValueError(f"p_fa must lie between 0 and 1, got {self.p_fa}")
+
+    @property
+    def models(self) -> tuple[DetectionModel, ...]:
+        """The detection model of each radar: this one."""
+        return (self,)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the radars; a single one needs none."""
+        return ()
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Signal-to-noise ratio (...), a ratio of powers.
@@ -133,6 +205,32 @@ class DetectionModel:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
         return self._partials(self.detector.linearize_probit, aircraft, radar)
+
+    def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
+        """Say that the radar sees the aircraft, (..., 1): this model knows no limits."""
+        shape = np.broadcast_shapes(np.shape(aircraft)[:-1], np.shape(radar)[:-1])
+        return np.ones((*shape, 1), dtype=bool)
+
+    def continued_probit(
+        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """As `linearize_probit`, of states (k, 6) and (k, 4), but going on below c_r = 0.
+
+        A radar constant below zero stands for zero, where z has its floor. Here z goes on below it,
+        with the slope that it has at c_r = 0. Quantiles of the greater of z and the floor are the
+        greater of the quantile and the floor, so that a method can work with a smooth z and apply
+        the floor last.
+        """
+        below_zero = np.minimum(radar[:, CONSTANT], 0.0)
+        radar = radar.copy()
+        radar[:, CONSTANT] -= below_zero
+        value, by_aircraft, by_radar = self.linearize_probit(aircraft, radar)
+        return value + by_radar[:, CONSTANT] * below_zero, by_aircraft, by_radar
+
+    def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
+        """The least z (...) there is, that without any signal."""
+        least = self.detector.linearize_probit(np.zeros(()), self.p_fa)[0]
+        return np.full(visible.shape[:-1], float(least))
 
     def _partials(
         self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.covariance import component_first, draws, factor
-from radar_sense.model import DetectionModel
+from radar_sense.model import Model
 from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.radar_constant import Part, draw, normals
 from radar_sense.sampling import SAMPLERS, Source, check_sampler
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, RADAR, FloatArray
+from radar_sense.states import CONSTANT, CONSTANTS, FloatArray
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
 
 T = TypeVar("T")
@@ -94,15 +94,16 @@ class Sampler:
     """Draws the states of a scenario and computes P_D from them.
 
     Attributes:
-        model: The detection model.
+        model: The detection model, of a radar or of a network of m.
         aircraft: Nominal aircraft states (n, 6).
-        radar: Nominal radar state (4,).
+        radar: Nominal radar state (4,), or (4m,) of a network of m.
         factor_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
-        factor_radar: F (4, 4) with F Fᵀ = C_rr.
-        parts: What makes c_r uncertain, if that is known; c_r is then drawn as they make it.
+        factor_radar: F (4, 4), or (4m, 4m), with F Fᵀ = C_rr.
+        parts: What makes c_r of a single radar uncertain, if that is known; it is then drawn as
+            they make it.
     """
 
-    model: DetectionModel
+    model: Model
     aircraft: FloatArray
     radar: FloatArray
     factor_aircraft: FloatArray
@@ -123,32 +124,33 @@ class Sampler:
 
     @property
     def radar_normals(self) -> int:
-        """Unit normals that a radar state takes, m: 4, or 3 and one for each part of c_r."""
-        return normals(self.parts)
+        """Unit normals that a radar state takes: 4 each, or 3 and one for each part of c_r."""
+        return normals(len(self.radar), self.parts)
 
     def draw_radar(self, white: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Draw radar states from unit normals.
 
         Args:
-            white: Unit normals (runs, m).
+            white: Unit normals (runs, radar_normals).
 
         Returns:
-            Radar states (runs, 4), and where c_r was drawn below zero and set to zero (runs,).
+            Radar states (runs, 4m), and where a c_r was drawn below zero and set to zero (runs,).
         """
-        radar = draws(self.radar, self.factor_radar, white[:, : len(RADAR)])
+        radar = draws(self.radar, self.factor_radar, white[:, : len(self.radar)])
         if self.parts:  # a parameter below zero has been set to zero, and c_r with it
             radar[:, CONSTANT] = draw(self.radar[CONSTANT], self.parts, white[:, CONSTANT:])
             return radar, radar[:, CONSTANT] == 0
-        negative = radar[:, CONSTANT] < 0
-        radar[negative, CONSTANT] = 0.0
-        return radar, negative
+        constants = radar[:, CONSTANTS]
+        negative = constants < 0
+        constants[negative] = 0.0  # in `radar` too, of which it is a part
+        return radar, np.asarray(negative.any(axis=1))
 
     def draw_p_d(self, white: FloatArray, radar: FloatArray, poses: slice = EVERY) -> FloatArray:
         """Draw an aircraft for each pose of each run and compute P_D.
 
         Args:
             white: Unit normals for the aircraft (runs, poses, 6).
-            radar: Radar states (runs, 4).
+            radar: Radar states (runs, 4m).
             poses: Which of the scenario's poses.
 
         Returns:
@@ -186,7 +188,7 @@ class _Blocks:
         return -(-self.runs // self.runs_per_block)
 
     def p_d(self, index: int) -> tuple[FloatArray, int]:
-        """P_D (runs of the block, n) and the number of radar constants set to zero."""
+        """P_D (runs of the block, n) and in how many a constant was set to 0."""
         runs = min(self.runs_per_block, self.runs - index * self.runs_per_block)
         white_radar, white_aircraft = self.source.block(index, runs)
         radar, negative = self.sampler.draw_radar(white_radar)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from radar_sense.form import quantiles
-from radar_sense.model import DetectionModel
+from radar_sense.model import Model
 from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.scenario import Scenario
 from radar_sense.standardized import Standardized, standardize
@@ -42,6 +42,8 @@ class Moments:
     and 341 of 361 poses (Low, Medium, High) where 0, 163 and 335 are off so far, for `probit` at
     0, 0 and 49 where 0, 0 and 53 are. In tests far from that scenario it warned at every pose where
     `form` missed a bound by more than 0.002 or σ (above 1e-6) by more than 1 %, and at others.
+    All methods warn where a limit to what a radar sees is within reach of the states: none of them
+    knows of such an edge.
 
     Attributes:
         p_d: P_D of the nominal states (...).
@@ -68,7 +70,7 @@ Method = Callable[[Standardized, float], Moments]
 
 
 def propagate(
-    model: DetectionModel,
+    model: Model,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -81,11 +83,12 @@ def propagate(
     """Mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
     Args:
-        model: The detection model.
+        model: The detection model, of a radar or of a network.
         aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4).
+        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m.
         cov_aircraft: C_aa (..., 6, 6), which may be singular.
-        cov_radar: C_rr (..., 4, 4), which may be singular. The four broadcast against each other.
+        cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), which may be singular. The four broadcast
+            against each other.
         method: Name of the method.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
         log_constant: Whether ln c_r is Gaussian, with the relative deviation of C_rr, rather than
@@ -177,7 +180,7 @@ def form(z: Standardized, beta: float) -> Moments:
     return Moments(
         z.model.p_d(z.aircraft, z.radar),
         *found,
-        curved=_differ(_from_quantiles(z, to_second_order), found) | _bends(z),
+        curved=_differ(_from_quantiles(z, to_second_order), found) | _bends(z) | z.edge,
         settled=settled,
     )
 
@@ -252,7 +255,8 @@ def _second_order_matters(z: Standardized, found: Spread, beta: float) -> NDArra
     both = first + 0.5 * np.sum(z.curvature**2, axis=1)
     third = np.sum(3.0 * z.gradient**2 * z.curvature + z.curvature**3, axis=1)
     skewness = third / np.where(both > 0, both, 1.0) ** 1.5
-    return _differ(found, _skewed(mean, np.sqrt(both), skewness, beta)) | _bends(z)
+    better = _skewed(mean, np.sqrt(both), skewness, beta)
+    return _differ(found, better) | _bends(z) | z.edge
 
 
 def _bends(z: Standardized) -> NDArray[np.bool_]:
@@ -276,12 +280,13 @@ def _from_quantiles(z: Standardized, quantile: FloatArray) -> Spread:
 
     curve = CubicSpline(NODES, quantile[:, : len(NODES)], axis=1)(beta)
     side = np.where(z.value > 0, -1.0, 1.0)[:, np.newaxis]
-    lesser = ndtr(side * np.maximum(curve, z.floor))
+    floor = z.floor[:, np.newaxis]
+    lesser = ndtr(side * np.maximum(curve, floor))
     median = lesser[:, len(beta) // 2, np.newaxis]
     drift = np.sum(weight * (lesser - median), axis=1, keepdims=True)
     variance = np.sum(weight * (lesser - median - drift) ** 2, axis=1)
     mean = (median + drift)[:, 0]
-    lower, upper = ndtr(np.maximum(quantile[:, len(NODES) :], z.floor)).T
+    lower, upper = ndtr(np.maximum(quantile[:, len(NODES) :], floor)).T
     return Spread(np.where(z.value > 0, 1.0 - mean, mean), np.sqrt(variance), lower, upper)
 
 

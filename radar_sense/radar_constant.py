@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from radar_sense.limits import NOT_NEGATIVE, Limit
 from radar_sense.radar import RADARS, SEARCH_FACTORS, Unit
 from radar_sense.reader import LARGEST, SMALLEST, Entry
-from radar_sense.states import CONSTANT, FloatArray
+from radar_sense.states import FloatArray
 
 #: A parameter that divides must stay well away from 0: its standard deviation is at most this part
 #: of its value, and no draw is lower than so many standard deviations below its value (3 in ten
@@ -253,6 +253,6 @@ def read_makeup(entry: Entry, kind: str) -> tuple[Makeup, dict[str, Any]]:
     return Makeup(kind, constant, values), document
 
 
-def normals(parts: Sequence[Part]) -> int:
-    """How many unit normals a radar state takes: its position, and c_r or each of its parts."""
-    return CONSTANT + max(1, len(parts))
+def normals(components: int, parts: Sequence[Part]) -> int:
+    """How many unit normals a radar state takes: one for each component, and for c_r its parts."""
+    return components + max(0, len(parts) - 1)

@@ -71,13 +71,14 @@ class Random:
 
 @dataclass(frozen=True)
 class Sobol:
-    """Unit normals from a scrambled Sobol' sequence in the dimensions of the two states.
+    """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
-    These are ten, and one more for each part of the radar constant beyond the first. All poses
-    share the sequence, and so the radar's draws. The aircraft's are made different at every pose by
-    a digital shift (an exclusive-or with random bits), under which a Sobol' sequence remains one:
-    at each pose the draws fill all dimensions evenly, while from pose to pose their errors differ.
-    (P. L'Ecuyer and C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002.)
+    These are ten, four more for each further radar of a network, and one more for each part of a
+    radar constant beyond the first. All poses share the sequence, and so the radar's draws. The
+    aircraft's are made different at every pose by a digital shift (an exclusive-or with random
+    bits), under which a Sobol' sequence remains one: at each pose the draws fill all dimensions
+    evenly, while from pose to pose their errors differ. (P. L'Ecuyer and C. Lemieux, "Recent
+    advances in randomized quasi-Monte Carlo methods", 2002.)
 
     So what is said of each pose by itself is right. Of two poses together it is not: their draws of
     the aircraft are shifts of each other, not independent. Over many seeds the correlation is 0 in

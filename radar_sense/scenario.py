@@ -31,7 +31,7 @@ from radar_sense.limits import (
     Limit,
     parameter_keys,
 )
-from radar_sense.model import DetectionModel
+from radar_sense.model import DetectionModel, Model
 from radar_sense.path import read_path
 from radar_sense.radar import RADARS
 from radar_sense.radar_constant import Makeup, Part, read_makeup, relative_std
@@ -83,9 +83,10 @@ class Scenario:
         model: RCS, P_fa and detector.
         axis: What the poses are laid out along: azimuth, time or distance (n,).
         aircraft: Nominal aircraft states (n, 6).
-        radar: Nominal radar state (4,).
+        radar: Nominal radar state (4,), or (4m,) of a network of m.
         cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
-        cov_radar: C_rr (4, 4) for each level of radar uncertainty, in the file's order.
+        cov_radar: C_rr (4, 4), or (4m, 4m), for each level of radar uncertainty, in the file's
+            order.
         level: The level that an analysis of a single one uses.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
@@ -95,7 +96,7 @@ class Scenario:
     """
 
     name: str
-    model: DetectionModel
+    model: Model
     axis: Axis
     aircraft: FloatArray
     radar: FloatArray

@@ -1,24 +1,28 @@
 """Standardized state space: z, the probit of P_D, as a function of independent standard normals.
 
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. With F Fᵀ the covariance of all
-ten states, x = x̄ + F u turns independent standard normal u into states, and a method of propagation
-sees a function z(u) and nothing else. F is free up to a rotation. The one taken here makes the
-second derivatives of z a diagonal matrix, so that to second order z is a sum over components,
+n = 6 + 4m states, of an aircraft and m radars, x = x̄ + F u turns independent standard normal u into
+states, and a method of propagation sees a function z(u) and nothing else. F is free up to a
+rotation. The one taken here makes the second derivatives of z a diagonal matrix, so that to second
+order z is a sum over components,
 
     z(u) ≈ z(0) + Σ (g_i u_i + λ_i u_i²/2).
+
+Which radars see the aircraft is taken to be as it is at u = 0, so that z is smooth.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import factor
-from radar_sense.model import DetectionModel
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
+from radar_sense.model import Model
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
 #: Poses standardized at a time, which bounds the memory in use; of no influence on the result.
 BLOCK = 1024
@@ -26,30 +30,37 @@ BLOCK = 1024
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations:
 #: those of the region where the states are rather than of a point.
 STEP = 0.5
+#: How far along each axis of u to look for an edge beyond which a radar sees the aircraft no more,
+#: or sees it only there. An edge 3 away across a position's axes is 3√3 away along each of them.
+REACH = 5.2
 
 
 @dataclass(frozen=True, eq=False)
 class Standardized:
-    """z(u) of m poses, and its second-order expansion about u = 0.
+    """z(u) of k poses, and its second-order expansion about u = 0.
 
     Attributes:
         model: The detection model.
-        aircraft: Nominal aircraft states (m, 6).
-        radar: Nominal radar states (m, 4).
-        cov_aircraft: C_aa (m, 6, 6).
-        cov_radar: C_rr (m, 4, 4).
-        factor: F (m, 10, 10).
-        value: z(0) (m,).
-        gradient: g (m, 10), NaN where z has none.
-        curvature: λ (m, 10), NaN where it cannot be found.
-        log_constant: Whether it is ln c_r that is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
+        aircraft: Nominal aircraft states (k, 6).
+        radar: Nominal radar states (k, 4m).
+        cov_aircraft: C_aa (k, 6, 6).
+        cov_radar: C_rr (k, 4m, 4m).
+        visible: Which radars see the aircraft (k, m).
+        edge: Where that may change within reach of the states (k,).
+        factor: F (k, n, n).
+        value: z(0) (k,).
+        gradient: g (k, n), NaN where z has none.
+        curvature: λ (k, n), NaN where it cannot be found.
+        log_constant: Whether it is the ln c_r that are Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
     """
 
-    model: DetectionModel
+    model: Model
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
     cov_radar: FloatArray
+    visible: NDArray[np.bool_]
+    edge: NDArray[np.bool_]
     factor: FloatArray
     value: FloatArray
     gradient: FloatArray
@@ -57,18 +68,19 @@ class Standardized:
     log_constant: bool = False
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return z (k,) and its gradient (k, 10) at u (k, 10), each row for its pose (k,)."""
-        states = self.aircraft[pose], self.radar[pose]
-        return _evaluate(self.model, *states, self.factor[pose], u, self.log_constant)
+        """Return z (j,) and its gradient (j, n) at u (j, n), each row for its pose (j,)."""
+        nominal, root = (self.aircraft[pose], self.radar[pose]), self.factor[pose]
+        states = _shifted(*nominal, root, u, log_constant=self.log_constant)
+        return _evaluate(self.model, states, self.visible[pose], root)
 
     @property
-    def floor(self) -> float:
-        """The least z there is, that without any signal."""
-        return float(self.model.detector.linearize_probit(np.zeros(()), self.model.p_fa)[0])
+    def floor(self) -> FloatArray:
+        """The least z there is (k,), that without any signal."""
+        return self.model.floor(self.visible)
 
 
 def standardize(
-    model: DetectionModel,
+    model: Model,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -85,11 +97,12 @@ def standardize(
         ValueError: If a shape does not fit.
     """
     arrays, tails = [], []
+    radars = len(model.models) * len(RADAR)
     for name, values, tail in (
         ("aircraft states", aircraft, (len(AIRCRAFT),)),
-        ("radar states", radar, (len(RADAR),)),
+        ("radar states", radar, (radars,)),
         ("aircraft covariance", cov_aircraft, 2 * (len(AIRCRAFT),)),
-        ("radar covariance", cov_radar, 2 * (len(RADAR),)),
+        ("radar covariance", cov_radar, 2 * (radars,)),
     ):
         array = np.asarray(values, dtype=float)
         if array.shape[-len(tail) :] != tail:
@@ -113,7 +126,7 @@ def standardize(
 
 
 def _expand(
-    model: DetectionModel,
+    model: Model,
     aircraft: FloatArray,
     radar: FloatArray,
     cov_aircraft: FloatArray,
@@ -121,31 +134,42 @@ def _expand(
     *,
     log_constant: bool,
 ) -> Standardized:
-    n, both = len(AIRCRAFT), len(AIRCRAFT) + len(RADAR)
+    n, both = len(AIRCRAFT), len(AIRCRAFT) + radar.shape[-1]
     root = np.zeros((len(aircraft), both, both))
     root[:, :n, :n] = factor(cov_aircraft)
     root[:, n:, n:] = factor(cov_radar)
+    visible = model.visible(aircraft, radar)
+
+    def shifted(root: FloatArray, u: FloatArray) -> _States:
+        return _shifted(aircraft, radar, root, u, log_constant=log_constant)
+
+    edge = np.zeros(len(aircraft), dtype=bool)
     hessian = np.empty_like(root)
     for i in range(both):
         u = np.zeros((len(aircraft), both))
-        u[:, i] = STEP
+        u[:, i] = 1.0
         ahead, behind = (
-            _evaluate(model, aircraft, radar, root, v, log_constant)[1] for v in (u, -u)
+            _evaluate(model, shifted(root, step * u), visible, root)[1] for step in (STEP, -STEP)
         )
         hessian[:, i] = (ahead - behind) / (2.0 * STEP)
+        for reach in (REACH, -REACH):
+            far = shifted(root, reach * u)
+            edge |= np.any(model.visible(far.aircraft, far.radar) != visible, axis=1)
     known = np.isfinite(hessian).all(axis=(1, 2))
     hessian[~known] = 0.0
     curvature, rotation = np.linalg.eigh((hessian + hessian.swapaxes(1, 2)) / 2.0)
     curvature[~known] = np.nan
     rotated = root @ rotation
-    nominal = np.zeros((len(aircraft), both))
-    value, gradient = _evaluate(model, aircraft, radar, rotated, nominal, log_constant)
+    at_zero = shifted(rotated, np.zeros((len(aircraft), both)))
+    value, gradient = _evaluate(model, at_zero, visible, rotated)
     return Standardized(
         model=model,
         aircraft=aircraft,
         radar=radar,
         cov_aircraft=cov_aircraft,
         cov_radar=cov_radar,
+        visible=visible,
+        edge=edge,
         factor=rotated,
         value=value,
         gradient=gradient,
@@ -154,33 +178,40 @@ def _expand(
     )
 
 
-def _evaluate(
-    model: DetectionModel,
+class _States(NamedTuple):
+    """States (k, 6) and (k, 4m) at some u, and ∂c_r/∂Δ, which is c_r/c̄_r (k, m) or 1."""
+
+    aircraft: FloatArray
+    radar: FloatArray
+    growth: FloatArray | float
+
+
+def _shifted(
     aircraft: FloatArray,
     radar: FloatArray,
     factor: FloatArray,
     u: FloatArray,
-    log_constant: bool = False,
-) -> tuple[FloatArray, FloatArray]:
-    """Return z (k,) and its gradient (k, 10) at u (k, 10).
-
-    A radar constant below zero stands for zero, where z has its floor. Here z goes on below it,
-    with the slope that it has at c_r = 0. Quantiles of the greater of z and the floor are the
-    greater of the quantile and the floor, so that a method can work with a smooth z and apply the
-    floor last.
-    """
+    *,
+    log_constant: bool,
+) -> _States:
+    """Return the states at u (k, n)."""
     shift = np.einsum("kij,kj->ki", factor, u)
-    aircraft = aircraft + shift[:, : len(AIRCRAFT)]
-    nominal, radar = radar, radar + shift[:, len(AIRCRAFT) :]
-    if log_constant:
-        growth = np.exp(shift[:, len(AIRCRAFT) + CONSTANT] / nominal[:, CONSTANT])
-        radar[:, CONSTANT] = nominal[:, CONSTANT] * growth
-    below_zero = np.minimum(radar[:, CONSTANT], 0.0)
-    radar[:, CONSTANT] -= below_zero
-    value, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
-    if log_constant:  # ∂c_r/∂Δ
-        by_radar[:, CONSTANT] *= growth
+    of_radar = shift[:, len(AIRCRAFT) :]
+    states = _States(aircraft + shift[:, : len(AIRCRAFT)], radar + of_radar, 1.0)
+    if not log_constant:
+        return states
+    growth = np.exp(of_radar[:, CONSTANTS] / radar[:, CONSTANTS])
+    states.radar[:, CONSTANTS] = radar[:, CONSTANTS] * growth
+    return states._replace(growth=growth)
+
+
+def _evaluate(
+    model: Model, states: _States, visible: NDArray[np.bool_], factor: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return z (k,) at the states, and its gradient (k, n) by u."""
+    value, by_aircraft, by_radar = model.continued_probit(states.aircraft, states.radar, visible)
+    by_radar[:, CONSTANTS] *= states.growth
     by_state = np.concatenate((by_aircraft, by_radar), axis=1)
     # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
     by_state = np.where(np.any(factor != 0, axis=-1), by_state, 0.0)
-    return value + by_radar[:, CONSTANT] * below_zero, np.einsum("kij,ki->kj", factor, by_state)
+    return value, np.einsum("kij,ki->kj", factor, by_state)

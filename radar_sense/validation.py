@@ -284,7 +284,7 @@ class _Batches:
         return cls(Sampler.of(scenario), scenario.seed, tail, draws, min(kept, draws))
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
-        """Radar states of a batch (draws, 4), and how many radar constants were set to zero."""
+        """Radar states of a batch (draws, 4m), and in how many a constant was set to zero."""
         white = self._stream(number, 0).standard_normal((self.draws, self.sampler.radar_normals))
         radar, negative = self.sampler.draw_radar(white)
         return radar, int(np.count_nonzero(negative))
