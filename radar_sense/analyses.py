@@ -175,7 +175,7 @@ def budget(
     if target is not None and method == MONTE_CARLO:
         raise ScenarioError(f"a target needs one of the methods {', '.join(METHODS)}")
     if only_at is not None and target is None:
-        raise ScenarioError("a pose for the target needs a target")
+        raise ScenarioError("--at says which pose a --target is for, and there is none")
     axis = scenario.axis
     found = error_budget(scenario, _chosen(method))
     three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
@@ -635,7 +635,9 @@ def _correlated(
 def _row(
     name: str, three_sigma: float, share: float = float("nan"), error: float | None = None
 ) -> str:
-    return f"  {name:21}{three_sigma:.4f}{_percent(share, error)}"
+    rounds_away = 0 < three_sigma < 5e-5
+    shown = f"{three_sigma:.0e}" if rounds_away else f"{three_sigma:.4f}"
+    return f"  {name:21}{shown:6}{_percent(share, error)}"
 
 
 def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]) -> dict[str, Any]:

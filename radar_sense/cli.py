@@ -27,6 +27,8 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 FORMATS = ("png", "pdf", "svg")
 MAX_WORKERS = 256
+#: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
+MOST_THREADS = 8
 #: Exit code that says: all was done as asked, and the answer is no.
 NOT_VALIDATED = 3
 
@@ -117,7 +119,8 @@ _dask = click.option(
 _workers = click.option(
     "--workers",
     type=Number(Limit(at_least=1, at_most=MAX_WORKERS, whole=True)),
-    help="Threads to compute with; the numbers do not depend on it.  [default: all cores]",
+    help="Threads to compute with; the numbers do not depend on it.  "
+    "[default: all cores, at most 8]",
 )
 _quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 _output = _stacked(
@@ -680,7 +683,7 @@ def _run(
 
 
 def _threads(workers: int | None) -> int:
-    return workers or min(os.cpu_count() or 1, MAX_WORKERS)
+    return workers or min(os.cpu_count() or 1, MOST_THREADS)
 
 
 @contextmanager

@@ -51,7 +51,7 @@ class Limit:
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
-PROBABILITY = Limit(above=0, below=1)
+PROBABILITY = Limit(at_least=1e-100, below=1)
 #: Where a map may reach [km], and how far its cells may be apart [km].
 MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)

@@ -242,7 +242,7 @@ def monte_carlo(
         ScenarioError: If runs, seed, level, method or sampler are not allowed.
     """
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    check_sampler(sampler)
+    check_sampler(sampler, scenario.runs)
     band = propagate_scenario(scenario, method=method)
     poses = len(scenario.aircraft)
     # a power of two, as Sobol' points want it

@@ -17,6 +17,10 @@ from radar_sense.limits import POSITIVE, Limit, check_parameters
 from radar_sense.states import FloatArray
 
 DECIBELS = Limit(at_least=-200, at_most=200)
+#: What a receiver or a line takes away, in decibels; neither gives anything.
+LOSSES = Limit(at_least=0, at_most=200)
+#: The whole sphere is 4π.
+SOLID_ANGLE = Limit(above=0, at_most=12.5664)
 
 #: What stands below the power-aperture product in c_r, by the name that a scenario gives it. With a
 #: beam of solid angle λ²/A it is 4π (M. I. Skolnik, "Introduction to Radar Systems", 2001; MATLAB's
@@ -47,8 +51,9 @@ def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
 
 
 def _decibels(sign: int, key: str) -> Any:
-    """Declare a parameter in decibels that c_r grows with, sign · dB."""
-    return field(metadata={"power": sign, "limit": DECIBELS, "units": {key: _SI}, "decibels": True})
+    """Declare a parameter in decibels that c_r grows with, sign · dB, or falls with."""
+    limit = DECIBELS if sign > 0 else LOSSES
+    return field(metadata={"power": sign, "limit": limit, "units": {key: _SI}, "decibels": True})
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,7 @@ class SurveillanceRadar:
     aperture: float = _factor(1, aperture_m2=_SI)
     temperature: float = _factor(-1, temperature_k=_SI)
     scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=Unit(60.0, -1))
-    search_volume: float = _factor(-1, search_volume_sr=_SI)
+    search_volume: float = _factor(-1, SOLID_ANGLE, search_volume_sr=_SI)
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
     search_factor: float = 16.0

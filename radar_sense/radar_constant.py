@@ -236,7 +236,7 @@ def read_makeup(entry: Entry, kind: str) -> tuple[Makeup, dict[str, Any]]:
             names = " and ".join(f"'{key}'" for key in f.metadata["units"])
             if len(f.metadata["units"]) == 1:
                 raise entry.error(f"missing key {names}")
-            raise entry.error(f"needs one of the keys {names}, and not both")
+            raise entry.error(f"needs exactly one of the keys {names}")
         key = given[0]
         values[key] = found[key].number(f.metadata["limit"])
         arguments[f.name] = f.metadata["units"][key].to_si(values[key])

@@ -49,6 +49,10 @@ def rcs(scenario: Scenario) -> Result:
     model = scenario.model.rcs
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    # Straight above and below, a table has one value at all azimuths, or does not reach that far.
+    ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
+    below, above = np.all(ends == ends[0], axis=0)
+    elevation = elevation[(0 if below else 1) : (None if above else -1)]
     columns = [a.ravel() for a in np.meshgrid(azimuth, elevation)]
     sigma = pattern(model, *columns)
     horizon = pattern(model, azimuth, np.zeros(1))

@@ -344,7 +344,7 @@ def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
             i = int(differ[0])
             return i * len(elevation) + j, (
                 f"straight {pole} the aircraft azimuth has no meaning: the value must be the same "
-                f"at each, got {rcs[0, j]:g} and {rcs[i, j]:g} m^2"
+                f"at each, got {rcs[0, j]:.10g} and {rcs[i, j]:.10g} m^2"
             )
     return None
 

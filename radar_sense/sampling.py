@@ -22,6 +22,10 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 BITS = 32
 _UNIT = 2.0**-BITS
 
+#: Runs with Sobol' points. SciPy skips to a block by counting up to it, which with more runs than
+#: this would take longer than all the rest.
+MAX_SOBOL_RUNS = 2**24
+
 #: Branch of a seed's streams that randomizes Sobol' points.
 _SCRAMBLE, _SHIFT = 2**32 - 2, 2**32 - 1
 
@@ -123,14 +127,18 @@ def _normal(bits: NDArray[np.uint32]) -> FloatArray:
 SAMPLERS: Mapping[str, Any] = {"random": Random, "sobol": Sobol}
 
 
-def check_sampler(name: str) -> None:
-    """Refuse the name of a sampler that does not exist.
+def check_sampler(name: str, runs: int) -> None:
+    """Refuse a sampler that does not exist, or more runs than it is made for.
 
     Raises:
-        ScenarioError: If there is none of this name.
+        ScenarioError: If there is none of this name, or runs are too many for it.
     """
     if name not in SAMPLERS:
         raise ScenarioError(
             f"sampler must be one of {', '.join(SAMPLERS)}, got {name!r}"
             + did_you_mean(name, SAMPLERS)
+        )
+    if name == "sobol" and runs > MAX_SOBOL_RUNS:
+        raise ScenarioError(
+            f"runs with Sobol' points must be at most {MAX_SOBOL_RUNS:,}, got {runs:,}"
         )

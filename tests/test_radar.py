@@ -144,9 +144,11 @@ def any_radar(kind, rng):
     """Values by key over some decades, each parameter under one of its keys."""
     while True:
         values = {
-            (key := keys[rng.integers(len(keys))]): float(rng.uniform(-30, 50))
-            if key.endswith(("_db", "_dbi"))
-            else float(10 ** rng.uniform(-3, 3))
+            (key := keys[rng.integers(len(keys))]): float(rng.uniform(0, 50))
+            if key.endswith("_db")  # losses, which are none below 0
+            else float(rng.uniform(-30, 50))
+            if key.endswith("_dbi")
+            else float(10 ** rng.uniform(-3, 1 if key == "search_volume_sr" else 3))
             for keys in KEYS[kind]
         }
         if 1e-19 < exactly(kind, values) < 1e19:  # what a scenario allows
@@ -639,12 +641,12 @@ def changed(kind, without=(), tolerances=None, **added):
 BAD = {
     "two keys of one parameter": (
         changed("surveillance", average_power_w=1),
-        "radar.surveillance: needs one of the keys 'average_power_w' and 'average_power_kw', "
-        "and not both",
+        "radar.surveillance: needs exactly one of the keys 'average_power_w' and "
+        "'average_power_kw'",
     ),
     "no key of a parameter": (
         changed("tracking", without=["frequency_ghz"]),
-        "radar.tracking: needs one of the keys 'frequency_ghz' and 'wavelength_m', and not both",
+        "radar.tracking: needs exactly one of the keys 'frequency_ghz' and 'wavelength_m'",
     ),
     "missing": (
         changed("tracking", without=["gain_dbi"]),
