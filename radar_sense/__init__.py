@@ -15,15 +15,18 @@ _HOME = {
     "DetectionModel": "model",
     "EllipsoidRCS": "rcs",
     "ExactEllipsoidRCS": "rcs",
+    "Horizon": "horizon",
     "Linearization": "model",
     "Marcum": "detection",
     "Moments": "propagation",
     "MonteCarlo": "montecarlo",
+    "NetworkModel": "network",
     "North": "detection",
     "Result": "analyses",
     "Scenario": "scenario",
     "ScenarioError": "reader",
     "SpikeballRCS": "rcs",
+    "Station": "network",
     "SurveillanceRadar": "radar",
     "Swerling1": "detection",
     "Swerling3": "detection",
@@ -53,8 +56,10 @@ if TYPE_CHECKING:
         variance,
     )
     from radar_sense.detection import Marcum, North, Swerling1, Swerling3
+    from radar_sense.horizon import Horizon
     from radar_sense.model import DetectionModel, Linearization
     from radar_sense.montecarlo import MonteCarlo, monte_carlo
+    from radar_sense.network import NetworkModel, Station
     from radar_sense.propagation import Moments, propagate
     from radar_sense.radar import SurveillanceRadar, TrackingRadar
     from radar_sense.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
@@ -68,15 +73,18 @@ __all__ = [
     "DetectionModel",
     "EllipsoidRCS",
     "ExactEllipsoidRCS",
+    "Horizon",
     "Linearization",
     "Marcum",
     "Moments",
     "MonteCarlo",
+    "NetworkModel",
     "North",
     "Result",
     "Scenario",
     "ScenarioError",
     "SpikeballRCS",
+    "Station",
     "SurveillanceRadar",
     "Swerling1",
     "Swerling3",

@@ -580,10 +580,18 @@ def check(config: Path | None, quiet: bool) -> None:
     import yaml
 
     from radar_sense.radar_constant import describe
+    from radar_sense.states import CONSTANTS
 
     scenario = _scenario(config)
     if not quiet:
-        click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
+        names = scenario.model.names
+        if names:
+            radars = "1 radar" if len(names) == 1 else f"{len(names)} radars"
+            click.echo(f"# {len(scenario.aircraft)} poses, {radars}")
+            for name, constant in zip(names, scenario.radar[CONSTANTS], strict=True):
+                click.echo(f"# {name}: c_r = {constant:g} J m^2/K")
+        else:
+            click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
         for level, parts in scenario.constant_parts.items():
             click.echo(f"# {level}: {describe(scenario.radar[3], parts)}")
         # default_flow_style None: lists of numbers on one line, mappings spread out

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -71,6 +73,15 @@ def scaled(covariance: FloatArray, components: slice, factor: float) -> FloatArr
     scale = np.ones(covariance.shape[-1])
     scale[components] = factor
     return covariance * np.outer(scale, scale)
+
+
+def side_by_side(covariances: Sequence[FloatArray]) -> FloatArray:
+    """Return the covariance (mn, mn) of m independent states from that of each (n, n)."""
+    size = len(covariances[0])
+    total = np.zeros((len(covariances) * size, len(covariances) * size))
+    for i, matrix in enumerate(covariances):
+        total[i * size : (i + 1) * size, i * size : (i + 1) * size] = matrix
+    return total
 
 
 def only(covariance: FloatArray, components: slice) -> FloatArray:

@@ -86,6 +86,11 @@ def _variance(result: Result) -> Figure:
     figure, (axes,) = _new(1, result)
     table, x = result.table, _x(result)
     _line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
+    names = result.scenario.model.names
+    styles = itertools.cycle(style for style in _LINES if style[0] != _BAND[0])
+    for name, style in zip(names if len(names) > 1 else (), styles, strict=False):
+        _line(axes, x, table[f"p_d_{name}"], style, label=name)
+        axes.lines[-1].set_linewidth(0.8)
     axes.fill_between(
         x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0
     )
@@ -374,7 +379,14 @@ def _map(result: Result) -> Figure:
     _line(axes, path_east, path_north, (_BAND[0], "--"), label="path")
     radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
     axes.plot(
-        radars[:, 1], radars[:, 0], "^", color="white", mec="black", mew=0.7, ms=5.5, label="radar"
+        radars[:, 1],
+        radars[:, 0],
+        "^",
+        color="white",
+        mec="black",
+        mew=0.7,
+        ms=5.5,
+        label="radar" if len(radars) == 1 else "radars",
     )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     _legend(figure, axes)

@@ -48,16 +48,18 @@ class Horizon:
             from latitude, longitude and height: at a horizontal distance d from the origin the
             surface is d²/2R below that plane, 7.8 km at 316 km. The earth is a sphere here, which
             puts the surface wrong by up to 0.5 % of that.
+        altitude: Height of the origin above the surface [m].
     """
 
     tangent_plane: bool = False
+    altitude: float = 0.0
 
     def height(self, states: FloatArray) -> FloatArray:
         """Height (...) [m] above the surface of states (..., 3 or more)."""
         north, east, down = (states[..., i] for i in range(3))
         if not self.tangent_plane:
-            return -down
-        up = EARTH_RADIUS - down
+            return self.altitude - down
+        up = EARTH_RADIUS + self.altitude - down
         return np.sqrt(north * north + east * east + up * up) - EARTH_RADIUS
 
     def visible(self, aircraft: FloatArray, radar: FloatArray) -> NDArray[np.bool_]:

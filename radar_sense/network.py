@@ -59,16 +59,21 @@ class Station:
         max_range: Slant range beyond which it sees nothing [m].
         horizon: The horizon that hides what is below it; None to see through the earth, as the
             paper does.
+        scan_period: Time from one look to the next [s], for what goes along a mission; None if it
+            is not known.
     """
 
     model: DetectionModel
     name: str = "radar"
     max_range: float = math.inf
     horizon: Horizon | None = None
+    scan_period: float | None = None
 
     def __post_init__(self) -> None:
         if not self.max_range > 0:
             raise ValueError(f"max_range must be greater than 0, got {self.max_range}")
+        if self.scan_period is not None and not 0 < self.scan_period < math.inf:
+            raise ValueError(f"scan_period must be greater than 0, got {self.scan_period}")
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Say where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
@@ -276,8 +281,9 @@ class NetworkModel:
 def name_problem(names: Sequence[str]) -> str | None:
     """Say why radars cannot have these names, or None if they can: a budget has rows for each."""
     taken = {"total", "all", "interaction", "aircraft", "aircraft_position", "aircraft_orientation"}
+    taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:
-        for row in (name, f"{name}_position", f"{name}_constant"):
+        for row in (name, f"{name}_position", f"{name}_constant", f"error_{name}"):
             if row in taken:
                 return f"radars cannot be named {', '.join(names)}: {row!r} would mean two things"
             taken.add(row)

@@ -11,7 +11,7 @@ from radar_sense.geometry import body_vector
 from radar_sense.rcs import RCS
 from radar_sense.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, FloatArray
+from radar_sense.states import ATTITUDE, RADAR, FloatArray
 
 #: Steps of the table that is written [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
@@ -32,9 +32,15 @@ def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> Flo
 
 
 def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Azimuth and elevation (n,) [deg] at which the aircraft sees the radar, pose by pose."""
-    x, y, z = np.moveaxis(body_vector(scenario.aircraft, scenario.radar), -1, 0)
+    """Azimuth and elevation (mn,) [deg] at which the aircraft sees m radars, pose by pose."""
+    x, y, z = np.moveaxis(_lines_of_sight(scenario), -1, 0)
     return np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(-z, np.hypot(x, y)))
+
+
+def _lines_of_sight(scenario: Scenario) -> FloatArray:
+    """Lines from the aircraft to each radar in the body frame (mn, 3), radar by radar."""
+    radars = scenario.radar.reshape(-1, len(RADAR))
+    return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
 def decibels(sigma: FloatArray) -> FloatArray:
@@ -57,7 +63,7 @@ def rcs(scenario: Scenario) -> Result:
     sigma = pattern(model, *columns)
     horizon = pattern(model, azimuth, np.zeros(1))
     _, seen_elevation = aspects(scenario)
-    seen = model.cross_section(body_vector(scenario.aircraft, scenario.radar))
+    seen = model.cross_section(_lines_of_sight(scenario))
     summary: dict[str, Any] = {
         "largest": _extreme(sigma, columns, int(np.argmax(sigma))),
         "smallest": _extreme(sigma, columns, int(np.argmin(sigma))),

@@ -22,6 +22,7 @@ from radar_sense import axis, covariance
 from radar_sense.axis import Axis
 from radar_sense.detection import Detector, Marcum, North, Swerling1, Swerling3
 from radar_sense.geometry import body_vector, orbit, slant_range
+from radar_sense.horizon import Horizon
 from radar_sense.limits import (
     NOT_NEGATIVE,
     POSITIVE,
@@ -32,6 +33,7 @@ from radar_sense.limits import (
     parameter_keys,
 )
 from radar_sense.model import DetectionModel, Model
+from radar_sense.network import NetworkModel, Station, name_problem
 from radar_sense.path import read_path
 from radar_sense.radar import RADARS
 from radar_sense.radar_constant import Makeup, Part, read_makeup, relative_std
@@ -62,6 +64,7 @@ DETECTORS: Mapping[str, type[Detector]] = {
 }
 
 MAX_POSES = 1_000_000
+MAX_RADARS = 64
 #: The model is one of the far field; nearer than this the aircraft is on top of the radar.
 MIN_RANGE = 1.0
 
@@ -80,7 +83,7 @@ class Scenario:
 
     Attributes:
         name: Stem of the names of the files written.
-        model: RCS, P_fa and detector.
+        model: RCS, P_fa and detector; a `NetworkModel` if the file has `radars`.
         axis: What the poses are laid out along: azimuth, time or distance (n,).
         aircraft: Nominal aircraft states (n, 6).
         radar: Nominal radar state (4,), or (4m,) of a network of m.
@@ -185,43 +188,102 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         ScenarioError: If anything in it is not allowed.
     """
     root = parse(text, source)
-    found = root.mapping(["name", "radar", "aircraft", "geometry", "uncertainty", "analysis"])
+    given = root.entries() if root.is_mapping() else {}
+    several = "radars" in given
+    if several and "radar" in given:
+        raise given["radar"].error("must be left out, or 'radars'; allowed is one or the other")
+    found = root.mapping(
+        [
+            "name",
+            "radars" if several else "radar",
+            "aircraft",
+            "geometry",
+            "uncertainty",
+            "analysis",
+        ]
+    )
     document: dict[str, Any] = {
         "name": found["name"].text(
             "[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
             "a name of up to 100 letters A to Z, digits, '_', '-' or '.'",
         )
     }
-    radar, makeup, p_fa, detector, document["radar"] = _radar(found["radar"])
+    if several:
+        radars, document["radars"] = _radars(found["radars"])
+    else:
+        radar, document["radar"] = _radar(found["radar"])
+        radars = [radar]
     rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"], found["geometry"])
     poses, document["geometry"] = _geometry(found["geometry"], attitude)
-    _refuse_collision(found["geometry"], poses, radar)
-    _refuse_uncovered(found["geometry"], rcs, poses, radar)
-    cov_aircraft, cov_radar, constant_parts, document["uncertainty"] = _uncertainty(
-        found["uncertainty"], poses, makeup
+    for radar in radars:
+        _refuse_collision(found["geometry"], poses, radar)
+        _refuse_uncovered(found["geometry"], rcs, poses, radar)
+    cov_aircraft, levels, document["uncertainty"] = _uncertainty(
+        found["uncertainty"], poses, radars[0].makeup, of_radar=not several
     )
+    if levels is not None:
+        radars = [dataclasses.replace(radars[0], levels=levels)]
+    cov_radar = {
+        level: covariance.side_by_side([radar.levels.covariance[level] for radar in radars])
+        for level in radars[0].levels.covariance
+    }
     level, runs, seed = _analysis(found["analysis"], cov_radar)
-    arrays = (poses.axis.values, poses.aircraft, radar, cov_aircraft, *cov_radar.values())
+    state = np.concatenate([radar.state for radar in radars])
+    models = [DetectionModel(rcs=rcs, p_fa=r.p_fa, detector=r.detector) for r in radars]
+    arrays = (poses.axis.values, poses.aircraft, state, cov_aircraft, *cov_radar.values())
     for array in arrays:
         array.flags.writeable = False
     return Scenario(
         name=document["name"],
-        model=DetectionModel(rcs=rcs, p_fa=p_fa, detector=detector),
+        model=_network(radars, models, poses) if several else models[0],
         axis=poses.axis,
         aircraft=poses.aircraft,
-        radar=radar,
+        radar=state,
         cov_aircraft=cov_aircraft,
         cov_radar=MappingProxyType(cov_radar),
         level=level,
         runs=runs,
         seed=seed,
         document=MappingProxyType(document),
-        constant_parts=MappingProxyType(constant_parts),
+        constant_parts=MappingProxyType(radars[0].levels.parts),
     )
 
 
-def _radar(entry: Entry) -> tuple[FloatArray, Makeup | None, float, Detector, dict[str, Any]]:
-    found = entry.mapping(["position_m", "p_fa"], ["constant", *RADARS, "detector"])
+@dataclass(frozen=True, eq=False)
+class _Levels:
+    """How uncertain a radar is at each level: C_rr (4, 4), and parts of c_r where there are any."""
+
+    covariance: Mapping[str, FloatArray] = field(default_factory=dict)
+    parts: Mapping[str, tuple[Part, ...]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _Radar:
+    """What a scenario says of a radar; name, limits and levels are for one of `radars` only."""
+
+    state: FloatArray
+    makeup: Makeup | None
+    p_fa: float
+    detector: Detector
+    name: str = ""
+    max_range: float = math.inf
+    horizon: bool = False
+    scan_period: float | None = None
+    levels: _Levels = field(default_factory=_Levels)
+
+    @property
+    def called(self) -> str:
+        """What to call it in an error."""
+        return f"radar {self.name!r}" if self.name else "the radar"
+
+
+def _radar(
+    entry: Entry, required: Sequence[str] = (), optional: Sequence[str] = ()
+) -> tuple[_Radar, dict[str, Any]]:
+    """Read what is said of any radar; other keys, which someone else reads, may stand beside it."""
+    found = entry.mapping(
+        [*required, "position_m", "p_fa"], ["constant", *RADARS, "detector", *optional]
+    )
     given = [key for key in ("constant", *RADARS) if key in found]
     if len(given) != 1:
         *others, last = (f"'{key}'" for key in ("constant", *RADARS))
@@ -238,9 +300,105 @@ def _radar(entry: Entry) -> tuple[FloatArray, Makeup | None, float, Detector, di
         constant = makeup.constant
     document["p_fa"] = found["p_fa"].number(PROBABILITY)
     document["detector"] = found["detector"].choice(DETECTORS) if "detector" in found else "north"
+    state = np.array([*document["position_m"], constant])
     detector = DETECTORS[document["detector"]]()
-    radar = np.array([*document["position_m"], constant])
-    return radar, makeup, document["p_fa"], detector, document
+    return _Radar(state, makeup, document["p_fa"], detector), document
+
+
+def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
+    """Read the radars of a network."""
+    if not entry.is_list() or not entry.items():
+        raise entry.wrong("a list of one radar or more, each with a name")
+    entries = entry.items()
+    if len(entries) > MAX_RADARS:
+        raise entry.error(f"has {len(entries)} radars, allowed are {MAX_RADARS}")
+    radars: list[_Radar] = []
+    documents: list[dict[str, Any]] = []
+    for radar_entry in entries:
+        radar, document = _one_of_several(radar_entry)
+        name = radar_entry.entries()["name"]
+        if radar.name in (other.name for other in radars):
+            raise name.error(f"must be a name that no other radar has, got {radar.name!r}")
+        problem = name_problem([*(other.name for other in radars), radar.name])
+        if problem:
+            raise name.error(problem)
+        _refuse_other_levels(radar_entry.entries()["uncertainty"], radar, (radars or [radar])[0])
+        if radar.levels.parts and len(entries) > 1:
+            at_levels = radar_entry.entries()["uncertainty"].entries()
+            constant = at_levels[next(iter(radar.levels.parts))].entries()["constant"]
+            raise constant.error(
+                f"must be {NOT_NEGATIVE}, got a mapping; standard deviations by parameter are for "
+                "a single radar"
+            )
+        radars.append(radar)
+        documents.append(document)
+    return radars, documents
+
+
+def _one_of_several(entry: Entry) -> tuple[_Radar, dict[str, Any]]:
+    radar, of_radar = _radar(
+        entry, ["name"], ["max_range_km", "horizon", "scan_period_s", "uncertainty"]
+    )
+    found = entry.entries()
+    name = found["name"].text(
+        "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
+        "the name of a radar, up to 40 letters A to Z, digits, '_' or '-'",
+    )
+    document: dict[str, Any] = {"name": name, **of_radar}
+    max_range, scan_period = math.inf, None
+    if "max_range_km" in found:
+        document["max_range_km"] = found["max_range_km"].number(POSITIVE)
+        max_range = document["max_range_km"] * 1e3
+    horizon = "horizon" in found and found["horizon"].choice(["true", "false"]) == "true"
+    document["horizon"] = horizon
+    if "scan_period_s" in found:
+        document["scan_period_s"] = scan_period = found["scan_period_s"].number(POSITIVE)
+    if "uncertainty" not in found:
+        raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
+    levels, document["uncertainty"] = _levels(found["uncertainty"], radar.makeup)
+    radar = dataclasses.replace(
+        radar,
+        name=name,
+        max_range=max_range,
+        horizon=horizon,
+        scan_period=scan_period,
+        levels=levels,
+    )
+    return radar, document
+
+
+def _refuse_other_levels(entry: Entry, radar: _Radar, first: _Radar) -> None:
+    """All radars of a network must have the levels of the first."""
+    expected, levels = list(first.levels.covariance), entry.entries()
+    for level, level_entry in levels.items():
+        if level not in expected:
+            raise level_entry.error(
+                f"must be a level that {first.called} has too: {', '.join(expected)}"
+                + did_you_mean(level, set(expected) - set(levels))
+            )
+    missing = [level for level in expected if level not in levels]
+    if missing:
+        raise entry.error(
+            f"missing level '{missing[0]}'; {radar.called} must have the levels that "
+            f"{first.called} has: {', '.join(expected)}"
+        )
+
+
+def _network(
+    radars: Sequence[_Radar], models: Sequence[DetectionModel], poses: _Poses
+) -> NetworkModel:
+    return NetworkModel(
+        tuple(
+            Station(
+                model,
+                name=radar.name,
+                max_range=radar.max_range,
+                horizon=poses.earth if radar.horizon else None,
+                scan_period=radar.scan_period,
+            )
+            for radar, model in zip(radars, models, strict=True)
+        )
+    )
 
 
 def _aircraft(entry: Entry, geometry: Entry) -> tuple[RCS, FloatArray | None, dict[str, Any]]:
@@ -277,11 +435,13 @@ class _Poses:
         axis: What they are laid out along (n,).
         aircraft: Aircraft states (n, 6).
         covariance: C_aa (n, 6, 6), if the geometry says something of it.
+        earth: What the surface of the earth is in its coordinates, for radars with a horizon.
     """
 
     axis: Axis
     aircraft: FloatArray
     covariance: FloatArray | None = None
+    earth: Horizon = field(default_factory=Horizon)
 
 
 def _is_path(entry: Entry) -> bool:
@@ -292,7 +452,12 @@ def _is_path(entry: Entry) -> bool:
 def _geometry(entry: Entry, attitude: FloatArray | None) -> tuple[_Poses, dict[str, Any]]:
     if attitude is None:
         along, route, document = read_path(entry)
-        return _Poses(along, route.aircraft, route.covariance), document
+        earth = (
+            Horizon()
+            if route.origin is None
+            else Horizon(tangent_plane=True, altitude=route.origin[2])
+        )
+        return _Poses(along, route.aircraft, route.covariance, earth), document
     found = entry.mapping(["type", "range_km", "down_km", "azimuth_deg"], ["azimuth_from"])
     document = {
         "type": found["type"].choice(["orbit"]),
@@ -331,62 +496,76 @@ def _sweep(entry: Entry) -> tuple[FloatArray, dict[str, float]]:
     return degrees, {"start": start, "stop": stop, "step": step}
 
 
-def _refuse_collision(entry: Entry, poses: _Poses, radar: FloatArray) -> None:
-    distance = slant_range(poses.aircraft, radar)
+def _refuse_collision(entry: Entry, poses: _Poses, radar: _Radar) -> None:
+    distance = slant_range(poses.aircraft, radar.state)
     nearest = int(np.argmin(distance))
     if distance[nearest] < MIN_RANGE:
         raise entry.error(
-            f"the aircraft is on top of the radar at {poses.axis.name} {poses.axis.at(nearest)}, "
+            f"the aircraft is on top of {radar.called} at "
+            f"{poses.axis.name} {poses.axis.at(nearest)}, "
             f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
         )
 
 
-def _refuse_uncovered(entry: Entry, rcs: RCS, poses: _Poses, radar: FloatArray) -> None:
+def _refuse_uncovered(entry: Entry, rcs: RCS, poses: _Poses, radar: _Radar) -> None:
     if not isinstance(rcs, TableRCS) or rcs.elevation is None:
         return
-    body = body_vector(poses.aircraft, radar)
+    body = body_vector(poses.aircraft, radar.state)
     outside = np.flatnonzero(rcs.uncovered(body))
     if len(outside):
         pose = outside[0]
         x, y, z = body[pose]
         raise entry.error(
-            f"at {poses.axis.name} {poses.axis.at(pose)} the aircraft sees the radar at elevation "
-            f"{np.arctan2(-z, np.hypot(x, y)) / _DEG:.3g} deg, the RCS table covers "
+            f"at {poses.axis.name} {poses.axis.at(pose)} the aircraft sees {radar.called} at "
+            f"elevation {np.arctan2(-z, np.hypot(x, y)) / _DEG:.3g} deg, the RCS table covers "
             f"{rcs.elevation[0] / _DEG:g} to {rcs.elevation[-1] / _DEG:g} deg"
         )
 
 
 def _uncertainty(
-    entry: Entry, poses: _Poses, makeup: Makeup | None
-) -> tuple[FloatArray, dict[str, FloatArray], dict[str, tuple[Part, ...]], dict[str, Any]]:
+    entry: Entry, poses: _Poses, makeup: Makeup | None, *, of_radar: bool
+) -> tuple[FloatArray, _Levels | None, dict[str, Any]]:
+    """Read how uncertain the aircraft is, and the radar unless each of several says so itself."""
     document: dict[str, Any] = {}
+    if not of_radar and "radar" in entry.entries():
+        raise entry.entries()["radar"].error(
+            "must be left out here: each of 'radars' has an 'uncertainty' of its own"
+        )
+    radar = ["radar"] if of_radar else []
     if poses.covariance is None:
-        found = entry.mapping(["aircraft", "radar"])
+        found = entry.mapping(["aircraft", *radar])
         cov_aircraft, document["aircraft"] = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
     else:
-        found = entry.mapping(["radar"], ["aircraft"])
+        found = entry.mapping(radar, ["aircraft"])
         cov_aircraft = poses.covariance
         if "aircraft" in found:
             raise found["aircraft"].error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
                 "both say how uncertain the aircraft is"
             )
-    levels = found["radar"].named(
+    if not of_radar:
+        return cov_aircraft, None, document
+    levels, document["radar"] = _levels(found["radar"], makeup)
+    return cov_aircraft, levels, document
+
+
+def _levels(entry: Entry, makeup: Makeup | None) -> tuple[_Levels, dict[str, Any]]:
+    """Read how uncertain a radar is, level by level."""
+    levels = entry.named(
         "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
         "the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
     )
     if not levels:
-        raise found["radar"].error("needs at least one level of uncertainty")
+        raise entry.error("needs at least one level of uncertainty")
     cov_radar: dict[str, FloatArray] = {}
-    constant_parts: dict[str, tuple[Part, ...]] = {}
-    radar_document: dict[str, Any] = {}
+    parts: dict[str, tuple[Part, ...]] = {}
+    document: dict[str, Any] = {}
     for level, level_entry in levels.items():
-        cov_radar[level], radar_document[level] = _covariance(level_entry, _RADAR_PARTS, makeup)
-        tolerances = radar_document[level].get("constant")
+        cov_radar[level], document[level] = _covariance(level_entry, _RADAR_PARTS, makeup)
+        tolerances = document[level].get("constant")
         if makeup and isinstance(tolerances, dict):
-            constant_parts[level] = makeup.parts(tolerances)
-    document["radar"] = radar_document
-    return cov_aircraft, cov_radar, constant_parts, document
+            parts[level] = makeup.parts(tolerances)
+    return _Levels(cov_radar, parts), document
 
 
 def _covariance(

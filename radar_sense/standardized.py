@@ -24,8 +24,10 @@ from radar_sense.covariance import factor
 from radar_sense.model import Model
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
-#: Poses standardized at a time, which bounds the memory in use; of no influence on the result.
+#: Poses standardized at a time, and numbers in a matrix for each of them: they bound the memory in
+#: use, and are of no influence on the result.
 BLOCK = 1024
+MAX_NUMBERS = 8_000_000
 
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations:
 #: those of the region where the states are rather than of a point.
@@ -115,10 +117,11 @@ def standardize(
     grid = shape or (1,)
     views = [np.broadcast_to(a, grid + tail) for a, tail in zip(arrays, tails, strict=True)]
     poses = int(np.prod(grid))
+    block = max(1, min(BLOCK, MAX_NUMBERS // (len(AIRCRAFT) + radars) ** 2))
 
     def blocks() -> Iterator[Standardized]:
-        for start in range(0, max(poses, 1), BLOCK):
-            index = np.unravel_index(np.arange(start, min(start + BLOCK, poses)), grid)
+        for start in range(0, max(poses, 1), block):
+            index = np.unravel_index(np.arange(start, min(start + block, poses)), grid)
             states = (view[index] for view in views)
             yield _expand(model, *states, log_constant=log_constant)
 

@@ -1,0 +1,450 @@
+"""`radars:` in a scenario: several radars in place of one, as the command line takes them.
+
+A refusal is one line that names file, line, key path and what is allowed, as in `test_input`.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from numpy.testing import assert_array_equal
+from test_input import assert_refused, place, refusal, write
+
+import radar_sense as rs
+from radar_sense.covariance import side_by_side
+from radar_sense.horizon import EARTH_RADIUS
+from radar_sense.scenario import default_text
+from radar_sense.states import CONSTANTS
+
+CONFIGS = Path(__file__).parent.parent / "configs"
+
+
+def radar(name: str, /, **changes: object) -> dict:
+    """One of `radars`; a change to None takes a key away."""
+    entry = {
+        "name": name,
+        "position_m": [1e3, 2e3, -30],
+        "constant": 160,
+        "p_fa": 1e-4,
+        "uncertainty": {
+            "low": {"position_m": 10, "constant": 1},
+            "high": {"position_m": [100, 200, 10], "constant": 5},
+        },
+    }
+    return {k: v for k, v in {**entry, **changes}.items() if v is not None}
+
+
+def document(*radars: object, **changes: object) -> dict:
+    """The embedded scenario, with fewer poses and other radars."""
+    found = yaml.safe_load(default_text())
+    del found["radar"], found["uncertainty"]["radar"]
+    found["geometry"]["azimuth_deg"]["step"] = 45
+    found["analysis"]["level"] = "low"
+    found["radars"] = list(radars)
+    return {k: v for k, v in {**found, **changes}.items() if v is not None}
+
+
+def text_of(content: dict) -> str:
+    return yaml.safe_dump(content, sort_keys=False)
+
+
+def parsed(*radars: object, **changes: object) -> rs.Scenario:
+    return rs.parse_scenario(text_of(document(*radars, **changes)))
+
+
+def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
+    """Refuse a scenario; give the key path, the complaint, and the text of the line it names."""
+    text = text_of(document(*radars, **changes))
+    line, path, complaint = place(refusal(tool, text))
+    return path, complaint, text.splitlines()[line - 1].strip()
+
+
+# What is read.
+
+
+def test_everything_that_can_be_said_of_a_radar_is_read():
+    s = parsed(
+        radar("east", horizon=True, max_range_km=450.5, scan_period_s=10),
+        radar(
+            "West-2",
+            position_m=[-2e4, 0, 5],
+            constant=90,
+            p_fa=1e-6,
+            detector="swerling1",
+            uncertainty={
+                "high": {"covariance": np.diag([1.0, 4.0, 9.0, 16.0]).tolist()},
+                "low": {"position_m": np.diag([4.0, 5.0, 6.0]).tolist(), "constant": 2},
+            },
+        ),
+    )
+    assert isinstance(s.model, rs.NetworkModel)
+    east, west = s.model.stations
+    assert s.model.names == (east.name, west.name) == ("east", "West-2")
+    assert (east.max_range, east.horizon, east.scan_period) == (450_500.0, rs.Horizon(), 10.0)
+    assert (west.max_range, west.horizon, west.scan_period) == (np.inf, None, None)
+    assert east.model == rs.DetectionModel(s.model.rcs, 1e-4, rs.North())
+    assert west.model == rs.DetectionModel(s.model.rcs, 1e-6, rs.Swerling1())
+    assert_array_equal(s.radar, [1e3, 2e3, -30, 160, -2e4, 0, 5, 90])
+    assert list(s.cov_radar) == ["low", "high"]  # the order of the first
+    assert_array_equal(s.cov_radar["low"], np.diag([100.0, 100, 100, 1, 4, 5, 6, 4]))
+    assert_array_equal(s.cov_radar["high"], np.diag([1e4, 4e4, 100, 25, 1, 4, 9, 16]))
+    assert not s.radar.flags.writeable
+    assert not s.cov_radar["low"].flags.writeable
+
+
+def test_constants_are_made_of_what_a_radar_is_made_of():
+    made = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]["surveillance"]
+    s = parsed(radar("made", constant=None, surveillance=made), radar("given"))
+    alone = rs.load_scenario(CONFIGS / "surveillance.yaml")
+    assert_array_equal(s.radar[CONSTANTS], [alone.radar[3], 160])
+
+
+@pytest.mark.parametrize("count", [1, 2, 64])
+def test_a_network_reads_back(tool, count):
+    limits = {"horizon": True, "max_range_km": 700, "scan_period_s": 4}
+    radars = [radar(f"r{i}", position_m=[10.0 * i, 0, 0], **limits) for i in range(count)]
+    first = parsed(*radars)
+    text = yaml.safe_dump(first.resolved(), sort_keys=False, default_flow_style=None)
+    second = rs.parse_scenario(text)
+    assert second.resolved() == first.resolved()
+    assert second.model == first.model
+    assert_array_equal(second.radar, first.radar)
+    assert_array_equal(second.cov_radar["high"], first.cov_radar["high"])
+    code, out, err = tool("check", write(text))
+    assert (code, err) == (0, "")
+    said = [line for line in out.splitlines() if line.startswith("#")]
+    assert said == [
+        f"# 5 poses, {count} radar{'s' if count > 1 else ''}",
+        *(f"# r{i}: c_r = 160 J m^2/K" for i in range(count)),
+    ]
+    assert yaml.safe_load(out) == first.resolved()
+
+
+def test_covariances_stand_side_by_side():
+    a, b = np.arange(4.0).reshape(2, 2), 10 + np.arange(4.0).reshape(2, 2)
+    wanted = [[0, 1, 0, 0], [2, 3, 0, 0], [0, 0, 10, 11], [0, 0, 12, 13]]
+    assert_array_equal(side_by_side([a, b]), wanted)
+
+
+def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
+    header = "time_s,latitude_deg,longitude_deg,altitude_m\n"
+    rows = [f"{60 * i},47.0,{8.0 + 0.1 * i},9000\n" for i in range(5)]
+    (tmp_path / "route.csv").write_text(header + "".join(rows))
+    geometry = {
+        "type": "path",
+        "file": "route.csv",
+        "origin": {"latitude_deg": 46, "longitude_deg": 8, "altitude_m": 430},
+    }
+    content = document(radar("a", horizon=True), radar("b"), geometry=geometry)
+    del content["aircraft"]["attitude_deg"]
+    path = tmp_path / "my.yaml"
+    path.write_text(text_of(content))
+    model = rs.load_scenario(path).model
+    horizon = model.stations[0].horizon
+    assert horizon == rs.Horizon(tangent_plane=True, altitude=430.0)
+    assert model.stations[1].horizon is None
+    # one kilometre up, and 100 km away, where the surface is d²/2R lower
+    up, away = horizon.height(np.array([[0.0, 0, -1e3], [0, 1e5, -1e3]]))
+    assert up == pytest.approx(1430, abs=1e-6)
+    assert away - up == pytest.approx(1e10 / (2 * EARTH_RADIUS), rel=1e-3)
+    assert rs.Horizon(altitude=430.0).height(np.array([0.0, 1e5, -1e3])) == 1430
+
+
+def test_a_route_that_says_how_uncertain_the_aircraft_is_leaves_nothing_to_say(tmp_path):
+    (tmp_path / "route.csv").write_text((CONFIGS / "path_route.csv").read_text())
+    path = yaml.safe_load((CONFIGS / "path.yaml").read_text())
+    geometry = {**path["geometry"], "file": "route.csv"}
+    content = document(radar("a"), radar("b"), geometry=geometry, uncertainty={})
+    del content["aircraft"]["attitude_deg"]
+    (tmp_path / "my.yaml").write_text(text_of(content))
+    s = rs.load_scenario(tmp_path / "my.yaml")
+    assert s.cov_aircraft.shape == (len(s.aircraft), 6, 6)
+    found = rs.variance(s)
+    assert np.all(found.table["sigma_pd"] > 0)
+
+
+# What is refused.
+
+
+@pytest.mark.parametrize("key", ["name", "position_m", "p_fa", "constant", "uncertainty"])
+def test_missing_key(tool, key):
+    path, complaint, _ = refused(tool, radar("a"), radar("b", **{key: None}))
+    assert path == "radars[2]"
+    assert f"'{key}'" in complaint
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("max_range_km", 0, "must be a number greater than 0, got 0"),
+        ("max_range_km", -5, "must be a number greater than 0, got -5"),
+        ("max_range_km", ".inf", "must be a number greater than 0"),
+        ("scan_period_s", 0, "must be a number greater than 0, got 0"),
+        ("scan_period_s", [1], "must be a number greater than 0, got a list of 1"),
+        ("horizon", "yes", "must be one of true, false, got 'yes'"),
+        ("horizon", 1, "must be one of true, false, got 1"),
+        ("horizon", "tru", "did you mean 'true'?"),
+        ("p_fa", 1, "must be a number greater than 0 and less than 1, got 1"),
+        ("detector", "swerling", "must be one of north, marcum"),
+        ("position_m", [0, 0], "must be a list of 3 numbers, got a list of 2"),
+        ("name", "a b", "must be the name of a radar, up to 40 letters A to Z"),
+        ("name", "x" * 41, "must be the name of a radar, up to 40 letters A to Z"),
+        ("name", [], "must be the name of a radar, up to 40 letters A to Z"),
+        ("name", "../a", "must be the name of a radar, up to 40 letters A to Z"),
+        ("name", "a", "must be a name that no other radar has, got 'a'"),
+        ("name", "total", "'total' would mean two things"),
+        ("name", "a_position", "'a_position' would mean two things"),
+        ("name", "error_a", "'error_a' would mean two things"),
+        ("name", "error_interaction", "'error_interaction' would mean two things"),
+        ("uncertainty", {}, "needs at least one level of uncertainty"),
+        ("uncertainty", 3, "must be a mapping"),
+    ],
+)
+def test_values_that_are_not_allowed(tool, key, value, allowed):
+    path, complaint, line = refused(tool, radar("a"), radar("b", **{key: value}))
+    assert path == f"radars[2].{key}"
+    assert allowed in complaint
+    assert line.startswith((key, "-"))
+
+
+def test_unknown_key_with_what_was_meant(tool):
+    path, complaint, line = refused(tool, radar("a"), radar("b", max_range_m=5))
+    assert (path, line) == ("radars[2]", "max_range_m: 5")
+    assert complaint.endswith("did you mean 'max_range_km'?")
+
+
+@pytest.mark.parametrize("limit", ["name", "max_range_km", "horizon", "scan_period_s"])
+def test_a_single_radar_has_no_keys_of_a_network(tool, limit):
+    content = yaml.safe_load(default_text())
+    content["radar"][limit] = 5
+    _, path, complaint = place(refusal(tool, text_of(content)))
+    assert path == "radar"
+    assert f"unknown key '{limit}'" in complaint
+
+
+@pytest.mark.parametrize("value", [[], None, {}, 5, {"a": 1}])
+def test_not_a_list_of_radars(tool, value):
+    text = text_of({**document(), "radars": value})
+    _, path, complaint = place(refusal(tool, text))
+    assert path == "radars"
+    assert complaint.startswith("must be a list of one radar or more, each with a name, got ")
+
+
+def test_too_many_radars(tool):
+    path, complaint, _ = refused(tool, *(radar(f"r{i}") for i in range(65)))
+    assert (path, complaint) == ("radars", "has 65 radars, allowed are 64")
+
+
+@pytest.mark.parametrize("value", [5, "a", [1], None])
+def test_a_radar_that_is_no_mapping(tool, value):
+    path, complaint, _ = refused(tool, radar("a"), value)
+    assert path == "radars[2]"
+    assert complaint.startswith("must be a mapping")
+
+
+def test_radar_beside_radars(tool):
+    path, complaint, line = refused(tool, radar("a"), radar=radar("b"))
+    assert path == "radar"
+    assert complaint == "must be left out, or 'radars'; allowed is one or the other"
+    assert line == "name: b"  # where YAML says that a mapping begins
+
+
+def test_neither_radar_nor_radars(tool):
+    content = document(radar("a"))
+    del content["radars"]
+    _, _, complaint = place(refusal(tool, text_of(content)))
+    assert "missing key 'radar'" in complaint
+    content["radrs"] = [radar("a")]
+    _, _, complaint = place(refusal(tool, text_of(content)))
+    assert "unknown key 'radrs'" in complaint
+    assert "did you mean 'radar'?" in complaint
+
+
+def test_levels_that_differ(tool):
+    levels = radar("b")["uncertainty"]
+    other = {"low": levels["low"], "hihg": levels["high"]}
+    path, complaint, _ = refused(tool, radar("a"), radar("b", uncertainty=other))
+    assert path == "radars[2].uncertainty.hihg"
+    assert complaint == ("must be a level that radar 'a' has too: low, high; did you mean 'high'?")
+    fewer = {"low": levels["low"]}
+    path, complaint, _ = refused(tool, radar("a"), radar("b"), radar("c", uncertainty=fewer))
+    assert path == "radars[3].uncertainty"
+    assert complaint == (
+        "missing level 'high'; radar 'c' must have the levels that radar 'a' has: low, high"
+    )
+
+
+def test_uncertainty_of_radars_in_the_place_of_that_of_one(tool):
+    uncertainty = yaml.safe_load(default_text())["uncertainty"]
+    path, complaint, _ = refused(tool, radar("a"), uncertainty=uncertainty)
+    assert path == "uncertainty.radar"
+    assert complaint == "must be left out here: each of 'radars' has an 'uncertainty' of its own"
+    path, complaint, _ = refused(tool, radar("a"), uncertainty={"aircrft": 1})
+    assert path == "uncertainty"
+    assert complaint.endswith("did you mean 'aircraft'?")
+
+
+def made_radar(name: str) -> dict:
+    config = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]
+    by_parameter = {"position_m": 10, "constant": {"loss_db": 1, "noise_figure_db": 0.5}}
+    return radar(
+        name,
+        constant=None,
+        surveillance=config["surveillance"],
+        uncertainty={"low": {"position_m": 10, "constant": 1}, "high": by_parameter},
+    )
+
+
+def test_parts_of_a_radar_constant_are_for_a_single_radar(tool):
+    path, complaint, _ = refused(tool, radar("a"), made_radar("b"))
+    assert path == "radars[2].uncertainty.high.constant"
+    assert complaint == (
+        "must be a number not less than 0, got a mapping; standard deviations by parameter are "
+        "for a single radar"
+    )
+    one = parsed(made_radar("a")).with_analysis(level="high")
+    assert [part.key for part in one.parts] == ["loss_db", "noise_figure_db"]
+    wrong = radar("b", uncertainty={"low": {"position_m": 1, "constant": {"loss_db": 1}}})
+    path, complaint, _ = refused(tool, wrong)
+    assert path == "radars[1].uncertainty.low.constant"
+    assert "in place of radar.constant" in complaint
+
+
+def test_every_radar_is_kept_clear_of_the_aircraft(tool):
+    below = radar("b", position_m=[0, 500e3, -3000.5])
+    path, complaint, _ = refused(tool, radar("a"), below)
+    assert path == "geometry"
+    assert complaint.startswith("the aircraft is on top of radar 'b' at azimuth 0 deg, slant range")
+
+
+def test_every_radar_is_within_an_rcs_table(tool):
+    rows = [f"{a},{e},0.1" for e in (-10, 10) for a in (-180, -90, 0, 90)]
+    write("azimuth_deg,elevation_deg,rcs_m2\n" + "\n".join(rows) + "\n", "rcs.csv")
+    aircraft = {"rcs": {"model": "table", "file": "rcs.csv"}, "attitude_deg": [0, 0, 90]}
+    above = radar("b", position_m=[0, 480e3, -50e3])
+    path, complaint, _ = refused(tool, radar("a"), above, aircraft=aircraft)
+    assert path == "geometry"
+    assert complaint.startswith("at azimuth 0 deg the aircraft sees radar 'b' at elevation 66.9")
+
+
+# What is done with it.
+
+
+def test_a_level_is_one_of_the_radars(tool):
+    text = text_of(document(radar("a"), radar("b")))
+    write(text)
+    code, out, err = tool("variance", "my.yaml", "--level", "hgh", "--no-plot")
+    assert_refused(code, out, err)
+    assert "must be one of low, high" in err
+
+
+@pytest.mark.parametrize("name", ["paper", "covariance", "s_band_surveillance", "path"])
+def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, name):
+    config = CONFIGS / f"{name}.yaml"
+    content = yaml.safe_load(config.read_text())
+    of_radar = content["uncertainty"].pop("radar")
+    content["radars"] = [{"name": "one", **content.pop("radar"), "uncertainty": of_radar}]
+    for where in (content["geometry"], content["aircraft"]["rcs"]):
+        if "file" in where:
+            where["file"] = str(CONFIGS / where["file"])
+    if "azimuth_deg" in content["geometry"]:
+        content["geometry"]["azimuth_deg"]["step"] = 30
+        single = yaml.safe_load(config.read_text())
+        single["geometry"] = content["geometry"]
+        for where in (single["geometry"], single["aircraft"]["rcs"]):
+            if "file" in where:
+                where["file"] = str(CONFIGS / where["file"])
+        config = Path(write(text_of(single), "single.yaml"))
+    write(text_of(content))
+    for command in (
+        ["variance"],
+        ["variance", "--method", "form"],
+        ["sensitivity", "--method", "probit"],
+        ["budget"],
+        ["montecarlo", "--runs", "64"],
+        ["montecarlo", "--runs", "64", "--sampler", "sobol"],
+    ):
+        if name == "path" and command[0] != "variance":
+            continue
+        tables = []
+        for file, out in (("my.yaml", "a"), (str(config), "b")):
+            code, _, err = tool(*command, file, "--no-plot", "--out", out)
+            assert code == 0, err
+            (table,) = Path(out).glob("*.csv")
+            tables.append(table.read_bytes())
+            table.unlink()
+        assert tables[0] == tables[1], command
+
+
+NETWORK = document(
+    radar("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
+    radar("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
+)
+
+
+@pytest.mark.parametrize(
+    ("command", "columns"),
+    [
+        (["variance"], ["p_d", "p_d_east", "sigma_pd_west", "snr_db_east", "range_m_west"]),
+        (["sensitivity"], ["three_sigma_low", "three_sigma_high"]),
+        (["budget"], ["three_sigma_east", "three_sigma_west_constant", "three_sigma_aircraft"]),
+        (["budget", "--method", "montecarlo", "--runs", "256"], ["share_east"]),
+        (["budget", "--target", "0.01", "--at", "45"], ["three_sigma_west"]),
+        (["montecarlo", "--runs", "50"], ["coverage_3sigma"]),
+        (["compare", "--runs", "50"], ["upper_3sigma_form"]),
+        (["detectors"], ["p_d_north"]),
+        (["rcs"], ["rcs_m2"]),
+    ],
+)
+def test_every_analysis_takes_a_network(tool, command, columns):
+    write(text_of(NETWORK))
+    code, out, err = tool(*command, "my.yaml", "--format", "png", "--out", "out")
+    assert code == 0, err
+    assert out
+    (table,) = Path("out").glob("*.csv")
+    with table.open() as file:
+        header = next(line for line in file if not line.startswith("#")).strip().split(",")
+    assert set(columns) <= set(header)
+    (record,) = Path("out").glob("*.json")
+    scenario = json.loads(record.read_text())["scenario"]
+    assert [entry["name"] for entry in scenario["radars"]] == ["east", "west"]
+    assert rs.parse_scenario(yaml.safe_dump(scenario)).resolved() == scenario
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
+def test_the_map_of_a_network(tool, method):
+    write(text_of(NETWORK))
+    command = ["map", "my.yaml", "--upper", "--method", method, "--step-km", "100"]
+    ends = ["--north-km", "-400", "400", "--east-km", "-700", "700"]
+    code, _, err = tool(*command, *ends, "--format", "png", "--out", "out")
+    assert code == 0, err
+    found = np.load("out/paper_map.npz")
+    s = rs.parse_scenario(text_of(NETWORK))
+    states = np.tile(s.aircraft[0], (9, 15, 1))
+    states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
+    p_d = s.model.p_d(states, s.radar)
+    assert_array_equal(found["p_d"], p_d.astype(np.float32))
+    moments = rs.propagate(
+        s.model, states, s.radar, s.cov_aircraft, s.cov_radar["low"], method=method
+    )
+    np.testing.assert_allclose(found["upper_3sigma"], moments.upper, rtol=1e-6)
+    seen = s.model.visible(states, s.radar)
+    assert not seen[..., 0].all()  # the limit of one of them is on the map
+    assert np.all(p_d >= s.model.p_d_each(states, s.radar).max(axis=-1))
+
+
+def test_the_map_where_no_radar_sees_is_zero(tool):
+    write(text_of(document(*(radar(n, max_range_km=150) for n in ("a", "b")))))
+    code, _, err = tool(
+        *("map", "my.yaml", "--upper", "--method", "probit", "--step-km", "100"), "--no-plot"
+    )
+    assert code == 0, err
+    (file,) = Path().rglob("*_map.npz")
+    found = np.load(file)
+    assert found["upper_3sigma"][0, 0] == found["p_d"][0, 0] == 0
+    assert np.isfinite(found["upper_3sigma"]).all()
+    assert found["p_d"].max() > 0.99
