@@ -17,7 +17,18 @@ from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 import click
 
 from radar_sense import __version__
-from radar_sense.limits import ANY, MAP_KM, MAP_STEP_KM, RUNS, SEED, TARGET, Limit
+from radar_sense.limits import (
+    ANY,
+    MAP_KM,
+    MAP_STEP_KM,
+    RUNS,
+    SEED,
+    SIGMAS,
+    TARGET,
+    THRESHOLD,
+    WINDOW,
+    Limit,
+)
 
 if TYPE_CHECKING:
     from radar_sense.analyses import Result
@@ -30,7 +41,7 @@ MAX_WORKERS = 256
 #: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
 MOST_THREADS = 8
 #: Exit code that says: all was done as asked, and the answer is no.
-NOT_VALIDATED = 3
+ANSWER_IS_NO = 3
 
 
 class BadInput(click.ClickException):
@@ -166,6 +177,15 @@ def cli() -> None:
 @_config
 @_level
 @_method
+@click.option(
+    "--threshold",
+    metavar="P_MAX",
+    type=Number(THRESHOLD),
+    help="Test P_D + K sigma <= P_MAX at every pose; exit code 3 if a pose violates it.",
+)
+@click.option(
+    "--k", metavar="K", type=Number(SIGMAS), help="K of the threshold test.  [default: 3]"
+)
 @_output
 @click.pass_obj
 def variance(
@@ -174,19 +194,34 @@ def variance(
     config: Path | None,
     level: str | None,
     method: str | None,
+    threshold: float | None,
+    k: float | None,
     **output: Any,
 ) -> None:
     """Standard deviation of P_D along the geometry.
+
+    With --threshold also whether the upper bound, that of the method at K sigma, stays low enough
+    all along, as path planners ask. Exit code 3 says that it does not.
 
     \b
     Examples:
       radar-sense variance
       radar-sense variance my.yaml --level high --method form
+      radar-sense variance my.yaml --threshold 0.1 --k 2
     """
-    from radar_sense import analyses
+    from radar_sense import analyses, planning
 
+    if k is not None and threshold is None:
+        raise BadInput("--k belongs to --threshold, which is not given")
     scenario = _scenario(config, level=level)
-    _run(command, lambda: analyses.variance(scenario, method=method), **output)
+
+    def analyse() -> Result:
+        result = analyses.variance(scenario, method=method)
+        if threshold is None:
+            return result
+        return planning.require_threshold(result, threshold, 3.0 if k is None else k)
+
+    _run(command, analyse, **output)
 
 
 @cli.command()
@@ -453,6 +488,63 @@ def convergence(
 
 @cli.command()
 @_config
+@_level
+@click.option(
+    "--method", metavar="NAME", help="Method of propagation: probit (the default), or linear."
+)
+@click.option("--m", type=Number(WINDOW), help="With --n: detections that start a track.")
+@click.option("--n", type=Number(WINDOW), help="Looks in a row that they must be within.")
+@click.option("--runs", type=Number(RUNS), help="Also draw so many missions.  [default: none]")
+@_seed
+@_workers
+@_output
+@click.pass_obj
+def mission(
+    command: list[str],
+    /,
+    config: Path | None,
+    level: str | None,
+    method: str | None,
+    m: int | None,
+    n: int | None,
+    runs: int | None,
+    seed: int | None,
+    workers: int | None,
+    **output: Any,
+) -> None:
+    """Cumulative P_D over the looks along a path.
+
+    The scenario must have a path, whose poses have times. The radar looks every
+    radar.scan_period_s, or at the poses if that is not given. The pose errors are correlated over
+    uncertainty.aircraft_correlation_s, the radar errors the same at all looks.
+
+    \b
+    Examples:
+      radar-sense mission my.yaml
+      radar-sense mission my.yaml --m 3 --n 5 --runs 10000
+    """
+    from radar_sense.mission import mission as analyse
+
+    if (m is None) != (n is None):
+        raise BadInput("--m and --n belong together, as in --m 3 --n 5")
+    scenario = _scenario(config, level=level, seed=seed)
+
+    def run() -> Result:
+        with _progress(runs or 0) as advance:
+            return analyse(
+                scenario,
+                method=method,
+                m_of_n=None if m is None or n is None else (m, n),
+                runs=runs,
+                workers=_threads(workers),
+                progress=advance,
+            )
+
+    _run(command, run, **output)
+
+
+@cli.command()
+@_config
 @_output
 @click.pass_obj
 def detectors(command: list[str], /, config: Path | None, **output: Any) -> None:
@@ -687,7 +779,7 @@ def _run(
         for path in files:
             click.echo(click.format_filename(path))
     if not result.passed:
-        raise click.exceptions.Exit(NOT_VALIDATED)
+        raise click.exceptions.Exit(ANSWER_IS_NO)
 
 
 def _threads(workers: int | None) -> int:

@@ -62,6 +62,19 @@ class Model(Protocol):
         ...
 
 
+class RadarDraws(Protocol):
+    """How radars are drawn that are not just Gaussian, as `montecarlo.Sampler` does it."""
+
+    @property
+    def radar_normals(self) -> int:
+        """Unit normals that a draw takes."""
+        ...
+
+    def draw_radar(self, white: FloatArray, /) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """States (runs, 4m) from unit normals, and where a c_r below 0 was set to 0 (runs,)."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Interleaved:
     """Several radars that look at times of their own, as the model of one sequence of looks.
@@ -450,19 +463,18 @@ class _Runs:
     runs_per_block: int
     seed: int
     tail: float
+    draws: RadarDraws | None
 
     def statistics(self, index: int) -> tuple[list[tuple[RunningMoments, Tails]], int]:
         """Draw a block of runs and keep what is needed of it."""
         generator = random_stream(self.seed, index)
         looks, width = len(self.aircraft), self.runs_per_block
         # All of the block is drawn, so that more runs begin with the same ones.
-        white_radar = generator.standard_normal((width, len(self.radar)))
+        normals = self.draws.radar_normals if self.draws else len(self.radar)
+        white_radar = generator.standard_normal((width, normals))
         white = generator.standard_normal((looks, len(AIRCRAFT), width))
         runs = min(width, self.runs - index * width)
-        radar = draws(self.radar, self.factor_radar, white_radar[:runs])
-        constants = radar[:, CONSTANT :: len(RADAR)]
-        clipped = int(np.count_nonzero(constants < 0))
-        constants[constants < 0] = 0.0
+        radar, clipped = self._radars(white_radar[:runs])
         p_d = self.model.p_d(self._poses(white[..., :runs]), radar).T
         parts = []
         for rows in (_accumulated(p_d), *([m_of_n(p_d, *self.m_of_n)] if self.m_of_n else [])):
@@ -471,6 +483,17 @@ class _Runs:
             tails.add(rows)
             parts.append((moments, tails))
         return parts, clipped
+
+    def _radars(self, white: FloatArray) -> tuple[FloatArray, int]:
+        """Radar states (runs, 4m) from unit normals, and how many constants were set to zero."""
+        if self.draws:
+            radar, negative = self.draws.draw_radar(white)
+            return radar, int(np.count_nonzero(negative))
+        radar = draws(self.radar, self.factor_radar, white)
+        constants = radar[:, CONSTANT :: len(RADAR)]
+        clipped = int(np.count_nonzero(constants < 0))
+        constants[constants < 0] = 0.0
+        return radar, clipped
 
     def _poses(self, white: FloatArray) -> FloatArray:
         """Aircraft states (K, runs, 6) from independent unit normals (K, 6, runs), overwritten."""
@@ -500,6 +523,7 @@ def mission_monte_carlo(
     seed: int,
     m_of_n: tuple[int, int] | None = None,
     beta: float = 3.0,
+    radar_draws: RadarDraws | None = None,
     workers: int = 1,
     executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
@@ -518,6 +542,7 @@ def mission_monte_carlo(
         seed: Seed of the draws.
         m_of_n: m and n, to have the probability of m-of-n too.
         beta: β > 0; the quantiles are at Φ(−β) and Φ(β).
+        radar_draws: Draws the radars in place of a Gaussian with C_rr.
         workers: Threads to compute with; of no influence on the result.
         executor: Computes in place of threads; of no influence on the result.
         progress: Called with the number of runs that have come in since the last call.
@@ -550,6 +575,7 @@ def mission_monte_carlo(
         runs_per_block=max(1, SAMPLES_PER_BLOCK // poses),
         seed=seed,
         tail=float(ndtr(-beta)),
+        draws=radar_draws,
     )
     events = 1 if m_of_n is None else 2
     total = [(RunningMoments(poses), Tails(poses, runs, blocks.tail)) for _ in range(events)]

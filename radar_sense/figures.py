@@ -95,8 +95,49 @@ def _variance(result: Result) -> Figure:
         x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0
     )
     _band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result)
+    if "threshold" in result.summary:
+        _threshold(axes, x, result)
     axes.set_ylabel(r"Probability of detection $P_D$")
     _legend(figure, axes)
+    return figure
+
+
+def _threshold(axes: Axes, x: FloatArray, result: Result) -> None:
+    """Mark the threshold of path planning, and where the bound is above it."""
+    test = result.summary["threshold"]
+    if test["bound"] != "upper_3sigma":
+        bound = rf"bound at ${test['k']:g}\,\sigma$"
+        _line(axes, x, result.table[test["bound"]], _LINES[3], label=bound)
+    axes.axhline(test["p_max"], color="black", lw=0.8, ls=":", label=f"threshold {test['p_max']:g}")
+    label: str | None = "violated"
+    for left, right in _spans(result.table["violated"] > 0, x):
+        axes.axvspan(left, right, color="0.9", lw=0, zorder=0, label=label)
+        label = None
+
+
+def _mission(result: Result) -> Figure:
+    table, x = result.table, _x(result)
+    tracked = "track_p_d" in table
+    figure, (top, *below) = _new(3 if tracked else 2, result)
+    _line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
+    if len(x) <= 100:
+        top.lines[-1].set(marker="o", markersize=1.8)
+    top.set_ylabel(r"$P_D$ of a look")
+    events = [("", "cumulative_p_d", r"Cumulative $P_D$"), ("track_", "track_p_d", "Track")]
+    for axes, (before, column, name) in zip(below, events, strict=False):
+        if f"{before}mc_mean" in table:
+            ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
+            axes.fill_between(x, *ends, color="0.8", lw=0, label="Monte Carlo")
+        _line(axes, x, table[column], _LINES[0], label="nominal")
+        _band(axes, x, table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"], result)
+        if f"{before}mc_mean" in table:
+            some = slice(None, None, -(-len(x) // 40))
+            mean = table[f"{before}mc_mean"]
+            axes.plot(x[some], mean[some], "k.", ms=2.5, label="mean of runs")
+        axes.set_ylabel(
+            name if before == "" else "Track, {} of {}".format(*result.summary["m_of_n"])
+        )
+    _legend(figure, *below[:1])
     return figure
 
 
@@ -404,6 +445,7 @@ _FIGURES: Mapping[str, Callable[[Result], Figure]] = {
     "rcs": _rcs,
     "convergence": _convergence,
     "map": _map,
+    "mission": _mission,
 }
 
 

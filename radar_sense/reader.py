@@ -7,6 +7,7 @@ That is what lets `1e-6` be a number and `NO` a name, finds duplicate keys, and 
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
@@ -23,6 +24,7 @@ MAX_BYTES = 64 * 1024
 SMALLEST, LARGEST = 1e-20, 1e20
 
 _NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
+_INFINITE = re.compile(r"\+?\.?inf(inity)?", re.IGNORECASE)
 _NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
 
 T = TypeVar("T")
@@ -106,6 +108,15 @@ class Entry:
         if abs(value) > LARGEST or (0 < abs(value) < SMALLEST and limit.below is None):
             raise self.wrong(f"{limit}, of a size from {SMALLEST:g} to {LARGEST:g} if it is not 0")
         return value
+
+    def number_or_infinity(self, limit: Limit = ANY) -> float:
+        """Read a number, or `.inf`; with quotes too, as JSON has no other way to write it."""
+        text = self.node.value if isinstance(self.node, yaml.ScalarNode) else ""
+        if _INFINITE.fullmatch(text):
+            return math.inf
+        if not _NUMBER.fullmatch(text):
+            raise self.wrong(f"{limit}, or .inf")
+        return self.number(limit)
 
     def integer(self, limit: Limit) -> int:
         """Read a whole number; `1e4` and `500.0` are whole numbers."""

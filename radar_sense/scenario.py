@@ -72,6 +72,7 @@ DEFAULT_RUNS = 500
 DEFAULT_SEED = 1
 
 _DEG = np.pi / 180.0
+_CORRELATION = "aircraft_correlation_s"
 #: Keys of an uncertainty block: name, number of components, and its unit in SI.
 _AIRCRAFT_PARTS = (("position_m", 3, 1.0), ("attitude_deg", 3, _DEG))
 _RADAR_PARTS = (("position_m", 3, 1.0), ("constant", 1, 1.0))
@@ -96,6 +97,10 @@ class Scenario:
         document: The file's content, checked and with defaults filled in, in the file's units.
         constant_parts: What makes c_r uncertain, for the levels that say so; C_rr has it to first
             order.
+        time_s: Time of each pose (n,) [s] of a path; None on an orbit, which has no times.
+        scan_period_s: Time from look to look of the radar [s]; None if the file does not say.
+        correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
+            process: 0 for independent errors at every pose, infinity for the same at all.
     """
 
     name: str
@@ -110,6 +115,9 @@ class Scenario:
     seed: int
     document: Mapping[str, Any]
     constant_parts: Mapping[str, tuple[Part, ...]] = field(default_factory=dict)
+    time_s: FloatArray | None = None
+    scan_period_s: float | None = None
+    correlation_s: float = 0.0
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -130,6 +138,7 @@ class Scenario:
             cov_aircraft=self.cov_aircraft
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
+            time_s=None if self.time_s is None else self.time_s[poses],
         )
 
     def resolved(self) -> dict[str, Any]:
@@ -246,6 +255,9 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         seed=seed,
         document=MappingProxyType(document),
         constant_parts=MappingProxyType(radars[0].levels.parts),
+        time_s=poses.time_s,
+        scan_period_s=radars[0].scan_period,
+        correlation_s=float(document["uncertainty"].get(_CORRELATION, 0.0)),
     )
 
 
@@ -282,7 +294,8 @@ def _radar(
 ) -> tuple[_Radar, dict[str, Any]]:
     """Read what is said of any radar; other keys, which someone else reads, may stand beside it."""
     found = entry.mapping(
-        [*required, "position_m", "p_fa"], ["constant", *RADARS, "detector", *optional]
+        [*required, "position_m", "p_fa"],
+        ["constant", *RADARS, "detector", "scan_period_s", *optional],
     )
     given = [key for key in ("constant", *RADARS) if key in found]
     if len(given) != 1:
@@ -302,7 +315,11 @@ def _radar(
     document["detector"] = found["detector"].choice(DETECTORS) if "detector" in found else "north"
     state = np.array([*document["position_m"], constant])
     detector = DETECTORS[document["detector"]]()
-    return _Radar(state, makeup, document["p_fa"], detector), document
+    scan_period = None
+    if "scan_period_s" in found:
+        document["scan_period_s"] = scan_period = found["scan_period_s"].number(POSITIVE)
+    radar = _Radar(state, makeup, document["p_fa"], detector, scan_period=scan_period)
+    return radar, document
 
 
 def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
@@ -336,23 +353,19 @@ def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
 
 
 def _one_of_several(entry: Entry) -> tuple[_Radar, dict[str, Any]]:
-    radar, of_radar = _radar(
-        entry, ["name"], ["max_range_km", "horizon", "scan_period_s", "uncertainty"]
-    )
+    radar, of_radar = _radar(entry, ["name"], ["max_range_km", "horizon", "uncertainty"])
     found = entry.entries()
     name = found["name"].text(
         "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
         "the name of a radar, up to 40 letters A to Z, digits, '_' or '-'",
     )
     document: dict[str, Any] = {"name": name, **of_radar}
-    max_range, scan_period = math.inf, None
+    max_range = math.inf
     if "max_range_km" in found:
         document["max_range_km"] = found["max_range_km"].number(POSITIVE)
         max_range = document["max_range_km"] * 1e3
     horizon = "horizon" in found and found["horizon"].choice(["true", "false"]) == "true"
     document["horizon"] = horizon
-    if "scan_period_s" in found:
-        document["scan_period_s"] = scan_period = found["scan_period_s"].number(POSITIVE)
     if "uncertainty" not in found:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
     levels, document["uncertainty"] = _levels(found["uncertainty"], radar.makeup)
@@ -361,7 +374,6 @@ def _one_of_several(entry: Entry) -> tuple[_Radar, dict[str, Any]]:
         name=name,
         max_range=max_range,
         horizon=horizon,
-        scan_period=scan_period,
         levels=levels,
     )
     return radar, document
@@ -436,12 +448,14 @@ class _Poses:
         aircraft: Aircraft states (n, 6).
         covariance: C_aa (n, 6, 6), if the geometry says something of it.
         earth: What the surface of the earth is in its coordinates, for radars with a horizon.
+        time_s: Times (n,) [s], if it has any.
     """
 
     axis: Axis
     aircraft: FloatArray
     covariance: FloatArray | None = None
     earth: Horizon = field(default_factory=Horizon)
+    time_s: FloatArray | None = None
 
 
 def _is_path(entry: Entry) -> bool:
@@ -457,7 +471,7 @@ def _geometry(entry: Entry, attitude: FloatArray | None) -> tuple[_Poses, dict[s
             if route.origin is None
             else Horizon(tangent_plane=True, altitude=route.origin[2])
         )
-        return _Poses(along, route.aircraft, route.covariance, earth), document
+        return _Poses(along, route.aircraft, route.covariance, earth, route.time_s), document
     found = entry.mapping(["type", "range_km", "down_km", "azimuth_deg"], ["azimuth_from"])
     document = {
         "type": found["type"].choice(["orbit"]),
@@ -533,16 +547,22 @@ def _uncertainty(
         )
     radar = ["radar"] if of_radar else []
     if poses.covariance is None:
-        found = entry.mapping(["aircraft", *radar])
+        found = entry.mapping(["aircraft", *radar], [_CORRELATION])
         cov_aircraft, document["aircraft"] = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
     else:
-        found = entry.mapping(radar, ["aircraft"])
+        found = entry.mapping(radar, ["aircraft", _CORRELATION])
         cov_aircraft = poses.covariance
         if "aircraft" in found:
             raise found["aircraft"].error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
                 "both say how uncertain the aircraft is"
             )
+    if _CORRELATION in found:
+        correlation = found[_CORRELATION].number_or_infinity(NOT_NEGATIVE)
+        # a word for infinity, as JSON has no number for it
+        document[_CORRELATION] = correlation if math.isfinite(correlation) else "inf"
+    elif poses.time_s is not None:
+        document[_CORRELATION] = 0.0  # independent errors at every pose, as Monte Carlo draws them
     if not of_radar:
         return cov_aircraft, None, document
     levels, document["radar"] = _levels(found["radar"], makeup)

@@ -1,0 +1,366 @@
+"""A mission: the probability of having been detected by each look along a path, and how sure it is.
+
+A mission needs times, so it needs a path. The radar looks at the path's poses; or, where the
+scenario says `radar.scan_period_s`, once a period from the first pose on, whatever the poses are.
+Between two poses the position is then on the straight line, the attitude turns the short way at a
+constant rate, and the covariance is the weighted mean. So poses far apart in a turn make a poor
+path: `geometry.interpolate` fills them in first. The errors of the poses are correlated as
+`uncertainty.aircraft_correlation_s` says, those of the radar the same at all looks. The equations
+are in `cumulative`; what looks are to a network of radars is what its model makes of a common one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from radar_sense import axis as axes
+from radar_sense.analyses import Result
+from radar_sense.axis import Axis
+from radar_sense.cumulative import (
+    METHODS,
+    Cumulative,
+    Drawn,
+    Mission,
+    cumulative_detection,
+    linearize_looks,
+    mission_monte_carlo,
+    track_initiation,
+)
+from radar_sense.geometry import slant_range
+from radar_sense.limits import WINDOW
+from radar_sense.montecarlo import TAIL, Sampler
+from radar_sense.network import NetworkModel
+from radar_sense.radar_constant import doubt
+from radar_sense.reader import ScenarioError, did_you_mean
+from radar_sense.route import Route, resample
+from radar_sense.scenario import MIN_RANGE, Scenario
+from radar_sense.states import RADAR, FloatArray
+from radar_sense.wording import at, peak, where
+
+#: Probabilities that the report gives the time of.
+MILESTONES = (0.5, 0.9)
+#: Time and memory of track initiation grow with the square of the looks: some 3 s and 1 GB here.
+MAX_TRACK_LOOKS = 4000
+
+
+def at_looks(scenario: Scenario) -> Scenario:
+    """Return the scenario of a path with a pose for each look, laid out along time.
+
+    Raises:
+        ScenarioError: If the geometry has no times, or a look would be on top of a radar.
+    """
+    if scenario.time_s is None:
+        raise ScenarioError(
+            "a mission needs times, which an orbit does not have: "
+            "give a path, geometry: {type: path, file: my_route.csv}"
+        )
+    stations = scenario.model.stations if isinstance(scenario.model, NetworkModel) else ()
+    if len({station.scan_period for station in stations}) > 1:
+        raise ScenarioError(
+            "a mission takes the looks of all radars at the same times: "
+            "give all of them the same scan_period_s, or none"
+        )
+    time, aircraft, covariance = scenario.time_s, scenario.aircraft, scenario.cov_aircraft
+    if scenario.scan_period_s is not None:
+        poses = Route(
+            time_s=time,
+            aircraft=aircraft,
+            covariance=covariance if covariance.ndim == 3 else None,
+            distance_m=np.zeros(len(time)),
+            attitude_given=True,  # as it is by now
+        )
+        try:
+            looks = resample(poses, scenario.scan_period_s)
+        except ScenarioError as error:  # it knows the period as its own argument
+            raise ScenarioError(str(error).replace("step_s", "radar.scan_period_s")) from error
+        time, aircraft = looks.time_s, looks.aircraft
+        covariance = covariance if looks.covariance is None else looks.covariance
+    along = axes.time(time)
+    # Between poses a line may come nearer to a radar than any pose does.
+    for radar in scenario.radar.reshape(-1, len(RADAR)):
+        distance = slant_range(aircraft, radar)
+        nearest = int(np.argmin(distance))
+        if distance[nearest] < MIN_RANGE:
+            raise ScenarioError(
+                f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
+                f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+            )
+    return dataclasses.replace(
+        scenario, axis=along, aircraft=aircraft, cov_aircraft=covariance, time_s=time
+    )
+
+
+def mission(
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    m_of_n: tuple[int, int] | None = None,
+    runs: int | None = None,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> Result:
+    """Cumulative P_D along a path, with its standard deviation and 3σ bounds.
+
+    Args:
+        scenario: The scenario, whose geometry is a path.
+        method: "probit", the default, or "linear", whose bounds can leave [0, 1].
+        m_of_n: m and n, to have the probability of a track, m detections within n looks, too.
+        runs: Also draw so many missions; None draws none.
+        workers: Threads to draw with; of no influence on the result.
+        progress: Called with the number of runs that have come in since the last call.
+
+    Raises:
+        ScenarioError: If the geometry has no times, or a choice is not allowed.
+    """
+    chosen = "probit" if method is None else method
+    if chosen not in METHODS:
+        raise ScenarioError(
+            f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
+            + did_you_mean(chosen, METHODS)
+        )
+    scenario = at_looks(scenario.with_analysis(runs=runs))
+    along, cov_radar = scenario.axis, scenario.cov_radar[scenario.level]
+    if m_of_n is not None:
+        _check_window(*m_of_n, len(along))
+    looks = linearize_looks(scenario.model, along.values, scenario.aircraft, scenario.radar)
+    common = (scenario.cov_aircraft, cov_radar)
+    tau = scenario.correlation_s
+    events = {
+        "detection": cumulative_detection(looks, *common, correlation_time=tau, method=chosen)
+    }
+    if m_of_n is not None:
+        events["track"] = track_initiation(
+            looks, *m_of_n, *common, correlation_time=tau, method=chosen
+        )
+    drawn = None
+    if runs is not None:
+        drawn = mission_monte_carlo(
+            scenario.model,
+            along.values,
+            scenario.aircraft,
+            scenario.radar,
+            *common,
+            correlation_time=tau,
+            runs=scenario.runs,
+            seed=scenario.seed,
+            m_of_n=m_of_n,
+            radar_draws=Sampler.of(scenario),
+            workers=workers,
+            progress=progress,
+        )
+    names = {"detection": "cumulative P_D"}
+    if m_of_n is not None:
+        names["track"] = "track, {} of {}".format(*m_of_n)
+    found = {
+        event: {
+            "at_end": _last(values),
+            "reaches": {f"{level:g}": _reaches(values, level, along) for level in MILESTONES},
+        }
+        for event, values in events.items()
+    }
+    off = (
+        {}
+        if drawn is None
+        else {e: _differences(v, _of(drawn, e), along) for e, v in events.items()}
+    )
+    return Result(
+        analysis="mission",
+        scenario=scenario,
+        method=chosen,
+        table=_table(looks.p_d, events, drawn, along, with_mean=method is not None),
+        summary={
+            "looks": len(along),
+            "m_of_n": None if m_of_n is None else list(m_of_n),
+            **found,
+            "monte_carlo": None
+            if drawn is None
+            else {
+                "runs": drawn.runs,
+                "quantile_rank_error": drawn.rank_error,
+                "radar_constants_set_to_zero": drawn.clipped,
+                "largest_difference": off,
+            },
+        },
+        report=(
+            _looks(scenario),
+            *(
+                line
+                for event in events
+                for line in _event(names[event], scenario, chosen, found[event])
+            ),
+            *_drawn_report(drawn, chosen, names, off, along),
+        ),
+        warnings=_warnings(scenario, chosen, events, names, drawn),
+    )
+
+
+def _check_window(m: int, n: int, looks: int) -> None:
+    for name, value in (("m", m), ("n", n)):
+        if not WINDOW.allows(value):
+            raise ScenarioError(f"{name} of m of n must be {WINDOW}, got {value}")
+    if m > n:
+        raise ScenarioError(f"m of n needs m not greater than n, got {m} of {n}")
+    if looks > MAX_TRACK_LOOKS:
+        raise ScenarioError(
+            f"m of n takes at most {MAX_TRACK_LOOKS:,} looks, and this path has {looks:,}; "
+            "a longer radar.scan_period_s makes fewer"
+        )
+
+
+def _of(drawn: Mission, event: str) -> Drawn:
+    found = drawn.detection if event == "detection" else drawn.track
+    assert found is not None  # drawn if it was asked for
+    return found
+
+
+def _table(
+    p_d: FloatArray,
+    events: dict[str, Cumulative],
+    drawn: Mission | None,
+    along: Axis,
+    *,
+    with_mean: bool,
+) -> dict[str, FloatArray]:
+    """Return the columns; as in other analyses a method that is named adds its mean."""
+    table = {along.key: along.values, "p_d": p_d}
+    for event, found in events.items():
+        before, name, p = (
+            ("", "cumulative", "cumulative_p_d")
+            if event == "detection"
+            else ("track_", "track", "track_p_d")
+        )
+        table[p] = found.p
+        table[f"sigma_{name}"] = found.std
+        table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"] = found.lower, found.upper
+        if drawn is not None:
+            for statistic, column in _of(drawn, event)._asdict().items():
+                table[f"{before}mc_{statistic}"] = column
+        if with_mean:
+            table[f"mean_{name}"] = found.mean
+    return table
+
+
+def _last(found: Cumulative) -> dict[str, float]:
+    values = {
+        "p": found.p,
+        "mean": found.mean,
+        "sigma": found.std,
+        "lower_3sigma": found.lower,
+        "upper_3sigma": found.upper,
+    }
+    return {name: float(value[-1]) for name, value in values.items()}
+
+
+def _reaches(found: Cumulative, level: float, along: Axis) -> dict[str, float | None]:
+    """Time of the first look by which a probability is reached: it, its upper and lower bound."""
+
+    def first(curve: FloatArray) -> float | None:
+        reached = curve >= level
+        return float(along.values[np.argmax(reached)]) if reached.any() else None
+
+    return {
+        "time_s": first(found.p),
+        "earliest_s": first(found.upper),
+        "latest_s": first(found.lower),
+    }
+
+
+def _differences(found: Cumulative, drawn: Drawn, along: Axis) -> dict[str, Any]:
+    return {
+        "bounds": peak(
+            np.maximum(abs(found.lower - drawn.lower), abs(found.upper - drawn.upper)), along
+        ),
+        "sigma": peak(abs(found.std - drawn.std), along),
+    }
+
+
+def _looks(scenario: Scenario) -> str:
+    along, tau = scenario.axis, scenario.correlation_s
+    first, last = along.number(along.values[0]), along.at(-1)
+    which = (
+        "at the poses of the path, as radar.scan_period_s is not given"
+        if scenario.scan_period_s is None
+        else f"every {scenario.scan_period_s:g} s"
+    )
+    errors = (
+        "independent from look to look"
+        if tau == 0
+        else "the same at every look"
+        if math.isinf(tau)
+        else f"correlated over {tau:g} s"
+    )
+    return f"{len(along)} looks, {first} to {last}, {which}; pose errors {errors}"
+
+
+def _event(name: str, scenario: Scenario, method: str, found: dict[str, Any]) -> list[str]:
+    end = found["at_end"]
+    lines = [
+        f"{name} at the end ({scenario.level}, {method}): {end['p']:.4f}, "
+        + (
+            "its uncertainty is undefined"
+            if math.isnan(end["sigma"])
+            else f"sigma {end['sigma']:.2g}, "
+            f"3-sigma bounds {end['lower_3sigma']:.4f} to {end['upper_3sigma']:.4f}"
+        )
+    ]
+    for level, times in found["reaches"].items():
+        time, earliest, latest = (
+            "never" if value is None else scenario.axis.say(value) for value in times.values()
+        )
+        said = f"never reaches {level}" if time == "never" else f"reaches {level} at {time}"
+        lines.append(f"  {said} (upper bound: {earliest}, lower bound: {latest})")
+    return lines
+
+
+def _drawn_report(
+    drawn: Mission | None,
+    method: str,
+    names: dict[str, str],
+    off: dict[str, dict[str, Any]],
+    along: Axis,
+) -> list[str]:
+    if drawn is None:
+        return []
+    lines = [f"{drawn.runs} runs (seed {drawn.seed}), largest difference of {method}:"]
+    for event, name in names.items():
+        end = _of(drawn, event)
+        lines += [
+            f"  {name}: bounds {at(off[event]['bounds'], along)}, "
+            f"sigma {at(off[event]['sigma'], along)}",
+            f"    at the end mean {end.mean[-1]:.4f}, sigma {end.std[-1]:.2g}, "
+            f"3-sigma bounds {end.lower[-1]:.4f} to {end.upper[-1]:.4f}",
+        ]
+    if drawn.rank_error:
+        share = drawn.rank_error / (TAIL * drawn.runs)
+        lines.append(f"quantiles at the probability 0.00135 to within {share:.2%} of it")
+    return lines
+
+
+def _warnings(
+    scenario: Scenario,
+    method: str,
+    events: dict[str, Cumulative],
+    names: dict[str, str],
+    drawn: Mission | None,
+) -> tuple[str, ...]:
+    said = []
+    for event, found in events.items():
+        if place := where(~np.isfinite(found.std), scenario.axis):
+            said.append(
+                f"{names[event]}: with a look whose gradient is undefined, the radar straight "
+                f"above or below the aircraft, its uncertainty is undefined {place}"
+            )
+        if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
+            said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
+    if scenario.parts and (unlike := doubt(scenario.parts, method)):
+        said.append(unlike)
+    if drawn is not None and drawn.clipped:
+        said.append(
+            f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"
+        )
+    return tuple(said)

@@ -1,0 +1,562 @@
+"""Missions and thresholds: the keys, the looks, the numbers against draws, and what is printed."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scenarios import document, scenario
+
+import radar_sense as rs
+from radar_sense import cumulative, figures, limits
+from radar_sense.cli import ANSWER_IS_NO
+from radar_sense.mission import MAX_TRACK_LOOKS, at_looks, mission
+from radar_sense.montecarlo import monte_carlo
+from radar_sense.planning import require_threshold
+from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.reader import ScenarioError
+
+HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
+#: Past the radar, with a yaw that goes through 180 degrees.
+ROUTE = f"""{HEADER}
+100,400e3,-200e3,-8000,0,0,80
+500,380e3,-100e3,-8000,2,0,170
+1000,350e3,0,-9000,0,1,-170
+1500,350e3,100e3,-9000,0,0,-120
+"""
+UNCERTAIN = f"""{HEADER},{STD}
+100,400e3,-200e3,-8000,0,0,80,10,20,30,1,2,3
+500,380e3,-100e3,-8000,2,0,170,100,20,30,1,0,3
+1000,350e3,0,-9000,0,1,-170,1000,20,30,1,2,0.1
+1500,350e3,100e3,-9000,0,0,-120,0,0,0,0,0,0
+"""
+
+
+def write(folder, text=ROUTE, **changes):
+    """Write a route and a scenario that flies it; `None` takes a key away."""
+    (folder / "route.csv").write_text(text)
+    content = document(
+        geometry={"type": "path", "file": "route.csv"}, radar__constant=50, name="flight"
+    )
+    del content["aircraft"]["attitude_deg"]
+    if "std_" in text:
+        del content["uncertainty"]["aircraft"]
+    for key, value in changes.items():
+        *parents, last = key.split("__")
+        place = content
+        for parent in parents:
+            place = place[parent]
+        place[last] = value
+    file = folder / "my.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def load(folder, text=ROUTE, **changes):
+    return rs.load_scenario(write(folder, text, **changes))
+
+
+def columns(path):
+    with Path(path).open(newline="") as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
+
+
+def record(path):
+    def refuse(word):
+        raise ValueError(f"{word} is not JSON")
+
+    return json.loads(Path(path).read_text(), parse_constant=refuse)
+
+
+# The keys.
+
+
+@pytest.mark.parametrize(
+    ("given", "value"),
+    [(0, 0.0), (12.5, 12.5), (math.inf, math.inf), (".inf", math.inf), ("inf", math.inf)],
+)
+@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
+def test_keys_are_read_and_read_back(tmp_path, given, value, text):
+    s = load(tmp_path, text, uncertainty__aircraft_correlation_s=given, radar__scan_period_s=4)
+    assert (s.correlation_s, s.scan_period_s) == (value, 4.0)
+    for dump in (yaml.safe_dump, lambda d: json.dumps(d, allow_nan=False)):
+        again = rs.parse_scenario(dump(s.resolved()))
+        assert (again.correlation_s, again.scan_period_s) == (value, 4.0)
+        assert again.resolved() == s.resolved()
+
+
+def test_defaults(tmp_path):
+    s = load(tmp_path)
+    assert (s.correlation_s, s.scan_period_s) == (0.0, None)
+    assert s.resolved()["uncertainty"]["aircraft_correlation_s"] == 0
+    np.testing.assert_array_equal(s.time_s, [100, 500, 1000, 1500])
+    np.testing.assert_array_equal(s.part(slice(1, 3)).time_s, [500, 1000])
+    orbit = rs.load_scenario()
+    assert (orbit.time_s, orbit.correlation_s, orbit.scan_period_s) == (None, 0.0, None)
+    assert orbit.part(slice(3)).time_s is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("uncertainty__aircraft_correlation_s", -1, "must be a number not less than 0, got -1"),
+        ("uncertainty__aircraft_correlation_s", math.nan, "not less than 0, or .inf, got '.nan'"),
+        ("uncertainty__aircraft_correlation_s", -math.inf, "not less than 0, or .inf, got '-.inf'"),
+        ("uncertainty__aircraft_correlation_s", [1], "or .inf, got a list of 1"),
+        ("uncertainty__aircraft_correlation_s", "long", "or .inf, got 'long'"),
+        ("uncertainty__aircraft_correlation", 1, "did you mean 'aircraft_correlation_s'"),
+        ("radar__scan_period_s", 0, "must be a number greater than 0, got 0"),
+        ("radar__scan_period_s", -2, "must be a number greater than 0, got -2"),
+        ("radar__scan_period_s", math.inf, "must be finite, got .inf"),
+        ("radar__scan_period", 2, "did you mean 'scan_period_s'"),
+    ],
+)
+@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
+def test_errors_of_keys(tool, key, value, words, text):
+    file = write(Path(), text, **{key: value})
+    code, out, err = tool("mission", file)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert err.startswith("Error: my.yaml:")
+    assert not Path("figures").exists()
+
+
+# The looks.
+
+
+def test_looks_are_the_poses(tmp_path):
+    s = load(tmp_path, UNCERTAIN, geometry__axis="distance")
+    looks = at_looks(s)
+    assert s.axis.key == "distance_m"
+    assert looks.axis.key == "time_s"
+    np.testing.assert_array_equal(looks.axis.values, [100, 500, 1000, 1500])
+    np.testing.assert_array_equal(looks.aircraft, s.aircraft)
+    np.testing.assert_array_equal(looks.cov_aircraft, s.cov_aircraft)
+
+
+@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
+def test_looks_of_a_scan(tmp_path, text):
+    s = load(tmp_path, text, radar__scan_period_s=150)
+    looks = at_looks(s)
+    time = 100 + 150.0 * np.arange(10)
+    np.testing.assert_array_equal(looks.axis.values, time)
+    np.testing.assert_array_equal(looks.time_s, time)
+    assert looks.resolved() == s.resolved()
+    for i in range(3):
+        expected = np.interp(time, s.time_s, s.aircraft[:, i])
+        np.testing.assert_allclose(looks.aircraft[:, i], expected, rtol=1e-13, atol=1e-7)
+    # level and at small angles, so that yaw turns as a plain angle nearly does, through 180 degrees
+    yaw = np.interp(time, s.time_s, [80, 170, 190, 240])
+    off = (np.rad2deg(looks.aircraft[:, 5]) - yaw + 180) % 360 - 180
+    assert np.max(abs(off)) < 0.05
+    np.testing.assert_allclose(looks.aircraft[[0], 3:], s.aircraft[[0], 3:], atol=1e-12)
+    if text is ROUTE:
+        np.testing.assert_array_equal(looks.cov_aircraft, s.cov_aircraft)
+        return
+    for i in range(6):
+        expected = np.interp(time, s.time_s, s.cov_aircraft[:, i, i])
+        np.testing.assert_allclose(looks.cov_aircraft[:, i, i], expected, rtol=1e-12)
+
+
+def test_a_scan_longer_than_the_path_is_one_look(tmp_path):
+    found = mission(load(tmp_path, radar__scan_period_s=1e5))
+    one = propagate_scenario(load(tmp_path), method="probit")
+    assert found.table["time_s"] == [100]
+    assert found.table["cumulative_p_d"] == pytest.approx(one.p_d[:1], rel=1e-12)
+    assert found.table["upper_3sigma"] == pytest.approx(one.upper[:1], rel=1e-9)
+    assert found.table["sigma_cumulative"] == pytest.approx(one.std[:1], rel=1e-9)
+
+
+def refused(words, *args, **options):
+    with pytest.raises(ScenarioError) as error:
+        mission(*args, **options)
+    assert words in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_is_refused(tmp_path):
+    refused("needs times, which an orbit does not have", scenario(radar__scan_period_s=3))
+    s = load(tmp_path)
+    refused("one of linear, probit for a mission, got 'form'", s, method="form")
+    refused("did you mean 'probit'", s, method="probti")
+    refused("m of m of n must be a whole number", s, m_of_n=(0, 3))
+    refused("n of m of n must be a whole number", s, m_of_n=(1, 13))
+    refused("m not greater than n, got 3 of 2", s, m_of_n=(3, 2))
+    refused("runs must be", s, runs=1)
+    refused("radar.scan_period_s makes more than", load(tmp_path, radar__scan_period_s=1e-4))
+    refused("radar.scan_period_s must be", load(tmp_path, radar__scan_period_s=1e-19))
+    many = load(tmp_path, radar__scan_period_s=1400 / (MAX_TRACK_LOOKS + 1))
+    refused("m of n takes at most 4,000 looks", many, m_of_n=(1, 2))
+    over = f"{HEADER}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
+    refused("on top of the radar at the look at 10 s", load(tmp_path, over, radar__scan_period_s=5))
+
+
+def test_the_limit_of_the_window_is_that_of_the_code():
+    assert limits.WINDOW.at_most == cumulative.MAX_WINDOW
+
+
+# The numbers.
+
+
+def brute_force(s, runs, seed):
+    """P_c and track probability by each look, every error of every look drawn from one Gaussian."""
+    rng = np.random.default_rng(seed)
+    time, looks = s.axis.values, len(s.axis)
+    apart = abs(time[:, None] - time)
+    rho = (
+        np.ones_like(apart)
+        if math.isinf(s.correlation_s)
+        else np.eye(looks)
+        if s.correlation_s == 0
+        else np.exp(-apart / s.correlation_s)
+    )
+    values, vectors = np.linalg.eigh(rho)
+    root = vectors * np.sqrt(np.maximum(values, 0))
+    covariance = np.broadcast_to(s.cov_aircraft, (looks, 6, 6))
+    assert not (covariance - np.eye(6) * covariance).any()
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    errors = np.einsum("kj,rjc->rkc", root, rng.standard_normal((runs, looks, 6))) * std
+    radar = rng.multivariate_normal(s.radar, s.cov_radar[s.level], size=runs)
+    p = s.model.p_d(s.aircraft + errors, radar[:, None])
+    # A track: coins for every look, and three heads in five in a row.
+    hits = rng.random(p.shape) < p
+    track = np.zeros(runs, dtype=bool)
+    for k in range(looks):
+        track |= hits[:, max(0, k - 4) : k + 1].sum(axis=1) >= 3
+    return 1 - np.cumprod(1 - p, axis=1), track
+
+
+@pytest.mark.parametrize("tau", [0.0, 300.0, math.inf])
+@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
+def test_against_draws_of_all_looks_at_once(tmp_path, tau, text):
+    s = load(
+        tmp_path, text, radar__scan_period_s=70, radar__constant=14,
+        uncertainty__aircraft_correlation_s=tau,
+        uncertainty__radar={"low": {"position_m": 100, "constant": 0.2}}, analysis={"level": "low"},
+    )  # fmt: skip
+    runs = 8000
+    found = mission(s, m_of_n=(3, 5), runs=4000)
+    looks, table = found.scenario, found.table
+    drawn, track = brute_force(looks, runs, seed=7)
+    assert 0.1 < table["cumulative_p_d"][-1] < 0.97
+    std = drawn.std(axis=0)
+    noise = 4.5 / math.sqrt(2 * runs)
+    assert np.max(abs(table["sigma_cumulative"] / std - 1)) < 0.02 + noise
+    assert np.max(abs(table["mc_std"] / std - 1)) < 2 * noise
+    assert np.max(abs(table["mc_mean"] - drawn.mean(axis=0)) / std) < 4.5 * math.sqrt(3 / runs)
+    for end, level in (("lower", 0.00135), ("upper", 0.99865)):
+        assert np.max(abs(table[f"{end}_3sigma"] - np.quantile(drawn, level, axis=0)) / std) < 0.9
+    p = table["track_p_d"][-1]
+    assert abs(track.mean() - p) < 4.5 * math.sqrt(p * (1 - p) / runs) + 0.01
+    assert abs(table["track_mc_mean"][-1] - track.mean()) < 4.5 * math.sqrt(0.3 / runs)
+
+
+def test_correlation_time_is_used(tmp_path):
+    sigma = [
+        mission(
+            load(tmp_path, radar__scan_period_s=20, uncertainty__aircraft_correlation_s=tau,
+                 radar__constant=14, uncertainty__radar={"one": {"position_m": 0, "constant": 0}},
+                 analysis={"level": "one"})
+        ).table["sigma_cumulative"][30]
+        for tau in (0, 100, math.inf)
+    ]  # fmt: skip
+    assert sigma[0] < 0.6 * sigma[1] < 0.6 * sigma[2]
+
+
+def test_draws_are_those_of_the_seed_alone(tmp_path):
+    s = load(tmp_path, radar__scan_period_s=20)
+    one, two, other = (
+        mission(c, runs=3000, m_of_n=(2, 3), workers=w).table
+        for c, w in ((s, 1), (s, 2), (s.with_analysis(seed=9), 1))
+    )
+    for column, values in one.items():
+        assert values.tobytes() == two[column].tobytes()
+        assert ("mc_" in column) == (values.tobytes() != other[column].tobytes())
+
+
+def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
+    """With a loss of 3 dB more or less c_r is far from Gaussian; one look is `monte_carlo`'s."""
+    radar = {
+        "surveillance": {
+            "average_power_kw": 2.1, "aperture_m2": 2.874, "temperature_k": 487,
+            "rotation_rpm": 12.5, "search_volume_sr": 4.039, "loss_db": 20, "noise_figure_db": 0,
+        },
+        "position_m": [0, 0, 0], "p_fa": 1e-6,
+    }  # fmt: skip
+    near = f"{HEADER}\n0,40e3,0,-3000,0,0,90\n10,40e3,2000,-3000,0,0,90\n"
+    s = load(
+        tmp_path, near, radar={**radar, "scan_period_s": 100},
+        uncertainty__radar={"one": {"position_m": 1, "constant": {"loss_db": 3}}},
+        analysis={"level": "one"},
+    )  # fmt: skip
+    found = mission(s, runs=20_000)
+    expected = monte_carlo(s.part(slice(1)), runs=20_000, seed=5)
+    assert found.table["mc_mean"] == pytest.approx(expected.mean, abs=5 * expected.std[0] / 100)
+    assert found.table["mc_std"] == pytest.approx(expected.std, rel=0.03)
+    assert found.table["mc_lower"] == pytest.approx(expected.lower, rel=0.2, abs=0.003)
+    assert found.table["mc_lower"] > 0
+
+
+# The command.
+
+
+@pytest.mark.parametrize("options", ["", "--m 2 --n 3", "--runs 50", "--m 2 --n 3 --runs 50"])
+@pytest.mark.parametrize("method", [None, "linear", "probit"])
+def test_columns(tool, options, method):
+    named = ["--method", method] if method else []
+    code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split(), *named)
+    assert code == 0
+    assert all(line.startswith("Warning: ") for line in err.splitlines())
+    assert out.isascii()
+    found = columns("figures/flight_mission.csv")
+    drawn = ["mc_mean", "mc_std", "mc_lower", "mc_upper"] if "runs" in options else []
+    expected = ["time_s", "p_d", "cumulative_p_d", "sigma_cumulative"]
+    expected += ["lower_3sigma", "upper_3sigma", *drawn]
+    expected += ["mean_cumulative"] if method else []
+    if "--m" in options:
+        expected += ["track_p_d", "sigma_track", "track_lower_3sigma", "track_upper_3sigma"]
+        expected += [f"track_{name}" for name in drawn] + (["mean_track"] if method else [])
+    assert list(found) == expected
+    assert len(found["time_s"]) == 4
+    cumulated = 1 - np.cumprod(1 - found["p_d"])
+    assert found["cumulative_p_d"] == pytest.approx(cumulated, rel=1e-12)
+    assert sorted(p.name for p in Path("figures").iterdir()) == [
+        "flight_mission.csv", "flight_mission.json", "flight_mission.pdf",
+    ]  # fmt: skip
+    summary = record("figures/flight_mission.json")["summary"]
+    assert summary["looks"] == 4
+    assert summary["detection"]["at_end"]["p"] == found["cumulative_p_d"][-1]
+    assert (summary["monte_carlo"] is None) == ("runs" not in options)
+    assert ("track" in summary) == ("--m" in options)
+
+
+def test_report(tool):
+    file = write(
+        Path(), radar__scan_period_s=10, radar__constant=14, uncertainty__aircraft_correlation_s=60
+    )
+    code, out, _ = tool("mission", file, "--m", 3, "--n", 5, "--runs", 100, "--no-plot")
+    assert code == 0
+    found, summary = (
+        columns("figures/flight_mission.csv"),
+        record("figures/flight_mission.json")["summary"],
+    )
+    lines = out.splitlines()
+    assert lines[0] == "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s"
+    for p, name in (("cumulative_p_d", "cumulative P_D"), ("track_p_d", "track, 3 of 5")):
+        assert any(f"{name} at the end (medium, probit): {found[p][-1]:.4f}" in x for x in lines)
+    for level, times in summary["detection"]["reaches"].items():
+        for key, column in (
+            ("time_s", "cumulative_p_d"), ("earliest_s", "upper_3sigma"),
+            ("latest_s", "lower_3sigma"),
+        ):  # fmt: skip
+            above = found["time_s"][found[column] >= float(level)]
+            assert times[key] == (above.min() if len(above) else None)
+    half = summary["detection"]["reaches"]["0.5"]["time_s"]
+    assert half is not None
+    assert f"  reaches 0.5 at {half:.13g} s" in out
+    assert "100 runs (seed 1), largest difference of probit" in out
+    tool("mission", write(Path(), radar__constant=0.01), "--no-plot")
+    assert "never reaches 0.5 (upper bound: never" in tool("mission", "my.yaml").out
+    assert "at the poses of the path" in tool("mission", "my.yaml").out
+    assert "the same at every look" in tool(
+        "mission", write(Path(), uncertainty__aircraft_correlation_s=math.inf)
+    ).out  # fmt: skip
+
+
+def test_the_record_makes_the_same_mission_again(tool):
+    file = write(Path(), radar__scan_period_s=33, uncertainty__aircraft_correlation_s=math.inf)
+    assert (
+        tool("mission", file, "--no-plot", "--runs", 20, "--seed", 3, "--level", "high").code == 0
+    )
+    found = record("figures/flight_mission.json")
+    Path("again.yaml").write_text(json.dumps(found["scenario"]))
+    assert tool("mission", "again.yaml", "--no-plot", "--runs", 20, "--out", "again").code == 0
+    name = "flight_mission.csv"
+    assert Path("again", name).read_bytes() == Path("figures", name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--m 3", "--m and --n belong together"),
+        ("--n 3", "--m and --n belong together"),
+        ("--m 3 --n 2", "m not greater than n"),
+        ("--m 0 --n 2", "not less than 1"),
+        ("--m 1 --n 13", "not greater than 12"),
+        ("--runs 1", "not less than 2"),
+        ("--method form", "one of linear, probit for a mission"),
+        ("--level hgih", "did you mean 'high'"),
+    ],
+)
+def test_options_that_are_refused(tool, options, words):
+    code, out, err = tool("mission", write(Path()), *options.split())
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert not Path("figures").exists()
+
+
+def test_an_orbit_is_refused(tool):
+    code, out, err = tool("mission")
+    assert (code, out) == (2, "")
+    assert err.startswith("Error: a mission needs times, which an orbit does not have")
+    assert len(err.splitlines()) == 1
+
+
+def test_linear_says_that_its_band_leaves(tool):
+    file = write(Path(), radar__scan_period_s=10, radar__constant=14)
+    err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
+    assert "Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] at" in err
+    assert tool("mission", file, "--level", "high", "--no-plot").err == ""
+
+
+def test_an_undefined_gradient_is_said(tool):
+    over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
+    code, out, err = tool("mission", write(Path(), over), "--runs", 20)
+    assert code == 0
+    assert "its uncertainty is undefined at 10 to 20 s" in err
+    assert "its uncertainty is undefined" in out
+    assert record("figures/flight_mission.json")["summary"]["detection"]["at_end"]["sigma"] is None
+
+
+@pytest.mark.parametrize("runs", [None, 20])
+@pytest.mark.parametrize("m_of_n", [None, (2, 3)])
+@pytest.mark.parametrize("period", [None, 5, 1e5])
+def test_layout(tmp_path, runs, m_of_n, period):
+    changes = {} if period is None else {"radar__scan_period_s": period}
+    figure = figures.draw(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n))
+    figures.render(figure, "png")
+    assert len(figure.axes) == (2 if m_of_n is None else 3)
+    (legend,) = figure.legends
+    box, page = legend.get_window_extent(), figure.bbox
+    assert box.x0 >= page.x0
+    assert box.x1 <= page.x1
+    assert box.y1 <= page.y1
+    for axes in figure.axes:
+        assert not box.overlaps(axes.get_window_extent())
+        assert axes.get_ylabel()
+    assert "Time" in figure.axes[-1].get_xlabel()
+
+
+# The threshold.
+
+
+@pytest.mark.parametrize("k", [3, 2, 0.5])
+@pytest.mark.parametrize("method", METHODS)
+def test_threshold_columns(tool, method, k):
+    args = ["variance", write(Path(), UNCERTAIN), "--method", method, "--no-plot"]
+    assert tool(*args).code == 0
+    before = columns("figures/flight_variance.csv")
+    assert tool(*args, "--threshold", 0.5, "--k", k).code == ANSWER_IS_NO == 3
+    found = columns("figures/flight_variance.csv")
+    bound = f"upper_{k:g}sigma"
+    extra = ["margin", "violated"] if k == 3 else [bound, "margin", "violated"]
+    assert list(found) == [*before, *extra]
+    for column, values in before.items():
+        np.testing.assert_array_equal(found[column], values)
+    s = rs.load_scenario("my.yaml")
+    moments = rs.propagate(
+        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"], method=method, beta=k
+    )
+    np.testing.assert_allclose(found[bound], moments.upper, rtol=1e-13)
+    if method == "linear":
+        assert found[bound] == pytest.approx(found["p_d"] + k * found["sigma_pd"], rel=1e-12)
+    np.testing.assert_array_equal(found["margin"], 0.5 - found[bound])
+    np.testing.assert_array_equal(found["violated"], found[bound] > 0.5)
+
+
+def test_threshold_report_and_record(tool):
+    file = write(Path(), geometry__axis="distance")
+    assert tool("variance", file, "--no-plot").code == 0
+    upper = columns("figures/flight_variance.csv")["upper_3sigma"]
+    p_max = 0.5 * (np.sort(upper)[1] + np.sort(upper)[2])
+    code, out, _ = tool("variance", file, "--threshold", p_max)
+    assert code == 3
+    found = columns("figures/flight_variance.csv")
+    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    # time, though the table is laid out along the distance
+    dense = np.linspace(100, 1500, 200_001)
+    share = np.mean(np.interp(dense, [100, 500, 1000, 1500], upper) > p_max)
+    assert test["share_above"] == pytest.approx(share, abs=1e-4)
+    assert test["above_s"] == pytest.approx(1400 * share, abs=0.1)
+    assert test["total_s"] == 1400
+    assert test["poses_violated"] == found["violated"].sum() == 2
+    first = int(np.argmax(found["violated"]))
+    assert test["first_violation"] == {"distance_m": found["distance_m"][first]}
+    worst = int(np.argmin(found["margin"]))
+    assert test["worst_margin"]["value"] == found["margin"][worst]
+    assert (test["passed"], test["k"], test["p_max"]) == (False, 3, p_max)
+    assert "(bound by linear): VIOLATED at" in out
+    assert f"of 1400 s ({share:.1%}), first at {found['distance_m'][first]:.0f} m" in out
+    code, out, _ = tool("variance", file, "--threshold", min(1, upper.max() + 1e-9))
+    assert code == 0
+    assert "holds at every pose" in out
+    assert "first at" not in out
+    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    assert (test["passed"], test["above_s"], test["first_violation"]) == (True, 0, None)
+
+
+def test_threshold_on_the_orbit_of_the_paper(tool):
+    """At High the linear bound passes 1, so that not even 1 would do; a quantile never does."""
+    args = ("variance", "--level", "high", "--threshold", 1, "--no-plot")
+    assert tool(*args).code == 3
+    test = record("figures/paper_variance.json")["summary"]["threshold"]
+    assert set(test) >= {"above_deg", "total_deg"}
+    assert test["total_deg"] == 180
+    for method in ("probit", "form"):
+        assert tool(*args, "--method", method).code == 0
+
+
+def test_no_bound_is_a_violation(tool):
+    over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
+    code, out, _ = tool("variance", write(Path(), over), "--threshold", 1, "--method", "probit")
+    assert code == 3
+    assert "no bound at 10 s: counted as a violation" in out
+    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    assert (test["poses_without_bound"], test["poses_violated"]) == (1, 1)
+    assert test["worst_margin"] == {"value": None, "time_s": 10}
+    assert test["share_above"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--threshold 0", "greater than 0"),
+        ("--threshold 1.01", "not greater than 1"),
+        ("--threshold nan", "greater than 0"),
+        ("--threshold 0.5 --k 0", "greater than 0"),
+        ("--threshold 0.5 --k -1", "greater than 0"),
+        ("--k 2", "--k belongs to --threshold"),
+    ],
+)
+def test_thresholds_that_are_refused(tool, options, words):
+    code, out, err = tool("variance", *options.split())
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert not Path("figures").exists()
+
+
+@pytest.mark.parametrize("bad", [{"p_max": 0}, {"p_max": 2}, {"k": 0}, {"k": 11}])
+def test_thresholds_that_the_package_refuses(bad):
+    with pytest.raises(ScenarioError):
+        require_threshold(rs.variance(rs.load_scenario()), **{"p_max": 0.5, **bad})
+
+
+@pytest.mark.parametrize("k", [2, 3])
+def test_the_threshold_is_drawn(k):
+    result = require_threshold(rs.variance(rs.load_scenario()), 0.5, k)
+    (axes,) = figures.draw(result).axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels.count("violated") == 1
+    assert "threshold 0.5" in labels
+    assert len(labels) == (4 if k == 3 else 5)
+    figures.render(figures.draw(result), "pdf")
