@@ -10,7 +10,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
@@ -530,7 +530,7 @@ def mission(
     scenario = _scenario(config, level=level, seed=seed)
 
     def run() -> Result:
-        with _progress(runs or 0) as advance:
+        with nullcontext() if runs is None else _progress(runs) as advance:
             return analyse(
                 scenario,
                 method=method,

@@ -463,7 +463,7 @@ class _Runs:
     runs_per_block: int
     seed: int
     tail: float
-    draws: RadarDraws | None
+    draws: RadarDraws | None = None
 
     def statistics(self, index: int) -> tuple[list[tuple[RunningMoments, Tails]], int]:
         """Draw a block of runs and keep what is needed of it."""

@@ -238,7 +238,7 @@ def brute_force(s, runs, seed):
 @pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
 def test_against_draws_of_all_looks_at_once(tmp_path, tau, text):
     s = load(
-        tmp_path, text, radar__scan_period_s=70, radar__constant=14,
+        tmp_path, text, radar__scan_period_s=70, radar__constant=22,
         uncertainty__aircraft_correlation_s=tau,
         uncertainty__radar={"low": {"position_m": 100, "constant": 0.2}}, analysis={"level": "low"},
     )  # fmt: skip
@@ -246,7 +246,7 @@ def test_against_draws_of_all_looks_at_once(tmp_path, tau, text):
     found = mission(s, m_of_n=(3, 5), runs=4000)
     looks, table = found.scenario, found.table
     drawn, track = brute_force(looks, runs, seed=7)
-    assert 0.1 < table["cumulative_p_d"][-1] < 0.97
+    assert 0.1 < table["cumulative_p_d"][-1] < 0.999
     std = drawn.std(axis=0)
     noise = 4.5 / math.sqrt(2 * runs)
     assert np.max(abs(table["sigma_cumulative"] / std - 1)) < 0.02 + noise
@@ -254,6 +254,10 @@ def test_against_draws_of_all_looks_at_once(tmp_path, tau, text):
     assert np.max(abs(table["mc_mean"] - drawn.mean(axis=0)) / std) < 4.5 * math.sqrt(3 / runs)
     for end, level in (("lower", 0.00135), ("upper", 0.99865)):
         assert np.max(abs(table[f"{end}_3sigma"] - np.quantile(drawn, level, axis=0)) / std) < 0.9
+    shown = table["track_p_d"] > 0.01
+    assert shown.any(), table["track_p_d"][-1]
+    ratio = table["sigma_track"][shown] / table["track_mc_std"][shown]
+    assert np.max(abs(ratio - 1)) < 0.03 + 4.5 / math.sqrt(2 * 4000)
     p = table["track_p_d"][-1]
     assert abs(track.mean() - p) < 4.5 * math.sqrt(p * (1 - p) / runs) + 0.01
     assert abs(table["track_mc_mean"][-1] - track.mean()) < 4.5 * math.sqrt(0.3 / runs)
@@ -416,6 +420,18 @@ def test_linear_says_that_its_band_leaves(tool):
     err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
     assert "Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] at" in err
     assert tool("mission", file, "--level", "high", "--no-plot").err == ""
+
+
+def test_constants_set_to_zero_are_said(tool):
+    levels = {"wild": {"position_m": 1, "constant": 40}}  # of 50: one in ten is below zero
+    file = write(Path(), uncertainty__radar=levels, analysis={"level": "wild"})
+    code, _, err = tool("mission", file, "--runs", 500, "--no-plot")
+    assert code == 0
+    count = record("figures/flight_mission.json")["summary"]["monte_carlo"][
+        "radar_constants_set_to_zero"
+    ]
+    assert 25 < count < 90
+    assert f"the radar constant was drawn below zero and set to zero in {count} runs" in err
 
 
 def test_an_undefined_gradient_is_said(tool):
