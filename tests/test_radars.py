@@ -422,7 +422,8 @@ def test_the_map_of_a_network(tool, method):
     ends = ["--north-km", "-400", "400", "--east-km", "-700", "700"]
     code, _, err = tool(*command, *ends, "--format", "png", "--out", "out")
     assert code == 0, err
-    found = np.load("out/paper_map.npz")
+    with np.load("out/paper_map.npz") as file:
+        found = dict(file)
     s = rs.parse_scenario(text_of(NETWORK))
     states = np.tile(s.aircraft[0], (9, 15, 1))
     states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
@@ -443,8 +444,9 @@ def test_the_map_where_no_radar_sees_is_zero(tool):
         *("map", "my.yaml", "--upper", "--method", "probit", "--step-km", "100"), "--no-plot"
     )
     assert code == 0, err
-    (file,) = Path().rglob("*_map.npz")
-    found = np.load(file)
+    (path,) = Path().rglob("*_map.npz")
+    with np.load(path) as file:
+        found = dict(file)
     assert found["upper_3sigma"][0, 0] == found["p_d"][0, 0] == 0
     assert np.isfinite(found["upper_3sigma"]).all()
     assert found["p_d"].max() > 0.99
