@@ -25,7 +25,7 @@ from radar_sense.model import Model
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
 #: Poses standardized at a time, and numbers in a matrix for each of them: they bound the memory in
-#: use, and are of no influence on the result.
+#: use, and are of no influence on the result but for its last digit.
 BLOCK = 1024
 MAX_NUMBERS = 8_000_000
 

@@ -17,6 +17,7 @@ from test_input import assert_refused, place, refusal, write
 import radar_sense as rs
 from radar_sense.covariance import side_by_side
 from radar_sense.horizon import EARTH_RADIUS
+from radar_sense.rcs_pattern import rcs
 from radar_sense.scenario import default_text
 from radar_sense.states import CONSTANTS
 
@@ -450,3 +451,12 @@ def test_the_map_where_no_radar_sees_is_zero(tool):
     assert found["upper_3sigma"][0, 0] == found["p_d"][0, 0] == 0
     assert np.isfinite(found["upper_3sigma"]).all()
     assert found["p_d"].max() > 0.99
+
+
+def test_the_cross_sections_seen_are_those_towards_every_radar():
+    above, below = radar("a", position_m=[0, 0, -60e3]), radar("b", position_m=[0, 0, -30])
+    seen = [rcs(parsed(*radars)).summary["geometry"] for radars in ([above], [below])]
+    both = rcs(parsed(below, above)).summary["geometry"]
+    for key in ("elevation_deg", "rcs_m2"):
+        ends = np.array([part[key] for part in seen])
+        assert_array_equal(both[key], [ends.min(), ends.max()])
