@@ -44,8 +44,10 @@ from radar_sense.wording import at, peak, where
 
 #: Probabilities that the report gives the time of.
 MILESTONES = (0.5, 0.9)
-#: Time and memory of track initiation grow with the square of the looks: some 3 s and 1 GB here.
+#: Memory of track initiation grows with the square of the looks, to some 0.6 GB here, ...
 MAX_TRACK_LOOKS = 4000
+#: ... and its time with that times 2^(n − 1), to half a minute here.
+MAX_TRACK_WORK = 2e9
 
 
 def at_looks(scenario: Scenario) -> Scenario:
@@ -205,9 +207,10 @@ def _check_window(m: int, n: int, looks: int) -> None:
             raise ScenarioError(f"{name} of m of n must be {WINDOW}, got {value}")
     if m > n:
         raise ScenarioError(f"m of n needs m not greater than n, got {m} of {n}")
-    if looks > MAX_TRACK_LOOKS:
+    most = min(MAX_TRACK_LOOKS, math.isqrt(int(MAX_TRACK_WORK) >> (n - 1)))
+    if looks > most:
         raise ScenarioError(
-            f"m of n takes at most {MAX_TRACK_LOOKS:,} looks, and this path has {looks:,}; "
+            f"{m} of {n} takes at most {most:,} looks, and this path has {looks:,}; "
             "a longer radar.scan_period_s makes fewer"
         )
 

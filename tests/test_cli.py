@@ -583,7 +583,7 @@ def test_a_run_that_is_stopped_writes_nothing(tmp_path, number):
 
 def test_progress_on_a_terminal_says_how_many_how_fast_and_how_long(tmp_path):
     terminal, other_end = pty.openpty()
-    args = ["montecarlo", "--runs", "20000", "--no-plot"]
+    args = ["montecarlo", "--runs", "60000", "--no-plot"]
     command = [sys.executable, "-m", "radar_sense", *args]
     wide = {**os.environ, "COLUMNS": "120"}
     running = subprocess.Popen(
@@ -597,8 +597,8 @@ def test_progress_on_a_terminal_says_how_many_how_fast_and_how_long(tmp_path):
     os.close(terminal)
     assert running.wait(timeout=30) == 0
     text = seen.decode()
-    assert re.search(r"runs  \[#*-*\]  \d+/20000  (\d\d:){2}\d\d  [\d,]+ runs/s", text), text
-    assert "20000/20000" in text
+    assert re.search(r"runs  \[#*-*\]  \d+/60000  (\d\d:){2}\d\d  [\d,]+ runs/s", text), text
+    assert "60000/60000" in text
 
 
 @pytest.mark.parametrize("args", [["check"], ["init", "-"], ["budget", "--no-plot"], ["--help"]])

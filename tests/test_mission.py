@@ -194,7 +194,8 @@ def test_what_is_refused(tmp_path):
     refused("radar.scan_period_s makes more than", load(tmp_path, radar__scan_period_s=1e-4))
     refused("radar.scan_period_s must be", load(tmp_path, radar__scan_period_s=1e-19))
     many = load(tmp_path, radar__scan_period_s=1400 / (MAX_TRACK_LOOKS + 1))
-    refused("m of n takes at most 4,000 looks", many, m_of_n=(1, 2))
+    refused("1 of 2 takes at most 4,000 looks", many, m_of_n=(1, 2))
+    refused("5 of 12 takes at most 988 looks", many, m_of_n=(5, 12))
     over = f"{HEADER}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
     refused("on top of the radar at the look at 10 s", load(tmp_path, over, radar__scan_period_s=5))
 
