@@ -35,7 +35,7 @@ TAIL = float(ndtr(-3.0))
 POSES = 300_000
 RUNS = 20_000
 #: The NumPy transcriptions hold all draws at once, and some 0.4 kB a sample beside them.
-FEWER_RUNS = 2_000
+FEWER_RUNS = 6_000
 
 #: The RCS models: what the package calls them, what the peers do, what a scenario file does.
 RCS = {
@@ -114,15 +114,19 @@ def row(what, times, count, unit, *, faster=None, longer=None):
     )
 
 
-def interleaved(*functions, rounds=7):
-    """Median time [s] of each of some functions that take turns, after a first turn to warm up."""
+def interleaved(*functions, rounds=5):
+    """Median time [s] of each of some functions that take turns.
+
+    Each is called twice in its turn, and the second call is timed: what it costs in a loop, not
+    what it costs to get back the memory that another one has given to the system in between.
+    """
     times = [[] for _ in functions]
-    for turn in range(rounds + 1):
+    for _ in range(rounds):
         for function, found in zip(functions, times, strict=True):
+            function()
             start = time.perf_counter()
             function()
-            if turn:
-                found.append(time.perf_counter() - start)
+            found.append(time.perf_counter() - start)
     return [statistics.median(found) for found in times]
 
 
