@@ -36,6 +36,9 @@ figures: $(VENV)/installed
 	@$(BIN)/radar-sense budget configs/x_band_tracking.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense variance configs/path.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense map configs/path.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense mission configs/mission.yaml --m 3 --n 5 --runs 10000 --out figures --format pdf --format png
+	@$(BIN)/radar-sense variance configs/network.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense map configs/network.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense compare --level high --runs 200000 \
 		--out figures --format pdf --format png
 	@# 3: the answer is that the paper's linearization is not valid at every angle

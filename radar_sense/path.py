@@ -26,7 +26,7 @@ import numpy as np
 
 from radar_sense import axis
 from radar_sense.limits import POSITIVE, Limit
-from radar_sense.reader import Entry, ScenarioError
+from radar_sense.reader import Entry, ScenarioError, recorded
 from radar_sense.route import METHODS, Route, load_route, resample
 
 #: The keys of a scenario's path, beside `type` and `file`.
@@ -46,8 +46,9 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
     """Read the path that an entry of a scenario names.
 
     Returns:
-        The axis of its poses, the route, and the entry as it is to be recorded: with the whole path
-        of the file and its SHA-256, so that it reads back as this route or not at all.
+        The axis of its poses, the route, and the entry as it is to be recorded: with the file
+        as seen from the working folder and its SHA-256, so that it reads back as this route or not
+        at all.
 
     Raises:
         ScenarioError: If anything in the entry or the file is not allowed.
@@ -55,7 +56,7 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
     found = entry.mapping(["type", "file"], OPTIONAL)
     name = found["file"].text(r"[^\0\r\n]{1,1000}", "the name of a CSV file")
     path = Path(entry.source).parent / name
-    document: dict[str, Any] = {"type": "path", "file": str(path.absolute())}
+    document: dict[str, Any] = {"type": "path", "file": recorded(path)}
     document["axis"] = found["axis"].choice(AXES) if "axis" in found else AXES[0]
     origin = None
     if "origin" in found:

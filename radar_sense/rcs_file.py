@@ -34,7 +34,7 @@ from radar_sense.rcs_table import (
     gap,
     out_of_order,
 )
-from radar_sense.reader import LARGEST, SMALLEST, Entry, ScenarioError, did_you_mean
+from radar_sense.reader import LARGEST, SMALLEST, Entry, ScenarioError, did_you_mean, recorded
 from radar_sense.states import FloatArray
 
 #: Keys of a scenario's RCS table, beside `model`.
@@ -77,8 +77,8 @@ def read_table(entry: Entry) -> tuple[TableRCS, dict[str, Any]]:
     The file is looked for from the folder of the scenario file.
 
     Returns:
-        The table, and the entry as it is to be recorded: with the whole path of the file and its
-        SHA-256, so that it reads back as this table or not at all.
+        The table, and the entry as it is to be recorded: with the file as seen from the
+        working folder and its SHA-256, so that it reads back as this table or not at all.
 
     Raises:
         ScenarioError: If anything in the entry or the file is not allowed.
@@ -96,7 +96,7 @@ def read_table(entry: Entry) -> tuple[TableRCS, dict[str, Any]]:
         expected = found["sha256"].text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
         if expected != digest:
             raise found["sha256"].error(f"{path} is another file than it was: it has {digest}")
-    document: dict[str, Any] = {"file": str(path.absolute()), "mirror": mirror, "sha256": digest}
+    document: dict[str, Any] = {"file": recorded(path), "mirror": mirror, "sha256": digest}
     envelope = None
     if "envelope_deg" in found:
         document["envelope_deg"] = found["envelope_deg"].number(ENVELOPE)

@@ -222,6 +222,15 @@ class Entry:
         return _shorten(self.node.value)
 
 
+def recorded(path: Path) -> str:
+    """How a resolved scenario names another file: from the working folder if it is in there.
+
+    A record then says nothing of the machine that it was made on.
+    """
+    absolute, here = path.absolute(), Path.cwd()
+    return (absolute.relative_to(here) if absolute.is_relative_to(here) else absolute).as_posix()
+
+
 def read_file(path: str | Path) -> str:
     """Read a text file that is not too large to be a scenario.
 

@@ -298,11 +298,17 @@ def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
         rs.parse_scenario(yaml.safe_dump(resolved))
 
 
-def test_the_file_is_recorded_with_its_whole_path(tmp_path, monkeypatch):
-    write(tmp_path, ROUTE)
+def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):
+    (tmp_path / "below").mkdir()
+    write(tmp_path / "below", ROUTE)
     monkeypatch.chdir(tmp_path)
-    resolved = rs.load_scenario("scenario.yaml").resolved()
-    assert resolved["geometry"]["file"] == str(tmp_path / "route.csv")
+    resolved = rs.load_scenario("below/scenario.yaml").resolved()
+    assert resolved["geometry"]["file"] == "below/route.csv"  # no folder of this machine's
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    resolved = rs.load_scenario("../below/scenario.yaml").resolved()
+    assert resolved["geometry"]["file"] == "../below/route.csv"
+    assert rs.parse_scenario(yaml.safe_dump(resolved)).resolved() == resolved
 
 
 def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):

@@ -501,7 +501,7 @@ def test_the_file_is_looked_for_beside_the_scenario(here):
     digest = hashlib.sha256((path.parent / "t.csv").read_bytes()).hexdigest()
     assert entry == {
         "model": "table",
-        "file": str(path.parent / "t.csv"),
+        "file": "scenarios/t.csv",  # from the working folder
         "mirror": False,
         "sha256": digest,
     }
