@@ -137,7 +137,8 @@ def draw(
     deviation = None if linear is None else np.empty((runs, poses))
     for first in range(0, runs, BLOCK):
         part = slice(first, min(first + BLOCK, runs))
-        white_radar, white_aircraft = source.block(first // BLOCK, part.stop - first)
+        block = source.block(first // BLOCK)
+        white_radar, white_aircraft = (white[: part.stop - first] for white in block)
         radar, _ = sampler.draw_radar(white_radar)
         p_d[part] = sampler.draw_p_d(white_aircraft, radar)
         if linear is not None and deviation is not None:

@@ -190,9 +190,9 @@ class _Blocks:
     def p_d(self, index: int) -> tuple[FloatArray, int]:
         """P_D (runs of the block, n) and in how many a constant was set to 0."""
         runs = min(self.runs_per_block, self.runs - index * self.runs_per_block)
-        white_radar, white_aircraft = self.source.block(index, runs)
-        radar, negative = self.sampler.draw_radar(white_radar)
-        return self.sampler.draw_p_d(white_aircraft, radar), int(np.count_nonzero(negative))
+        white_radar, white_aircraft = self.source.block(index)
+        radar, negative = self.sampler.draw_radar(white_radar[:runs])
+        return self.sampler.draw_p_d(white_aircraft[:runs], radar), int(np.count_nonzero(negative))
 
     def statistics(self, index: int) -> _Statistics:
         """Compute a block and keep what is needed of it."""

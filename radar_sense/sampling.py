@@ -2,7 +2,7 @@
 
 A source gives, for each block of runs, one vector for the radar of every run and one for the
 aircraft at every pose of every run. What it gives depends on the seed and the number of the block
-alone, and the first runs of a block do not depend on how many are asked for.
+alone: it is always the whole block, also where fewer runs are wanted of it.
 """
 
 from __future__ import annotations
@@ -38,12 +38,8 @@ def random_stream(seed: int, *key: int) -> np.random.Generator:
 class Source(Protocol):
     """Where unit normals come from."""
 
-    def block(self, index: int, runs: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of the first runs of a block.
-
-        Returns:
-            For the radar (runs, m) and for the aircraft (runs, n, 6).
-        """
+    def block(self, index: int) -> tuple[FloatArray, FloatArray]:
+        """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
         ...
 
 
@@ -63,14 +59,40 @@ class Random:
     poses: int
     radar: int = len(RADAR)
 
-    def block(self, index: int, runs: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of the first runs of a block, (runs, m) and (runs, n, 6)."""
+    def block(self, index: int) -> tuple[FloatArray, FloatArray]:
+        """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
         generator = random_stream(self.seed, index)
-        # The radar's of the whole block, so that more runs begin with the same ones.
         radar = generator.standard_normal((self.runs, self.radar))
-        # In memory the components of a run one after the other: arithmetic goes by component.
-        aircraft = generator.standard_normal((runs, len(AIRCRAFT), self.poses))
-        return radar[:runs], np.moveaxis(aircraft, 1, -1)
+        # In memory one component after the other, as arithmetic goes by component.
+        aircraft = np.empty((len(AIRCRAFT), self.runs, self.poses))
+        for first in range(0, len(AIRCRAFT), 2):
+            _fill_with_normals(generator, aircraft[first : first + 2])
+        return radar, np.moveaxis(aircraft, 0, -1)
+
+
+def _fill_with_normals(generator: np.random.Generator, pair: FloatArray) -> None:
+    """Fill an array (2, ...) with independent unit normals.
+
+    With u and v uniform in [0, 1), r = √(−2 ln(1 − u)) and t = tan πv they are (G. E. P. Box and
+    M. E. Muller, "A note on the generation of random normal deviates", 1958)
+
+        r cos 2πv = 2r/(1 + t²) − r,  r sin 2πv = t · 2r/(1 + t²).
+
+    For many of them this takes half the time of NumPy's own, which draws one after the other.
+    """
+    generator.random(out=pair)
+    u, v = pair
+    radius = np.subtract(1.0, u, out=u)
+    np.log(radius, out=radius)
+    radius *= -2.0
+    np.sqrt(radius, out=radius)
+    t = np.multiply(np.pi, v, out=v)
+    np.tan(t, out=t)
+    scale = 1.0 + t * t
+    np.divide(radius, scale, out=scale)
+    scale += scale
+    np.subtract(scale, radius, out=pair[0])
+    np.multiply(scale, t, out=pair[1])
 
 
 @dataclass(frozen=True)
@@ -100,8 +122,8 @@ class Sobol:
     poses: int
     radar: int = len(RADAR)
 
-    def block(self, index: int, runs: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of the first runs of a block, (runs, m) and (runs, n, 6)."""
+    def block(self, index: int) -> tuple[FloatArray, FloatArray]:
+        """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
         from scipy.stats import qmc  # slow to import
 
         sequence = qmc.Sobol(
@@ -109,7 +131,7 @@ class Sobol:
         )
         if index:
             sequence.fast_forward(index * self.runs)
-        points = (sequence.random(self.runs)[:runs] / _UNIT).astype(np.uint32)
+        points = (sequence.random(self.runs) / _UNIT).astype(np.uint32)
         radar, aircraft = np.split(points, [self.radar], axis=1)
         shift = random_stream(self.seed, _SHIFT).integers(
             2**BITS, size=(len(AIRCRAFT), self.poses), dtype=np.uint32

@@ -67,7 +67,7 @@ def test_the_linear_model_is_that_of_the_paper_before_the_cut():
     """L − P̄_D = A_a (a − ā) + A_r (r − r̄), with the gradient by the paper's own chain rule."""
     s = load_scenario("configs/covariance.yaml")
     sampler, linear = sampler_and_linear(s)
-    white_radar, white_aircraft = Random(1, 50, len(s.aircraft)).block(0, 50)
+    white_radar, white_aircraft = Random(1, 50, len(s.aircraft)).block(0)
     found = linear.deviation(white_radar, white_aircraft)
     radar = draws(np.zeros(4), sampler.factor_radar, white_radar)
     aircraft = draws(np.zeros((len(s.aircraft), 6)), sampler.factor_aircraft, white_aircraft)
@@ -88,7 +88,7 @@ def test_the_linear_model_is_that_of_the_paper_before_the_cut():
 def test_the_linear_model_is_normal_where_the_radar_constant_is_cut():
     s = scenario(geometry__azimuth_deg=THREE, uncertainty__radar=CUT, analysis={"level": "only"})
     sampler, linear = sampler_and_linear(s)
-    white_radar, white_aircraft = Random(2, 20_000, 3).block(0, 20_000)
+    white_radar, white_aircraft = Random(2, 20_000, 3).block(0)
     assert sampler.draw_radar(white_radar)[1].sum() > 500
     unit = linear.deviation(white_radar, white_aircraft) / linear.std
     error = 1 / np.sqrt(20_000)

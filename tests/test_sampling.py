@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 from scenarios import scenario
 from scipy.special import ndtr
-from scipy.stats import chisquare, qmc
+from scipy.stats import chisquare, kstest, qmc
 
+from radar_sense import sampling
 from radar_sense.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
-from radar_sense.sampling import SAMPLERS, Random, Sobol
+from radar_sense.sampling import SAMPLERS, Random, Sobol, random_stream
 from radar_sense.scenario import load_scenario
 
 RUNS, POSES = 256, 5
@@ -35,7 +36,7 @@ def states(source, blocks=1):
 
 def sobol(seed=1, runs=RUNS, blocks=1):
     source = Sobol(seed, runs, POSES)
-    return states(lambda index: source.block(index, runs), blocks)
+    return states(source.block, blocks)
 
 
 def cells(points, splits):
@@ -96,12 +97,12 @@ def test_the_points_are_scrambled_and_not_only_shifted():
 def test_every_run_is_uniform_over_shifts():
     """A run is as likely here as there, which makes the mean of the draws unbiased."""
     poses = 4000
-    _, aircraft = Sobol(3, 4, poses).block(0, 4)
+    _, aircraft = Sobol(3, 4, poses).block(0)
     for run in aircraft:
         for i in range(6):
             counts = np.histogram(ndtr(run[:, i]), bins=16, range=(0, 1))[0]
             assert chisquare(counts).pvalue > 1e-5
-    radar = np.array([Sobol(seed, 4, 1).block(0, 4)[0] for seed in range(300)])
+    radar = np.array([Sobol(seed, 4, 1).block(0)[0] for seed in range(300)])
     for run in range(4):
         counts = np.histogram(ndtr(radar[:, run]), bins=8, range=(0, 1))[0]
         assert chisquare(counts).pvalue > 1e-5
@@ -114,21 +115,12 @@ def test_blocks_are_parts_of_one_sequence():
 
 
 @pytest.mark.parametrize("kind", SAMPLERS)
-def test_first_runs_do_not_depend_on_how_many_are_asked_for(kind):
-    source = SAMPLERS[kind](1, RUNS, POSES)
-    for index in (0, 3):
-        for one, all_of_it in zip(source.block(index, 37), source.block(index, RUNS), strict=True):
-            assert len(one) == 37
-            np.testing.assert_array_equal(one, all_of_it[:37])
-
-
-@pytest.mark.parametrize("kind", SAMPLERS)
 def test_seeds_blocks_and_poses_differ(kind):
-    first = SAMPLERS[kind](0, RUNS, POSES).block(0, RUNS)
+    first = SAMPLERS[kind](0, RUNS, POSES).block(0)
     for other in (
-        SAMPLERS[kind](1, RUNS, POSES).block(0, RUNS),
-        SAMPLERS[kind](10**50, RUNS, POSES).block(0, RUNS),
-        SAMPLERS[kind](0, RUNS, POSES).block(1, RUNS),
+        SAMPLERS[kind](1, RUNS, POSES).block(0),
+        SAMPLERS[kind](10**50, RUNS, POSES).block(0),
+        SAMPLERS[kind](0, RUNS, POSES).block(1),
     ):
         for one, another in zip(first, other, strict=True):
             assert not np.any(one == another)
@@ -141,7 +133,7 @@ def test_random_draws_of_poses_are_independent_and_those_of_sobol_points_are_not
     """The warning in the docstring of `Sobol`."""
     correlations = {}
     for kind in SAMPLERS:
-        _, aircraft = SAMPLERS[kind](1, 1024, 60).block(0, 1024)
+        _, aircraft = SAMPLERS[kind](1, 1024, 60).block(0)
         matrix = np.corrcoef(aircraft[:, :, 0], rowvar=False)
         correlations[kind] = matrix[np.triu_indices(60, 1)]
     assert np.max(abs(correlations["random"])) < 5 / np.sqrt(1024)
@@ -154,7 +146,7 @@ def test_normals_have_mean_zero_and_the_unit_matrix_as_covariance():
     error = 1 / np.sqrt(runs)
     normals = {"sobol": sobol(runs=runs)}
     source = Random(1, runs, POSES)
-    normals["random"] = states(lambda index: source.block(index, runs))
+    normals["random"] = states(source.block)
     # in standard errors of random draws
     for kind, of_mean, of_covariance in (("random", 5.0, 5.0), ("sobol", 0.02, 0.15)):
         for pose in range(POSES):
@@ -164,11 +156,52 @@ def test_normals_have_mean_zero_and_the_unit_matrix_as_covariance():
             assert np.max(abs(covariance - np.eye(10))) < of_covariance * np.sqrt(2) * error
 
 
+def test_random_normals_are_those_of_box_and_muller():
+    """√(−2 ln(1 − u)) times cosine and sine of 2πv, by other functions than the source's."""
+    source = Random(5, RUNS, POSES)
+    generator = random_stream(5, 2)
+    radar, aircraft = source.block(2)
+    np.testing.assert_array_equal(radar, generator.standard_normal((RUNS, 4)))
+    for pair in (0, 2, 4):
+        u, v = generator.random((2, RUNS, POSES))
+        expected = np.sqrt(-2 * np.log1p(-u)) * np.exp(2j * np.pi * v)
+        np.testing.assert_allclose(aircraft[..., pair], expected.real, rtol=1e-13, atol=1e-14)
+        np.testing.assert_allclose(aircraft[..., pair + 1], expected.imag, rtol=1e-13, atol=1e-14)
+
+
+def test_random_normals_are_normal_far_into_the_tails_and_independent_in_pairs():
+    _, aircraft = Random(7, 2**16, 8).block(0)
+    normals = aircraft.reshape(-1, 6)
+    for i in range(6):
+        assert kstest(normals[:, i], "norm").pvalue > 1e-4
+        expected = 2 * len(normals) * ndtr(-4.0)  # 33
+        assert abs(np.sum(abs(normals[:, i]) > 4) - expected) < 4 * np.sqrt(expected)
+    # of two normals that are merely uncorrelated, the squares need not be
+    for white in (normals, normals**2, abs(normals) > 2):
+        correlation = np.corrcoef(white, rowvar=False) - np.eye(6)
+        assert np.max(abs(correlation)) < 5 / np.sqrt(len(normals))
+
+
+def test_the_ends_of_the_uniform_interval_are_finite_random_normals():
+    class Ends:
+        def random(self, out):
+            ends = [0.0, 2.0**-53, 0.25, 0.5, 0.75, 1.0 - 2.0**-53]
+            out[...] = np.array(np.meshgrid(ends, ends))
+
+    pair = np.empty((2, 6, 6))
+    sampling._fill_with_normals(Ends(), pair)
+    assert np.all(np.isfinite(pair))
+    radius = np.sqrt(-2 * np.log1p(-np.array([0.0, 2.0**-53, 0.25, 0.5, 0.75, 1.0 - 2.0**-53])))
+    np.testing.assert_allclose(np.hypot(*pair), np.tile(radius, (6, 1)), rtol=1e-15, atol=1e-300)
+    assert radius[-1] == pytest.approx(8.57, abs=0.01)
+    np.testing.assert_allclose(pair[0][3], -radius, rtol=1e-15)  # v = 1/2
+
+
 def test_the_ends_of_the_unit_interval_are_finite_normals(monkeypatch):
     """Points of all zeros or all ones, which come once in 2^32."""
     for value in (0.0, 1.0 - 2.0**-32):
         monkeypatch.setattr(qmc.Sobol, "random", lambda _, n, value=value: np.full((n, 10), value))
-        radar, aircraft = Sobol(1, 4, 3).block(0, 4)
+        radar, aircraft = Sobol(1, 4, 3).block(0)
         assert np.all(abs(radar) == pytest.approx(6.338, abs=1e-3))  # −Φ⁻¹(2^−33)
         assert np.all(np.sign(radar) == (1 if value else -1))
         assert np.all(np.isfinite(aircraft))

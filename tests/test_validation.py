@@ -369,7 +369,7 @@ def test_streams_are_all_different_and_not_those_of_monte_carlo():
     first, second = batches.radar(0)[0], batches.radar(1)[0]
     source = Random(s.seed, 32, len(s.aircraft))
     runs = np.concatenate(
-        [batches.sampler.draw_radar(source.block(index, 32)[0])[0][:, 1] for index in range(3)]
+        [batches.sampler.draw_radar(source.block(index)[0])[0][:, 1] for index in range(3)]
     )
     values = np.concatenate([first[:, 1], second[:, 1], runs])
     assert len(set(values.round(9))) == len(values)
