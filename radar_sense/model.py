@@ -243,7 +243,7 @@ class DetectionModel:
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
-        body = Attitude.from_state(aircraft).to_body(line)
+        body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
         return snr(radar[..., CONSTANT], self.rcs.cross_section(join(body)), _range_squared(line))
 
     def _chain(

@@ -17,7 +17,7 @@ RCS gives the mean that it fluctuates about. The RCS from a table is in a module
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
 
@@ -28,6 +28,9 @@ from radar_sense.states import FloatArray
 
 class RCS(Protocol):
     """What the rest of the package asks of an RCS model."""
+
+    #: Whether it is the same from everywhere, so that nobody need know the attitude.
+    isotropic: ClassVar[bool]
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -45,6 +48,8 @@ class ConstantRCS:
     Attributes:
         rcs: σ_r [m²], positive.
     """
+
+    isotropic: ClassVar[bool] = True
 
     rcs: float = parameter("rcs_m2", POSITIVE)
 
@@ -73,6 +78,8 @@ class EllipsoidRCS:
         b: Axis that acts down [m], positive.
         c: Axis that acts along the nose [m], positive.
     """
+
+    isotropic: ClassVar[bool] = False
 
     a: float = parameter("a_m", POSITIVE)
     b: float = parameter("b_m", POSITIVE)
@@ -148,6 +155,8 @@ class ExactEllipsoidRCS:
         z: Semi-axis down [m], positive.
     """
 
+    isotropic: ClassVar[bool] = False
+
     x: float = parameter("x_m", POSITIVE)
     y: float = parameter("y_m", POSITIVE)
     z: float = parameter("z_m", POSITIVE)
@@ -202,6 +211,8 @@ class SpikeballRCS:
         amplitude: A [m²], not negative.
         floor: σ_min [m²], not negative; A and σ_min are not both zero.
     """
+
+    isotropic: ClassVar[bool] = False
 
     lobes: int = parameter("lobes", Limit(at_least=1, at_most=1e6, whole=True))
     amplitude: float = parameter("amplitude_m2", NOT_NEGATIVE)

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +59,8 @@ class TableRCS:
             elevation), nor than the nodes next to it; and nowhere more than the largest node
             within ±w and four steps.
     """
+
+    isotropic: ClassVar[bool] = False
 
     azimuth: FloatArray
     rcs: FloatArray

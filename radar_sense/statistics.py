@@ -10,6 +10,9 @@ from scipy.special import betaincinv
 
 from radar_sense.states import FloatArray
 
+#: So many rows are sorted faster than they are partitioned twice.
+MAX_SORTED = 512
+
 
 class RunningMoments:
     """Mean and standard deviation per column of many rows.
@@ -87,8 +90,9 @@ class Tails:
 
     def add(self, rows: FloatArray) -> None:
         """Take in rows (m, columns)."""
-        self._low.add(rows)
-        self._high.add(-rows)
+        lowest, highest = _ends(rows, self._low.enough(len(rows)))
+        self._low.add(lowest, len(rows))
+        self._high.add(-highest, len(rows))
 
     def merge(self, other: Tails) -> None:
         """Take in all that another one, made for the same columns and count, has taken in."""
@@ -115,7 +119,7 @@ class _Tail:
         self._keep = math.floor(self._position) + 2
         self._group = math.inf
         if self._keep > capacity:
-            # as many rows as have an end that is expected to fit, see _enough
+            # as many rows as have an end that is expected to fit, see `enough`
             self._keep, self._group = capacity, (math.sqrt(capacity + 8) - 4) ** 2 / probability
         self._rows = np.empty((0, columns))
         self._waiting: list[FloatArray] = []
@@ -125,9 +129,10 @@ class _Tail:
         self._moved = 0
         self._second: dict[int, bool] = {}
 
-    def add(self, rows: FloatArray) -> None:
-        keep = min(self._enough(len(rows)), self._keep)
-        self._take([self._smallest(rows, keep)], len(rows))
+    def add(self, smallest: FloatArray, taken: int) -> None:
+        if len(smallest) < taken:
+            self._lost = np.minimum(self._lost, smallest.max(axis=0))
+        self._take([smallest], taken)
 
     def merge(self, other: _Tail) -> None:
         self._lost = np.minimum(self._lost, other._lost)
@@ -158,10 +163,10 @@ class _Tail:
         quantile = low + part * (high - low)
         return np.where(quantile > self._lost, np.nan, quantile)
 
-    def _enough(self, rows: int) -> int:
+    def enough(self, rows: int) -> int:
         """How many of so many rows to keep for their end: what is expected, and 8σ to spare."""
         expected = rows * self._probability
-        return math.ceil(expected + 8 * math.sqrt(expected) + 8)
+        return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), self._keep, rows)
 
     def _take(self, parts: list[FloatArray], taken: int) -> None:
         """Take in the smallest of so many rows; they are dealt with when enough of them wait."""
@@ -196,6 +201,15 @@ class _Tail:
             self._moved += 2**level
             level += 1
         self._collapsed[level] = rows
+
+
+def _ends(rows: FloatArray, keep: int) -> tuple[FloatArray, FloatArray]:
+    """The smallest and the largest entries of each column, (keep, columns) of either."""
+    if len(rows) <= MAX_SORTED:
+        ordered = np.sort(rows, axis=0)
+        return ordered[:keep].copy(), ordered[len(rows) - keep :]
+    lowest = np.partition(rows, keep - 1, axis=0)[:keep].copy()  # a view would keep all in memory
+    return lowest, np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
 
 
 def binomial_interval(
