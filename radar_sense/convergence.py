@@ -27,9 +27,9 @@ What each is good for, measured on the paper's scenario with 16384 runs at Mediu
 - Random draws are good for all, slowly: the error falls as runs^−1/2. They are the only ones whose
   coverage has a binomial confidence interval.
 - Sobol' points are best for mean and σ, whose error falls about as 1/runs: they do what
-  130 000 (60 000) times as many random draws do for the mean, 2200 (570) times as many for σ. Of
+  130 000 (60 000) times as many random draws do for the mean, 2100 (560) times as many for σ. Of
   the quantiles a few of a thousand draws decide: there it is 7 (7) times as many.
-- The control makes random draws worth 150 (45) times their number for the mean and 22 (7) for σ,
+- The control makes random draws worth 150 (46) times their number for the mean and 20 (6) for σ,
   and takes half (a quarter) off the error of Sobol' points for the mean, a third (a tenth) off that
   for σ. For the quantiles it needs some 2000 runs, so that draws of L lie beyond; then random draws
   are about as good with it as Sobol' points, for which it does next to nothing. It needs a gradient
