@@ -21,7 +21,7 @@ from typing import ClassVar, Protocol
 
 import numpy as np
 
-from radar_sense.geometry import join, split
+from radar_sense.geometry import Turn, join, split
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.states import FloatArray
 
@@ -226,15 +226,16 @@ class SpikeballRCS:
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         x, y, _ = split(np.asarray(body_vector, dtype=float))
-        return self.floor + self.amplitude * np.abs(np.sin(0.5 * self.lobes * np.arctan2(y, x)))
+        wave = Turn.by(0.5 * self.lobes * np.arctan2(y, x)).sin
+        return self.floor + self.amplitude * np.abs(wave)
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
         x, y, _ = split(np.asarray(body_vector, dtype=float))
         half = 0.5 * self.lobes
-        phase = half * np.arctan2(y, x)
-        wave = np.sin(phase)
-        slope = np.where(wave < 0, -half, half) * self.amplitude * np.cos(phase)
+        phase = Turn.by(half * np.arctan2(y, x))
+        wave = phase.sin
+        slope = np.where(wave < 0, -half, half) * self.amplitude * phase.cos
         # ∇λ = (−y, x, 0)/h²
         with np.errstate(divide="ignore", invalid="ignore"):
             turn = slope / (x * x + y * y)
