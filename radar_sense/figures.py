@@ -65,6 +65,10 @@ _LINES: tuple[tuple[str, Any], ...] = (
 )
 _BAND = _LINES[1]
 _HAIR = "0.7"
+#: Lines of more points than this are thinned: a million take a minute and 10 MB to draw. A page has
+#: room for no more columns than these.
+MOST_POINTS = 10_000
+COLUMNS = 2_000
 
 
 def draw(result: Result) -> Figure:
@@ -91,9 +95,7 @@ def _variance(result: Result) -> Figure:
     for name, style in zip(names if len(names) > 1 else (), styles, strict=False):
         _line(axes, x, table[f"p_d_{name}"], style, label=name)
         axes.lines[-1].set_linewidth(0.8)
-    axes.fill_between(
-        x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0
-    )
+    _fill(axes, x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0)
     _band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result)
     if "threshold" in result.summary:
         _threshold(axes, x, result)
@@ -109,10 +111,7 @@ def _threshold(axes: Axes, x: FloatArray, result: Result) -> None:
         bound = rf"bound at ${test['k']:g}\,\sigma$"
         _line(axes, x, result.table[test["bound"]], _LINES[3], label=bound)
     axes.axhline(test["p_max"], color="black", lw=0.8, ls=":", label=f"threshold {test['p_max']:g}")
-    label: str | None = "violated"
-    for left, right in _spans(result.table["violated"] > 0, x):
-        axes.axvspan(left, right, color="0.9", lw=0, zorder=0, label=label)
-        label = None
+    _shade(axes, result.table["violated"] > 0, x, label="violated")
 
 
 def _mission(result: Result) -> Figure:
@@ -127,7 +126,7 @@ def _mission(result: Result) -> Figure:
     for axes, (before, column, name) in zip(below, events, strict=False):
         if f"{before}mc_mean" in table:
             ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
-            axes.fill_between(x, *ends, color="0.8", lw=0, label="Monte Carlo")
+            _fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
         _line(axes, x, table[column], _LINES[0], label="nominal")
         _band(axes, x, table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"], result)
         if f"{before}mc_mean" in table:
@@ -195,7 +194,7 @@ def _compare(result: Result) -> Figure:
     figure, (top, bottom) = _new(2, result)
     table, x = result.table, _x(result)
     ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
-    top.fill_between(x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
+    _fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
     for method, style in zip(METHODS, _LINES, strict=False):
         for end, drawn in ends.items():
             label = method if end == "upper" else None
@@ -212,9 +211,7 @@ def _validate(result: Result) -> Figure:
     table, x = result.table, _x(result)
     for axes in (top, bottom):
         label = f"{result.method} validated" if axes is top else None
-        for left, right in _spans(table["validated"] > 0, x):
-            axes.axvspan(left, right, color="0.9", lw=0, label=label)
-            label = None
+        _shade(axes, table["validated"] > 0, x, label=label)
     for end, style in zip(("lower", "upper"), _LINES, strict=False):
         distance = table[f"distance_{end}"] / table["delta"]
         _line(top, x, distance, style, label=f"{end} bound")
@@ -223,7 +220,8 @@ def _validate(result: Result) -> Figure:
     top.set_ylabel(r"Distance from Monte Carlo [$\delta$]")
     expected = "99.73 %"
     bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=0.8, label=expected)
-    bottom.fill_between(
+    _fill(
+        bottom,
         x,
         100 * table["coverage_low"],
         100 * table["coverage_high"],
@@ -511,6 +509,22 @@ def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
     ]
 
 
+def _shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
+    """Shade where a mask holds: one artist for all ranges, and pixels if they are very many."""
+    spans = [(left, right - left) for left, right in _spans(mask, x)]
+    if spans:
+        axes.broken_barh(
+            spans,
+            (0, 1),
+            transform=axes.get_xaxis_transform(),
+            color="0.9",
+            lw=0,
+            rasterized=len(spans) > COLUMNS,
+            zorder=0.9,  # over the grid, under all data
+            label=label,
+        )
+
+
 def _power_of_ten(value: float) -> str:
     factor, exponent = f"{value:.1e}".split("e")
     power = f"10^{{{int(exponent)}}}"
@@ -527,7 +541,43 @@ def _line(
 ) -> None:
     colour, dashes = style
     marker = "o" if len(x) == 1 else None  # a line through one pose would show nothing
-    axes.plot(x, y, color=colour, linestyle=dashes, marker=marker, markersize=3, label=label)
+    few = thinned(x, y)
+    axes.plot(
+        x[few], y[few], color=colour, linestyle=dashes, marker=marker, markersize=3, label=label
+    )
+
+
+def _fill(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any) -> None:
+    few = np.union1d(thinned(x, lower), thinned(x, upper))
+    axes.fill_between(x[few], lower[few], upper[few], **style)
+
+
+def thinned(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
+    """Choose the points of a line that a page can show: all of them, if they are not too many.
+
+    Of every run of points within one column these are the first, the last, the lowest and the
+    highest, which draw the same pixels as all (U. Jugel, Z. Jerzak, G. Hackenbroich and V. Markl,
+    "M4: a visualization-oriented time series data aggregation", PVLDB 7(10), 2014).
+
+    Args:
+        x: Coordinates (n,), in any order.
+        y: Values (n,). A run of nothing but NaN stays a gap.
+
+    Returns:
+        Indices, increasing.
+    """
+    count = len(x)
+    span = float(np.ptp(x)) if count else 0.0
+    if count <= MOST_POINTS or not span > 0:
+        return np.arange(count)
+    column = np.floor((x - x.min()) * (COLUMNS / span))
+    starts = np.flatnonzero(np.diff(column, prepend=-1.0))
+    ends = np.append(starts[1:], count) - 1
+    run = np.repeat(np.arange(len(starts)), ends - starts + 1)
+    known = np.isfinite(y)
+    lowest = np.lexsort((np.where(known, y, np.inf), run))[starts]
+    highest = np.lexsort((np.where(known, y, -np.inf), run))[ends]
+    return np.unique(np.concatenate([starts, lowest, highest, ends]))
 
 
 def _band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, result: Result) -> None:

@@ -47,7 +47,7 @@ class Horizon:
             and down are those of a plane that touches the earth at the origin, as of a route made
             from latitude, longitude and height: at a horizontal distance d from the origin the
             surface is d²/2R below that plane, 7.8 km at 316 km. The earth is a sphere here, which
-            puts the surface wrong by up to 0.5 % of that.
+            puts the surface wrong by up to 0.6 % of that.
         altitude: Height of the origin above the surface [m].
     """
 

@@ -27,7 +27,7 @@ import numpy as np
 from radar_sense import axis
 from radar_sense.limits import POSITIVE, Limit
 from radar_sense.reader import Entry, ScenarioError, recorded
-from radar_sense.route import METHODS, Route, load_route, resample
+from radar_sense.route import MAX_BYTES, METHODS, Route, load_route, resample
 
 #: The keys of a scenario's path, beside `type` and `file`.
 OPTIONAL = ("axis", "origin", "interpolate", "max_gap_s", "sha256")
@@ -94,11 +94,16 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
 
 def _digest(entry: Entry, path: Path) -> str:
     """SHA-256 of a file, which may be too large to be in memory at once."""
-    digest = hashlib.sha256()
+    digest, size = hashlib.sha256(), 0
     try:
         with path.open("rb") as file:
             while data := file.read(2**20):
+                size += len(data)
+                if size > MAX_BYTES:  # some files have no end
+                    raise entry.error(f"{path} is larger than {MAX_BYTES // 2**20} MiB")
                 digest.update(data)
+    except ScenarioError:
+        raise
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
         reason = getattr(error, "strerror", None) or error
         raise entry.error(f"{path} cannot be read: {reason}") from error

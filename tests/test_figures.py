@@ -1,13 +1,15 @@
 """Figures: nothing overlaps, nothing is cut off, axes have units, lines differ in their dashes."""
 
+import dataclasses
 import re
 from functools import partial
 
+import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import scenario
 
-from radar_sense import analyses, figures
+from radar_sense import analyses, figures, planning
 from radar_sense.scenario import load_scenario
 
 ALL = {
@@ -126,3 +128,51 @@ def test_two_panels_of_the_monte_carlo_figure():
     low, high = bottom.get_ylim()
     assert low < -0.09
     assert high > 0.09
+
+
+def test_very_many_poses_make_a_small_file():
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 0.01})
+    result = planning.require_threshold(analyses.variance(s), 0.9)
+    noise = 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
+    table = {name: column + noise for name, column in result.table.items()}
+    table |= {s.axis.key: s.axis.values, "violated": (noise > 0).astype(float)}
+    figure = figures.draw(dataclasses.replace(result, table=table))
+    (axes,) = figure.axes
+    assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
+    assert len(figures.render(figure, "pdf")) < 300_000
+
+
+@pytest.mark.parametrize("order", ["rising", "falling", "there and back", "bunched"])
+def test_a_thinned_line_draws_the_same_pixels(order):
+    rng = np.random.default_rng(2)
+    x = {
+        "rising": np.linspace(-3, 5, 100_000),
+        "falling": np.linspace(5, -3, 100_000),
+        "there and back": 5 * np.sin(np.linspace(0, 20, 100_000)),
+        # nearly all of it in the first second: the rest must not go for that
+        "bunched": np.sort(rng.random(100_000) ** np.where(np.arange(100_000) % 99, 60, 1)),
+    }[order]
+    y = rng.standard_normal(x.size)
+    y[5_000:5_003], y[60_000:63_000], y[70_000] = np.nan, np.nan, 50.0
+    few = figures.thinned(x, y)
+    assert few.size < 0.5 * x.size
+    assert few[0] == 0
+    assert few[-1] == x.size - 1
+    assert np.all(np.diff(few) > 0)
+    # the extent of every run of points within one column, a gap where there is nothing
+    column = np.floor((x - x.min()) / (np.ptp(x) / figures.COLUMNS) + 1e-9)
+    for function, nothing in ((np.fmin, np.inf), (np.fmax, -np.inf)):
+        all_of_it, left = np.full((2, figures.COLUMNS + 1), nothing)
+        function.at(all_of_it, column.astype(int), y)
+        function.at(left, column[few].astype(int), y[few])
+        same = np.isclose(left, all_of_it, rtol=0, atol=0)
+        assert np.count_nonzero(~same) <= 4  # where rounding puts a point into the next column
+    assert np.isnan(y[few]).any() == (order != "bunched")  # there the gap is within a column
+    assert 70_000 in few
+
+
+def test_a_line_of_few_points_is_drawn_whole():
+    x = np.zeros(20_000)
+    assert figures.thinned(x[:10_000], x[:10_000]).size == 10_000
+    assert figures.thinned(x, x).size == 20_000  # a hovering aircraft, on a map
+    assert figures.thinned(x[:0], x[:0]).size == 0

@@ -12,7 +12,7 @@ import yaml
 from scenarios import document
 
 import radar_sense as rs
-from radar_sense import analyses, axis, covariance, figures
+from radar_sense import analyses, axis, covariance, figures, path
 from radar_sense.error_budget import allowances, error_budget
 from radar_sense.model import DetectionModel
 from radar_sense.montecarlo import Sampler, monte_carlo
@@ -395,6 +395,16 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
     with pytest.raises(ScenarioError, match=says.replace("?", r"\?")):
         rs.load_scenario(file)
     assert not (tmp_path / "figures").exists()
+
+
+def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(path, "MAX_BYTES", 2**20)
+    file = write(tmp_path, ROUTE + "#" * 2**20)
+    with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv is larger than 1 MiB"):
+        rs.load_scenario(file)
+    if Path("/dev/zero").exists():
+        with pytest.raises(ScenarioError, match="/dev/zero is larger than 1 MiB"):
+            load(tmp_path, ROUTE, geometry__file="/dev/zero")
 
 
 def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
