@@ -103,6 +103,8 @@ class Scenario:
         scan_period_s: Time from look to look of the radar [s]; None if the file does not say.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
             process: 0 for independent errors at every pose, infinity for the same at all.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
+            of a route in latitude and longitude; else None.
     """
 
     name: str
@@ -120,6 +122,7 @@ class Scenario:
     time_s: FloatArray | None = None
     scan_period_s: float | None = None
     correlation_s: float = 0.0
+    origin: tuple[float, float, float] | None = None
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -261,6 +264,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         time_s=poses.time_s,
         scan_period_s=radars[0].scan_period,
         correlation_s=float(document["uncertainty"].get(_CORRELATION, 0.0)),
+        origin=poses.origin,
     )
 
 
