@@ -2,6 +2,10 @@
 
 The aircraft is put into every cell at one height and on one course, and the rest of the scenario is
 as it is. Cells are computed some rows at a time, and only their results are kept.
+
+Where the route is in latitude and longitude it is one height above the ellipsoid, and course and
+attitude are those relative to the level of the cell. (At 500 km from the origin the surface is
+20 km lower than there, so that cells at one "down" would be above all radars, or in the ground.)
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from radar_sense import wgs84
 from radar_sense.analyses import Result
 from radar_sense.covariance import variance_along
 from radar_sense.geometry import body_vector
@@ -24,7 +29,7 @@ from radar_sense.propagation import check_method, propagate
 from radar_sense.rcs_table import TableRCS
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, RADAR, FloatArray
 
 #: Most cells of a map; in single precision 100 MB.
 MAX_CELLS = 25_000_000
@@ -39,6 +44,8 @@ BETA = 3.0
 
 _DOWN = 2
 _YAW = 5
+#: Rounds to find the down of a height: after them 1 mm or less is left up to 1500 km away.
+_ROUNDS = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +143,8 @@ def area(
     Args:
         scenario: The scenario.
         cells: The cells.
-        down: Down coordinate [m].
+        down: Down coordinate [m]; where the route is in latitude and longitude, that above the
+            origin, and everywhere the same height above the ellipsoid as there.
         course: Yaw [rad].
         method: Method that gives the bound, None for no bound.
         progress: Called with the number of cells that have come in since the last call.
@@ -156,7 +164,7 @@ def area(
     rows, columns = cells.shape
     p_d = np.empty((rows, columns), dtype=np.float32)
     bound = None if method is None else np.empty((rows, columns), dtype=np.float32)
-    for block, aircraft in _blocks(cells, pose):
+    for block, aircraft in _blocks(cells, pose, scenario.origin):
         p_d[block] = scenario.model.p_d(aircraft, scenario.radar)
         if bound is not None and method is not None:
             bound[block] = upper_bound(
@@ -278,8 +286,18 @@ def area_map(
 
 
 def _pose(scenario: Scenario, down: float | None, course: float | None) -> FloatArray:
-    """State (6,) of the aircraft in every cell; its north and east have no meaning."""
+    """State (6,) of the aircraft in every cell; its north and east have no meaning.
+
+    With an origin down is minus the height above that of the origin, and attitude is relative to
+    the level of the place.
+    """
     pose: FloatArray = scenario.aircraft[0].copy()
+    origin = scenario.origin
+    if origin is not None:
+        place = wgs84.geodetic_from_ned(pose[POSITION], origin)
+        pose[_DOWN] = origin[2] - place[2]
+        from_origin = wgs84.turn_to_origin(place, origin).T
+        pose[ATTITUDE] = wgs84.turned_attitude(pose[ATTITUDE], from_origin)
     if down is not None:
         pose[_DOWN] = down
     if course is not None:
@@ -287,7 +305,9 @@ def _pose(scenario: Scenario, down: float | None, course: float | None) -> Float
     return pose
 
 
-def _blocks(cells: Grid, pose: FloatArray) -> Iterator[tuple[tuple[slice, slice], FloatArray]]:
+def _blocks(
+    cells: Grid, pose: FloatArray, origin: tuple[float, float, float] | None
+) -> Iterator[tuple[tuple[slice, slice], FloatArray]]:
     """Give parts of the grid, as an index, and the aircraft states (rows, columns, 6) in them."""
     rows, columns = cells.shape
     width = min(columns, BLOCK)
@@ -299,7 +319,24 @@ def _blocks(cells: Grid, pose: FloatArray) -> Iterator[tuple[tuple[slice, slice]
             states = np.empty((len(AIRCRAFT), len(north), len(east)))
             states[0], states[1] = north[:, np.newaxis], east
             states[2:] = pose[2:, np.newaxis, np.newaxis]
-            yield block, np.moveaxis(states, 0, -1)
+            aircraft: FloatArray = np.moveaxis(states, 0, -1)
+            if origin is not None:
+                _bend(aircraft, origin)
+            yield block, aircraft
+
+
+def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
+    """Put states (..., 6) at one height above the ellipsoid and level where they are, in place.
+
+    Down is right when the height is. Each round makes what is wrong smaller by d²/2R², some 0.003
+    at 500 km from the origin.
+    """
+    wanted = origin[2] - aircraft[..., _DOWN]
+    for _ in range(_ROUNDS):
+        place = wgs84.geodetic_from_ned(aircraft[..., POSITION], origin)
+        aircraft[..., _DOWN] += place[..., 2] - wanted
+    turn = wgs84.turn_to_origin(place, origin)
+    aircraft[..., ATTITUDE] = wgs84.turned_attitude(aircraft[..., ATTITUDE], turn)
 
 
 def _doubts(
@@ -315,7 +352,7 @@ def _doubts(
     rcs = scenario.model.rcs
     if isinstance(rcs, TableRCS) and rcs.elevation is not None:
         outside = 0
-        for _, aircraft in _blocks(cells, pose):
+        for _, aircraft in _blocks(cells, pose, scenario.origin):
             outside += int(
                 max(
                     np.count_nonzero(rcs.uncovered(body_vector(aircraft, radar)))

@@ -493,7 +493,11 @@ def convergence(
     "--method", metavar="NAME", help="Method of propagation: probit (the default), or linear."
 )
 @click.option("--m", type=Number(WINDOW), help="With --n: detections that start a track.")
-@click.option("--n", type=Number(WINDOW), help="Looks in a row that they must be within.")
+@click.option(
+    "--n",
+    type=Number(WINDOW),
+    help="Looks in a row that they must be within; of radars with one period.",
+)
 @click.option("--runs", type=Number(RUNS), help="Also draw so many missions.  [default: none]")
 @_seed
 @_workers
@@ -514,9 +518,12 @@ def mission(
 ) -> None:
     """Cumulative P_D over the looks along a path.
 
-    The scenario must have a path, whose poses have times. The radar looks every
+    The scenario must have a path, whose poses have times. A radar looks every
     radar.scan_period_s, or at the poses if that is not given. The pose errors are correlated over
     uncertainty.aircraft_correlation_s, the radar errors the same at all looks.
+
+    A track is M detections in N looks in a row. Radars of a network that have the same period look
+    together, as one; a track that the radars of any one period have started is the network's.
 
     \b
     Examples:

@@ -29,7 +29,6 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp
 
 from radar_sense.covariance import draws, factor, symmetric_factor, variance_along
-from radar_sense.model import DetectionModel
 from radar_sense.montecarlo import SAMPLES_PER_BLOCK, in_order
 from radar_sense.propagation import Spread, probit_moments
 from radar_sense.sampling import random_stream
@@ -80,19 +79,23 @@ class Interleaved:
     """Several radars that look at times of their own, as the model of one sequence of looks.
 
     Attributes:
-        models: The model of each of m radars.
-        which: The radar of each look (K,), 0 to m − 1.
+        models: The model of each of m radars, or of each of some networks.
+        which: The model of each look (K,).
+        radars: The radars of each model, as places among all of them; None for one each.
     """
 
-    models: tuple[DetectionModel, ...]
+    models: tuple[Model, ...]
     which: NDArray[np.intp]
+    radars: tuple[tuple[int, ...], ...] | None = None
 
     def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
         """P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
         found = np.empty(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]))
         for i, model in enumerate(self.models):
             looks = self.which == i
-            found[looks] = model.p_d(aircraft[looks], radar[..., _states_of(i)])
+            # component first, as memory has it
+            states = np.moveaxis(np.moveaxis(aircraft, -1, 0)[:, looks], 0, -1)
+            found[looks] = model.p_d(states, radar[..., self._states(i)])
         return found
 
     def linearize_probit(
@@ -100,13 +103,18 @@ class Interleaved:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Probits z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
         z, by_aircraft = np.empty(len(aircraft)), np.empty(aircraft.shape)
-        by_radar = np.zeros((len(aircraft), len(RADAR) * len(self.models)))
+        by_radar = np.zeros((len(aircraft), len(radar)))
         for i, model in enumerate(self.models):
-            looks, part = self.which == i, _states_of(i)
-            z[looks], by_aircraft[looks], by_radar[looks, part] = model.linearize_probit(
+            looks, part = self.which == i, self._states(i)
+            z[looks], by_aircraft[looks], by_radar[np.ix_(looks, part)] = model.linearize_probit(
                 aircraft[looks], radar[part]
             )
         return z, by_aircraft, by_radar
+
+    def _states(self, model: int) -> NDArray[np.intp]:
+        """Where the states of a model's radars are among those of all."""
+        radars = (model,) if self.radars is None else self.radars[model]
+        return np.concatenate([len(RADAR) * i + np.arange(len(RADAR)) for i in radars])
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +225,8 @@ def cumulative_detection(
     variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
     by_radar = np.cumsum(slope[:, np.newaxis] * looks.by_radar, axis=0)
     std = np.sqrt(variance + variance_along(by_radar, cov_radar))
-    z = -ndtri_exp(-hazard)
+    # nothing has been seen yet: z is as low as any, and certain
+    z = np.where(hazard == 0, -_FAR, -ndtri_exp(-hazard))
     found = _method(method, beta)(z, std * np.exp(-hazard), std / _inverse_mills(z), beta)
     return _certain(-np.expm1(-hazard), found, std)
 
@@ -230,10 +239,15 @@ def track_initiation(
     cov_radar: ArrayLike,
     *,
     correlation_time: float,
+    sequence: NDArray[np.intp] | None = None,
     method: str = "probit",
     beta: float = 3.0,
 ) -> Cumulative:
     """Probability that m of n looks in a row have detected, with its uncertainty to first order.
+
+    Where looks are of several sequences, it is that of m of n in one or more of them: a track that
+    one radar has started is one of the network's, and looks of others that see nothing do not
+    break it.
 
     Time and memory grow with K², since this is no sum over looks; 2000 looks take some 0.6 s.
 
@@ -244,6 +258,7 @@ def track_initiation(
         cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
         cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
         correlation_time: τ [s] of the pose errors, from 0 to infinity.
+        sequence: The sequence that each look is of (K,); None if all are of one.
         method: Name of the method, one of `METHODS`.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
 
@@ -251,9 +266,9 @@ def track_initiation(
         ValueError: If there is no such method, a shape does not fit or a number is out of range.
     """
     p_d, miss = looks.p_d, ndtr(-looks.probit)
-    p, left = _forwards(p_d, miss, m, n)
+    p, left = _in_some(p_d, miss, m, n, sequence)
     # dP_D/dz = φ(z)
-    slope = _backwards(p_d, miss, m, n) * _density(looks.probit)
+    slope = _by_each(p_d, miss, m, n, sequence) * _density(looks.probit)
     variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
     # Rows end with their own look: the partials for later ones are 0.
     std = np.sqrt(variance[..., -1] + variance_along(_sum_over(slope, looks.by_radar), cov_radar))
@@ -394,6 +409,53 @@ def _backwards(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> FloatArray:
     return gradient
 
 
+def _in_some(
+    p_d: FloatArray, miss: FloatArray, m: int, n: int, sequence: NDArray[np.intp] | None
+) -> tuple[FloatArray, FloatArray]:
+    """As `_forwards`, the probability of m of n in one sequence of looks or more.
+
+    Given the states the sequences are independent: 1 − T = Π (1 − T_s), with each T_s that of the
+    last look of its sequence.
+    """
+    if sequence is None:
+        return _forwards(p_d, miss, m, n)
+    found, left = np.zeros(p_d.shape), np.ones(p_d.shape)
+    for mine, latest in _sequences(sequence):
+        own, rest = _forwards(p_d[..., mine], miss[..., mine], m, n)
+        begun = latest >= 0
+        found += left * np.where(begun, own[..., latest], 0.0)
+        left *= np.where(begun, rest[..., latest], 1.0)
+    return found, left
+
+
+def _by_each(
+    p_d: FloatArray, miss: FloatArray, m: int, n: int, sequence: NDArray[np.intp] | None
+) -> FloatArray:
+    """Partials (K, K) of `_in_some`: ∂T/∂P_j = ∂T_s/∂P_j Π (1 − T_r) over the other sequences r."""
+    if sequence is None:
+        return _backwards(p_d, miss, m, n)
+    every = _sequences(sequence)
+    lefts = [
+        np.where(latest >= 0, _forwards(p_d[mine], miss[mine], m, n)[1][latest], 1.0)
+        for mine, latest in every
+    ]
+    gradient = np.zeros((len(p_d), len(p_d)))
+    for i, (mine, latest) in enumerate(every):
+        others = np.prod([left for j, left in enumerate(lefts) if j != i], axis=0)
+        own = _backwards(p_d[mine], miss[mine], m, n)
+        gradient[:, mine] = np.where(
+            latest[:, np.newaxis] >= 0, np.reshape(others, (-1, 1)) * own[latest], 0.0
+        )
+    return gradient
+
+
+def _sequences(
+    sequence: NDArray[np.intp],
+) -> list[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
+    """Of each sequence: which looks are its own (K,), and its latest by each look (K,), or −1."""
+    return [(mine, np.cumsum(mine) - 1) for mine in (sequence == s for s in np.unique(sequence))]
+
+
 def _histories(m: int, n: int) -> NDArray[np.intp]:
     """Number of detections in each history of the last n − 1 looks, the latest the lowest bit."""
     if not 1 <= m <= n <= MAX_WINDOW:
@@ -464,6 +526,7 @@ class _Runs:
     seed: int
     tail: float
     draws: RadarDraws | None = None
+    sequence: NDArray[np.intp] | None = None
 
     def statistics(self, index: int) -> tuple[list[tuple[RunningMoments, Tails]], int]:
         """Draw a block of runs and keep what is needed of it."""
@@ -477,7 +540,8 @@ class _Runs:
         radar, clipped = self._radars(white_radar[:runs])
         p_d = self.model.p_d(self._poses(white[..., :runs]), radar).T
         parts = []
-        for rows in (_accumulated(p_d), *([m_of_n(p_d, *self.m_of_n)] if self.m_of_n else [])):
+        tracks = [_in_some(p_d, 1.0 - p_d, *self.m_of_n, self.sequence)[0]] if self.m_of_n else []
+        for rows in (_accumulated(p_d), *tracks):
             moments, tails = RunningMoments(looks), Tails(looks, self.runs, self.tail)
             moments.add(rows)
             tails.add(rows)
@@ -522,6 +586,7 @@ def mission_monte_carlo(
     runs: int,
     seed: int,
     m_of_n: tuple[int, int] | None = None,
+    sequence: NDArray[np.intp] | None = None,
     beta: float = 3.0,
     radar_draws: RadarDraws | None = None,
     workers: int = 1,
@@ -541,6 +606,7 @@ def mission_monte_carlo(
         runs: Number of runs, two or more.
         seed: Seed of the draws.
         m_of_n: m and n, to have the probability of m-of-n too.
+        sequence: The sequence that each look is of (K,), as `track_initiation` has it.
         beta: β > 0; the quantiles are at Φ(−β) and Φ(β).
         radar_draws: Draws the radars in place of a Gaussian with C_rr.
         workers: Threads to compute with; of no influence on the result.
@@ -576,6 +642,7 @@ def mission_monte_carlo(
         seed=seed,
         tail=float(ndtr(-beta)),
         draws=radar_draws,
+        sequence=sequence,
     )
     events = 1 if m_of_n is None else 2
     total = [(RunningMoments(poses), Tails(poses, runs, blocks.tail)) for _ in range(events)]
@@ -699,7 +766,3 @@ def _density(z: FloatArray) -> FloatArray:
     """φ(z) (...)."""
     found: FloatArray = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
     return found
-
-
-def _states_of(radar: int) -> slice:
-    return slice(radar * len(RADAR), (radar + 1) * len(RADAR))

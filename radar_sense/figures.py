@@ -118,12 +118,23 @@ def _mission(result: Result) -> Figure:
     table, x = result.table, _x(result)
     tracked = "track_p_d" in table
     figure, (top, *below) = _new(3 if tracked else 2, result)
-    _line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
-    if len(x) <= 100:
-        top.lines[-1].set(marker="o", markersize=1.8)
+    names = result.scenario.model.names
+    styles = itertools.cycle(style for style in _LINES if style[0] not in (_BAND[0], _LINES[0][0]))
+    radars = dict(zip(names if len(names) > 1 else (), styles, strict=False))
+    for name, style in radars.items():
+        looks = np.isfinite(table[f"p_d_{name}"])
+        _line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
+        top.lines[-1].set_linewidth(0.8)
+    if not radars:
+        _line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
+        if len(x) <= 100:
+            top.lines[-1].set(marker="o", markersize=1.8)
     top.set_ylabel(r"$P_D$ of a look")
     events = [("", "cumulative_p_d", r"Cumulative $P_D$"), ("track_", "track_p_d", "Track")]
     for axes, (before, column, name) in zip(below, events, strict=False):
+        for radar, style in radars.items():
+            _line(axes, x, table[f"{column}_{radar}"], style)
+            axes.lines[-1].set_linewidth(0.8)
         if f"{before}mc_mean" in table:
             ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
             _fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
@@ -136,7 +147,7 @@ def _mission(result: Result) -> Figure:
         axes.set_ylabel(
             name if before == "" else "Track, {} of {}".format(*result.summary["m_of_n"])
         )
-    _legend(figure, *below[:1])
+    _legend(figure, *([top] if radars else []), *below[:1])
     return figure
 
 

@@ -6,7 +6,12 @@ Between two poses the position is then on the straight line, the attitude turns 
 constant rate, and the covariance is the weighted mean. So poses far apart in a turn make a poor
 path: `geometry.interpolate` fills them in first. The errors of the poses are correlated as
 `uncertainty.aircraft_correlation_s` says, those of the radar the same at all looks. The equations
-are in `cumulative`; what looks are to a network of radars is what its model makes of a common one.
+are in `cumulative`.
+
+The radars of a network look each once a period of its own; those with the same period look
+together, and that is one look. P_c counts the looks of all. A track is m detections in n looks in a
+row of the radars with one period, each of them doing what it can: so the looks of a radar that sees
+nothing do not come between those of one that does. The network has a track when any of them has.
 """
 
 from __future__ import annotations
@@ -14,9 +19,11 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense import axis as axes
 from radar_sense.analyses import Result
@@ -25,6 +32,7 @@ from radar_sense.cumulative import (
     METHODS,
     Cumulative,
     Drawn,
+    Looks,
     Mission,
     cumulative_detection,
     linearize_looks,
@@ -34,11 +42,12 @@ from radar_sense.cumulative import (
 from radar_sense.geometry import slant_range
 from radar_sense.limits import WINDOW
 from radar_sense.montecarlo import TAIL, Sampler
-from radar_sense.network import NetworkModel
+from radar_sense.network import alone
 from radar_sense.radar_constant import doubt
 from radar_sense.reader import ScenarioError, did_you_mean
-from radar_sense.route import Route, resample
+from radar_sense.route import Route
 from radar_sense.scenario import MIN_RANGE, Scenario
+from radar_sense.schedule import Schedule, schedule
 from radar_sense.states import RADAR, FloatArray
 from radar_sense.wording import at, peak, where
 
@@ -51,50 +60,48 @@ MAX_TRACK_WORK = 2e9
 
 
 def at_looks(scenario: Scenario) -> Scenario:
-    """Return the scenario of a path with a pose for each look, laid out along time.
+    """Return the scenario of a path with a pose for each time of a look, laid out along time.
 
     Raises:
-        ScenarioError: If the geometry has no times, or a look would be on top of a radar.
+        ScenarioError: If the geometry has no times, a look would be on top of a radar, or of
+            several radars some have a period and others none.
     """
+    return _with_schedule(scenario)[0]
+
+
+def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
     if scenario.time_s is None:
         raise ScenarioError(
             "a mission needs times, which an orbit does not have: "
             "give a path, geometry: {type: path, file: my_route.csv}"
         )
-    stations = scenario.model.stations if isinstance(scenario.model, NetworkModel) else ()
-    if len({station.scan_period for station in stations}) > 1:
-        raise ScenarioError(
-            "a mission takes the looks of all radars at the same times: "
-            "give all of them the same scan_period_s, or none"
-        )
-    time, aircraft, covariance = scenario.time_s, scenario.aircraft, scenario.cov_aircraft
-    if scenario.scan_period_s is not None:
-        poses = Route(
-            time_s=time,
-            aircraft=aircraft,
-            covariance=covariance if covariance.ndim == 3 else None,
-            distance_m=np.zeros(len(time)),
-            attitude_given=True,  # as it is by now
-        )
-        try:
-            looks = resample(poses, scenario.scan_period_s)
-        except ScenarioError as error:  # it knows the period as its own argument
-            raise ScenarioError(str(error).replace("step_s", "radar.scan_period_s")) from error
-        time, aircraft = looks.time_s, looks.aircraft
-        covariance = covariance if looks.covariance is None else looks.covariance
-    along = axes.time(time)
+    covariance = scenario.cov_aircraft
+    poses = Route(
+        time_s=scenario.time_s,
+        aircraft=scenario.aircraft,
+        covariance=covariance if covariance.ndim == 3 else None,
+        distance_m=np.zeros(len(scenario.time_s)),
+        attitude_given=True,  # as it is by now
+    )
+    when, poses = schedule(scenario.model, scenario.scan_period_s, poses)
+    along = axes.time(when.time)
     # Between poses a line may come nearer to a radar than any pose does.
     for radar in scenario.radar.reshape(-1, len(RADAR)):
-        distance = slant_range(aircraft, radar)
+        distance = slant_range(poses.aircraft, radar)
         nearest = int(np.argmin(distance))
         if distance[nearest] < MIN_RANGE:
             raise ScenarioError(
                 f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
                 f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
             )
-    return dataclasses.replace(
-        scenario, axis=along, aircraft=aircraft, cov_aircraft=covariance, time_s=time
+    looks = dataclasses.replace(
+        scenario,
+        axis=along,
+        aircraft=poses.aircraft,
+        cov_aircraft=covariance if poses.covariance is None else poses.covariance,
+        time_s=when.time,
     )
+    return looks, when
 
 
 def mission(
@@ -125,46 +132,35 @@ def mission(
             f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
             + did_you_mean(chosen, METHODS)
         )
-    scenario = at_looks(scenario.with_analysis(runs=runs))
-    along, cov_radar = scenario.axis, scenario.cov_radar[scenario.level]
+    scenario, when = _with_schedule(scenario.with_analysis(runs=runs))
+    along, pose = scenario.axis, when.pose
     if m_of_n is not None:
-        _check_window(*m_of_n, len(along))
-    looks = linearize_looks(scenario.model, along.values, scenario.aircraft, scenario.radar)
-    common = (scenario.cov_aircraft, cov_radar)
-    tau = scenario.correlation_s
-    events = {
-        "detection": cumulative_detection(looks, *common, correlation_time=tau, method=chosen)
-    }
-    if m_of_n is not None:
-        events["track"] = track_initiation(
-            looks, *m_of_n, *common, correlation_time=tau, method=chosen
-        )
+        _check_window(*m_of_n, len(pose))
+    looks, events = _events(scenario, when, m_of_n, chosen)
+    each = _each_alone(scenario, when, m_of_n, chosen)
     drawn = None
     if runs is not None:
         drawn = mission_monte_carlo(
-            scenario.model,
-            along.values,
-            scenario.aircraft,
+            when.model(scenario.model),
+            along.values[pose],
+            scenario.aircraft[pose],
             scenario.radar,
-            *common,
-            correlation_time=tau,
+            _of_looks(scenario.cov_aircraft, pose),
+            scenario.cov_radar[scenario.level],
+            correlation_time=scenario.correlation_s,
             runs=scenario.runs,
             seed=scenario.seed,
             m_of_n=m_of_n,
+            sequence=when.sequence,
             radar_draws=Sampler.of(scenario),
             workers=workers,
             progress=progress,
         )
+        drawn = _at_times(drawn, when)
     names = {"detection": "cumulative P_D"}
     if m_of_n is not None:
         names["track"] = "track, {} of {}".format(*m_of_n)
-    found = {
-        event: {
-            "at_end": _last(values),
-            "reaches": {f"{level:g}": _reaches(values, level, along) for level in MILESTONES},
-        }
-        for event, values in events.items()
-    }
+    found = _found(events, along)
     off = (
         {}
         if drawn is None
@@ -174,7 +170,15 @@ def mission(
         analysis="mission",
         scenario=scenario,
         method=chosen,
-        table=_table(looks.p_d, events, drawn, along, with_mean=method is not None),
+        table={
+            along.key: along.values,
+            **_table(_p_d(looks, when), events, drawn, with_mean=method is not None),
+            **{
+                f"{key}_{radar}": column
+                for radar, own in each.items()
+                for key, column in _table(own.p_d, own.events).items()
+            },
+        },
         summary={
             "looks": len(along),
             "m_of_n": None if m_of_n is None else list(m_of_n),
@@ -187,18 +191,128 @@ def mission(
                 "radar_constants_set_to_zero": drawn.clipped,
                 "largest_difference": off,
             },
+            **_each_summary(each, along),
         },
         report=(
-            _looks(scenario),
+            _looks(scenario, when),
             *(
                 line
                 for event in events
                 for line in _event(names[event], scenario, chosen, found[event])
             ),
+            *_each_report(each),
             *_drawn_report(drawn, chosen, names, off, along),
         ),
         warnings=_warnings(scenario, chosen, events, names, drawn),
     )
+
+
+def _events(
+    scenario: Scenario, when: Schedule, m_of_n: tuple[int, int] | None, method: str
+) -> tuple[Looks, dict[str, Cumulative]]:
+    """Looks (L,), and what has happened by each time (K,)."""
+    pose = when.pose
+    looks = linearize_looks(
+        when.model(scenario.model),
+        scenario.axis.values[pose],
+        scenario.aircraft[pose],
+        scenario.radar,
+    )
+    common = (_of_looks(scenario.cov_aircraft, pose), scenario.cov_radar[scenario.level])
+    tau = scenario.correlation_s
+    events = {
+        "detection": cumulative_detection(looks, *common, correlation_time=tau, method=method)
+    }
+    if m_of_n is not None:
+        events["track"] = track_initiation(
+            looks, *m_of_n, *common, correlation_time=tau, sequence=when.sequence, method=method
+        )
+    return looks, {event: _rows(values, when.last) for event, values in events.items()}
+
+
+def _of_looks(covariance: FloatArray, pose: NDArray[np.intp]) -> FloatArray:
+    return covariance if covariance.ndim == 2 else covariance[pose]
+
+
+def _rows(found: Cumulative, rows: NDArray[np.intp]) -> Cumulative:
+    return Cumulative(
+        found.p[rows], found.mean[rows], found.std[rows], found.lower[rows], found.upper[rows]
+    )
+
+
+def _at_times(drawn: Mission, when: Schedule) -> Mission:
+    """What draws show by each time (K,), from what they show by each look (L,)."""
+    detection, track = (
+        None if found is None else Drawn(*(values[when.last] for values in found))
+        for found in (drawn.detection, drawn.track)
+    )
+    assert detection is not None
+    return dataclasses.replace(drawn, detection=detection, track=track)
+
+
+def _p_d(looks: Looks, when: Schedule) -> FloatArray:
+    """P_D of all who look at each time (K,)."""
+    if len(when.pose) == len(when.time):
+        return looks.p_d
+    found: FloatArray = -np.expm1(-np.add.reduceat(looks.hazard, when.first))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Alone:
+    """What one radar of a network does by itself.
+
+    Attributes:
+        period: Its period [s]; None if it looks at the poses.
+        looks: How many looks it has.
+        p_d: P_D of its look at each time (K,), NaN where it does not look.
+        events: What has happened by each time (K,), since its latest look.
+    """
+
+    period: float | None
+    looks: int
+    p_d: FloatArray
+    events: dict[str, Cumulative]
+
+
+def _each_alone(
+    scenario: Scenario, when: Schedule, m_of_n: tuple[int, int] | None, method: str
+) -> dict[str, _Alone]:
+    found = {}
+    for i, (name, radar) in enumerate(alone(scenario).items()):
+        own, rows = when.of_radar(i)
+        looks, events = _events(radar.part(rows), own, m_of_n, method)
+        p_d = np.full(len(when.time), np.nan)
+        p_d[rows] = looks.p_d
+        latest = np.searchsorted(rows, np.arange(len(when.time)), side="right") - 1
+        events = {event: _rows(values, latest) for event, values in events.items()}
+        found[name] = _Alone(own.period[0], len(rows), p_d, events)
+    return found
+
+
+def _each_summary(each: dict[str, _Alone], along: Axis) -> dict[str, Any]:
+    if not each:
+        return {}
+    radars = {
+        name: {"scan_period_s": own.period, "looks": own.looks, **_found(own.events, along)}
+        for name, own in each.items()
+    }
+    return {"radars": radars}
+
+
+def _each_report(each: dict[str, _Alone]) -> list[str]:
+    if not each:
+        return []
+    width = max(map(len, each))
+    lines = ["at the end by each radar alone, with 3-sigma bounds:"]
+    for name, own in each.items():
+        said = [
+            f"{event} {v.p[-1]:.4f} ({v.lower[-1]:.4f} to {v.upper[-1]:.4f})"
+            for event, v in own.events.items()
+        ]
+        every = "" if own.period is None else f"every {own.period:g} s, "
+        lines.append(f"  {name:{width}}  {every}{', '.join(said)}")
+    return lines
 
 
 def _check_window(m: int, n: int, looks: int) -> None:
@@ -224,13 +338,12 @@ def _of(drawn: Mission, event: str) -> Drawn:
 def _table(
     p_d: FloatArray,
     events: dict[str, Cumulative],
-    drawn: Mission | None,
-    along: Axis,
+    drawn: Mission | None = None,
     *,
-    with_mean: bool,
+    with_mean: bool = False,
 ) -> dict[str, FloatArray]:
     """Return the columns; as in other analyses a method that is named adds its mean."""
-    table = {along.key: along.values, "p_d": p_d}
+    table = {"p_d": p_d}
     for event, found in events.items():
         before, name, p = (
             ("", "cumulative", "cumulative_p_d")
@@ -246,6 +359,16 @@ def _table(
         if with_mean:
             table[f"mean_{name}"] = found.mean
     return table
+
+
+def _found(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
+    return {
+        event: {
+            "at_end": _last(values),
+            "reaches": {f"{level:g}": _reaches(values, level, along) for level in MILESTONES},
+        }
+        for event, values in events.items()
+    }
 
 
 def _last(found: Cumulative) -> dict[str, float]:
@@ -282,13 +405,14 @@ def _differences(found: Cumulative, drawn: Drawn, along: Axis) -> dict[str, Any]
     }
 
 
-def _looks(scenario: Scenario) -> str:
+def _looks(scenario: Scenario, when: Schedule) -> str:
     along, tau = scenario.axis, scenario.correlation_s
     first, last = along.number(along.values[0]), along.at(-1)
+    periods = [f"{period:g}" for period in sorted(p for p in when.period if p is not None)]
     which = (
-        "at the poses of the path, as radar.scan_period_s is not given"
-        if scenario.scan_period_s is None
-        else f"every {scenario.scan_period_s:g} s"
+        f"every {' or '.join(filter(None, (', '.join(periods[:-1]), periods[-1])))} s"
+        if periods
+        else "at the poses of the path, as radar.scan_period_s is not given"
     )
     errors = (
         "independent from look to look"
@@ -297,7 +421,10 @@ def _looks(scenario: Scenario) -> str:
         if math.isinf(tau)
         else f"correlated over {tau:g} s"
     )
-    return f"{len(along)} looks, {first} to {last}, {which}; pose errors {errors}"
+    number = f"{len(along)} looks"
+    if len(when.radars) > 1:
+        number = f"{len(when.pose)} looks at {len(along)} times"
+    return f"{number}, {first} to {last}, {which}; pose errors {errors}"
 
 
 def _event(name: str, scenario: Scenario, method: str, found: dict[str, Any]) -> list[str]:

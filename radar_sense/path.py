@@ -11,6 +11,11 @@
                                         or smooth; without it every row of the file is a pose
       max_gap_s: 60                     refuse a file with a longer step between two rows
 
+In the same frame a radar may say its place in latitude and longitude, too:
+
+    radar:
+      position_geodetic: {latitude_deg: 47.1, longitude_deg: 9.2, altitude_m: 1500}
+
 What may be in the file is said at the top of `route`. Attitude is that of the file, else it
 follows from the track.
 """
@@ -35,7 +40,7 @@ OPTIONAL = ("axis", "origin", "interpolate", "max_gap_s", "sha256")
 #: What the poses can be laid out along.
 AXES = ("time", "distance")
 
-_ORIGIN: Mapping[str, Limit] = {
+_GEODETIC: Mapping[str, Limit] = {
     "latitude_deg": Limit(at_least=-90, at_most=90),
     "longitude_deg": Limit(at_least=-180, at_most=360),
     "altitude_m": Limit(at_least=-10e3, at_most=100e3),
@@ -60,10 +65,7 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
     document["axis"] = found["axis"].choice(AXES) if "axis" in found else AXES[0]
     origin = None
     if "origin" in found:
-        parts = found["origin"].mapping(list(_ORIGIN))
-        document["origin"] = {key: parts[key].number(limit) for key, limit in _ORIGIN.items()}
-        latitude, longitude, altitude = document["origin"].values()
-        origin = (float(np.deg2rad(latitude)), float(np.deg2rad(longitude)), altitude)
+        origin, document["origin"] = read_geodetic(found["origin"])
     step, method = 0.0, METHODS[0]
     if "interpolate" in found:
         parts = found["interpolate"].mapping(["step_s"], ["method"])
@@ -90,6 +92,18 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
         axis.time(route.time_s) if document["axis"] == "time" else axis.distance(route.distance_m)
     )
     return along, route, document
+
+
+def read_geodetic(entry: Entry) -> tuple[tuple[float, float, float], dict[str, float]]:
+    """Read a place: latitude, longitude [rad] and height [m]; and the entry, in its own units.
+
+    Raises:
+        ScenarioError: If it is no place.
+    """
+    found = entry.mapping(list(_GEODETIC))
+    document = {key: found[key].number(limit) for key, limit in _GEODETIC.items()}
+    latitude, longitude, altitude = document.values()
+    return (float(np.deg2rad(latitude)), float(np.deg2rad(longitude)), altitude), document
 
 
 def _digest(entry: Entry, path: Path) -> str:

@@ -223,6 +223,15 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
             f"method must be one of {', '.join(METHODS)}, got {method!r}"
             + did_you_mean(method, METHODS)
         )
+    return interpolated(route, times(route, step_s), method)
+
+
+def times(route: Route, step_s: float) -> FloatArray:
+    """Times (n,) [s] from the first pose of a route on, as `resample` has them.
+
+    Raises:
+        ScenarioError: If the step is not positive or makes too many of them.
+    """
     first, last = float(route.time_s[0]), float(route.time_s[-1])
     # A step must be long enough to move the clock, whose floats are apart by some 1e-16 of it.
     shortest = max(MIN_STEP, 1e-15 * max(abs(first), abs(last)))
@@ -232,9 +241,18 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     steps = math.floor((last - first) / step_s * (1 + 1e-12) + 1e-9)
     if steps >= MAX_ROWS:
         raise ScenarioError(f"step_s makes more than {MAX_ROWS:,} poses, got {step_s:g}")
+    found: FloatArray = np.minimum(first + step_s * np.arange(steps + 1), last)
+    return found
+
+
+def interpolated(route: Route, time: FloatArray, method: str = "legs") -> Route:
+    """Interpolate a route, as `resample` says, at times (n,) [s] within its own, increasing.
+
+    Raises:
+        ScenarioError: If no direction of flight can be found.
+    """
     if len(route.time_s) == 1:
         return route
-    time = np.minimum(first + step_s * np.arange(steps + 1), last)
     waypoints = route.aircraft[:, POSITION]
     if method == "legs":
         position, velocity, acceleration = _legs(route, time)

@@ -34,7 +34,7 @@ from radar_sense.limits import (
 )
 from radar_sense.model import DetectionModel, Model
 from radar_sense.network import NetworkModel, Station, name_problem
-from radar_sense.path import read_path
+from radar_sense.path import read_geodetic, read_path
 from radar_sense.radar import RADARS
 from radar_sense.radar_constant import Makeup, Part, read_makeup, relative_std
 from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
@@ -42,7 +42,8 @@ from radar_sense.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.rcs_file import read_table
 from radar_sense.rcs_table import TableRCS
 from radar_sense.reader import Entry, ScenarioError, did_you_mean, parse, read_file
-from radar_sense.states import FloatArray
+from radar_sense.states import POSITION, FloatArray
+from radar_sense.wgs84 import ned_from_geodetic
 
 #: The RCS models that a scenario can name. Their keys are declared with their fields.
 RCS_MODELS: Mapping[str, type[Any]] = {
@@ -73,6 +74,7 @@ DEFAULT_SEED = 1
 
 _DEG = np.pi / 180.0
 _CORRELATION = "aircraft_correlation_s"
+_GEODETIC = "position_geodetic"
 #: Keys of an uncertainty block: name, number of components, and its unit in SI.
 _AIRCRAFT_PARTS = (("position_m", 3, 1.0), ("attitude_deg", 3, _DEG))
 _RADAR_PARTS = (("position_m", 3, 1.0), ("constant", 1, 1.0))
@@ -101,6 +103,8 @@ class Scenario:
         scan_period_s: Time from look to look of the radar [s]; None if the file does not say.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
             process: 0 for independent errors at every pose, infinity for the same at all.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
+            of a route in latitude and longitude; else None.
     """
 
     name: str
@@ -118,6 +122,7 @@ class Scenario:
     time_s: FloatArray | None = None
     scan_period_s: float | None = None
     correlation_s: float = 0.0
+    origin: tuple[float, float, float] | None = None
 
     @property
     def parts(self) -> tuple[Part, ...]:
@@ -224,6 +229,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         radars = [radar]
     rcs, attitude, document["aircraft"] = _aircraft(found["aircraft"], found["geometry"])
     poses, document["geometry"] = _geometry(found["geometry"], attitude)
+    radars = [_placed(radar, poses) for radar in radars]
     for radar in radars:
         _refuse_collision(found["geometry"], poses, radar)
         _refuse_uncovered(found["geometry"], rcs, poses, radar)
@@ -258,6 +264,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         time_s=poses.time_s,
         scan_period_s=radars[0].scan_period,
         correlation_s=float(document["uncertainty"].get(_CORRELATION, 0.0)),
+        origin=poses.origin,
     )
 
 
@@ -270,8 +277,19 @@ class _Levels:
 
 
 @dataclass(frozen=True, eq=False)
+class _Geodetic:
+    """A place in latitude, longitude [rad] and height [m], and where the file says it."""
+
+    place: tuple[float, float, float]
+    entry: Entry
+
+
+@dataclass(frozen=True, eq=False)
 class _Radar:
-    """What a scenario says of a radar; name, limits and levels are for one of `radars` only."""
+    """What a scenario says of a radar; name, limits and levels are for one of `radars` only.
+
+    Where `geodetic` says its place, `state` has it once it is `_placed`.
+    """
 
     state: FloatArray
     makeup: Makeup | None
@@ -282,6 +300,7 @@ class _Radar:
     horizon: bool = False
     scan_period: float | None = None
     levels: _Levels = field(default_factory=_Levels)
+    geodetic: _Geodetic | None = None
 
     @property
     def called(self) -> str:
@@ -293,33 +312,68 @@ def _radar(
     entry: Entry, required: Sequence[str] = (), optional: Sequence[str] = ()
 ) -> tuple[_Radar, dict[str, Any]]:
     """Read what is said of any radar; other keys, which someone else reads, may stand beside it."""
+    given = entry.entries()
+    if "position_m" in given and _GEODETIC in given:
+        raise given[_GEODETIC].error(
+            "must be left out, or 'position_m'; allowed is one or the other"
+        )
+    place, other = ("position_m", _GEODETIC) if _GEODETIC not in given else (_GEODETIC, None)
     found = entry.mapping(
-        [*required, "position_m", "p_fa"],
-        ["constant", *RADARS, "detector", "scan_period_s", *optional],
+        [*required, place, "p_fa"],
+        [
+            *filter(None, [other]),
+            "constant",
+            *RADARS,
+            "detector",
+            "scan_period_s",
+            *optional,
+        ],
     )
-    given = [key for key in ("constant", *RADARS) if key in found]
-    if len(given) != 1:
+    chosen = [key for key in ("constant", *RADARS) if key in found]
+    if len(chosen) != 1:
         *others, last = (f"'{key}'" for key in ("constant", *RADARS))
         raise entry.error(
             f"needs one of the keys {', '.join(others)} and {last}, and not "
-            + ("both" if len(given) < 3 else "more")
+            + ("both" if len(chosen) < 3 else "more")
         )
-    document: dict[str, Any] = {"position_m": found["position_m"].numbers(3)}
+    document: dict[str, Any] = {}
+    position, geodetic = [0.0] * 3, None
+    if place == _GEODETIC:
+        where, document[_GEODETIC] = read_geodetic(found[_GEODETIC])
+        geodetic = _Geodetic(where, found[_GEODETIC])
+    else:
+        document["position_m"] = position = found["position_m"].numbers(3)
     makeup: Makeup | None = None
     if "constant" in found:
         document["constant"] = constant = found["constant"].number(POSITIVE)
     else:
-        makeup, document[given[0]] = read_makeup(found[given[0]], given[0])
+        makeup, document[chosen[0]] = read_makeup(found[chosen[0]], chosen[0])
         constant = makeup.constant
     document["p_fa"] = found["p_fa"].number(PROBABILITY)
     document["detector"] = found["detector"].choice(DETECTORS) if "detector" in found else "north"
-    state = np.array([*document["position_m"], constant])
+    state = np.array([*position, constant])
     detector = DETECTORS[document["detector"]]()
     scan_period = None
     if "scan_period_s" in found:
         document["scan_period_s"] = scan_period = found["scan_period_s"].number(POSITIVE)
-    radar = _Radar(state, makeup, document["p_fa"], detector, scan_period=scan_period)
+    radar = _Radar(
+        state, makeup, document["p_fa"], detector, scan_period=scan_period, geodetic=geodetic
+    )
     return radar, document
+
+
+def _placed(radar: _Radar, poses: _Poses) -> _Radar:
+    """Put a radar whose place is in latitude and longitude into the frame of the poses."""
+    if radar.geodetic is None:
+        return radar
+    if poses.origin is None:
+        raise radar.geodetic.entry.error(
+            "needs a path whose route is in latitude and longitude, with its geometry.origin; "
+            "here give position_m"
+        )
+    state = radar.state.copy()
+    state[POSITION] = ned_from_geodetic(radar.geodetic.place, poses.origin)
+    return dataclasses.replace(radar, state=state)
 
 
 def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
@@ -449,6 +503,8 @@ class _Poses:
         covariance: C_aa (n, 6, 6), if the geometry says something of it.
         earth: What the surface of the earth is in its coordinates, for radars with a horizon.
         time_s: Times (n,) [s], if it has any.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
+            if that is known.
     """
 
     axis: Axis
@@ -456,6 +512,7 @@ class _Poses:
     covariance: FloatArray | None = None
     earth: Horizon = field(default_factory=Horizon)
     time_s: FloatArray | None = None
+    origin: tuple[float, float, float] | None = None
 
 
 def _is_path(entry: Entry) -> bool:
@@ -471,7 +528,9 @@ def _geometry(entry: Entry, attitude: FloatArray | None) -> tuple[_Poses, dict[s
             if route.origin is None
             else Horizon(tangent_plane=True, altitude=route.origin[2])
         )
-        return _Poses(along, route.aircraft, route.covariance, earth, route.time_s), document
+        return _Poses(
+            along, route.aircraft, route.covariance, earth, route.time_s, route.origin
+        ), document
     found = entry.mapping(["type", "range_km", "down_km", "azimuth_deg"], ["azimuth_from"])
     document = {
         "type": found["type"].choice(["orbit"]),

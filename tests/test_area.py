@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenarios import scenario
+import yaml
+from scenarios import document, scenario
 
 import radar_sense as rs
 from radar_sense import area, figures, output
@@ -50,6 +51,46 @@ def test_bound_is_that_of_propagate(method, level):
         s.model, states, s.radar, s.cov_aircraft, s.cov_radar[level], method=method
     ).upper
     np.testing.assert_allclose(bound, expected, rtol=2e-7)
+
+
+def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
+    """Cells that are put on the route, pose by pose, are the poses of the route."""
+    from radar_sense import wgs84  # what it does is tested against 50 digits
+
+    place = np.deg2rad([[47.0, 8.0], [51.0, 8.0], [44.5, 17.0], [47.0, -1.0]])
+    place = np.column_stack([place, np.full(4, 9000.0)])
+    origin = (*np.deg2rad([47.0, 8.0]), 400.0)
+    rows = [f"{600 * k},{d[0]!r},{d[1]!r},9000,1,2,75"
+            for k, d in enumerate(np.rad2deg(place[:, :2]).tolist())]  # fmt: skip
+    (tmp_path / "route.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m,roll_deg,pitch_deg,yaw_deg\n"
+        + "\n".join(rows)
+    )
+    given = document(
+        radar__constant=40,
+        geometry={
+            "type": "path", "file": "route.csv",
+            "origin": {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 400},
+        }
+    )  # fmt: skip
+    del given["aircraft"]["attitude_deg"]
+    (tmp_path / "my.yaml").write_text(yaml.safe_dump(given))
+    s = rs.load_scenario(tmp_path / "my.yaml")
+    assert s.origin == pytest.approx(origin)
+    np.testing.assert_allclose(
+        s.aircraft[:, :3], wgs84.ned_from_geodetic(place, origin), rtol=1e-12, atol=1e-6
+    )
+    for state in s.aircraft[1:]:  # the farthest is 700 km away, and 39 km lower
+        cells = area.Grid(state[0] + np.array([0, 1e3]), state[1] + np.array([0, 1e3]))
+        p_d, bound = area.area(s, cells, method="probit")
+        assert p_d[0, 0] == pytest.approx(s.model.p_d(state, s.radar), rel=1e-6)
+        assert bound[0, 0] > p_d[0, 0]
+        turned = area.area(s, cells, down=-8600.0, course=math.radians(75))[0]
+        np.testing.assert_allclose(turned, p_d, rtol=1e-6)
+        assert area.area(s, cells, down=-2000.0)[0][0, 0] != pytest.approx(p_d[0, 0], rel=1e-4)
+    summary = area.area_map(s, cells).summary
+    assert summary["down_km"] == pytest.approx(-8.6, abs=1e-9)
+    assert summary["attitude_deg"] == pytest.approx([1, 2, 75])
 
 
 def test_blocks_do_not_matter(monkeypatch):

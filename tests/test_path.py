@@ -6,6 +6,7 @@ import dataclasses
 import json
 from pathlib import Path
 
+import mpmath
 import numpy as np
 import pytest
 import yaml
@@ -274,6 +275,120 @@ def test_latitude_and_longitude_are_about_the_origin(tmp_path):
     assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
     with pytest.raises(ScenarioError, match=r"route\.csv:1: latitude_deg: needs the origin"):
         load(tmp_path, text)
+
+
+GEODETIC = (
+    "time_s,latitude_deg,longitude_deg,altitude_m\n"
+    "0,47,8,10000\n600,47,9,10000\n1200,47.5,9.5,10000\n"
+)
+ORIGIN = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
+ALPS = {"latitude_deg": 46.547, "longitude_deg": 7.985, "altitude_m": 3571}
+
+
+def exact_ned(place, origin):
+    """North, east, down by 50 digits; angles in degrees."""
+    with mpmath.workdps(50):
+
+        def ecef(latitude, longitude, height):
+            a, f = mpmath.mpf(6378137), 1 / mpmath.mpf("298.257223563")
+            sin, cos = mpmath.sin(latitude), mpmath.cos(latitude)
+            n = a / mpmath.sqrt(1 - f * (2 - f) * sin**2)
+            across = (n + height) * cos
+            return mpmath.matrix([across * mpmath.cos(longitude), across * mpmath.sin(longitude),
+                                  ((1 - f) ** 2 * n + height) * sin])  # fmt: skip
+
+        (at, lon, h), (lat0, lon0, h0) = (
+            [mpmath.radians(v) for v in list(p.values())[:2]] + [p["altitude_m"]]
+            for p in (place, origin)
+        )
+        line = ecef(at, lon, h) - ecef(lat0, lon0, h0)
+        s, c, sl, cl = mpmath.sin(lat0), mpmath.cos(lat0), mpmath.sin(lon0), mpmath.cos(lon0)
+        turn = mpmath.matrix([[-s * cl, -s * sl, c], [-sl, cl, 0], [-c * cl, -c * sl, -s]])
+        return [float(v) for v in turn * line]
+
+
+@pytest.mark.parametrize("several", [False, True])
+def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
+    content = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
+    levels = {"medium": {"position_m": [10, 20, 30], "constant": 1}}
+    file = write(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=content)
+    if several:
+        document = yaml.safe_load(file.read_text())
+        del document["radar"], document["uncertainty"]["radar"]
+        ned = {**content, "position_m": [9, 8, 7]}
+        del ned["position_geodetic"]
+        document["radars"] = [
+            {"name": "sea", "uncertainty": levels, **ned},
+            {"name": "alps", "uncertainty": levels, "horizon": True, **content},
+        ]
+        file.write_text(yaml.safe_dump(document, sort_keys=False))
+    s = rs.load_scenario(file)
+    state = s.radar[-4:]
+    assert state[:3] == pytest.approx(exact_ned(ALPS, ORIGIN), rel=1e-12, abs=1e-7)
+    assert -45e3 < state[1] < -35e3
+    if several:
+        assert s.radar[:3].tolist() == [9, 8, 7]
+        # metres of the frame, whatever the place is given in
+        assert np.diag(s.cov_radar["medium"])[4:7].tolist() == [100, 400, 900]
+        horizon = s.model.stations[1].horizon
+        assert horizon.height(state) == pytest.approx(3571, abs=5)
+    resolved = s.resolved()
+    given = resolved["radars"][1] if several else resolved["radar"]
+    assert given["position_geodetic"] == ALPS
+    assert "position_m" not in given
+    again = rs.parse_scenario(yaml.safe_dump(resolved, sort_keys=False))
+    assert again.resolved() == resolved
+    assert again.radar.tolist() == s.radar.tolist()
+
+
+def test_check_prints_a_place_that_reads_back(tool, tmp_path):
+    radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
+    file = write(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=radar)
+    printed = tool("check", file).out
+    (tmp_path / "again.yaml").write_text(printed)
+    assert tool("check", tmp_path / "again.yaml").out == printed
+    assert rs.parse_scenario(printed).radar.tolist() == rs.load_scenario(file).radar.tolist()
+
+
+def _without(key):
+    return {k: v for k, v in ALPS.items() if k != key}
+
+
+@pytest.mark.parametrize(
+    ("place", "changes", "says"),
+    [
+        (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
+        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_geodetic: must be left out, or 'posit"),
+        ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
+        ({**ALPS, "longitude_deg": 361}, {}, "longitude_deg: must be .* 360, got 361"),
+        ({**ALPS, "altitude_m": 2e5}, {}, "altitude_m: must be .*, got 200000"),
+        (_without("altitude_m"), {}, "position_geodetic: missing key 'altitude_m', required:"),
+        ({**_without("altitude_m"), "altitude_km": 3}, {}, "'altitude_km'.* mean 'altitude_m'"),
+        ([46, 8, 3], {}, "position_geodetic: must be a mapping"),
+        ({"latitude_deg": 47, "longitude_deg": 9, "altitude_m": 10e3}, {}, "on top of the radar"),
+    ],
+)
+def test_places_that_are_refused(tool, tmp_path, place, changes, says):
+    radar = {"position_geodetic": place, "constant": 50, "p_fa": 1e-6}
+    text = GEODETIC
+    changes = {"radar": radar, "geometry__origin": ORIGIN, **changes}
+    if changes["geometry__origin"] is None:
+        text = ROUTE
+        del changes["geometry__origin"]
+    file = write(tmp_path, text, **changes)
+    with pytest.raises(ScenarioError, match=says.replace("?", r"\?")):
+        rs.load_scenario(file)
+    done = tool("variance", file)
+    assert (done.code, done.err.count("\n")) == (2, 1)
+    assert not (tmp_path / "figures").exists()
+
+
+def test_an_orbit_has_no_origin_for_a_place(tool):
+    content = document()
+    content["radar"]["position_geodetic"] = ALPS
+    del content["radar"]["position_m"]
+    with pytest.raises(ScenarioError, match=r"radar\.position_geodetic: needs a path"):
+        rs.parse_scenario(yaml.safe_dump(content))
 
 
 def test_a_resolved_path_reads_back_from_anywhere(tmp_path):

@@ -1,0 +1,470 @@
+"""Missions of radars with periods of their own, against an implementation that has no sequences.
+
+It takes every look by itself and every pair of looks, draws every error, and tosses coins.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scenarios import document
+
+import radar_sense as rs
+from radar_sense import cumulative as cu
+from radar_sense import figures
+from radar_sense.mission import at_looks, mission
+from radar_sense.reader import ScenarioError
+
+HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
+#: Straight and level at one heading, so that a pose between two is their weighted mean.
+ROUTE = f"""{HEADER},{STD}
+10,200e3,-40e3,-8000,5,2,70,300,400,50,0.5,0.5,0.5
+50,200e3,0,-8000,5,2,70,500,400,50,0.5,0.5,1
+82,190e3,30e3,-8000,5,2,70,800,900,50,0.5,0.5,2
+"""
+TIME = np.array([10.0, 50.0, 82.0])
+PLACE = np.array([[200e3, -40e3, -8000], [200e3, 0, -8000], [190e3, 30e3, -8000]])
+SIGMA = np.array([[300, 400, 50, 0.5, 0.5, 0.5], [500, 400, 50, 0.5, 0.5, 1],
+                  [800, 900, 50, 0.5, 0.5, 2]])  # fmt: skip
+
+#: Place, c_r, P_fa, detector and limits; σ of the place and of c_r.
+KINDS = {
+    "far": ([0, 0, -30], 1.9, 1e-6, "north", {}, 400, 0.1),
+    "near": ([120e3, 10e3, -20], 0.03, 1e-4, "swerling1", {"max_range_km": 85}, 900, 0.002),
+    "hill": ([240e3, 60e3, -500], 0.03, 1e-5, "marcum", {"horizon": True}, 300, 0.002),
+    "open": ([120e3, 10e3, -20], 0.03, 1e-4, "swerling1", {}, 900, 0.002),
+    "blind": ([900e3, 0, -20], 9.0, 1e-5, "marcum", {"max_range_km": 50}, 300, 2),
+}
+DETECTORS = {"north": rs.North(), "swerling1": rs.Swerling1(), "marcum": rs.Marcum()}
+
+
+def radar(name, period):
+    place, constant, p_fa, detector, limits, std, std_constant = KINDS[name]
+    said = {} if period is None else {"scan_period_s": period}
+    levels = {"one": {"position_m": std, "constant": std_constant}}
+    return {
+        "name": name, "position_m": place, "constant": constant, "p_fa": p_fa,
+        "detector": detector, **limits, **said, "uncertainty": levels,
+    }  # fmt: skip
+
+
+def write(folder, periods, tau=0.0, route=ROUTE, **changes):
+    (folder / "route.csv").write_text(route)
+    content = document(
+        geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
+    )
+    del content["aircraft"]["attitude_deg"], content["radar"]
+    content["uncertainty"] = {"aircraft_correlation_s": tau}
+    content["radars"] = [radar(*one) for one in periods.items()]
+    content.update(changes)
+    file = folder / "my.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def load(folder, *args, **options):
+    return rs.load_scenario(write(folder, *args, **options))
+
+
+class Brute:
+    """All looks of all radars, one after the other: (time, radar), and what each of them is."""
+
+    def __init__(self, periods, tau):
+        self.names = list(periods)
+        self.periods = list(periods.values())
+        self.times = sorted({10.0 + k * p for p in self.periods for k in range(int(72 / p) + 1)})
+        self.looks = [
+            (t, i) for t in self.times for i, p in enumerate(self.periods)
+            if ((t - 10.0) / p).is_integer()
+        ]  # fmt: skip
+        at = np.array(self.times)
+        self.poses = np.column_stack(
+            [*(np.interp(at, TIME, PLACE[:, i]) for i in range(3)),
+             *(np.full(len(at), math.radians(v)) for v in (5, 2, 70))]
+        )  # fmt: skip
+        # the covariance is what is interpolated, not σ
+        self.sigma = np.sqrt(
+            np.column_stack([np.interp(at, TIME, SIGMA[:, i] ** 2) for i in range(6)])
+        ) * [1, 1, 1, *[math.pi / 180] * 3]
+        apart = abs(at[:, None] - at)
+        self.rho = (
+            np.eye(len(at)) if tau == 0
+            else np.ones_like(apart) if math.isinf(tau) else np.exp(-apart / tau)
+        )  # fmt: skip
+        self.states = np.array([[*KINDS[n][0], KINDS[n][1]] for n in self.names], dtype=float)
+        self.std = np.array([[KINDS[n][5]] * 3 + [KINDS[n][6]] for n in self.names], dtype=float)
+
+    def model(self, i):
+        _, _, p_fa, detector, _, _, _ = KINDS[self.names[i]]
+        return rs.DetectionModel(
+            rcs=rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=p_fa, detector=DETECTORS[detector]
+        )
+
+    def sees(self, i, aircraft, state):
+        limits = KINDS[self.names[i]][4]
+        line = np.sqrt(np.sum((aircraft[..., :3] - state[..., :3]) ** 2, axis=-1))
+        seen = line <= limits.get("max_range_km", math.inf) * 1e3
+        if "horizon" in limits:
+            up = [
+                np.sqrt(2 * 4 / 3 * 6371e3 * np.maximum(-s[..., 2], 0)) for s in (aircraft, state)
+            ]
+            seen = seen & (line <= up[0] + up[1])
+        return seen
+
+    def p_d(self, aircraft, states):
+        """P_D (..., L) of every look for poses (..., K, 6) and radars (..., m, 4)."""
+        found = []
+        for t, i in self.looks:
+            pose, state = aircraft[..., self.times.index(t), :], states[..., i, :]
+            found.append(np.where(self.sees(i, pose, state), self.model(i).p_d(pose, state), 0.0))
+        return np.stack(found, axis=-1)
+
+    def by_time(self, values):
+        """The latest of values (..., L) by each time (..., K)."""
+        last = [max(j for j, look in enumerate(self.looks) if look[0] == t) for t in self.times]
+        return values[..., last]
+
+    def gradients(self):
+        """P_D of every look (L,), partials for its pose (L, 6) and for all radars (L, m, 4)."""
+        p, by_pose, by_radar = [], [], np.zeros((len(self.looks), *self.states.shape))
+        for j, (t, i) in enumerate(self.looks):
+            pose = self.poses[self.times.index(t)]
+            lin = self.model(i).linearize(pose, self.states[i])
+            seen = self.sees(i, pose, self.states[i])
+            p.append(lin.p_d * seen)
+            by_pose.append(lin.jac_aircraft * seen)
+            by_radar[j, i] = lin.jac_radar * seen
+        return np.array(p), np.array(by_pose), by_radar
+
+    def std_of(self, by_p):
+        """σ (K,) to first order of what has partials (K, L) for the looks' P_D."""
+        _, by_pose, by_radar = self.gradients()
+        where = [self.times.index(t) for t, _ in self.looks]
+        weights = by_pose * self.sigma[where]
+        pairs = self.rho[np.ix_(where, where)] * (weights @ weights.T)
+        found = []
+        for g in by_p:
+            along = np.einsum("j,jmi->mi", g, by_radar) * self.std
+            found.append(math.sqrt(g @ pairs @ g + np.sum(along**2)))
+        return np.array(found)
+
+    def detection_by_p(self, p):
+        return np.array(
+            [[np.prod([1 - p[i] for i in range(len(p)) if i != j and self.looks[i][0] <= t])
+              * (self.looks[j][0] <= t) for j in range(len(p))] for t in self.times]
+        )  # fmt: skip
+
+    def track(self, p, m, n):
+        """Probability (..., K) of m of n by the radars of some period, from P_D (..., L)."""
+        missed = 1.0
+        for period in set(self.periods):
+            own = sorted({t for t, i in self.looks if self.periods[i] == period})
+            fused = 1 - np.stack(
+                [np.prod([1 - p[..., j] for j, (t, i) in enumerate(self.looks)
+                          if t == at and self.periods[i] == period], axis=0) for at in own],
+                axis=-1,
+            )  # fmt: skip
+            chain = cu.m_of_n(fused, m, n)  # tested against the sum over all outcomes elsewhere
+            latest = [sum(t <= at for t in own) - 1 for at in self.times]
+            missed = missed * (1 - chain[..., latest])
+        return 1 - missed
+
+    def draws(self, runs, seed):
+        """P_D (runs, L) with errors drawn from one Gaussian of all of them."""
+        rng = np.random.default_rng(seed)
+        values, vectors = np.linalg.eigh(self.rho)
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        white = rng.standard_normal((runs, len(self.times), 6))
+        poses = self.poses + np.einsum("kj,rjc->rkc", root, white) * self.sigma
+        states = self.states + rng.standard_normal((runs, *self.states.shape)) * self.std
+        return self.p_d(poses, states)
+
+
+#: Two periods; three, of which two have looks in common only at the start; and two radars that look
+#: together beside one that does not.
+CASES = [
+    {"far": 10, "near": 4},
+    {"hill": 7, "far": 12, "near": 5},
+    {"near": 4, "hill": 8, "far": 8},
+]
+
+
+@pytest.mark.parametrize("periods", CASES)
+def test_what_is_known_for_certain(tmp_path, periods):
+    brute = Brute(periods, 0.0)
+    found = mission(load(tmp_path, periods), m_of_n=(2, 3)).table
+    assert found["time_s"].tolist() == brute.times
+    p = brute.p_d(brute.poses, brute.states)
+    assert len(p) > len(brute.times)
+    by_look = {}
+    for (t, _), one in zip(brute.looks, p, strict=True):
+        by_look[t] = 1 - (1 - by_look.get(t, 0.0)) * (1 - one)
+    np.testing.assert_allclose(found["p_d"], list(by_look.values()), rtol=1e-9, atol=1e-15)
+    cumulated = brute.by_time(1 - np.cumprod(1 - p))
+    np.testing.assert_allclose(found["cumulative_p_d"], cumulated, rtol=1e-9)
+    np.testing.assert_allclose(found["track_p_d"], brute.track(p, 2, 3), rtol=1e-9, atol=1e-15)
+    assert 0.2 < cumulated[-1] < 0.999
+    assert 0.05 < found["track_p_d"][-1] < 0.99
+    for i, name in enumerate(periods):
+        mine = np.array([j for j, look in enumerate(brute.looks) if look[1] == i])
+        own = [brute.times.index(brute.looks[j][0]) for j in mine]
+        shown = found[f"p_d_{name}"]
+        np.testing.assert_allclose(shown[own], p[mine], rtol=1e-9, atol=1e-15)
+        assert np.isnan(np.delete(shown, own)).all()
+        ends = found[f"cumulative_p_d_{name}"]
+        np.testing.assert_allclose(ends[own], 1 - np.cumprod(1 - p[mine]), rtol=1e-9, atol=1e-15)
+        for k, value in enumerate(ends):  # and stays as it was between its looks
+            assert value == ends[max(o for o in own if o <= k)]
+
+
+@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
+@pytest.mark.parametrize("periods", CASES)
+def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
+    brute = Brute(periods, tau)
+    found = mission(load(tmp_path, periods, tau), method="linear", m_of_n=(2, 3)).table
+    p, _, _ = brute.gradients()
+    expected = brute.std_of(brute.detection_by_p(p))
+    np.testing.assert_allclose(found["sigma_cumulative"], expected, rtol=1e-7)
+    np.testing.assert_allclose(
+        found["upper_3sigma"], found["cumulative_p_d"] + 3 * expected, rtol=1e-7
+    )
+    by_p = []
+    for j in range(len(p)):  # linear in every P_D, so that a partial is a difference
+        sure, never = p.copy(), p.copy()
+        sure[j], never[j] = 1, 0
+        by_p.append(brute.track(sure, 2, 3) - brute.track(never, 2, 3))
+    expected = brute.std_of(np.array(by_p).T)
+    np.testing.assert_allclose(found["sigma_track"], expected, rtol=1e-7, atol=1e-12)
+    assert expected[-1] > 0.01
+
+
+@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
+@pytest.mark.parametrize("periods", CASES)
+def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
+    brute, runs = Brute(periods, tau), 6000
+    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
+    p = brute.draws(runs, seed=11)
+    for column, drawn in (
+        ("", brute.by_time(1 - np.cumprod(1 - p, axis=-1))),
+        ("track_", brute.track(p, 2, 3)),
+    ):
+        mean, std = drawn.mean(axis=0), drawn.std(axis=0)
+        shown = std > 1e-2 * std.max()
+        error = std[shown] * math.sqrt(2 / runs)
+        assert np.max(abs((found[f"{column}mc_mean"] - mean)[shown] / error)) < 4.5
+        # the error of a standard deviation comes from the fourth moment
+        fourth = np.mean((drawn - mean) ** 4, axis=0)[shown]
+        error = np.sqrt(2 * (fourth - std[shown] ** 4) / runs) / (2 * std[shown])
+        assert np.max(abs((found[f"{column}mc_std"] - std)[shown] / error)) < 4.5
+        for end, level in (("lower", 0.00135), ("upper", 0.99865)):
+            quantile = np.quantile(drawn, level, axis=0)
+            assert np.max(abs(found[f"{column}mc_{end}"] - quantile)) < 0.9 * std.max()
+
+
+@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
+@pytest.mark.parametrize("periods", [{"far": 10, "open": 4}, {"open": 4, "hill": 8, "far": 8}])
+def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
+    """Without an edge of a limit within reach of the errors, which no gradient sees."""
+    runs = 10_000
+    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
+    for name, column in (("cumulative", ""), ("track", "track_")):
+        std = found[f"{column}mc_std"]
+        shown = std > 0.05 * std.max()
+        ratio = found[f"sigma_{name}"][shown] / std[shown]
+        assert np.max(abs(ratio - 1)) < 0.04 + 4.5 / math.sqrt(2 * runs)
+        for end in ("lower", "upper"):
+            off = abs(found[f"{column}{end}_3sigma"] - found[f"{column}mc_{end}"])
+            assert np.max(off) < 0.006 + 0.2 * std.max()
+
+
+@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
+def test_coins_start_as_many_tracks(tmp_path, tau):
+    """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
+    periods = {"near": 4, "hill": 8, "far": 8}
+    brute, runs = Brute(periods, tau), 20_000
+    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
+    p = brute.draws(runs, seed=4)
+    hits = np.random.default_rng(5).random(p.shape) < p
+    track = np.zeros(runs, dtype=bool)
+    for radars in ({0}, {1, 2}):
+        own = sorted({t for t, i in brute.looks if i in radars})
+        seen = np.stack(
+            [np.any([hits[:, j] for j, (t, i) in enumerate(brute.looks) if t == at and i in radars],
+                    axis=0) for at in own], axis=-1,
+        )  # fmt: skip
+        for k in range(len(own)):
+            track |= seen[:, max(0, k - 2) : k + 1].sum(axis=1) >= 2
+    mean = found["track_mc_mean"][-1]
+    z = (track.mean() - mean) / math.sqrt(2 * mean * (1 - mean) / runs)
+    assert abs(z) < 4
+
+
+@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
+def test_a_radar_that_sees_nothing_takes_nothing_away(tmp_path, tau):
+    """Looks that cannot detect do not come between those that can, whatever their period is."""
+    options = {"m_of_n": (2, 3), "method": "linear"}
+    alone = mission(load(tmp_path, {"far": 10}, tau), **options).table
+    both = mission(load(tmp_path, {"far": 10, "blind": 2}, tau), **options).table
+    shared = np.isin(both["time_s"], alone["time_s"])
+    for column, values in alone.items():
+        np.testing.assert_allclose(both[column][shared], values, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("runs", [None, 500])
+def test_a_network_of_one_is_the_single_radar(tmp_path, runs):
+    options = {"m_of_n": (3, 4), "runs": runs}
+    network = mission(load(tmp_path, {"hill": 6}, 20.0), **options)
+    content = yaml.safe_load((tmp_path / "my.yaml").read_text())
+    (one,) = content.pop("radars")
+    content["uncertainty"]["radar"] = one.pop("uncertainty")
+    del one["name"], one["horizon"]  # it is within the horizon all along
+    content["radar"] = one
+    (tmp_path / "single.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    single = mission(rs.load_scenario(tmp_path / "single.yaml"), **options)
+    assert list(network.table) == list(single.table)
+    for column, values in single.table.items():
+        assert network.table[column].tobytes() == values.tobytes(), column
+    assert network.summary == single.summary
+    assert network.report == single.report
+
+
+@pytest.mark.parametrize("period", [None, 6])
+def test_one_period_for_all_is_one_sequence_of_their_fused_looks(tmp_path, period):
+    s = load(tmp_path, {"far": period, "near": period, "hill": period}, 20.0)
+    found = mission(s, m_of_n=(2, 3), runs=300)
+    looks = at_looks(s)
+    cov = (looks.cov_aircraft, s.cov_radar["one"])
+    every = cu.linearize_looks(s.model, looks.axis.values, looks.aircraft, s.radar)
+    options = {"correlation_time": 20.0}
+    for values, names in (
+        (cu.cumulative_detection(every, *cov, **options), ("cumulative_p_d", "sigma_cumulative")),
+        (cu.track_initiation(every, 2, 3, *cov, **options), ("track_p_d", "sigma_track")),
+    ):
+        assert found.table[names[0]].tobytes() == values.p.tobytes()
+        assert found.table[names[1]].tobytes() == values.std.tobytes()
+    assert found.table["p_d"].tobytes() == every.p_d.tobytes()
+    drawn = cu.mission_monte_carlo(
+        s.model, looks.axis.values, looks.aircraft, s.radar, *cov,
+        m_of_n=(2, 3), runs=300, seed=s.seed, **options,
+    )  # fmt: skip
+    assert found.table["mc_upper"].tobytes() == drawn.detection.upper.tobytes()
+    assert found.table["track_mc_std"].tobytes() == drawn.track.std.tobytes()
+    assert np.isfinite(found.table["p_d_near"]).all()
+
+
+def test_times_that_differ_by_rounding_are_one(tmp_path):
+    assert 3 * 0.1 != 0.3
+    route = f"{HEADER},{STD}\n" + "".join(
+        f"{t},200e3,{100 * t},-8000,0,0,90,100,100,50,1,1,1\n" for t in (0, 0.3, 1.2)
+    )
+    looks = at_looks(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=route))
+    np.testing.assert_allclose(looks.axis.values, 0.1 * np.arange(13), rtol=1e-12)
+    # however late it is on the clock, where floats are 2e-7 apart
+    late = route
+    for t in ("\n0,", "\n0.3,", "\n1.2,"):
+        late = late.replace(t, f"\n{1.6e9 + float(t[1:-1])!r},")
+    looks = at_looks(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=late))
+    assert len(looks.axis) == 13
+
+
+def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
+    periods = {"hill": 7, "far": 12, "near": 5}
+    together = mission(load(tmp_path, periods, 25.0), m_of_n=(2, 3))
+    for name, period in periods.items():
+        one = mission(load(tmp_path, {name: period}, 25.0), m_of_n=(2, 3))
+        own = np.isin(together.table["time_s"], one.table["time_s"])
+        for column in ("cumulative_p_d", "sigma_cumulative", "lower_3sigma", "upper_3sigma",
+                       "track_p_d", "sigma_track", "track_lower_3sigma", "p_d"):  # fmt: skip
+            np.testing.assert_allclose(
+                together.table[f"{column}_{name}"][own], one.table[column], rtol=1e-9, atol=1e-15
+            )
+        said = together.summary["radars"][name]
+        assert (said["scan_period_s"], said["looks"]) == (period, one.summary["looks"])
+        for event in ("detection", "track"):
+            assert said[event]["at_end"]["p"] == pytest.approx(one.summary[event]["at_end"]["p"])
+
+
+def test_draws_do_not_depend_on_who_draws(tmp_path):
+    s = load(tmp_path, CASES[1], 25.0)
+    one, two = (mission(s, runs=9000, m_of_n=(2, 3), workers=w).table for w in (1, 2))
+    for column, values in one.items():
+        assert values.tobytes() == two[column].tobytes()
+
+
+# The command.
+
+
+def test_report_and_record(tool, tmp_path):
+    file = write(tmp_path, {"near": 4, "far": 10}, 25.0)
+    options = ("--m", 2, "--n", 3, "--runs", 50)
+    code, out, _ = tool("mission", file, *options)
+    assert code == 0
+    lines = out.splitlines()
+    assert lines[0] == (
+        "27 looks at 23 times, 10 to 82 s, every 4 or 10 s; pose errors correlated over 25 s"
+    )
+    found = json.loads(Path("figures/flight_mission.json").read_text())
+    radars = found["summary"]["radars"]
+    assert list(radars) == ["near", "far"]
+    at = lines.index("at the end by each radar alone, with 3-sigma bounds:")
+    for line, (name, said) in zip(lines[at + 1 :], radars.items(), strict=False):
+        ends = [said[event]["at_end"] for event in ("detection", "track")]
+        detection, track = (
+            f"{e['p']:.4f} ({e['lower_3sigma']:.4f} to {e['upper_3sigma']:.4f})" for e in ends
+        )
+        every = f"every {said['scan_period_s']:g} s"
+        assert line == f"  {name:4}  {every}, detection {detection}, track {track}"
+    assert found["summary"]["looks"] == 23
+    Path("again.yaml").write_text(json.dumps(found["scenario"]))
+    assert tool("mission", "again.yaml", "--no-plot", *options, "--out", "again").code == 0
+    name = "flight_mission.csv"
+    assert Path("again", name).read_bytes() == Path("figures", name).read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("periods", "options", "words"),
+    [
+        ({"far": 10, "near": None}, (), "radar 'near' needs a scan_period_s, as other radars have"),
+        ({"far": 10, "near": 1e-5}, (), "radar.scan_period_s makes more than 1,000,000"),
+        ({"far": 1.1e-4, "near": 1.2e-4}, (), "make more than 1,000,000 looks together"),
+        ({"far": 0.03, "near": 0.04}, ("--m", 2, "--n", 3), "2 of 3 takes at most 4,000 looks"),
+    ],
+)
+def test_what_is_refused(tool, tmp_path, periods, options, words):
+    code, out, err = tool("mission", write(tmp_path, periods), *options)
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert not Path("figures").exists()
+
+
+def test_what_the_schedule_refuses(tmp_path):
+    with pytest.raises(ScenarioError, match="'far' needs a scan_period_s"):
+        mission(load(tmp_path, {"far": None, "near": 3}))
+
+
+@pytest.mark.parametrize(
+    ("runs", "m_of_n", "periods"),
+    list(itertools.product([None, 20], [None, (2, 3)], [CASES[0], {"far": 6, "near": 6}])),
+)
+def test_layout(tmp_path, runs, m_of_n, periods):
+    figure = figures.draw(mission(load(tmp_path, periods), runs=runs, m_of_n=m_of_n))
+    figures.render(figure, "png")
+    assert len(figure.axes) == (2 if m_of_n is None else 3)
+    (legend,) = figure.legends
+    box, page = legend.get_window_extent(), figure.bbox
+    assert box.x0 >= page.x0
+    assert box.x1 <= page.x1
+    assert box.y1 <= page.y1
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert {*periods} <= {*labels}
+    assert len(set(labels)) == len(labels)
+    for axes in figure.axes:
+        assert not box.overlaps(axes.get_window_extent())
