@@ -18,11 +18,10 @@ from radar_sense import validation
 from radar_sense.axis import Axis
 from radar_sense.error_budget import (
     MONTE_CARLO,
-    OF_CONSTANT,
     Allowance,
     allowances,
     error_budget,
-    part_name,
+    parts_of,
     scaled_moments,
 )
 from radar_sense.geometry import body_vector, slant_range
@@ -36,7 +35,7 @@ from radar_sense.propagation import (
     check_method,
     propagate_scenario,
 )
-from radar_sense.radar_constant import doubt
+from radar_sense.radar_constant import doubts
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import DETECTORS, Scenario
 from radar_sense.states import FloatArray
@@ -191,13 +190,16 @@ def budget(
         if (place := where((dominant == i) & (total > 0), axis))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
-    parts = {key: 3 * std for key, std in found.parts.items()}
-    part_shares = {key: float(v[pose]) for key, v in found.part_shares().items()}
-    parts_ranked = sorted(parts, key=lambda key: parts[key][pose], reverse=True)
-    rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s))] for s in ranked}
-    for key in parts_ranked:
-        share, error = part_shares[key], errors.get(part_name(key))
-        rows[OF_CONSTANT].append(_row(f"  {key}", float(parts[key][pose]), share, error))
+    parts = {name: 3 * std for name, std in found.parts.items()}
+    part_shares = {name: float(v[pose]) for name, v in found.part_shares().items()}
+    parts_ranked = sorted(parts, key=lambda name: parts[name][pose], reverse=True)
+    of_parts = parts_of(scenario)
+    indented = {name: f"  {name.removeprefix(of.source + '_')}" for name, of in of_parts.items()}
+    width = max(21, *(len(name) + 1 for name in (*ranked, *indented.values())))
+    rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s), width)] for s in ranked}
+    for name in parts_ranked:
+        share, error, three = part_shares[name], errors.get(name), float(parts[name][pose])
+        rows[of_parts[name].source].append(_row(indented[name], three, share, error, width))
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if target is not None:
@@ -222,7 +224,7 @@ def budget(
             **({} if method is None else {f"share_{s}": v for s, v in shares.items()}),
             **{f"total_index_{s}": v for s, v in (found.total_index or {}).items()},
             **{f"share_error_{s}": v for s, v in (found.share_error or {}).items()},
-            **{f"three_sigma_{part_name(key)}": values for key, values in parts.items()},
+            **{f"three_sigma_{name}": values for name, values in parts.items()},
         },
         summary={
             "largest_three_sigma_total": worst,
@@ -230,15 +232,15 @@ def budget(
             "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
             "dominant": ranked[0],
             "dominates": dominates,
-            **_parts_summary({key: float(v[pose]) for key, v in parts.items()}, part_shares),
+            **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
             **inverse,
         },
         report=(
             f"3 sigma of P_D ({_named(scenario.level, method)}) at {axis.at(pose)}, "
             "where the total is largest, and share of its variance:",
             *(row for source in ranked for row in rows[source]),
-            *_interaction_row(shares["interaction"][pose], errors.get("interaction")),
-            _row("total", float(total[pose])),
+            *_interaction_row(shares["interaction"][pose], errors.get("interaction"), width),
+            _row("total", float(total[pose]), width=width),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
             *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
             *inverse_report,
@@ -592,9 +594,8 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
 
 
 def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
-    """Say so if the radar constant is not distributed as the method takes it to be."""
-    said = doubt(scenario.parts, _chosen(method)) if scenario.parts else None
-    return () if said is None else (said,)
+    """Say so if a radar constant is not distributed as the method takes it to be."""
+    return doubts(scenario.model.names, scenario.parts, _chosen(method))
 
 
 def _clipped(count: int) -> tuple[str, ...]:
@@ -633,39 +634,51 @@ def _correlated(
 
 
 def _row(
-    name: str, three_sigma: float, share: float = float("nan"), error: float | None = None
+    name: str,
+    three_sigma: float,
+    share: float = float("nan"),
+    error: float | None = None,
+    width: int = 21,
 ) -> str:
     rounds_away = 0 < three_sigma < 5e-5
     shown = f"{three_sigma:.0e}" if rounds_away else f"{three_sigma:.4f}"
-    return f"  {name:21}{shown:6}{_percent(share, error)}"
+    return f"  {name:{width}}{shown:6}{_percent(share, error)}"
 
 
 def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]) -> dict[str, Any]:
-    """Return what the JSON record says of the parts of the radar constant, if it has any."""
+    """Return what the JSON record says of the parts of radar constants, if there are any."""
     if not three_sigma:
         return {}
     return {
-        "radar_constant_parts_at_largest": dict(three_sigma),
-        "shares_of_radar_constant_parts_at_largest": dict(shares),
+        "radar_constant_parts_at_largest": {_short(n): v for n, v in three_sigma.items()},
+        "shares_of_radar_constant_parts_at_largest": {_short(n): v for n, v in shares.items()},
     }
+
+
+def _short(part: str) -> str:
+    """Name of a part without what goes without saying where there is a single radar."""
+    return part.removeprefix("radar_constant_")
 
 
 def _measure_better(
     scenario: Scenario, method: str | None, ranked: Sequence[str], pose: int, total: float
 ) -> tuple[str, ...]:
-    """Say which part of the radar constant is worth measuring better, and what that would bring."""
+    """Say which part of a radar constant is worth measuring better, and what that would bring."""
     if not ranked or not total > 0:
         return ()
-    said = f"of the radar constant, {ranked[0]} is what to measure better first"
+    several = "s" if len(scenario.parts) > 1 else ""
+    said = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (said,)
-    halved = scaled_moments(scenario, _chosen(method), [part_name(ranked[0])], 0.5).std
+    halved = scaled_moments(scenario, _chosen(method), [ranked[0]], 0.5).std
     return (f"{said}: with half its deviation the total would be {3 * halved[pose]:.4f}",)
 
 
-def _interaction_row(share: float, error: float | None) -> tuple[str, ...]:
+def _interaction_row(share: float, error: float | None, width: int) -> tuple[str, ...]:
     """Return a row for what no source does alone, unless there is nothing but rounding."""
-    return () if not abs(share) > 1e-9 else (f"  {'interaction':27}{_percent(share, error)}",)
+    if not abs(share) > 1e-9:
+        return ()
+    return (f"  {'interaction':{width + 6}}{_percent(share, error)}",)
 
 
 def _percent(share: float, error: float | None) -> str:
@@ -698,9 +711,10 @@ def _inverse_report(
         f"to keep 3 sigma within {target:g} at {place}, multiply the standard "
         "deviations of one source, the others as they are, or of all together, by at most:"
     ]
+    names = {source: _short(source) for source in found}
+    names = {source: name if name == source else f"  {name}" for source, name in names.items()}
+    width = max(21, *(len(name) + 1 for name in names.values()))
     for source, allowance in found.items():
-        part = source.startswith(f"{OF_CONSTANT}_")
-        name = f"  {source.removeprefix(f'{OF_CONSTANT}_')}" if part else source
         if not allowance.known:
             said = "not known: this method has no answer"
             if allowance.factor:
@@ -716,5 +730,5 @@ def _inverse_report(
             said = "less than a millionth"
         else:
             said = f"{allowance.factor:.4g}"
-        lines.append(f"  {name:21}{said}")
+        lines.append(f"  {names[source]:{width}}{said}")
     return lines

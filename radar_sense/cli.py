@@ -691,8 +691,12 @@ def check(config: Path | None, quiet: bool) -> None:
                 click.echo(f"# {name}: c_r = {constant:g} J m^2/K")
         else:
             click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
-        for level, parts in scenario.constant_parts.items():
-            click.echo(f"# {level}: {describe(scenario.radar[3], parts)}")
+        of_whom = [f"{name}, " for name in names] if len(names) > 1 else [""]
+        for level, of_radars in scenario.constant_parts.items():
+            constants = zip(of_whom, scenario.radar[CONSTANTS], of_radars, strict=True)
+            for who, constant, parts in constants:
+                if parts:
+                    click.echo(f"# {who}{level}: {describe(constant, parts)}")
         # default_flow_style None: lists of numbers on one line, mappings spread out
         resolved = yaml.safe_dump(
             scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True

@@ -49,10 +49,11 @@ from radar_sense.analyses import Result
 from radar_sense.axis import Axis
 from radar_sense.limits import Limit
 from radar_sense.montecarlo import TAIL, Sampler
+from radar_sense.radar_constant import columns
 from radar_sense.reader import ScenarioError
 from radar_sense.sampling import SAMPLERS, random_stream
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, FloatArray
+from radar_sense.states import CONSTANTS, FloatArray
 from radar_sense.wording import where
 
 #: Largest number of runs unless another is asked for, and the limit of it.
@@ -97,10 +98,13 @@ class LinearModel:
         """Linearize P_D at the nominal states of a sampler; NaN where there is no gradient."""
         lin = sampler.model.linearize(sampler.aircraft, sampler.radar)
         by_radar = _partials(lin.jac_radar, sampler.factor_radar)
-        if sampler.parts:  # in place of a normal for c_r there is one for each part of it
-            by_log_constant = lin.jac_radar[:, CONSTANT:] * sampler.radar[CONSTANT]
-            slopes = np.array([part.slope for part in sampler.parts])
-            by_radar = np.hstack([by_radar[:, :CONSTANT], by_log_constant * slopes])
+        more = sampler.radar_normals - by_radar.shape[1]
+        by_radar = np.hstack([by_radar, np.zeros((len(by_radar), more))])
+        by_log_constant = (lin.jac_radar * sampler.radar)[:, CONSTANTS]
+        inputs = columns(len(sampler.radar), sampler.parts)
+        for i, (parts, own) in enumerate(zip(sampler.parts, inputs, strict=True)):
+            for part, column in zip(parts, own, strict=True):  # a normal each, in place of c_r's
+                by_radar[:, column] = by_log_constant[:, i] * part.slope
         return cls(by_radar, _partials(lin.jac_aircraft, sampler.factor_aircraft))
 
     @property

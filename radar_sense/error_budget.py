@@ -1,8 +1,7 @@
 """What the uncertainty of P_D is made of, and how small its sources would have to be.
 
 A source of the budget is a block of a state's covariance, see `states.sources`. Where the scenario
-says what makes the constant of a single radar uncertain, that source has parts, one for each
-parameter.
+says what makes a radar constant uncertain, there are parts of it, one for each parameter.
 """
 
 from __future__ import annotations
@@ -15,25 +14,21 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from radar_sense import covariance
+from radar_sense.montecarlo import Sampler
 from radar_sense.propagation import Moments, check_method, propagate_scenario
-from radar_sense.radar_constant import draw, normals, relative_std
+from radar_sense.radar_constant import Part, columns, relative_std
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.sobol import REPLICATES, sobol_indices
 from radar_sense.states import (
     AIRCRAFT,
-    CONSTANT,
-    CONSTANTS,
-    SOURCES,
     FloatArray,
     Source,
+    constant_names,
     finer_sources,
     sources,
 )
 from radar_sense.wording import reached
-
-#: Begins the names of the parts of the radar constant, before their keys; itself the source.
-OF_CONSTANT = "radar_constant"
 
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
 MONTE_CARLO = "montecarlo"
@@ -59,8 +54,8 @@ class Budget:
             which are in `alone` already in another grouping (n,); none by Sobol' indices.
         total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
         share_error: Standard errors of the shares, of the interaction, and of the shares of the
-            parts by `part_name` (n,), by Sobol' indices.
-        parts: Standard deviation from each part of the radar constant alone (n,), by its key.
+            parts (n,), by Sobol' indices.
+        parts: Standard deviation from each part of a radar constant alone (n,), by `parts_of`.
     """
 
     mean: FloatArray
@@ -73,9 +68,9 @@ class Budget:
     parts: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def part_shares(self) -> dict[str, FloatArray]:
-        """Shares of the variance by part of the radar constant alone (n,), NaN as `shares`."""
+        """Shares of the variance by part of a radar constant alone (n,), NaN as `shares`."""
         variance = np.where(self.std > 0, self.std**2, np.nan)
-        return {key: std**2 / variance for key, std in self.parts.items()}
+        return {name: std**2 / variance for name, std in self.parts.items()}
 
     def shares(self) -> dict[str, FloatArray]:
         """Shares of the variance by source, and `interaction`, which makes them add up to 1 (n,).
@@ -106,7 +101,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
-    wanted = (sources(names), finer_sources(names), [part_name(p.key) for p in scenario.parts])
+    wanted = (sources(names), finer_sources(names), parts_of(scenario))
     alone, finer, parts = (
         {name: _alone(scenario, method, name).std for name in group} for group in wanted
     )
@@ -116,13 +111,42 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         alone=alone,
         moments=total,
         finer=finer,
-        parts={part.key: parts[part_name(part.key)] for part in scenario.parts},
+        parts=parts,
     )
 
 
-def part_name(key: str) -> str:
-    """Name of a part of the radar constant among the sources."""
-    return f"{OF_CONSTANT}_{key}"
+@dataclass(frozen=True)
+class OfConstant:
+    """A part of a radar constant, and where in a budget it belongs.
+
+    Attributes:
+        part: The part.
+        radar: Number of the radar, from 0.
+        source: Name of the source, one of `states.sources`, that it is a part of.
+        constant: Name of the radar constant, in a network one of `states.finer_sources`.
+    """
+
+    part: Part
+    radar: int
+    source: str
+    constant: str
+
+    @property
+    def name(self) -> str:
+        """Its name in a budget, which `network.name_problem` keeps from meaning anything else."""
+        return f"{self.constant}_{self.part.key}"
+
+
+def parts_of(scenario: Scenario) -> dict[str, OfConstant]:
+    """Return the parts of all radar constants at the scenario's level, by their names."""
+    names = scenario.model.names
+    constants = constant_names(names)
+    found = [
+        OfConstant(part, i, names[i] if len(names) > 1 else constants[i], constants[i])
+        for i, parts in enumerate(scenario.parts)
+        for part in parts
+    ]
+    return {of.name: of for of in found}
 
 
 @dataclass(frozen=True)
@@ -159,8 +183,8 @@ def allowances(
         at: Place on the scenario's axis of the only pose that counts; every pose if None.
 
     Returns:
-        An allowance for each source with the others as they are, for each part of the radar
-        constant, as named by `part_name`, and for "all" sources scaled together.
+        An allowance for each source with the others as they are, for each part of a radar
+        constant, as named by `parts_of`, and for "all" sources scaled together.
 
     Raises:
         ScenarioError: If there is no pose there.
@@ -168,7 +192,7 @@ def allowances(
     if at is not None:
         scenario = _only_at(scenario, at)
     found = error_budget(scenario, method)
-    parts = {part_name(key): std for key, std in found.parts.items()}
+    of_parts = parts_of(scenario)
 
     def three_sigma(names: Collection[str], factor: float) -> FloatArray:
         return 3 * scaled_moments(scenario, method, names, factor).std
@@ -210,10 +234,14 @@ def allowances(
         remains = three_sigma(names, used)
         unknown = np.isnan(remains)
         pose = int(np.argmax(unknown if unknown.any() else reached(remains)))
-        others = {s: std[pose] for s, std in found.alone.items() if s not in names}
-        if not parts.keys().isdisjoint(names):  # the rest of the radar constant, part by part
-            del others[OF_CONSTANT]
-            others.update({s: std[pose] for s, std in parts.items() if s not in names})
+        others = dict(found.alone)
+        for of in [of_parts[name] for name in names if name in of_parts]:  # the rest of its radar
+            del others[of.source]
+            rest = [n for n, other in of_parts.items() if other.source == of.source]
+            others.update({name: found.parts[name] for name in rest})
+            if of.source != of.constant:
+                others[f"{of.source}_position"] = found.finer[f"{of.source}_position"]
+        others = {name: std[pose] for name, std in others.items() if name not in names}
         return Allowance(
             factor=factor,
             remains=float(remains[pose]),
@@ -222,7 +250,7 @@ def allowances(
             known=known,
         )
 
-    each = {name: allowance([name]) for name in (*found.alone, *parts)}
+    each = {name: allowance([name]) for name in (*found.alone, *of_parts)}
     return {**each, "all": allowance(list(found.alone))}
 
 
@@ -246,18 +274,17 @@ def scaled_moments(
     Args:
         scenario: The scenario, at its level.
         method: Method of propagation.
-        names: Names of sources, `states.sources`, and of parts of the radar constant as by
-            `part_name`.
+        names: Names of sources, `states.sources`, and of parts of a radar constant, `parts_of`.
         factor: What to multiply by, not negative.
     """
     return _propagate(scenario, method, _scaled(scenario, names, factor))
 
 
 def _alone(scenario: Scenario, method: str, name: str) -> Moments:
-    """Propagate with all certain but one source, or one part of the radar constant."""
-    parts = {part_name(part.key) for part in scenario.parts}
-    owner, components = _source(scenario, OF_CONSTANT if name in parts else name)
-    others = parts - {name} if name in parts else ()
+    """Propagate with all certain but one source, or one part of a radar constant."""
+    parts = parts_of(scenario)
+    owner, components = _source(scenario, parts[name].constant if name in parts else name)
+    others = parts.keys() - {name} if name in parts else ()
     covariances = {
         whose: covariance.only(matrix, components if whose == owner else slice(0, 0))
         for whose, matrix in _scaled(scenario, others, 0.0).items()
@@ -273,14 +300,15 @@ def _source(scenario: Scenario, name: str) -> Source:
 def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
     """Return C_aa and C_rr with the standard deviations of some sources multiplied."""
     covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[scenario.level]}
-    parts = [part for part in scenario.parts if part_name(part.key) in names]
-    of_parts = {part_name(part.key) for part in parts}
+    of_parts = parts_of(scenario)
     scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
-    if parts:
-        whole = relative_std(scenario.parts)
-        others = relative_std([part for part in scenario.parts if part not in parts])
+    changed = [of_parts[name] for name in of_parts if name in names]
+    for radar, constant in dict.fromkeys((of.radar, of.constant) for of in changed):
+        every, parts = scenario.parts[radar], [of.part for of in changed if of.radar == radar]
+        whole = relative_std(every)
+        others = relative_std([part for part in every if part not in parts])
         remains = np.hypot(others, factor * relative_std(parts))
-        scaled.append((SOURCES[OF_CONSTANT], remains / whole if whole else 1.0))
+        scaled.append((_source(scenario, constant), remains / whole if whole else 1.0))
     for (whose, components), by in scaled:
         covariances[whose] = covariance.scaled(covariances[whose], components, by)
     return covariances
@@ -297,7 +325,7 @@ def _propagate(scenario: Scenario, method: str, covariances: Mapping[str, FloatA
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
-    parts, every = scenario.parts, sources(scenario.model.names)
+    parts, every = parts_of(scenario), sources(scenario.model.names)
     evaluations = (len(every) + len(parts) + 4) * scenario.runs / REPLICATES * 2
     if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
         raise ScenarioError(
@@ -322,24 +350,23 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         }[whose]
         block = (..., components, components)
         root[block] = covariance.factor(matrix[block])
-    aircraft_inputs, radar_inputs = len(AIRCRAFT), normals(len(cov_radar), parts)
+    sampler = dataclasses.replace(
+        Sampler.of(scenario), factor_aircraft=factor_aircraft, factor_radar=factor_radar
+    )
     inputs = {
-        "aircraft": range(aircraft_inputs),
-        "radar": range(aircraft_inputs, aircraft_inputs + radar_inputs),
+        "aircraft": list(range(len(AIRCRAFT))),
+        "radar": list(range(len(AIRCRAFT), len(AIRCRAFT) + sampler.radar_normals)),
     }
-    groups = [list(inputs[whose][components]) for whose, components in every.values()]
-    if parts:  # the constant is all of them, and then each of them is a group by itself
-        of_constant = list(inputs["radar"][CONSTANT:])
-        groups[list(every).index(OF_CONSTANT)] = of_constant
-        groups += [[i] for i in of_constant]
+    groups = {name: inputs[whose][components] for name, (whose, components) in every.items()}
+    own = columns(len(cov_radar), scenario.parts)
+    for of, column in zip(parts.values(), itertools.chain(*own), strict=True):
+        # a constant is all of its parts, and then each of them is a group by itself
+        groups[of.name] = [inputs["radar"][column]]
+        groups[of.source] = list(dict.fromkeys(groups[of.source] + groups[of.name]))
 
     def p_d(white: FloatArray) -> FloatArray:
-        errors = _errors(factor_aircraft, white[:, :aircraft_inputs])
-        of_radar = white[:, aircraft_inputs:]
-        radar = covariance.draws(scenario.radar, factor_radar, of_radar[:, : len(cov_radar)])
-        if parts:
-            radar[:, CONSTANT] = draw(scenario.radar[CONSTANT], parts, of_radar[:, CONSTANT:])
-        radar[:, CONSTANTS] = np.maximum(radar[:, CONSTANTS], 0.0)
+        errors = _errors(factor_aircraft, white[:, : len(AIRCRAFT)])
+        radar, _ = sampler.draw_radar(white[:, len(AIRCRAFT) :])
         return np.stack(
             [
                 scenario.model.p_d(pose + error, radar)
@@ -347,27 +374,23 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             ]
         )
 
-    indices = sobol_indices(p_d, groups, samples=scenario.runs, seed=scenario.seed)
+    indices = sobol_indices(p_d, list(groups.values()), samples=scenario.runs, seed=scenario.seed)
     std = np.sqrt(indices.variance)
-    first = np.nan_to_num(indices.first)
+    first = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
+    error = dict(zip(groups, indices.first_error, strict=True))
+    # an estimate of a share can come out below zero
+    alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first.items()}
     return Budget(
         mean=indices.mean,
         std=std,
-        # an estimate of a share can come out below zero
-        alone={s: std * np.sqrt(np.maximum(first[i], 0.0)) for i, s in enumerate(every)},
+        alone={s: alone[s] for s in every},
         total_index={s: indices.total[i] for i, s in enumerate(every)},
         share_error={
-            **{s: indices.first_error[i] for i, s in enumerate(every)},
+            **{s: error[s] for s in every},
             "interaction": np.sqrt(np.sum(indices.first_error[: len(every)] ** 2, axis=0)),
-            **{
-                part_name(part.key): indices.first_error[i]
-                for i, part in enumerate(parts, start=len(every))
-            },
+            **{name: error[name] for name in parts},
         },
-        parts={
-            part.key: std * np.sqrt(np.maximum(first[i], 0.0))
-            for i, part in enumerate(parts, start=len(every))
-        },
+        parts={name: alone[name] for name in parts},
     )
 
 

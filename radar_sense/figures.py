@@ -25,12 +25,12 @@ from radar_sense.analyses import DISTINCT, P_FAS, Result
 from radar_sense.area import LEVELS
 from radar_sense.axis import Axis
 from radar_sense.convergence import ESTIMATORS, STATISTICS
-from radar_sense.error_budget import OF_CONSTANT, part_name
+from radar_sense.error_budget import parts_of
 from radar_sense.montecarlo import WITHIN_3_SIGMA
 from radar_sense.propagation import METHODS
 from radar_sense.rcs_pattern import aspects, decibels, pattern
 from radar_sense.rcs_table import TableRCS
-from radar_sense.states import RADAR, SOURCES, FloatArray, sources
+from radar_sense.states import RADAR, FloatArray, sources
 
 _STYLE: dict[Any, Any] = {
     "font.size": 8,
@@ -185,14 +185,15 @@ def _budget(result: Result) -> Figure:
     figure, (axes,) = _new(1, result)
     table, x = result.table, _x(result)
     every = sources(result.scenario.model.names)
+    colours: dict[str, str] = {}
     for source, style in zip(every, itertools.cycle(_LINES), strict=False):
-        label = source.replace("_", " ")
+        label, colours[source] = source.replace("_", " "), style[0]
         _line(axes, x, table[f"three_sigma_{source}"], style, label=label)
-    # What the radar constant is made of, thin and in its colour.
-    colour = _LINES[list(SOURCES).index(OF_CONSTANT)][0]
-    for part, (_, dashes) in zip(result.scenario.parts, itertools.cycle(_LINES), strict=False):
-        values = table[f"three_sigma_{part_name(part.key)}"]
-        _line(axes, x, values, (colour, dashes), label=part.key)
+    # What radar constants are made of, thin and in the colour of the source they belong to.
+    parts = parts_of(result.scenario)
+    for (name, of), (_, dashes) in zip(parts.items(), itertools.cycle(_LINES), strict=False):
+        label = of.part.key if of.source == of.constant else f"{of.source} {of.part.key}"
+        _line(axes, x, table[f"three_sigma_{name}"], (colours[of.source], dashes), label=label)
         axes.lines[-1].set_linewidth(0.6)
     _line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
     axes.set_ylabel(r"$3\,\sigma_{pd}$")

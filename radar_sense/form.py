@@ -21,6 +21,9 @@ from radar_sense.states import FloatArray
 TOLERANCE = 1e-4
 #: Evaluations after which an extreme is given up; on the paper's scenario one or two are enough.
 ITERATIONS = 60
+#: A step that gains more than so many times what the curvature at u = 0 promises, though less than
+#: twice that, which is what it gains without any, shows that there is less of it by now.
+EASY = 1.2
 
 
 def quantiles(
@@ -68,24 +71,31 @@ def _climb(
     Each step goes to where z would be greatest in the ball with its gradient here and its curvature
     at u = 0; without the curvature that is β times the unit vector of the gradient (R. Rackwitz and
     B. Fiessler, Computers & Structures 9(5), 1978). A step that loses is taken back, and the next
-    one damped as by Levenberg and Marquardt, which turns it towards the gradient.
+    one damped as by Levenberg and Marquardt, which turns it towards the gradient. Where a step wins
+    far more than it should the curvature is less than it was at u = 0, as where one radar of a
+    network has lost its signal and the others have not, and the next one takes less of it.
     """
     u, best = np.zeros_like(g), sign * z.value[row]
     g, damping, settled = g.copy(), np.zeros(len(g)), np.zeros(len(g), dtype=bool)
     floor = z.floor
     spread = np.sqrt(np.sum(g * g + 0.5 * lam * lam, axis=1))
+    ease = np.ones(len(g))
     stiffness = spread / np.where(radius > 0, radius, 1.0) + np.abs(lam).max(axis=1)
     for _ in range(ITERATIONS):
         left = np.flatnonzero(~settled)
         if not left.size:
             break
-        model = lam[left] - damping[left, np.newaxis]
+        model = ease[left, np.newaxis] * lam[left] - damping[left, np.newaxis]
         trial = ball_maximum(g[left] - model * u[left], model, radius[left])
+        step = trial - u[left]
+        expected = np.sum(g[left] * step + 0.5 * model * step * step, axis=1)
         value, slope = z(trial, row[left])
         value, slope = sign[left] * value, sign[left, np.newaxis] * slope
         # Where there is no gradient, as straight above the aircraft, the search cannot go on.
         gains = (value >= best[left] - 1e-12) & np.isfinite(slope).all(axis=1)
         won, lost = left[gains], left[~gains]
+        gain = (value - best[left]) / np.where(expected > 0, expected, np.inf)
+        ease[left[gains & (gain > EASY) & (gain < 2.0)]] *= 0.5
         u[won], best[won], g[won] = trial[gains], value[gains], slope[gains]
         damping[won] /= 4.0
         damping[lost] = np.maximum(4.0 * damping[lost], stiffness[lost])

@@ -43,7 +43,7 @@ from radar_sense.geometry import slant_range
 from radar_sense.limits import WINDOW
 from radar_sense.montecarlo import TAIL, Sampler
 from radar_sense.network import alone
-from radar_sense.radar_constant import doubt
+from radar_sense.radar_constant import doubts
 from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.route import Route
 from radar_sense.scenario import MIN_RANGE, Scenario
@@ -487,8 +487,7 @@ def _warnings(
             )
         if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
-    if scenario.parts and (unlike := doubt(scenario.parts, method)):
-        said.append(unlike)
+    said += doubts(scenario.model.names, scenario.parts, method)
     if drawn is not None and drawn.clipped:
         said.append(
             f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"

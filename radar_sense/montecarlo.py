@@ -21,10 +21,10 @@ from scipy.special import ndtr
 from radar_sense.covariance import component_first, draws, factor
 from radar_sense.model import Model
 from radar_sense.propagation import Moments, propagate_scenario
-from radar_sense.radar_constant import Part, draw, normals
+from radar_sense.radar_constant import Part, columns, draw, normals
 from radar_sense.sampling import SAMPLERS, Source, check_sampler
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, CONSTANTS, FloatArray
+from radar_sense.states import CONSTANTS, FloatArray
 from radar_sense.statistics import RunningMoments, Tails, binomial_interval
 
 T = TypeVar("T")
@@ -99,7 +99,7 @@ class Sampler:
         radar: Nominal radar state (4,), or (4m,) of a network of m.
         factor_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
         factor_radar: F (4, 4), or (4m, 4m), with F Fᵀ = C_rr.
-        parts: What makes c_r of a single radar uncertain, if that is known; it is then drawn as
+        parts: What makes the c_r of each radar uncertain, where that is known; it is then drawn as
             they make it.
     """
 
@@ -108,7 +108,7 @@ class Sampler:
     radar: FloatArray
     factor_aircraft: FloatArray
     factor_radar: FloatArray
-    parts: tuple[Part, ...] = ()
+    parts: tuple[tuple[Part, ...], ...] = ()
 
     @classmethod
     def of(cls, scenario: Scenario) -> Sampler:
@@ -137,12 +137,14 @@ class Sampler:
             Radar states (runs, 4m), and where a c_r was drawn below zero and set to zero (runs,).
         """
         radar = draws(self.radar, self.factor_radar, white[:, : len(self.radar)])
-        if self.parts:  # a parameter below zero has been set to zero, and c_r with it
-            radar[:, CONSTANT] = draw(self.radar[CONSTANT], self.parts, white[:, CONSTANT:])
-            return radar, radar[:, CONSTANT] == 0
         constants = radar[:, CONSTANTS]
         negative = constants < 0
         constants[negative] = 0.0  # in `radar` too, of which it is a part
+        inputs = columns(len(self.radar), self.parts)
+        for i, (parts, own) in enumerate(zip(self.parts, inputs, strict=True)):
+            if parts:  # a parameter below zero has been set to zero, and c_r with it
+                constants[:, i] = draw(self.radar[CONSTANTS][i], parts, white[:, own])
+                negative[:, i] = constants[:, i] == 0
         return radar, np.asarray(negative.any(axis=1))
 
     def draw_p_d(self, white: FloatArray, radar: FloatArray, poses: slice = EVERY) -> FloatArray:

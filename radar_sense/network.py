@@ -274,7 +274,8 @@ class NetworkModel:
             return z[0], by_aircraft[0], by_radar[0]
         fused = _fuse(z)
         # φ(z_i)/φ(z) from the difference of squares, so that neither underflows
-        weight = np.exp(_others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z))
+        log_weight = _others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z)
+        weight = np.exp(np.minimum(log_weight, 0.0))  # at most 1, but for rounding where z is huge
         return (fused, *_weighted(weight, by_aircraft, by_radar))
 
 
@@ -287,6 +288,10 @@ def name_problem(names: Sequence[str]) -> str | None:
             if row in taken:
                 return f"radars cannot be named {', '.join(names)}: {row!r} would mean two things"
             taken.add(row)
+    for name in names:  # rows for the parts of c_r, whatever they are
+        for start in (f"{name}_constant_", f"error_{name}_constant_"):
+            if any(row.startswith(start) for row in taken):
+                return f"radars cannot be named {', '.join(names)}: {start!r} begins parts of c_r"
     return None
 
 
@@ -309,8 +314,11 @@ def alone(scenario: Scenario) -> dict[str, Scenario]:
                 level: covariance[..., parts[station.name], parts[station.name]]
                 for level, covariance in scenario.cov_radar.items()
             },
+            constant_parts={
+                level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()
+            },
         )
-        for station in model.stations
+        for i, station in enumerate(model.stations)
     }
 
 

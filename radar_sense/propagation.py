@@ -78,7 +78,7 @@ def propagate(
     *,
     method: str = "linear",
     beta: float = 3.0,
-    log_constant: bool = False,
+    log_constant: ArrayLike = False,
 ) -> Moments:
     """Mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
@@ -92,7 +92,7 @@ def propagate(
         method: Name of the method.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
         log_constant: Whether ln c_r is Gaussian, with the relative deviation of C_rr, rather than
-            c_r. To first order that is the same.
+            c_r: of all radars, or of each (m,). To first order that is the same.
 
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
@@ -124,7 +124,7 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
         scenario.cov_radar[scenario.level],
         method=method,
         beta=beta,
-        log_constant=bool(scenario.parts),  # exact where all are in decibels
+        log_constant=scenario.log_constant,
     )
 
 

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from radar_sense.limits import NOT_NEGATIVE, Limit
 from radar_sense.radar import RADARS, SEARCH_FACTORS, Unit
 from radar_sense.reader import LARGEST, SMALLEST, Entry
-from radar_sense.states import FloatArray
+from radar_sense.states import CONSTANT, RADAR, FloatArray
 
 #: A parameter that divides must stay well away from 0: its standard deviation is at most this part
 #: of its value, and no draw is lower than so many standard deviations below its value (3 in ten
@@ -125,6 +125,20 @@ def taken_for(parts: Sequence[Part], method: str) -> Shape:
     if method == "linear":
         return Shape(1.0, std, 0.0)
     return _shape(*(math.exp(0.5 * (n * std) ** 2) for n in (1, 2, 3)))
+
+
+def doubts(names: Sequence[str], parts: Sequence[Sequence[Part]], method: str) -> tuple[str, ...]:
+    """Say so of each radar (m,) whose c_r is not distributed as a method takes it to be.
+
+    Args:
+        names: The radars' names; the constant of a single radar needs none.
+        parts: What makes the c_r of each radar uncertain; nothing where that is one number.
+        method: Name of the method.
+    """
+    found = [doubt(of_radar, method) if of_radar else None for of_radar in parts]
+    if len(found) == 1:
+        return tuple(filter(None, found))
+    return tuple(f"{name}: {said}" for name, said in zip(names, found, strict=True) if said)
 
 
 def doubt(parts: Sequence[Part], method: str) -> str | None:
@@ -253,6 +267,19 @@ def read_makeup(entry: Entry, kind: str) -> tuple[Makeup, dict[str, Any]]:
     return Makeup(kind, constant, values), document
 
 
-def normals(components: int, parts: Sequence[Part]) -> int:
-    """How many unit normals a radar state takes: one for each component, and for c_r its parts."""
-    return components + max(0, len(parts) - 1)
+def normals(components: int, parts: Sequence[Sequence[Part]]) -> int:
+    """How many unit normals radar states take: one for each component, and for c_r its parts."""
+    return components + sum(max(0, len(of_radar) - 1) for of_radar in parts)
+
+
+def columns(components: int, parts: Sequence[Sequence[Part]]) -> list[list[int]]:
+    """Return which of these unit normals the parts of each radar take.
+
+    The first takes that of its c_r, the others take more, which come after those of all components.
+    """
+    found, end = [], components
+    for i, of_radar in enumerate(parts):
+        more = range(end, end + max(0, len(of_radar) - 1))
+        found.append([len(RADAR) * i + CONSTANT, *more] if of_radar else [])
+        end = more.stop
+    return found

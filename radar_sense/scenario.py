@@ -97,8 +97,8 @@ class Scenario:
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
         document: The file's content, checked and with defaults filled in, in the file's units.
-        constant_parts: What makes c_r uncertain, for the levels that say so; C_rr has it to first
-            order.
+        constant_parts: What makes the c_r of each radar (m,) uncertain, for the levels that say so;
+            C_rr has it to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit, which has no times.
         scan_period_s: Time from look to look of the radar [s]; None if the file does not say.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
@@ -118,16 +118,21 @@ class Scenario:
     runs: int
     seed: int
     document: Mapping[str, Any]
-    constant_parts: Mapping[str, tuple[Part, ...]] = field(default_factory=dict)
+    constant_parts: Mapping[str, tuple[tuple[Part, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
     scan_period_s: float | None = None
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
 
     @property
-    def parts(self) -> tuple[Part, ...]:
-        """What makes c_r uncertain at the scenario's level; nothing if that is one number."""
-        return self.constant_parts.get(self.level, ())
+    def parts(self) -> tuple[tuple[Part, ...], ...]:
+        """What makes the c_r of each radar (m,) uncertain at the level; nothing if one number."""
+        return self.constant_parts.get(self.level, ((),) * len(self.model.models))
+
+    @property
+    def log_constant(self) -> NDArray[np.bool_]:
+        """Which radars (m,) have a c_r to take for log-normal, as parts in decibels make it."""
+        return np.array([bool(parts) for parts in self.parts])
 
     @property
     def theta_r_deg(self) -> FloatArray:
@@ -260,7 +265,13 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         runs=runs,
         seed=seed,
         document=MappingProxyType(document),
-        constant_parts=MappingProxyType(radars[0].levels.parts),
+        constant_parts=MappingProxyType(
+            {
+                level: tuple(radar.levels.parts.get(level, ()) for radar in radars)
+                for level in cov_radar
+                if any(level in radar.levels.parts for radar in radars)
+            }
+        ),
         time_s=poses.time_s,
         scan_period_s=radars[0].scan_period,
         correlation_s=float(document["uncertainty"].get(_CORRELATION, 0.0)),
@@ -394,13 +405,6 @@ def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
         if problem:
             raise name.error(problem)
         _refuse_other_levels(radar_entry.entries()["uncertainty"], radar, (radars or [radar])[0])
-        if radar.levels.parts and len(entries) > 1:
-            at_levels = radar_entry.entries()["uncertainty"].entries()
-            constant = at_levels[next(iter(radar.levels.parts))].entries()["constant"]
-            raise constant.error(
-                f"must be {NOT_NEGATIVE}, got a mapping; standard deviations by parameter are for "
-                "a single radar"
-            )
         radars.append(radar)
         documents.append(document)
     return radars, documents

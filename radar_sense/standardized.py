@@ -35,6 +35,9 @@ STEP = 0.5
 #: How far along each axis of u to look for an edge beyond which a radar sees the aircraft no more,
 #: or sees it only there. An edge 3 away across a position's axes is 3√3 away along each of them.
 REACH = 5.2
+#: ln of the largest growth of a radar constant, beyond which numbers would overflow. P_D has long
+#: been 1 there.
+MOST_NEPERS = 300.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +56,7 @@ class Standardized:
         value: z(0) (k,).
         gradient: g (k, n), NaN where z has none.
         curvature: λ (k, n), NaN where it cannot be found.
-        log_constant: Whether it is the ln c_r that are Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
+        log_constant: Of which radars (m,) ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
     """
 
     model: Model
@@ -67,7 +70,7 @@ class Standardized:
     value: FloatArray
     gradient: FloatArray
     curvature: FloatArray
-    log_constant: bool = False
+    log_constant: NDArray[np.bool_]
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient (j, n) at u (j, n), each row for its pose (j,)."""
@@ -88,7 +91,7 @@ def standardize(
     cov_aircraft: ArrayLike,
     cov_radar: ArrayLike,
     *,
-    log_constant: bool = False,
+    log_constant: ArrayLike = False,
 ) -> tuple[tuple[int, ...], Iterator[Standardized]]:
     """Broadcast states and covariances against each other and standardize them block by block.
 
@@ -115,6 +118,7 @@ def standardize(
     leading = (array.shape[: -len(tail)] for array, tail in zip(arrays, tails, strict=True))
     shape = np.broadcast_shapes(*leading)
     grid = shape or (1,)
+    logarithmic = np.broadcast_to(np.asarray(log_constant, dtype=bool), len(model.models))
     views = [np.broadcast_to(a, grid + tail) for a, tail in zip(arrays, tails, strict=True)]
     poses = int(np.prod(grid))
     block = max(1, min(BLOCK, MAX_NUMBERS // (len(AIRCRAFT) + radars) ** 2))
@@ -123,7 +127,7 @@ def standardize(
         for start in range(0, max(poses, 1), block):
             index = np.unravel_index(np.arange(start, min(start + block, poses)), grid)
             states = (view[index] for view in views)
-            yield _expand(model, *states, log_constant=log_constant)
+            yield _expand(model, *states, log_constant=logarithmic)
 
     return shape, blocks()
 
@@ -135,7 +139,7 @@ def _expand(
     cov_aircraft: FloatArray,
     cov_radar: FloatArray,
     *,
-    log_constant: bool,
+    log_constant: NDArray[np.bool_],
 ) -> Standardized:
     n, both = len(AIRCRAFT), len(AIRCRAFT) + radar.shape[-1]
     root = np.zeros((len(aircraft), both, both))
@@ -195,16 +199,18 @@ def _shifted(
     factor: FloatArray,
     u: FloatArray,
     *,
-    log_constant: bool,
+    log_constant: NDArray[np.bool_],
 ) -> _States:
     """Return the states at u (k, n)."""
     shift = np.einsum("kij,kj->ki", factor, u)
     of_radar = shift[:, len(AIRCRAFT) :]
     states = _States(aircraft + shift[:, : len(AIRCRAFT)], radar + of_radar, 1.0)
-    if not log_constant:
+    if not log_constant.any():
         return states
-    growth = np.exp(of_radar[:, CONSTANTS] / radar[:, CONSTANTS])
-    states.radar[:, CONSTANTS] = radar[:, CONSTANTS] * growth
+    growth = np.ones((len(radar), len(log_constant)))
+    which = np.arange(radar.shape[-1])[CONSTANTS][log_constant]
+    growth[:, log_constant] = np.exp(np.minimum(of_radar[:, which] / radar[:, which], MOST_NEPERS))
+    states.radar[:, which] = radar[:, which] * growth[:, log_constant]
     return states._replace(growth=growth)
 
 

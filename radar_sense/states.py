@@ -67,6 +67,11 @@ def finer_sources(radars: Sequence[str] = ()) -> dict[str, Source]:
     return found
 
 
+def constant_names(radars: Sequence[str] = ()) -> list[str]:
+    """Return the names that the radar constants have among both kinds of sources."""
+    return ["radar_constant"] if len(radars) < 2 else [f"{name}_constant" for name in radars]
+
+
 def _of_radar(number: int, components: slice) -> Source:
     first = number * len(RADAR)
     return "radar", slice(first + components.start, first + components.stop)

@@ -300,15 +300,12 @@ def made_radar(name: str) -> dict:
     )
 
 
-def test_parts_of_a_radar_constant_are_for_a_single_radar(tool):
-    path, complaint, _ = refused(tool, radar("a"), made_radar("b"))
-    assert path == "radars[2].uncertainty.high.constant"
-    assert complaint == (
-        "must be a number not less than 0, got a mapping; standard deviations by parameter are "
-        "for a single radar"
-    )
-    one = parsed(made_radar("a")).with_analysis(level="high")
-    assert [part.key for part in one.parts] == ["loss_db", "noise_figure_db"]
+def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
+    two = parsed(radar("a"), made_radar("b")).with_analysis(level="high")
+    assert [[part.key for part in parts] for parts in two.parts] == [
+        [],
+        ["loss_db", "noise_figure_db"],
+    ]
     wrong = radar("b", uncertainty={"low": {"position_m": 1, "constant": {"loss_db": 1}}})
     path, complaint, _ = refused(tool, wrong)
     assert path == "radars[1].uncertainty.low.constant"
