@@ -524,3 +524,21 @@ def test_the_corridor_teaches_what_it_says():
     found = mission(s).summary["detection"]
     assert found["reaches"]["0.5"] == {"time_s": 930, "earliest_s": 888, "latest_s": 1092}
     assert found["at_end"]["p"] == pytest.approx(0.998, abs=5e-4)
+
+
+def test_looks_between_places_keep_their_altitude(tmp_path):
+    """A line between poses 600 km apart goes 7 km below where the aircraft flies."""
+    (tmp_path / "far.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m\n0,33,-154,9000\n2600,35,-148,9000\n"
+    )
+    content = yaml.safe_load((CONFIGS / "corridor.yaml").read_text())
+    content["geometry"] = {
+        "type": "path", "file": "far.csv", "origin": content["geometry"]["origin"],
+    }  # fmt: skip
+    content["uncertainty"]["aircraft"] = {"position_m": 10, "attitude_deg": 1}
+    for one in content["radars"]:
+        one["p_fa"] = float(one["p_fa"])  # PyYAML wants a sign in the exponent
+    (tmp_path / "far.yaml").write_text(yaml.safe_dump(content))
+    looks = at_looks(rs.load_scenario(tmp_path / "far.yaml"))
+    place = wgs84.geodetic_from_ned(looks.aircraft[:, :3], looks.origin)
+    np.testing.assert_allclose(place[:, 2], 9000, atol=1e-3)
