@@ -39,6 +39,13 @@ figures: $(VENV)/installed
 	@$(BIN)/radar-sense mission configs/mission.yaml --m 3 --n 5 --runs 10000 --out figures --format pdf --format png
 	@$(BIN)/radar-sense variance configs/network.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense map configs/network.yaml --out figures --format pdf --format png
+	@# 3: the answer is that the threshold is passed
+	@$(BIN)/radar-sense variance configs/corridor.yaml --threshold 0.1 --k 3 \
+		--out figures --format pdf --format png || test $$? = 3
+	@$(BIN)/radar-sense budget configs/corridor.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense map configs/corridor.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense mission configs/corridor.yaml --m 3 --n 5 --runs 2500 \
+		--out figures --format pdf --format png
 	@$(BIN)/radar-sense compare --level high --runs 200000 \
 		--out figures --format pdf --format png
 	@# 3: the answer is that the paper's linearization is not valid at every angle

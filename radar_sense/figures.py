@@ -10,7 +10,7 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import matplotlib as mpl
@@ -18,6 +18,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -71,6 +72,17 @@ MOST_POINTS = 10_000
 COLUMNS = 2_000
 
 
+def _styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Styles for as many lines as there are, without those that are taken.
+
+    After the first round colours come with other dashes, so that no two lines are alike.
+    """
+    colours, dashes = zip(*(style for style in _LINES if style not in taken), strict=True)
+    for number in itertools.count():
+        turn, place = divmod(number, len(colours))
+        yield colours[place], dashes[(place + 2 * turn) % len(dashes)]
+
+
 def draw(result: Result) -> Figure:
     """Draw the figure of a result."""
     with mpl.rc_context(_STYLE):
@@ -91,8 +103,9 @@ def _variance(result: Result) -> Figure:
     table, x = result.table, _x(result)
     _line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
     names = result.scenario.model.names
-    styles = itertools.cycle(style for style in _LINES if style[0] != _BAND[0])
-    for name, style in zip(names if len(names) > 1 else (), styles, strict=False):
+    if len(names) > 1:  # where one radar is all there is, its line is on that of the network
+        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
+    for name, style in zip(names if len(names) > 1 else (), _styles(_BAND), strict=False):
         _line(axes, x, table[f"p_d_{name}"], style, label=name)
         axes.lines[-1].set_linewidth(0.8)
     _fill(axes, x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0)
@@ -119,8 +132,7 @@ def _mission(result: Result) -> Figure:
     tracked = "track_p_d" in table
     figure, (top, *below) = _new(3 if tracked else 2, result)
     names = result.scenario.model.names
-    styles = itertools.cycle(style for style in _LINES if style[0] not in (_BAND[0], _LINES[0][0]))
-    radars = dict(zip(names if len(names) > 1 else (), styles, strict=False))
+    radars = dict(zip(names if len(names) > 1 else (), _styles(_BAND, _LINES[0]), strict=False))
     for name, style in radars.items():
         looks = np.isfinite(table[f"p_d_{name}"])
         _line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
@@ -144,9 +156,12 @@ def _mission(result: Result) -> Figure:
             some = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
             axes.plot(x[some], mean[some], "k.", ms=2.5, label="mean of runs")
-        axes.set_ylabel(
-            name if before == "" else "Track, {} of {}".format(*result.summary["m_of_n"])
-        )
+        if before:
+            name = "Track, {} of {}".format(*result.summary["m_of_n"])
+            own = result.summary.get("radars", {}).values()
+            if len({radar["scan_period_s"] for radar in own}) > 1:
+                name += "\nlooks of one period"
+        axes.set_ylabel(name)
     _legend(figure, *([top] if radars else []), *below[:1])
     return figure
 
@@ -186,7 +201,7 @@ def _budget(result: Result) -> Figure:
     table, x = result.table, _x(result)
     every = sources(result.scenario.model.names)
     colours: dict[str, str] = {}
-    for source, style in zip(every, itertools.cycle(_LINES), strict=False):
+    for source, style in zip(every, _styles(), strict=False):
         label, colours[source] = source.replace("_", " "), style[0]
         _line(axes, x, table[f"three_sigma_{source}"], style, label=label)
     # What radar constants are made of, thin and in the colour of the source they belong to.
@@ -196,6 +211,8 @@ def _budget(result: Result) -> Figure:
         _line(axes, x, table[f"three_sigma_{name}"], (colours[of.source], dashes), label=label)
         axes.lines[-1].set_linewidth(0.6)
     _line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
+    if len(result.scenario.model.names) > 1:
+        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
     axes.set_ylabel(r"$3\,\sigma_{pd}$")
     _from_zero(axes)
     _legend(figure, axes)
@@ -423,7 +440,8 @@ def _map(result: Result) -> Figure:
             linestyles="-",
             linewidths=0.8,
         )
-        axes.clabel(lines, fmt="%g", fontsize=6.5)
+        if len(scenario.model.names) <= 3:  # else labels cover what they are about
+            axes.clabel(lines, fmt="%g", fontsize=6.5)
         for v in drawn:
             bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
     path_north, path_east = scenario.aircraft[:, 0] / 1e3, scenario.aircraft[:, 1] / 1e3
@@ -439,8 +457,23 @@ def _map(result: Result) -> Figure:
         ms=5.5,
         label="radar" if len(radars) == 1 else "radars",
     )
+    for name, radar in zip(scenario.model.names, radars, strict=False):
+        axes.annotate(
+            name,
+            (radar[1], radar[0]),
+            xytext=(4.5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=6.5,
+            color="white",
+            path_effects=[withStroke(linewidth=1.6, foreground="black")],
+        )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     _legend(figure, axes)
+    # As the aspect is given, one round of layout can leave a label outside the page. (A map that is
+    # flat has room for its labels, and would only get flatter.)
+    if shape > 0.5:
+        figure.draw_without_rendering()
     return figure
 
 
@@ -611,6 +644,13 @@ def _hairs(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
     axes.autoscale_view()
 
 
+def _widths(entries: Sequence[int], columns: int) -> list[int]:
+    """Widths of the columns of a legend, which has the first of them longest."""
+    short, longer = divmod(len(entries), columns)
+    ends = list(itertools.accumulate([short + 1] * longer + [short] * (columns - longer)))
+    return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
+
+
 def _legend(figure: Figure, *panels: Axes) -> None:
     """Put the legend above the axes, in as many columns as the longest label leaves room for."""
     handles, labels = [], []
@@ -618,8 +658,10 @@ def _legend(figure: Figure, *panels: Axes) -> None:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.append(handle)
             labels.append(label)
-    longest = max(len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels)
-    columns = min(3, max(1, 54 // (7 + longest)))
+    width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
+    columns = min(3, max(1, 54 // max(width)))
+    if len(labels) > 6:  # many: each column as wide as it must be
+        columns = next(c for c in (3, 2, 1) if c == 1 or sum(_widths(width, c)) <= 54)
     # the figure grows with the legend, so that the axes keep their size
     figure.set_figheight(figure.get_figheight() + _LEGEND_ROW * -(-len(labels) // columns))
     legend = figure.legend(

@@ -2,9 +2,10 @@
 
 A mission needs times, so it needs a path. The radar looks at the path's poses; or, where the
 scenario says `radar.scan_period_s`, once a period from the first pose on, whatever the poses are.
-Between two poses the position is then on the straight line, the attitude turns the short way at a
-constant rate, and the covariance is the weighted mean. So poses far apart in a turn make a poor
-path: `geometry.interpolate` fills them in first. The errors of the poses are correlated as
+Between two poses the position is then on the straight line (in latitude and longitude on one that
+follows the curve of the earth), the attitude turns the short way at a constant rate, and the
+covariance is the weighted mean. So poses far apart in a turn make a poor path:
+`geometry.interpolate` fills them in first. The errors of the poses are correlated as
 `uncertainty.aircraft_correlation_s` says, those of the radar the same at all looks. The equations
 are in `cumulative`.
 
@@ -82,6 +83,7 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
         covariance=covariance if covariance.ndim == 3 else None,
         distance_m=np.zeros(len(scenario.time_s)),
         attitude_given=True,  # as it is by now
+        origin=scenario.origin,  # legs then follow the curve of the earth
     )
     when, poses = schedule(scenario.model, scenario.scan_period_s, poses)
     along = axes.time(when.time)

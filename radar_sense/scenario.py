@@ -127,7 +127,7 @@ class Scenario:
     @property
     def parts(self) -> tuple[tuple[Part, ...], ...]:
         """What makes the c_r of each radar (m,) uncertain at the level; nothing if one number."""
-        return self.constant_parts.get(self.level, ((),) * len(self.model.models))
+        return self.constant_parts.get(self.level, ((),) * (len(self.radar) // len(RADAR)))
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:

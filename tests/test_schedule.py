@@ -8,6 +8,7 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import runpy
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,11 @@ from scenarios import document
 
 import radar_sense as rs
 from radar_sense import cumulative as cu
-from radar_sense import figures
+from radar_sense import figures, wgs84
 from radar_sense.mission import at_looks, mission
 from radar_sense.reader import ScenarioError
 
+CONFIGS = Path(__file__).parent.parent / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 #: Straight and level at one heading, so that a pose between two is their weighted mean.
@@ -468,3 +470,75 @@ def test_layout(tmp_path, runs, m_of_n, periods):
     assert len(set(labels)) == len(labels)
     for axes in figure.axes:
         assert not box.overlaps(axes.get_window_extent())
+
+
+# The worked mission.
+
+
+def test_the_route_of_the_corridor_is_what_its_script_makes():
+    made = runpy.run_path(str(CONFIGS / "make_corridor_route.py"))["text"]()
+    assert (CONFIGS / "corridor_route.csv").read_text() == made
+    assert "SYNTHETIC" in made.splitlines()[0]
+
+
+def test_the_corridor_teaches_what_it_says():
+    s = rs.load_scenario(CONFIGS / "corridor.yaml")
+    time = s.time_s
+    assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6
+    lin = s.model.linearize(s.aircraft, s.radar)
+    cov = s.cov_radar["medium"]
+    upper = lin.p_d + 3 * lin.std(s.cov_aircraft, cov)
+    assert time[[lin.p_d.argmax(), upper.argmax()]].tolist() == [4140, 2976]
+    assert lin.p_d.max() == pytest.approx(0.072, abs=5e-4)
+    assert upper[time == 4140] == pytest.approx(0.094, abs=5e-4)
+    assert (lin.p_d[time == 2976], upper.max()) == pytest.approx((0.055, 0.113), abs=5e-4)
+    assert time[upper > 0.1][[0, -1]].tolist() == [2952, 3006]
+
+    pose, mobile = int(np.argmax(upper)), slice(20, 24)
+    along = lin.jac_radar[pose, mobile]
+    total = ((upper[pose] - lin.p_d[pose]) / 3) ** 2
+    shares = [
+        np.sum(along[p] ** 2 * np.diag(cov)[mobile][p]) / total for p in (slice(3), slice(3, 4))
+    ]
+    assert shares == pytest.approx([0.40, 0.53], abs=0.005)
+    low = np.diag(s.cov_radar["low"])[mobile]
+    for part, bound in ((slice(20, 23), 0.1006), (slice(23, 24), 0.0976)):
+        known = cov.copy()
+        known[part, part] = np.diag(low[part.start - 20 : part.stop - 20])
+        near = abs(time - 2976) < 300
+        better = lin.p_d + 3 * lin.std(s.cov_aircraft, known)
+        assert better[near].max() == pytest.approx(bound, abs=5e-5)
+
+    # Wings level, which is relative to the level of the place.
+    place = wgs84.geodetic_from_ned(s.aircraft[:, :3], s.origin)
+    turn = wgs84.turn_to_origin(place, s.origin)
+    attitude = wgs84.turned_attitude(s.aircraft[:, 3:], np.swapaxes(turn, -1, -2))
+    attitude[:, 0] = 0
+    level = np.hstack([s.aircraft[:, :3], wgs84.turned_attitude(attitude, turn)])
+    banked, flat = (s.model.p_d_each(states, s.radar) for states in (s.aircraft, level))
+    for at, radar, expected in ((816, 2, (0.044, 0.009)), (1776, 1, (0.034, 0.006)),
+                                (2688, 0, (0.020, 0.006))):  # fmt: skip
+        now = time == at
+        assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
+
+    found = mission(s).summary["detection"]
+    assert found["reaches"]["0.5"] == {"time_s": 930, "earliest_s": 888, "latest_s": 1092}
+    assert found["at_end"]["p"] == pytest.approx(0.998, abs=5e-4)
+
+
+def test_looks_between_places_keep_their_altitude(tmp_path):
+    """A line between poses 600 km apart goes 7 km below where the aircraft flies."""
+    (tmp_path / "far.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m\n0,33,-154,9000\n2600,35,-148,9000\n"
+    )
+    content = yaml.safe_load((CONFIGS / "corridor.yaml").read_text())
+    content["geometry"] = {
+        "type": "path", "file": "far.csv", "origin": content["geometry"]["origin"],
+    }  # fmt: skip
+    content["uncertainty"]["aircraft"] = {"position_m": 10, "attitude_deg": 1}
+    for one in content["radars"]:
+        one["p_fa"] = float(one["p_fa"])  # PyYAML wants a sign in the exponent
+    (tmp_path / "far.yaml").write_text(yaml.safe_dump(content))
+    looks = at_looks(rs.load_scenario(tmp_path / "far.yaml"))
+    place = wgs84.geodetic_from_ned(looks.aircraft[:, :3], looks.origin)
+    np.testing.assert_allclose(place[:, 2], 9000, atol=1e-3)
