@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, scenario
+from scenarios import scenario, write_path
 
 import radar_sense as rs
 from radar_sense import cumulative, figures, limits
@@ -39,23 +39,7 @@ UNCERTAIN = f"""{HEADER},{STD}
 
 
 def write(folder, text=ROUTE, **changes):
-    """Write a route and a scenario that flies it; `None` takes a key away."""
-    (folder / "route.csv").write_text(text)
-    content = document(
-        geometry={"type": "path", "file": "route.csv"}, radar__constant=50, name="flight"
-    )
-    del content["aircraft"]["attitude_deg"]
-    if "std_" in text:
-        del content["uncertainty"]["aircraft"]
-    for key, value in changes.items():
-        *parents, last = key.split("__")
-        place = content
-        for parent in parents:
-            place = place[parent]
-        place[last] = value
-    file = folder / "my.yaml"
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
-    return file
+    return write_path(folder, text, "my.yaml", **{"name": "flight", **changes})
 
 
 def load(folder, text=ROUTE, **changes):
