@@ -18,6 +18,7 @@ from scipy.special import ndtr
 from radar_sense.analyses import Result
 from radar_sense.covariance import variance_along
 from radar_sense.geometry import body_vector
+from radar_sense.horizon import Horizon
 from radar_sense.limits import MAP_KM, MAP_STEP_KM
 from radar_sense.model import Model
 from radar_sense.propagation import check_method, propagate
@@ -36,6 +37,8 @@ BLOCK = 65_536
 LEVELS = (0.1, 0.5, 0.9)
 #: k of the upper bound.
 BETA = 3.0
+#: A plane that rises by more than this [m] over its area is not at one height.
+RISE = 100.0
 
 _DOWN = 2
 _YAW = 5
@@ -306,6 +309,14 @@ def _doubts(
     scenario: Scenario, cells: Grid, pose: FloatArray, shown: NDArray[np.float32], method: str
 ) -> tuple[str, ...]:
     said = []
+    if "origin" in scenario.document["geometry"]:  # north, east and down are those of a round earth
+        corners = np.array([[n, e, 0.0] for n in cells.north[[0, -1]] for e in cells.east[[0, -1]]])
+        rise = float(Horizon(tangent_plane=True).height(corners).max())
+        if rise > RISE:
+            said.append(
+                "the map is a plane, level at the origin: its farthest corner is "
+                f"{rise / 1e3:.1f} km farther above the ground"
+            )
     unknown = int(np.count_nonzero(np.isnan(shown)))
     if unknown:
         said.append(f"nothing is known in {unknown:,} of {shown.size:,} cells (NaN in the file)")

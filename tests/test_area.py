@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenarios import scenario
+from scenarios import scenario, write_path
 
 import radar_sense as rs
 from radar_sense import area, figures, output
@@ -104,6 +104,17 @@ def test_what_a_bound_cannot_be_is_said():
     assert not any("passes 1" in w for w in probit.warnings)
     assert probit.summary["shown"] == "upper_3sigma"
     assert "high, probit" in probit.report[0]
+
+
+def test_that_a_map_is_a_plane_above_a_round_earth_is_said(tmp_path):
+    text = "time_s,latitude_deg,longitude_deg,altitude_m\n0,47,8,9e3\n600,47,9,9e3\n"
+    place = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
+    s = rs.load_scenario(write_path(tmp_path, text, geometry__origin=place))
+    (said,) = area.area_map(s, area.grid(s, north_km=(-30, 300), east_km=(0, 400))).warnings
+    # 500 km away the level of the origin is d²/2R above the ground
+    assert "its farthest corner is 19.6 km farther above the ground" in said
+    assert not area.area_map(s, area.grid(s, north_km=(-9, 9), east_km=(-9, 9))).warnings
+    assert not area.area_map(scenario(), small(scenario())).warnings
 
 
 def test_command(tool):
