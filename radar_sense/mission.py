@@ -2,9 +2,10 @@
 
 A mission needs times, so it needs a path. The radar looks at the path's poses; or, where the
 scenario says `radar.scan_period_s`, once a period from the first pose on, whatever the poses are.
-Between two poses the position is then on the straight line, the attitude turns the short way at a
-constant rate, and the covariance is the weighted mean. So poses far apart in a turn make a poor
-path: `geometry.interpolate` fills them in first. The errors of the poses are correlated as
+Between two poses the position is then on the straight line (in latitude and longitude on one that
+follows the curve of the earth), the attitude turns the short way at a constant rate, and the
+covariance is the weighted mean. So poses far apart in a turn make a poor path:
+`geometry.interpolate` fills them in first. The errors of the poses are correlated as
 `uncertainty.aircraft_correlation_s` says, those of the radar the same at all looks. The equations
 are in `cumulative`; what looks are to a network of radars is what its model makes of a common one.
 """
@@ -35,6 +36,7 @@ from radar_sense.geometry import slant_range
 from radar_sense.limits import WINDOW
 from radar_sense.montecarlo import TAIL, Sampler
 from radar_sense.network import NetworkModel
+from radar_sense.path import origin
 from radar_sense.radar_constant import doubt
 from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.route import Route, resample
@@ -75,6 +77,7 @@ def at_looks(scenario: Scenario) -> Scenario:
             covariance=covariance if covariance.ndim == 3 else None,
             distance_m=np.zeros(len(time)),
             attitude_given=True,  # as it is by now
+            origin=origin(scenario.document["geometry"]),  # legs then follow the curve of the earth
         )
         try:
             looks = resample(poses, scenario.scan_period_s)

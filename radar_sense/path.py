@@ -58,12 +58,9 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
     path = Path(entry.source).parent / name
     document: dict[str, Any] = {"type": "path", "file": recorded(path)}
     document["axis"] = found["axis"].choice(AXES) if "axis" in found else AXES[0]
-    origin = None
     if "origin" in found:
         parts = found["origin"].mapping(list(_ORIGIN))
         document["origin"] = {key: parts[key].number(limit) for key, limit in _ORIGIN.items()}
-        latitude, longitude, altitude = document["origin"].values()
-        origin = (float(np.deg2rad(latitude)), float(np.deg2rad(longitude)), altitude)
     step, method = 0.0, METHODS[0]
     if "interpolate" in found:
         parts = found["interpolate"].mapping(["step_s"], ["method"])
@@ -80,7 +77,7 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
             raise found["sha256"].error(
                 f"{path} is another file than it was: it has {document['sha256']}"
             )
-    route = load_route(path, origin=origin, max_gap_s=max_gap_s)
+    route = load_route(path, origin=origin(document), max_gap_s=max_gap_s)
     if step:
         try:
             route = resample(route, step, method)
@@ -90,6 +87,14 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, dict[str, Any]]:
         axis.time(route.time_s) if document["axis"] == "time" else axis.distance(route.distance_m)
     )
     return along, route, document
+
+
+def origin(geometry: Mapping[str, Any]) -> tuple[float, float, float] | None:
+    """Latitude, longitude [rad] and height [m] of the origin, from a path as it is recorded."""
+    if "origin" not in geometry:
+        return None
+    latitude, longitude, altitude = (geometry["origin"][key] for key in _ORIGIN)
+    return float(np.deg2rad(latitude)), float(np.deg2rad(longitude)), float(altitude)
 
 
 def _digest(entry: Entry, path: Path) -> str:

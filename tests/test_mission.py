@@ -20,6 +20,7 @@ from radar_sense.montecarlo import monte_carlo
 from radar_sense.planning import require_threshold
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.reader import ScenarioError
+from radar_sense.wgs84 import geodetic_from_ned
 
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
@@ -148,6 +149,22 @@ def test_looks_of_a_scan(tmp_path, text):
     for i in range(6):
         expected = np.interp(time, s.time_s, s.cov_aircraft[:, i, i])
         np.testing.assert_allclose(looks.cov_aircraft[:, i, i], expected, rtol=1e-12)
+
+
+def test_looks_between_places_keep_their_altitude(tmp_path):
+    # a straight line between them is a tunnel, 8 km deep in its middle
+    text = "time_s,latitude_deg,longitude_deg,altitude_m\n0,47,4,9e3\n2400,47,12,9e3\n"
+    place = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 0}
+    s = load(
+        tmp_path,
+        text,
+        geometry__origin=place,
+        radar__scan_period_s=600,
+        radar__position_m=[-50e3, 0, 0],
+    )
+    position = at_looks(s).aircraft[:, :3]
+    altitude = geodetic_from_ned(position, (math.radians(47), math.radians(8), 0.0))[:, 2]
+    np.testing.assert_allclose(altitude, 9e3, rtol=0, atol=1e-3)
 
 
 def test_a_scan_longer_than_the_path_is_one_look(tmp_path):
