@@ -14,6 +14,7 @@ from scenarios import scenario, write_path
 
 import radar_sense as rs
 from radar_sense import cumulative, figures, limits
+from radar_sense.analyses import variance
 from radar_sense.cli import ANSWER_IS_NO
 from radar_sense.mission import MAX_TRACK_LOOKS, at_looks, mission
 from radar_sense.montecarlo import monte_carlo
@@ -531,6 +532,13 @@ def test_threshold_on_the_orbit_of_the_paper(tool):
     assert test["total_deg"] == 180
     for method in ("probit", "form"):
         assert tool(*args, "--method", method).code == 0
+
+
+@pytest.mark.parametrize(("p_max", "share"), [(0.1, 1.0), (0.99, 0.0)])
+def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
+    one = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+    found = require_threshold(variance(one), p_max).summary["threshold"]
+    assert (found["share_above"], found["total_deg"]) == (share, 0.0)
 
 
 def test_no_bound_is_a_violation(tool):
