@@ -210,7 +210,7 @@ def budget(
     if method != MONTE_CARLO:
         warnings += _not_as_taken(scenario, method)
     if _chosen(method) == "linear":
-        warnings += _vanishing(three_sigma, total, axis)
+        warnings += _vanishing(scenario, three_sigma, total)
     return Result(
         analysis="budget",
         scenario=scenario,
@@ -604,12 +604,18 @@ def _clipped(count: int) -> tuple[str, ...]:
     return (f"the radar constant was drawn below zero and set to zero in {count} runs",)
 
 
-def _vanishing(alone: Mapping[str, FloatArray], total: FloatArray, axis: Axis) -> tuple[str, ...]:
+def _vanishing(
+    scenario: Scenario, alone: Mapping[str, FloatArray], total: FloatArray
+) -> tuple[str, ...]:
     """Say where first order reports (nearly) nothing for a source that matters elsewhere."""
     doubts = []
+    # A radar that does not see the aircraft has nothing to report, of whatever order.
+    seen = scenario.model.visible(scenario.aircraft, scenario.radar)
+    sees = dict(zip(scenario.model.names, np.moveaxis(seen, -1, 0), strict=False))
     for source, values in alone.items():
         part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
-        if place := where((part < VANISHING * part.max()) & (total > 0), axis):
+        nothing = (part < VANISHING * part.max()) & (total > 0) & sees.get(source, True)
+        if place := where(nothing, scenario.axis):
             doubts.append(
                 f"the gradient for {source} vanishes {place}: only effects of second order remain "
                 "there, which the linearized budget leaves out"

@@ -595,7 +595,7 @@ def rcs(command: list[str], /, config: Path | None, **output: Any) -> None:
 @click.option(
     "--method",
     metavar="NAME",
-    help="Method for --upper: linear (the default), probit, or form.",
+    help="Method for --upper: linear (the default), probit, or form, which takes minutes.",
 )
 @click.option(
     "--north-km",

@@ -48,7 +48,9 @@ class Horizon:
             from latitude, longitude and height: at a horizontal distance d from the origin the
             surface is d²/2R below that plane, 7.8 km at 316 km. The earth is a sphere here, which
             puts the surface wrong by up to 0.6 % of that.
-        altitude: Height of the origin above the surface [m].
+        altitude: Height of the origin above the surface [m]. A scenario gives it the height above
+            the WGS-84 ellipsoid, which differs from that above the sea by up to 107 m; a radar 10 m
+            above the sea sees its horizon at 13 km, one 110 m above it at 43 km.
     """
 
     tangent_plane: bool = False

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -146,10 +146,7 @@ class NetworkModel:
         Raises:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
-        return join(
-            _masked(s, s.model.snr(aircraft, r), aircraft, r)
-            for s, r in zip(self.stations, self._split(radar), strict=True)
-        )
+        return join(self._each(DetectionModel.snr, aircraft, radar))
 
     def p_d_each(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Probability of detection by each radar (..., m).
@@ -157,10 +154,7 @@ class NetworkModel:
         Raises:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
-        return join(
-            _masked(s, s.model.p_d(aircraft, r), aircraft, r)
-            for s, r in zip(self.stations, self._split(radar), strict=True)
-        )
+        return join(self._each(DetectionModel.p_d, aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Probability of detection by at least one radar (...).
@@ -169,11 +163,7 @@ class NetworkModel:
             ValueError: If a shape does not fit or a radar constant is negative.
         """
         # one radar after the other: no more than two arrays at a time
-        states = self._split(radar)
-        each = (
-            _masked(s, s.model.p_d(aircraft, r), aircraft, r)
-            for s, r in zip(self.stations, states, strict=True)
-        )
+        each = self._each(DetectionModel.p_d, aircraft, radar)
         fused = next(each)
         for p_d in each:
             fused = _either(fused, p_d)
@@ -249,6 +239,19 @@ class NetworkModel:
             )
         return [states[..., size * i : size * (i + 1)] for i in range(len(self.stations))]
 
+    def _each(
+        self,
+        quantity: Callable[[DetectionModel, ArrayLike, ArrayLike], FloatArray],
+        aircraft: ArrayLike,
+        radar: ArrayLike,
+    ) -> Iterator[FloatArray]:
+        """Give a quantity (...) of each radar, 0 where that does not see the aircraft."""
+        for station, state in zip(self.stations, self._split(radar), strict=True):
+            values = quantity(station.model, aircraft, state)
+            if station.limited:
+                values = np.where(station.visible(aircraft, state), values, 0.0)[()]
+            yield values
+
     def _each_probit(
         self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, continued: bool
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
@@ -320,15 +323,6 @@ def alone(scenario: Scenario) -> dict[str, Scenario]:
         )
         for i, station in enumerate(model.stations)
     }
-
-
-def _masked(
-    station: Station, values: FloatArray, aircraft: ArrayLike, radar: ArrayLike
-) -> FloatArray:
-    """Return the values (...) with 0 where the station does not see the aircraft."""
-    if not station.limited:
-        return values
-    return np.where(station.visible(aircraft, radar), values, 0.0)[()]
 
 
 def _either(p: FloatArray, q: FloatArray) -> FloatArray:

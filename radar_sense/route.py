@@ -749,9 +749,10 @@ def _check_times(times: FloatArray, before: float, max_gap_s: float | None, text
         row = int(np.argmax(backwards))
         line, _ = text.row(row)
         earlier = float(times[row - 1]) if row else before
+        enough = f", by {MIN_STEP:g} s or more" if steps[row] > 0 else ""
         raise ScenarioError(
             f"{text.source}:{line}: time_s: must be later than {earlier!r}, "
-            f"the time of the row before, got {float(times[row])!r}"
+            f"the time of the row before{enough}, got {float(times[row])!r}"
         )
     if max_gap_s is not None:
         gap = np.isfinite(steps) & (steps > max_gap_s)

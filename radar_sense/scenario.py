@@ -42,7 +42,7 @@ from radar_sense.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.rcs_file import read_table
 from radar_sense.rcs_table import TableRCS
 from radar_sense.reader import Entry, ScenarioError, did_you_mean, parse, read_file
-from radar_sense.states import POSITION, FloatArray
+from radar_sense.states import POSITION, RADAR, FloatArray
 from radar_sense.wgs84 import ned_from_geodetic
 
 #: The RCS models that a scenario can name. Their keys are declared with their fields.

@@ -19,9 +19,9 @@ OVERHEAD = {
 }
 
 
-def document(**changes):
-    """The paper's document with other values at key paths, `__` between the keys."""
-    changed = copy.deepcopy(PAPER)
+def document(of=PAPER, /, **changes):
+    """The paper's document, or another, with other values at key paths, `__` between the keys."""
+    changed = copy.deepcopy(of)
     for path, value in changes.items():
         *parents, key = path.split("__")
         where = changed
@@ -34,3 +34,15 @@ def document(**changes):
 def scenario(**changes):
     """The paper's scenario with other values at key paths, `__` between the keys."""
     return parse_scenario(yaml.safe_dump(document(**changes), sort_keys=False))
+
+
+def write_path(folder, text, name="scenario.yaml", /, **changes):
+    """Write a route and a scenario that flies it, with changes; return the scenario's path."""
+    (folder / "route.csv").write_text(text)
+    content = document(geometry={"type": "path", "file": "route.csv"}, radar__constant=50)
+    del content["aircraft"]["attitude_deg"]
+    if "std_" in text or "cov_" in text:
+        del content["uncertainty"]["aircraft"]
+    file = folder / name
+    file.write_text(yaml.safe_dump(document(content, **changes), sort_keys=False))
+    return file

@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, scenario
+from scenarios import scenario, write_path
 
 import radar_sense as rs
 from radar_sense import cumulative, figures, limits
+from radar_sense.analyses import variance
 from radar_sense.cli import ANSWER_IS_NO
 from radar_sense.mission import MAX_TRACK_LOOKS, at_looks, mission
 from radar_sense.montecarlo import monte_carlo
 from radar_sense.planning import require_threshold
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.reader import ScenarioError
+from radar_sense.wgs84 import geodetic_from_ned
 
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
@@ -39,23 +41,7 @@ UNCERTAIN = f"""{HEADER},{STD}
 
 
 def write(folder, text=ROUTE, **changes):
-    """Write a route and a scenario that flies it; `None` takes a key away."""
-    (folder / "route.csv").write_text(text)
-    content = document(
-        geometry={"type": "path", "file": "route.csv"}, radar__constant=50, name="flight"
-    )
-    del content["aircraft"]["attitude_deg"]
-    if "std_" in text:
-        del content["uncertainty"]["aircraft"]
-    for key, value in changes.items():
-        *parents, last = key.split("__")
-        place = content
-        for parent in parents:
-            place = place[parent]
-        place[last] = value
-    file = folder / "my.yaml"
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
-    return file
+    return write_path(folder, text, "my.yaml", **{"name": "flight", **changes})
 
 
 def load(folder, text=ROUTE, **changes):
@@ -164,6 +150,22 @@ def test_looks_of_a_scan(tmp_path, text):
     for i in range(6):
         expected = np.interp(time, s.time_s, s.cov_aircraft[:, i, i])
         np.testing.assert_allclose(looks.cov_aircraft[:, i, i], expected, rtol=1e-12)
+
+
+def test_looks_between_places_keep_their_altitude(tmp_path):
+    # a straight line between them is a tunnel, 8 km deep in its middle
+    text = "time_s,latitude_deg,longitude_deg,altitude_m\n0,47,4,9e3\n2400,47,12,9e3\n"
+    place = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 0}
+    s = load(
+        tmp_path,
+        text,
+        geometry__origin=place,
+        radar__scan_period_s=600,
+        radar__position_m=[-50e3, 0, 0],
+    )
+    position = at_looks(s).aircraft[:, :3]
+    altitude = geodetic_from_ned(position, (math.radians(47), math.radians(8), 0.0))[:, 2]
+    np.testing.assert_allclose(altitude, 9e3, rtol=0, atol=1e-3)
 
 
 def test_a_scan_longer_than_the_path_is_one_look(tmp_path):
@@ -530,6 +532,13 @@ def test_threshold_on_the_orbit_of_the_paper(tool):
     assert test["total_deg"] == 180
     for method in ("probit", "form"):
         assert tool(*args, "--method", method).code == 0
+
+
+@pytest.mark.parametrize(("p_max", "share"), [(0.1, 1.0), (0.99, 0.0)])
+def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
+    one = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+    found = require_threshold(variance(one), p_max).summary["threshold"]
+    assert (found["share_above"], found["total_deg"]) == (share, 0.0)
 
 
 def test_no_bound_is_a_violation(tool):

@@ -475,6 +475,23 @@ def test_a_target_below_the_horizon_is_not_seen(tangent_plane):
     assert np.all(seen == tangent_plane)  # where 3 km above the plane are 22 above the surface
 
 
+def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
+    station = Station(PAPER.model, max_range=5e3)
+    aircraft = np.zeros((3, 6))
+    aircraft[:, 0], aircraft[:, 2] = 3e3, [-4e3, -4e3 - 1e-6, -3.9e3]  # slant: 3, 4, 5
+    assert_array_equal(station.visible(aircraft, np.array([0, 0, 0, 1.0])), [True, False, True])
+
+
+def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
+    scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(None, None, 20))
+    near = Station(PAPER.model, "near", max_range=4.5e5)
+    far, _ = scenario.model.stations
+    scenario = dataclasses.replace(scenario, model=NetworkModel((far, near)))
+    seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 1]
+    assert 3 < seen.sum() < len(seen) - 3
+    assert not [w for w in analyses.budget(scenario).warnings if "near vanishes" in w]
+
+
 def test_a_radar_that_sees_nothing_adds_nothing():
     aircraft, near, far = PAPER.aircraft, [0, 0, 0, 167.0], [-1e5, 0, 0, 167.0]
     model = NetworkModel((Station(PAPER.model, "near"), Station(PAPER.model, "far", 5.5e5)))
@@ -590,16 +607,20 @@ def test_budget_by_sobol_indices_of_a_network():
 
 def test_each_radar_by_itself():
     scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
+    # the second is twice as uncertain as the first
+    worse = {level: np.kron(np.diag([1, 4]), c) for level, c in PAPER.cov_radar.items()}
+    scenario = dataclasses.replace(scenario, cov_radar=worse)
     parts = alone(scenario)
     assert list(parts) == ["r0", "r1"]
     assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])
-    assert_array_equal(parts["r1"].cov_radar["high"], PAPER.cov_radar["high"])
+    assert_array_equal(parts["r0"].cov_radar["high"], PAPER.cov_radar["high"])
+    assert_array_equal(parts["r1"].cov_radar["high"], 4 * PAPER.cov_radar["high"])
     expected = propagate(
         PAPER.model,
         scenario.aircraft,
         parts["r1"].radar,
         scenario.cov_aircraft,
-        PAPER.cov_radar["medium"],
+        4 * PAPER.cov_radar["medium"],
     )
     assert_array_equal(moments(parts["r1"]).std, expected.std)
 

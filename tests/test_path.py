@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 import yaml
-from scenarios import document
+from scenarios import document, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance, figures, path
@@ -44,27 +44,8 @@ UNCERTAIN = f"""{HEADER},{STD}
 STD_OF_POSE = np.array([[10, 20, 30, 1, 2, 3], [200, 100, 50, 2, 1, 2], [0, 30, 30, 1, 1, 0]])
 
 
-def write(folder, text, constant=50, **changes):
-    """Write a route and a scenario that flies it; return the scenario's path."""
-    route = folder / "route.csv"
-    route.write_text(text)
-    content = document(geometry={"type": "path", "file": "route.csv"}, radar__constant=constant)
-    del content["aircraft"]["attitude_deg"]
-    if "std_" in text or "cov_" in text:
-        del content["uncertainty"]["aircraft"]
-    for key, value in changes.items():
-        *parents, last = key.split("__")
-        place = content
-        for parent in parents:
-            place = place[parent]
-        place[last] = value
-    file = folder / "scenario.yaml"
-    file.write_text(yaml.safe_dump(content, sort_keys=False))
-    return file
-
-
 def load(folder, text=ROUTE, **changes):
-    return rs.load_scenario(write(folder, text, **changes))
+    return rs.load_scenario(write_path(folder, text, **changes))
 
 
 def correlated_route():
@@ -112,7 +93,7 @@ def orbit_route(aircraft, theta, std=None):
 )
 def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
     orbit = rs.load_scenario().part(slice(None, None, step))
-    path = load(tmp_path, orbit_route(orbit.aircraft, orbit.theta_r_deg, std), constant=167)
+    path = load(tmp_path, orbit_route(orbit.aircraft, orbit.theta_r_deg, std), radar__constant=167)
     assert path.cov_aircraft.ndim == (3 if std else 2)
     expected, found = analyse(orbit), analyse(path)
     names = list(expected.table)
@@ -127,7 +108,7 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
     text = orbit_route(orbit.aircraft, orbit.theta_r_deg, "10,10,10,1,1,1")
     expected, found = (
         validate(orbit, digits=1),
-        validate(load(tmp_path, text, constant=167), digits=1),
+        validate(load(tmp_path, text, radar__constant=167), digits=1),
     )
     assert (expected.mc_upper == found.mc_upper).all()
     assert (expected.runs == found.runs).all()
@@ -311,7 +292,7 @@ def exact_ned(place, origin):
 def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
     content = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
     levels = {"medium": {"position_m": [10, 20, 30], "constant": 1}}
-    file = write(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=content)
+    file = write_path(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=content)
     if several:
         document = yaml.safe_load(file.read_text())
         del document["radar"], document["uncertainty"]["radar"]
@@ -343,7 +324,7 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
 
 def test_check_prints_a_place_that_reads_back(tool, tmp_path):
     radar = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
-    file = write(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=radar)
+    file = write_path(tmp_path, GEODETIC, geometry__origin=ORIGIN, radar=radar)
     printed = tool("check", file).out
     (tmp_path / "again.yaml").write_text(printed)
     assert tool("check", tmp_path / "again.yaml").out == printed
@@ -375,7 +356,7 @@ def test_places_that_are_refused(tool, tmp_path, place, changes, says):
     if changes["geometry__origin"] is None:
         text = ROUTE
         del changes["geometry__origin"]
-    file = write(tmp_path, text, **changes)
+    file = write_path(tmp_path, text, **changes)
     with pytest.raises(ScenarioError, match=says.replace("?", r"\?")):
         rs.load_scenario(file)
     done = tool("variance", file)
@@ -415,7 +396,7 @@ def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
 
 def test_the_file_is_recorded_as_seen_from_here(tmp_path, monkeypatch):
     (tmp_path / "below").mkdir()
-    write(tmp_path / "below", ROUTE)
+    write_path(tmp_path / "below", ROUTE)
     monkeypatch.chdir(tmp_path)
     resolved = rs.load_scenario("below/scenario.yaml").resolved()
     assert resolved["geometry"]["file"] == "below/route.csv"  # no folder of this machine's
@@ -502,7 +483,7 @@ REFUSED = [
 
 @pytest.mark.parametrize(("text", "changes", "says"), REFUSED)
 def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
-    file = write(tmp_path, text, **changes)
+    file = write_path(tmp_path, text, **changes)
     done = tool("variance", file)
     assert done.code == 2
     assert done.err.count("\n") == 1
@@ -514,7 +495,7 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
 
 def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
     monkeypatch.setattr(path, "MAX_BYTES", 2**20)
-    file = write(tmp_path, ROUTE + "#" * 2**20)
+    file = write_path(tmp_path, ROUTE + "#" * 2**20)
     with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv is larger than 1 MiB"):
         rs.load_scenario(file)
     if Path("/dev/zero").exists():
@@ -534,7 +515,7 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
 
 
 def test_the_command_line_says_times(tool, tmp_path):
-    file = write(tmp_path, UNCERTAIN)
+    file = write_path(tmp_path, UNCERTAIN)
     done = tool("budget", file, "--target", 0.05, "--at", 1000)
     assert done.code == 0
     assert "at 1000 s" in done.out
@@ -602,7 +583,7 @@ def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
     "name", ["variance", "sensitivity", "budget", "montecarlo", "compare", "detectors", "rcs"]
 )
 def test_every_analysis_takes_a_path(tool, tmp_path, name):
-    file = write(tmp_path, UNCERTAIN, analysis__runs=20)
+    file = write_path(tmp_path, UNCERTAIN, analysis__runs=20)
     done = tool(name, file, "--format", "svg")
     assert done.code == 0, done.err
     record = json.loads((tmp_path / f"figures/paper_{name}.json").read_text())

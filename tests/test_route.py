@@ -630,6 +630,10 @@ REFUSED = {
         f"{HEAD}\n0,0,0,0\n2,1,1,1\n# c\n1.5,2,2,2\n",
         "route.csv:5: time_s: must be later than 2.0, the time of the row before, got 1.5",
     ),
+    "time hardly moving": (
+        f"{HEAD}\n0,0,0,0\n5e-10,1,1,1\n",
+        "must be later than 0.0, the time of the row before, by 1e-09 s or more, got 5e-10",
+    ),
     "time still": (f"{HEAD}\n0,0,0,0\n0,1,1,1\n", "route.csv:3: time_s: must be later than 0.0"),
     "latitude 91": (
         f"{GEO}\n0,0,0,0\n1,91,0,0\n",
