@@ -185,6 +185,12 @@ def form(z: Standardized, beta: float) -> Moments:
     )
 
 
+def upper_by_form(z: Standardized, beta: float) -> FloatArray:
+    """Bound (m,) that P_D stays below with probability Φ(β) by `form`; NaN where not settled."""
+    quantile, _, settled = quantiles(z, np.array([beta]))
+    return np.where(settled, ndtr(np.maximum(quantile[:, 0], z.floor)), np.nan)
+
+
 METHODS: Mapping[str, Method] = {"linear": linear, "probit": probit, "form": form}
 
 
