@@ -217,7 +217,8 @@ def _validate(result: Result) -> Figure:
             axes.axvspan(left, right, color="0.9", lw=0, label=label)
             label = None
     for end, style in zip(("lower", "upper"), _LINES, strict=False):
-        distance = table[f"distance_{end}"] / table["delta"]
+        with np.errstate(invalid="ignore"):  # 0/0 where a radar sees nothing: a gap in the line
+            distance = table[f"distance_{end}"] / table["delta"]
         _line(top, x, distance, style, label=f"{end} bound")
     top.axhline(1.0, color="black", lw=0.8)
     top.set_yscale("log")

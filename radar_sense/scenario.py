@@ -41,8 +41,8 @@ from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, S
 from radar_sense.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.rcs_file import read_table
 from radar_sense.rcs_table import TableRCS
-from radar_sense.reader import Entry, ScenarioError, did_you_mean, parse, read_file
-from radar_sense.states import FloatArray
+from radar_sense.reader import MAX_NAME, Entry, ScenarioError, did_you_mean, parse, read_file
+from radar_sense.states import RADAR, FloatArray
 
 #: The RCS models that a scenario can name. Their keys are declared with their fields.
 RCS_MODELS: Mapping[str, type[Any]] = {
@@ -122,7 +122,7 @@ class Scenario:
     @property
     def parts(self) -> tuple[tuple[Part, ...], ...]:
         """What makes the c_r of each radar (m,) uncertain at the level; nothing if one number."""
-        return self.constant_parts.get(self.level, ((),) * len(self.model.models))
+        return self.constant_parts.get(self.level, ((),) * (len(self.radar) // len(RADAR)))
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:
@@ -218,8 +218,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     )
     document: dict[str, Any] = {
         "name": found["name"].text(
-            "[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
-            "a name of up to 100 letters A to Z, digits, '_', '-' or '.'",
+            f"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}",
+            f"a name of up to {MAX_NAME} letters A to Z, digits, '_', '-' or '.'",
         )
     }
     if several:
