@@ -86,6 +86,11 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
     moments = propagate_scenario(scenario, method=_chosen(method))
     low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
     worst = peak(3 * moments.std, axis)
+    each = {
+        name: (one, propagate_scenario(one, method=_chosen(method)))
+        for name, one in alone(scenario).items()
+    }
+    by_itself = {name: peak(3 * found.std, axis) for name, (_, found) in each.items()}
     return Result(
         analysis="variance",
         scenario=scenario,
@@ -97,17 +102,20 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
             **_mean(moments.mean, method),
             **{
                 f"{name}_{radar}": column
-                for radar, part in alone(scenario).items()
-                for name, column in {
-                    **_towards(part),
-                    **_band(propagate_scenario(part, method=_chosen(method))),
-                }.items()
+                for radar, (one, found) in each.items()
+                for name, column in {**_towards(one), **_band(found)}.items()
             },
         },
-        summary={"lowest_p_d": low, "highest_p_d": high, "largest_three_sigma": worst},
+        summary={
+            "lowest_p_d": low,
+            "highest_p_d": high,
+            "largest_three_sigma": worst,
+            **_by_radar_summary(by_itself),
+        },
         report=(
             f"P_D runs from {at(low, axis)} to {at(high, axis)}",
             f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst, axis)}",
+            *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
         ),
         warnings=(*_doubts(moments, method, axis), *_not_as_taken(scenario, method)),
     )
@@ -122,6 +130,14 @@ def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
     }
     worst = {level: peak(3 * m.std, axis) for level, m in moments.items()}
     width = max(map(len, worst))
+    by_itself = {
+        level: _largest_by_radar(scenario.with_analysis(level=level), method)
+        for level in scenario.cov_radar
+    }
+    of_radars = {
+        name: ", ".join(f"{level} {at(tops[name], axis)}" for level, tops in by_itself.items())
+        for name in by_itself[scenario.level]
+    }
     return Result(
         analysis="sensitivity",
         scenario=scenario,
@@ -135,10 +151,14 @@ def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
                 for key, column in _mean(m.mean, method, f"_{level}").items()
             },
         },
-        summary={"largest_three_sigma": worst},
+        summary={
+            "largest_three_sigma": worst,
+            **_by_radar_summary(by_itself if of_radars else {}),
+        },
         report=(
             f"largest 3 sigma of P_D by level{_by(method)}:",
             *(f"  {level:{width}}  {at(top, axis)}" for level, top in worst.items()),
+            *_by_radar(of_radars),
         ),
         warnings=tuple(
             f"{level}: {doubt}"
@@ -206,6 +226,7 @@ def budget(
         allowed = allowances(scenario, target, method=_chosen(method), at=only_at)
         inverse = {"target": _inverse_summary(target, only_at, allowed, axis)}
         inverse_report = _inverse_report(target, only_at, allowed, axis)
+    by_itself = {} if method == MONTE_CARLO else _largest_by_radar(scenario, method)
     warnings = [] if found.moments is None else [*_doubts(found.moments, method, axis)]
     if method != MONTE_CARLO:
         warnings += _not_as_taken(scenario, method)
@@ -232,6 +253,7 @@ def budget(
             "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
             "dominant": ranked[0],
             "dominates": dominates,
+            **_by_radar_summary(by_itself),
             **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
             **inverse,
         },
@@ -243,6 +265,7 @@ def budget(
             _row("total", float(total[pose]), width=width),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
             *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
+            *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
             *inverse_report,
         ),
         warnings=(*warnings, *_correlated(three_sigma, total, method)),
@@ -299,6 +322,7 @@ def montecarlo(
                 f"{where(off, axis)} (95 % confidence for all poses together)"
             )
     warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped))
+    by_itself = _largest_by_radar(scenario, method)
     return Result(
         analysis="montecarlo",
         scenario=scenario,
@@ -315,12 +339,14 @@ def montecarlo(
             "quantile_rank_error": mc.rank_error,
             "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), axis),
             "radar_constants_set_to_zero": mc.clipped,
+            **_by_radar_summary(by_itself),
         },
         report=(
             f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{_points(mc)}): {overall:.2%} of the "
             f"draws lie in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
             lowest,
             *_rank_error(mc),
+            *_by_radar({name: at(top, axis) for name, top in by_itself.items()}, name),
         ),
         warnings=tuple(warnings),
         monte_carlo=mc,
@@ -406,7 +432,10 @@ def validate(
         scenario, method=_chosen(method), digits=digits, workers=workers, progress=progress
     )
     low, high = found.coverage_interval()
-    ratio = np.fmax(found.distance_lower, found.distance_upper) / found.delta
+    distance = np.fmax(found.distance_lower, found.distance_upper)
+    # where a radar sees nothing there is no deviation and no δ, and no distance either
+    without = np.where(distance > 0, np.inf, distance)
+    ratio = np.divide(distance, found.delta, out=without, where=found.delta > 0)
     no_result = ~np.isfinite(found.moments.lower + found.moments.upper)
     count = int(np.count_nonzero(found.validated))
     name = _band_name(method)
@@ -426,7 +455,7 @@ def validate(
     if not no_result.all():
         pose = int(np.argmax(reached(ratio)))
         report += [
-            f"  farthest for what is allowed: {ratio[pose] * found.delta[pose]:.2g} "
+            f"  farthest for what is allowed: {distance[pose]:.2g} "
             f"at {axis.at(pose)}, where {found.delta[pose]:.1g} is",
             f"  coverage {np.nanmin(found.coverage):.2%} to {np.nanmax(found.coverage):.2%} "
             f"of {found.runs.min():,} to {found.runs.max():,} draws a pose, "
@@ -507,6 +536,29 @@ def detectors(scenario: Scenario) -> Result:
         ),
         warnings=(),
     )
+
+
+def _largest_by_radar(scenario: Scenario, method: str | None) -> dict[str, dict[str, Any]]:
+    """Largest 3σ of P_D, and where, of each radar of a network by itself."""
+    return {
+        name: peak(3 * propagate_scenario(one, method=_chosen(method)).std, scenario.axis)
+        for name, one in alone(scenario).items()
+    }
+
+
+def _by_radar(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
+    """Return a line for each radar of a network, under a heading; nothing for a single radar."""
+    if not said:
+        return ()
+    width = max(map(len, said))
+    return (
+        f"largest {f'{how} ' if how else ''}3 sigma of each radar by itself (more with --radar):",
+        *(f"  {name:{width}}  {words}" for name, words in said.items()),
+    )
+
+
+def _by_radar_summary(found: Mapping[str, Any]) -> dict[str, Any]:
+    return {"largest_three_sigma_by_itself": dict(found)} if found else {}
 
 
 def _chosen(method: str | None) -> str:

@@ -108,6 +108,9 @@ def _stacked(*decorators: Callable[[F], F]) -> Callable[[F], F]:
 
 _config = click.argument("config", required=False, type=click.Path(path_type=Path))
 _level = click.option("--level", metavar="NAME", help="Level of radar uncertainty.")
+_radar = click.option(
+    "--radar", metavar="NAME", help="Only this radar of a network, as if there were no other."
+)
 _method = click.option(
     "--method",
     metavar="NAME",
@@ -176,6 +179,7 @@ def cli() -> None:
 @cli.command()
 @_config
 @_level
+@_radar
 @_method
 @click.option(
     "--threshold",
@@ -193,6 +197,7 @@ def variance(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     method: str | None,
     threshold: float | None,
     k: float | None,
@@ -208,12 +213,13 @@ def variance(
       radar-sense variance
       radar-sense variance my.yaml --level high --method form
       radar-sense variance my.yaml --threshold 0.1 --k 2
+      radar-sense variance network.yaml --radar ridge
     """
     from radar_sense import analyses, planning
 
     if k is not None and threshold is None:
         raise BadInput("--k belongs to --threshold, which is not given")
-    scenario = _scenario(config, level=level)
+    scenario = _scenario(config, radar=radar, level=level)
 
     def analyse() -> Result:
         result = analyses.variance(scenario, method=method)
@@ -227,6 +233,7 @@ def variance(
 @cli.command()
 @_config
 @_level
+@_radar
 @_method
 @_runs
 @_seed
@@ -240,6 +247,7 @@ def montecarlo(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     method: str | None,
     runs: int | None,
     seed: int | None,
@@ -255,10 +263,11 @@ def montecarlo(
       radar-sense montecarlo
       radar-sense montecarlo my.yaml --runs 1e6 --seed 7
       radar-sense montecarlo --sampler sobol --runs 4096
+      radar-sense montecarlo network.yaml --radar ridge
     """
     from radar_sense import analyses
 
-    scenario = _scenario(config, level=level, runs=runs, seed=seed)
+    scenario = _scenario(config, radar=radar, level=level, runs=runs, seed=seed)
 
     def analyse() -> Result:
         with _computing(workers, dask) as computing, _progress(scenario.runs) as advance:
@@ -271,11 +280,12 @@ def montecarlo(
 
 @cli.command()
 @_config
+@_radar
 @_method
 @_output
 @click.pass_obj
 def sensitivity(
-    command: list[str], /, config: Path | None, method: str | None, **output: Any
+    command: list[str], /, config: Path | None, radar: str | None, method: str | None, **output: Any
 ) -> None:
     """3 sigma of P_D for every level of radar uncertainty.
 
@@ -283,16 +293,18 @@ def sensitivity(
     Examples:
       radar-sense sensitivity
       radar-sense sensitivity my.yaml --out results
+      radar-sense sensitivity network.yaml --radar ridge
     """
     from radar_sense import analyses
 
-    scenario = _scenario(config)
+    scenario = _scenario(config, radar=radar)
     _run(command, lambda: analyses.sensitivity(scenario, method=method), **output)
 
 
 @cli.command()
 @_config
 @_level
+@_radar
 @click.option(
     "--method",
     metavar="NAME",
@@ -319,6 +331,7 @@ def budget(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     method: str | None,
     target: float | None,
     at: float | None,
@@ -334,10 +347,11 @@ def budget(
       radar-sense budget my.yaml --level low --no-plot
       radar-sense budget my.yaml --target 0.05
       radar-sense budget my.yaml --method montecarlo --runs 4096
+      radar-sense budget network.yaml --radar ridge
     """
     from radar_sense import analyses
 
-    scenario = _scenario(config, level=level, runs=runs, seed=seed)
+    scenario = _scenario(config, radar=radar, level=level, runs=runs, seed=seed)
     _run(
         command,
         lambda: analyses.budget(scenario, method=method, target=target, only_at=at),
@@ -348,6 +362,7 @@ def budget(
 @cli.command()
 @_config
 @_level
+@_radar
 @_runs
 @_seed
 @_sampler
@@ -360,6 +375,7 @@ def compare(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     runs: int | None,
     seed: int | None,
     sampler: str,
@@ -375,10 +391,11 @@ def compare(
     Examples:
       radar-sense compare
       radar-sense compare my.yaml --level high --runs 1e4
+      radar-sense compare network.yaml --radar ridge
     """
     from radar_sense import analyses
 
-    scenario = _scenario(config, level=level, runs=runs, seed=seed)
+    scenario = _scenario(config, radar=radar, level=level, runs=runs, seed=seed)
 
     def analyse() -> Result:
         with _computing(workers, dask) as computing, _progress(scenario.runs) as advance:
@@ -390,6 +407,7 @@ def compare(
 @cli.command()
 @_config
 @_level
+@_radar
 @_method
 @click.option(
     "--digits",
@@ -407,6 +425,7 @@ def validate(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     method: str | None,
     digits: int,
     seed: int | None,
@@ -426,7 +445,7 @@ def validate(
     """
     from radar_sense import analyses
 
-    scenario = _scenario(config, level=level, seed=seed)
+    scenario = _scenario(config, radar=radar, level=level, seed=seed)
 
     def analyse() -> Result:
         with _progress(len(scenario.aircraft), "poses") as advance:
@@ -444,6 +463,7 @@ def validate(
 @cli.command()
 @_config
 @_level
+@_radar
 @click.option(
     "--runs",
     type=Number(RUNS),
@@ -458,6 +478,7 @@ def convergence(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     runs: int | None,
     seed: int | None,
     workers: int | None,
@@ -477,7 +498,7 @@ def convergence(
     from radar_sense.convergence import REFERENCES, REPLICATIONS
     from radar_sense.convergence import convergence as analyse
 
-    scenario = _scenario(config, level=level, seed=seed)
+    scenario = _scenario(config, radar=radar, level=level, seed=seed)
 
     def run() -> Result:
         with _progress(REPLICATIONS + REFERENCES, "repetitions") as advance:
@@ -489,6 +510,7 @@ def convergence(
 @cli.command()
 @_config
 @_level
+@_radar
 @click.option(
     "--method", metavar="NAME", help="Method of propagation: probit (the default), or linear."
 )
@@ -508,6 +530,7 @@ def mission(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     method: str | None,
     m: int | None,
     n: int | None,
@@ -534,7 +557,7 @@ def mission(
 
     if (m is None) != (n is None):
         raise BadInput("--m and --n belong together, as in --m 3 --n 5")
-    scenario = _scenario(config, level=level, seed=seed)
+    scenario = _scenario(config, radar=radar, level=level, seed=seed)
 
     def run() -> Result:
         with nullcontext() if runs is None else _progress(runs) as advance:
@@ -591,6 +614,7 @@ def rcs(command: list[str], /, config: Path | None, **output: Any) -> None:
 @cli.command("map")
 @_config
 @_level
+@_radar
 @click.option("--upper", is_flag=True, help="Show the upper 3-sigma bound in place of P_D.")
 @click.option(
     "--method",
@@ -622,6 +646,7 @@ def area_map(
     /,
     config: Path | None,
     level: str | None,
+    radar: str | None,
     upper: bool,
     method: str | None,
     north_km: tuple[float, float] | None,
@@ -634,17 +659,20 @@ def area_map(
     """P_D over an area at one height and course.
 
     The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d, and
-    upper_3sigma with --upper.
+    upper_3sigma with --upper. A million cells with the bound by linear or probit take a second; by
+    form, which searches for an extreme of P_D in every cell, most of a minute, and with three
+    radars three minutes.
 
     \b
     Examples:
       radar-sense map
       radar-sense map my.yaml --upper --method probit --step-km 5
       radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45
+      radar-sense map network.yaml --radar ridge
     """
     from radar_sense import area
 
-    scenario = _scenario(config, level=level)
+    scenario = _scenario(config, radar=radar, level=level)
     with _refusals():
         cells = area.grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
 
@@ -734,11 +762,13 @@ def init(file: Path, quiet: bool) -> None:
         click.echo(f"{file} written; next: radar-sense check {file}")
 
 
-def _scenario(config: Path | None, **choices: Any) -> Scenario:
+def _scenario(config: Path | None, *, radar: str | None = None, **choices: Any) -> Scenario:
+    from radar_sense.network import only
     from radar_sense.scenario import load_scenario
 
     with _refusals():
-        return load_scenario(config).with_analysis(**choices)
+        scenario = load_scenario(config).with_analysis(**choices)
+        return scenario if radar is None else only(scenario, radar)
 
 
 @contextmanager

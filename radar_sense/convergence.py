@@ -369,7 +369,7 @@ def convergence(
                 for name in ESTIMATORS
             ),
         ),
-        warnings=_doubts(found),
+        warnings=(*_too_few(found), *_doubts(found)),
     )
 
 
@@ -390,7 +390,17 @@ def _equal_runs(runs: int, random: float, error: float) -> float:
 def _cell(error: float, rate: float, equal: float) -> str:
     if not error > 0:
         return "none" if error == 0 else "undefined"
-    return f"{error:<9.2g}n^{rate:<+7.2f}" + f"{equal:.1e}".replace("e+0", "e")
+    slope = f"n^{rate:<+7.2f}" if np.isfinite(rate) else f"{'no rate':9}"
+    return f"{error:<9.2g}{slope}" + f"{equal:.1e}".replace("e+0", "e")
+
+
+def _too_few(found: Convergence) -> tuple[str, ...]:
+    """Say so if there are too few runs for the errors to show a rate."""
+    if len(found.runs) >= RATE_SIZES:
+        return ()
+    least = 2**RATE_SIZES
+    shown = f"{len(found.runs)} number{'s' if len(found.runs) > 1 else ''} of runs"
+    return (f"{shown} can hardly show a rate; take {least} runs or more",)
 
 
 def _doubts(found: Convergence) -> tuple[str, ...]:

@@ -242,7 +242,8 @@ def _validate(result: Result) -> Figure:
         label = f"{result.method} validated" if axes is top else None
         _shade(axes, table["validated"] > 0, x, label=label)
     for end, style in zip(("lower", "upper"), _LINES, strict=False):
-        distance = table[f"distance_{end}"] / table["delta"]
+        with np.errstate(invalid="ignore"):  # 0/0 where a radar sees nothing: a gap in the line
+            distance = table[f"distance_{end}"] / table["delta"]
         _line(top, x, distance, style, label=f"{end} bound")
     top.axhline(1.0, color="black", lw=0.8)
     top.set_yscale("log")

@@ -35,6 +35,7 @@ from radar_sense.geometry import join, slant_range
 from radar_sense.horizon import Horizon
 from radar_sense.model import DetectionModel, Linearization
 from radar_sense.rcs import RCS
+from radar_sense.reader import MAX_NAME, ScenarioError, did_you_mean
 from radar_sense.states import RADAR, FloatArray
 
 if TYPE_CHECKING:
@@ -320,9 +321,35 @@ def alone(scenario: Scenario) -> dict[str, Scenario]:
             constant_parts={
                 level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()
             },
+            scan_period_s=station.scan_period,
         )
         for i, station in enumerate(model.stations)
     }
+
+
+def only(scenario: Scenario, name: str) -> Scenario:
+    """Return the scenario of one radar of a network by itself, under a name of its own.
+
+    Raises:
+        ScenarioError: If there is no such radar, or a single one.
+    """
+    radars = alone(scenario)
+    if not radars:
+        raise ScenarioError(
+            f"radar {name!r} cannot be chosen: this scenario has a single radar, not a network"
+        )
+    if name not in radars:
+        raise ScenarioError(
+            f"radar must be one of {', '.join(radars)}, got {name!r}" + did_you_mean(name, radars)
+        )
+    own = f"{scenario.name}_{name}"
+    if len(own) > MAX_NAME:
+        raise ScenarioError(
+            f"the name {own} has more than {MAX_NAME} letters; give the scenario a shorter one"
+        )
+    entries = [entry for entry in scenario.document["radars"] if entry["name"] == name]
+    document = {**scenario.document, "name": own, "radars": entries}
+    return dataclasses.replace(radars[name], name=own, document=document)
 
 
 def _either(p: FloatArray, q: FloatArray) -> FloatArray:

@@ -20,6 +20,8 @@ from radar_sense.limits import ANY, Limit
 
 #: A scenario is a page of text; more than this is some other file.
 MAX_BYTES = 64 * 1024
+#: Letters that the name of a scenario may have.
+MAX_NAME = 100
 #: Beyond these sizes squares and fourth powers would leave the range of floating point.
 SMALLEST, LARGEST = 1e-20, 1e20
 

@@ -41,7 +41,7 @@ from radar_sense.rcs import RCS, ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, S
 from radar_sense.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.rcs_file import read_table
 from radar_sense.rcs_table import TableRCS
-from radar_sense.reader import Entry, ScenarioError, did_you_mean, parse, read_file
+from radar_sense.reader import MAX_NAME, Entry, ScenarioError, did_you_mean, parse, read_file
 from radar_sense.states import POSITION, RADAR, FloatArray
 from radar_sense.wgs84 import ned_from_geodetic
 
@@ -223,8 +223,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     )
     document: dict[str, Any] = {
         "name": found["name"].text(
-            "[A-Za-z0-9][A-Za-z0-9_.-]{0,99}",
-            "a name of up to 100 letters A to Z, digits, '_', '-' or '.'",
+            f"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}",
+            f"a name of up to {MAX_NAME} letters A to Z, digits, '_', '-' or '.'",
         )
     }
     if several:

@@ -324,6 +324,15 @@ def test_workers_do_not_change_a_bit_and_seeds_do(small):
         assert (name == "runs") != np.all(column != other.table[name])
 
 
+def test_too_few_runs_show_no_rate():
+    few = convergence(scenario(**WEAK), runs=2)
+    assert any("1 number of runs can hardly show a rate; take 32" in w for w in few.warnings)
+    assert "nan" not in "".join(few.report)
+    assert "no rate" in few.report[2]
+    assert np.isnan(few.summary["at_largest_runs"]["mean"]["random"]["rate"])
+    assert not any("rate" in w for w in convergence(scenario(**WEAK), runs=32).warnings)
+
+
 @pytest.mark.parametrize("runs", [1, 0, 2**17 + 1, 10**9])
 def test_runs_beyond_the_limit(runs):
     with pytest.raises(ScenarioError, match="runs must be a whole number not less than 2 and not"):

@@ -1,0 +1,135 @@
+"""`--radar`: one radar of a network by itself, and what a network says of each of its radars."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from test_input import assert_refused, write
+from test_network_parts import document, network, radars, text
+
+from radar_sense import analyses
+from radar_sense.montecarlo import monte_carlo
+from radar_sense.network import NetworkModel, alone, only
+from radar_sense.propagation import propagate_scenario
+from radar_sense.reader import ScenarioError
+from radar_sense.scenario import load_scenario, parse_scenario
+
+COMMANDS = {
+    "variance": [],
+    "montecarlo": ["--runs", "40"],
+    "sensitivity": [],
+    "budget": [],
+    "compare": ["--runs", "40"],
+    "validate": ["--digits", "1", "--method", "form"],
+    "convergence": ["--runs", "32"],
+    "map": ["--step-km", "40"],
+}
+POSE = (60, 60, 1)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_one_radar_by_itself(tool, command):
+    write(text(document(sweep=POSE)))
+    options = [*COMMANDS[command], "--no-plot", "--out"]
+    code, out, err = tool(command, "my.yaml", *options, "out", "--radar", "b")
+    assert code in (0, 3), err
+    (record_path,) = Path("out").glob("*.json")
+    (table,) = set(Path("out").iterdir()) - {record_path}
+    assert record_path.stem == table.stem == f"paper_b_{command}"
+    record = json.loads(record_path.read_text())
+    assert record["command"][-2:] == ["--radar", "b"]
+    assert record["scenario"]["name"] == "paper_b"
+    assert [entry["name"] for entry in record["scenario"]["radars"]] == ["b"]
+    # what the record says is a scenario of that radar alone, which gives the same
+    write(yaml.safe_dump(record["scenario"]), "again.yaml")
+    again, expected, _ = tool(command, "again.yaml", *options, "again")
+    assert again == code
+    assert table.read_bytes() == (Path("again") / table.name).read_bytes()
+    assert expected.replace("again/", "out/") == out
+    # and not what the network gives
+    tool(command, "my.yaml", *options, "out")
+    assert (Path("out") / f"paper_{command}.json").exists()
+    assert (Path("out") / f"paper_{command}{table.suffix}").read_bytes() != table.read_bytes()
+
+
+def test_a_mission_of_one_radar(tool):
+    header = "time_s,north_m,east_m,down_m"
+    rows = [f"{10 * i},60e3,{35 - i}e3,-3000" for i in range(5)]
+    Path("route.csv").write_text("\n".join([header, *rows, ""]))
+    content = document(geometry={"type": "path", "file": "route.csv"})
+    del content["aircraft"]["attitude_deg"]
+    for entry, period in zip(content["radars"], (None, 5, 20), strict=True):
+        if period:
+            entry["scan_period_s"] = period
+    write(text(content))
+    for name, looks in (("a", 5), ("b", 9), ("c", 3)):
+        code, _, err = tool("mission", "my.yaml", "--radar", name, "--no-plot", "--out", "out")
+        assert code == 0, err
+        table = Path(f"out/paper_{name}_mission.csv").read_text().splitlines()
+        assert len(table) == 1 + looks
+
+
+@pytest.mark.parametrize("command", [*COMMANDS, "mission"])
+def test_a_radar_that_there_is_not(tool, command):
+    write(text(document(sweep=POSE)))
+    code, out, err = tool(command, "my.yaml", "--radar", "bb", "--out", "new")
+    assert_refused(code, out, err)
+    assert "radar must be one of a, b, c, got 'bb'; did you mean 'b'?" in err
+    code, out, err = tool(command, "--radar", "a", "--out", "new")
+    assert_refused(code, out, err)
+    assert "radar 'a' cannot be chosen: this scenario has a single radar, not a network" in err
+    assert not Path("new").exists()
+
+
+def test_only_is_alone_under_another_name():
+    s = network()
+    one, expected = only(s, "c"), alone(s)["c"]
+    assert isinstance(one.model, NetworkModel)
+    assert one.model.names == ("c",)
+    assert (one.name, expected.name) == ("paper_c", "paper")
+    for method in ("linear", "form"):
+        found, same = (propagate_scenario(x, method=method) for x in (one, expected))
+        np.testing.assert_array_equal(found.std, same.std)
+    again = parse_scenario(yaml.safe_dump(one.resolved()))
+    np.testing.assert_array_equal(monte_carlo(again).hairs, monte_carlo(one).hairs)
+    assert again.resolved() == one.resolved()
+    with pytest.raises(ScenarioError, match="single radar"):
+        only(load_scenario(), "radar")
+    with pytest.raises(ScenarioError, match="more than 100 letters"):
+        only(network(name="x" * 99), "c")
+
+
+@pytest.mark.parametrize("method", [None, "form"])
+def test_a_network_says_of_each_radar_what_it_would_do_by_itself(method):
+    s = network(runs=64)
+    for analyse in (analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity):
+        result = analyse(s, method=method)
+        found = result.summary["largest_three_sigma_by_itself"]
+        (start,) = [i for i, line in enumerate(result.report) if "by itself" in line]
+        lines = result.report[start + 1 : start + 4]
+        for name, line in zip("abc", lines, strict=True):
+            assert line.split()[0] == name
+            for level in s.cov_radar if analyse is analyses.sensitivity else ["sheet"]:
+                one = alone(s)[name].with_analysis(level=level)
+                most = 3 * propagate_scenario(one, method=method or "linear").std.max()
+                said = found[level][name] if analyse is analyses.sensitivity else found[name]
+                assert said["value"] == pytest.approx(most, rel=1e-12)
+                where = line.index(level) if analyse is analyses.sensitivity else 0
+                shown = re.search(r"(\d\.\d{4}) at \d+", line[where:])
+                assert float(shown[1]) == pytest.approx(most, abs=5.1e-5)
+    for result in (analyses.budget(load_scenario()), analyses.variance(only(s, "a"))):
+        assert "largest_three_sigma_by_itself" not in result.summary
+        assert not [line for line in result.report if "by itself" in line]
+
+
+def test_a_radar_that_sees_nothing_is_validated(tool):
+    """Beyond its range there is no deviation, no tolerance from it, and nothing to divide by."""
+    several = radars(max_range_km=60)
+    write(text(document(several, sweep=POSE)))
+    options = ["--radar", "a", "--digits", "1", "--method", "form", "--format", "svg"]
+    code, out, err = tool("validate", "my.yaml", *options)
+    assert code == 0, err
+    assert "farthest for what is allowed: 0 at 60 deg" in out
