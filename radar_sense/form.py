@@ -10,8 +10,6 @@ computed. The difference of these two is added to the extreme of z.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,25 +26,16 @@ ITERATIONS = 60
 EASY = 1.2
 
 
-class Quantiles(NamedTuple):
-    """Quantiles of z for m poses and n values of β.
+def quantiles(
+    z: Standardized, betas: FloatArray
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Quantiles of z at Φ(β) for each of m poses and n values of β.
 
-    Attributes:
-        value: The quantiles (m, n): the extremes of z, and the correction to second order.
-        extreme: The extremes alone (m, n), which know all orders of z on the way there.
-        second_order: The quantiles of the second-order expansion of z (m, n).
-        settled: Whether the search for the extremes has settled for all β (m,). Where it has not,
-            or z has no gradient, the quantiles have no meaning.
+    Returns:
+        Quantiles of z (m, n), those of its second-order expansion (m, n), and whether the search
+        for the extremes has settled for all β (m,). Where it has not, or z has no gradient, the
+        quantiles have no meaning.
     """
-
-    value: FloatArray
-    extreme: FloatArray
-    second_order: FloatArray
-    settled: NDArray[np.bool_]
-
-
-def quantiles(z: Standardized, betas: FloatArray) -> Quantiles:
-    """Quantiles of z at Φ(β) for each of m poses and n values of β."""
     known = np.isfinite(z.value + z.gradient.sum(axis=1) + z.curvature.sum(axis=1))
     pose = np.flatnonzero(known)
     # One row for each pose and β, with the sign turned so that all look for a maximum.
@@ -61,13 +50,12 @@ def quantiles(z: Standardized, betas: FloatArray) -> Quantiles:
     second_order[pose] = z.value[pose, np.newaxis] + quadratic_quantile(
         z.gradient[pose], z.curvature[pose], betas
     )
-    quantile, extremes = second_order.copy(), np.zeros_like(second_order)
+    quantile = second_order.copy()
     quantile[pose] += (sign * extreme - expanded).reshape(-1, len(betas))
-    extremes[pose] = (sign * extreme).reshape(-1, len(betas))
     settled = known & np.isfinite(quantile).all(axis=1)
     settled[pose] &= found.reshape(-1, len(betas)).all(axis=1)
-    quantile[~settled] = extremes[~settled] = 0.0  # any finite number
-    return Quantiles(quantile, extremes, second_order, settled)
+    quantile[~settled] = 0.0  # any finite number
+    return quantile, second_order, settled
 
 
 def _climb(

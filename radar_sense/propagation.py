@@ -25,11 +25,6 @@ STD_CHANGE = 0.02
 #: ... or a bound by more than this.
 BOUND_CHANGE = 0.005
 
-#: By `form` it is not while its correction to second order changes σ by less than this fraction ...
-CORRECTION_STD = 0.005
-#: ... and no bound by more than this: a fraction of so little is what higher orders could change.
-CORRECTION_BOUND = 0.002
-
 #: β of the quantiles that mean and standard deviation by `form` rest on.
 NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
 
@@ -41,14 +36,12 @@ class Moments:
     Where the gradient of P_D vanishes first order finds no uncertainty, though there is some; and a
     gradient says little of a function that bends within the region where the states are. `curved`
     is the warning. For `linear` and `probit` it tells where the second order would change σ, of P_D
-    of z, by more than 2 % or a bound by more than 0.005; for `form`, where the orders above the
-    second would and its correction to second order matters, 0.5 % or 0.002, or where the second
-    changes σ of z, though `form` accounts for most of that. On the paper's scenario it is right but
-    for a few poses at the edge: for `linear` it warns at 0, 163 and 341 of 361 poses (Low, Medium,
-    High) where 0, 163 and 335 are off so far, for `probit` at 0, 0 and 49 where 0, 0 and 53 are.
-    Far from that scenario, at 535 poses of radars and networks with c_r to 2 dB and angles to 10
-    deg, there was no warning for `form` at 380: there it missed no bound by more than 0.001, and σ
-    by more than 1.5 % at three (3.3 %). Of the 155 others it was right to 0.002 and 2 % at 127.
+    or of z, by more than 2 % or a bound by more than 0.005; for `form`, where the orders above the
+    second would, or the second changes σ of z, though `form` accounts for most of that. On the
+    paper's scenario it is right but for a few poses at the edge: for `linear` it warns at 0, 163
+    and 341 of 361 poses (Low, Medium, High) where 0, 163 and 335 are off so far, for `probit` at
+    0, 0 and 49 where 0, 0 and 53 are. In tests far from that scenario it warned at every pose where
+    `form` missed a bound by more than 0.002 or σ (above 1e-6) by more than 1 %, and at others.
     All methods warn where a limit to what a radar sees is within reach of the states: none of them
     knows of such an edge.
 
@@ -181,24 +174,21 @@ def form(z: Standardized, beta: float) -> Moments:
     On the paper's scenario its bounds are wrong by 0.00006 at most, its σ by 0.04 % and its mean by
     0.0000013, for some 33 gradients a pose.
     """
-    quantile, extreme, to_second_order, settled = quantiles(z, np.append(NODES, (-beta, beta)))
+    quantile, to_second_order, settled = quantiles(z, np.append(NODES, (-beta, beta)))
     found = _from_quantiles(z, quantile)
     found = Spread(*(np.where(settled, values, np.nan) for values in found))
-    # The extremes know all orders of z; orders above the second are missing in the correction.
-    higher = _differ(_from_quantiles(z, to_second_order), found)
-    corrected = _differ(_from_quantiles(z, extreme), found, CORRECTION_STD, CORRECTION_BOUND)
     return Moments(
         z.model.p_d(z.aircraft, z.radar),
         *found,
-        curved=(higher & corrected) | _bends(z) | z.edge,
+        curved=_differ(_from_quantiles(z, to_second_order), found) | _bends(z) | z.edge,
         settled=settled,
     )
 
 
 def upper_by_form(z: Standardized, beta: float) -> FloatArray:
     """Bound (m,) that P_D stays below with probability Φ(β) by `form`; NaN where not settled."""
-    found = quantiles(z, np.array([beta]))
-    return np.where(found.settled, ndtr(np.maximum(found.value[:, 0], z.floor)), np.nan)
+    quantile, _, settled = quantiles(z, np.array([beta]))
+    return np.where(settled, ndtr(np.maximum(quantile[:, 0], z.floor)), np.nan)
 
 
 METHODS: Mapping[str, Method] = {"linear": linear, "probit": probit, "form": form}
@@ -306,13 +296,11 @@ def _from_quantiles(z: Standardized, quantile: FloatArray) -> Spread:
     return Spread(np.where(z.value > 0, 1.0 - mean, mean), np.sqrt(variance), lower, upper)
 
 
-def _differ(
-    found: Spread, better: Spread, std: float = STD_CHANGE, bound: float = BOUND_CHANGE
-) -> NDArray[np.bool_]:
+def _differ(found: Spread, better: Spread) -> NDArray[np.bool_]:
     """Say where one is too far from the other, or either is not known."""
     near = (
-        (abs(found.std - better.std) <= std * better.std)
-        & (abs(found.lower - better.lower) <= bound)
-        & (abs(found.upper - better.upper) <= bound)
+        (abs(found.std - better.std) <= STD_CHANGE * better.std)
+        & (abs(found.lower - better.lower) <= BOUND_CHANGE)
+        & (abs(found.upper - better.upper) <= BOUND_CHANGE)
     )
     return ~near

@@ -191,14 +191,15 @@ def test_every_part_has_a_unit_normal_of_its_own():
 
 
 def test_a_power_below_zero_is_counted_once_a_run():
-    s = network(radars({"average_power_kw": 0.7}, {"peak_power_kw": 400}))
-    white = np.zeros((4, 12))
+    s = network(radars({"average_power_kw": 0.7}, {"peak_power_kw": 400, "gain_dbi": 2}))
+    white = np.zeros((5, 13))
+    white[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
     white[[0, 2], 3] = -3.5
     white[[0, 1], 7] = -5.5
     radar, negative = Sampler.of(s).draw_radar(white)
-    assert_array_equal(negative, [True, True, True, False])
-    assert_array_equal(radar[:, 3] == 0, [True, False, True, False])
-    assert_array_equal(radar[:, 7] == 0, [True, True, False, False])
+    assert_array_equal(negative, [True, True, True, False, False])
+    assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
+    assert_array_equal(radar[:, 7] == 0, [True, True, False, False, False])
 
 
 # Propagation.
@@ -393,8 +394,12 @@ def test_indices_of_parts():
 
 
 def test_how_much_a_part_of_one_radar_must_be_reduced():
-    s = network(sweep=(60, 60, 1))
-    half = network(radars(track_std={**TRACK_STD, "gain_dbi": 0.25}), sweep=(60, 60, 1))
+    def known_to(gain):
+        several = radars({**SEARCH_STD, "loss_db": 0.2}, {**TRACK_STD, "gain_dbi": gain})
+        several[1]["uncertainty"]["sheet"]["position_m"] = 6000
+        return network(several, sweep=(60, 60, 1))
+
+    s, half = known_to(0.5), known_to(0.25)
     target = 3 * propagate_scenario(half).std.max()
     assert 3 * scaled_moments(s, "linear", ["b_constant_gain_dbi"], 0.5).std == pytest.approx(
         target, rel=1e-12
@@ -407,8 +412,9 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
     for name in ("b", "a_constant_average_power_kw", "a_constant_temperature_k",
                  "a_constant_loss_db", "b_constant_gain_dbi"):  # fmt: skip
         del rest[name]
-    assert allowed["b_constant_gain_dbi"].remains_from == max(rest, key=lambda n: rest[n][0])
     # of the radar that it is a part of there is the rest, not the whole
+    assert max(rest, key=lambda n: rest[n][0]) == "b_position"
+    assert allowed["b_constant_gain_dbi"].remains_from == "b_position"
     both = scaled_moments(s, "linear", ["a_constant_loss_db", "b_constant_gain_dbi"], 0.0).std ** 2
     gone = found.parts["a_constant_loss_db"] ** 2 + found.parts["b_constant_gain_dbi"] ** 2
     assert_allclose(both, found.std**2 - gone, rtol=1e-12)
