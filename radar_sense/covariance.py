@@ -162,10 +162,11 @@ def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray
     """
     size = factor.shape[-1]
     drawn = np.empty((size, *white.shape[:-1]))
+    present = np.any(factor, axis=tuple(range(factor.ndim - 2))).tolist()
     for i in range(size):
         np.multiply(white[..., i], factor[..., i, i], out=drawn[i])
         for j in range(size):
-            if j != i and np.any(factor[..., i, j]):
+            if j != i and present[i][j]:
                 drawn[i] += factor[..., i, j] * white[..., j]
         drawn[i] += mean[..., i]
     return np.moveaxis(drawn, 0, -1)
