@@ -32,7 +32,7 @@ from radar_sense.covariance import draws, factor, symmetric_factor, variance_alo
 from radar_sense.montecarlo import SAMPLES_PER_BLOCK, in_order
 from radar_sense.propagation import Spread, probit_moments
 from radar_sense.sampling import random_stream
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANT, CONSTANTS, RADAR, FloatArray
 from radar_sense.statistics import RunningMoments, Tails
 
 #: Largest n of m-of-n, which keeps track of 2^(n−1) histories.
@@ -664,6 +664,51 @@ def mission_monte_carlo(
         clipped=clipped,
         rank_error=max(tails.rank_error for _, tails in total),
     )
+
+
+def extremes(
+    model: Model,
+    aircraft: FloatArray,
+    radar: FloatArray,
+    cov_radar: FloatArray,
+    *,
+    m_of_n: tuple[int, int] | None = None,
+    sequence: NDArray[np.intp] | None = None,
+    beta: float = 3.0,
+) -> list[tuple[FloatArray, FloatArray]]:
+    """Least and greatest P when one error of the radars alone is β of its deviations off.
+
+    An error is a column of F, F Fᵀ = C_rr: a component of a radar's state where these are
+    independent. A bound at Φ(β) cannot be within them: with probability Φ(−β) the error is larger
+    yet. So they tell of bounds that are too narrow, and need no gradient.
+
+    Args:
+        model: The model.
+        aircraft: Nominal aircraft states (K, 6).
+        radar: Nominal states of the radars (4m,).
+        cov_radar: C_rr (4m, 4m).
+        m_of_n: m and n, to have those of m-of-n too.
+        sequence: The sequence that each look is of (K,), as `track_initiation` has it.
+        beta: β.
+
+    Returns:
+        For P_c, and for m-of-n if asked for: least and greatest (K,) up to each look.
+    """
+    found: list[tuple[FloatArray, FloatArray]] = []
+    for column in factor(cov_radar).T:
+        states = radar + beta * np.stack([-column, column])
+        states[:, CONSTANTS] = np.maximum(states[:, CONSTANTS], 0.0)
+        p_d = model.p_d(aircraft[:, np.newaxis], states).T
+        events = [cumulative_p_d(p_d)]
+        if m_of_n is not None:
+            events.append(_in_some(p_d, 1.0 - p_d, *m_of_n, sequence)[0])
+        ends = [(rows.min(axis=0), rows.max(axis=0)) for rows in events]
+        found = found or ends
+        found = [
+            (np.minimum(low, a), np.maximum(high, b))
+            for (low, high), (a, b) in zip(found, ends, strict=True)
+        ]
+    return found
 
 
 def _accumulated(p_d: FloatArray) -> FloatArray:

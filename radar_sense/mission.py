@@ -36,6 +36,7 @@ from radar_sense.cumulative import (
     Looks,
     Mission,
     cumulative_detection,
+    extremes,
     linearize_looks,
     mission_monte_carlo,
     track_initiation,
@@ -44,6 +45,7 @@ from radar_sense.geometry import slant_range
 from radar_sense.limits import WINDOW
 from radar_sense.montecarlo import TAIL, Sampler
 from radar_sense.network import alone
+from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.radar_constant import doubts
 from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.route import Route
@@ -205,7 +207,10 @@ def mission(
             *_each_report(each),
             *_drawn_report(drawn, chosen, names, off, along),
         ),
-        warnings=_warnings(scenario, chosen, events, names, drawn),
+        warnings=(
+            *_too_narrow(scenario, when, m_of_n, chosen, events, names),
+            *_warnings(scenario, chosen, events, names, drawn),
+        ),
     )
 
 
@@ -471,6 +476,36 @@ def _drawn_report(
         share = drawn.rank_error / (TAIL * drawn.runs)
         lines.append(f"quantiles at the probability 0.00135 to within {share:.2%} of it")
     return lines
+
+
+def _too_narrow(
+    scenario: Scenario,
+    when: Schedule,
+    m_of_n: tuple[int, int] | None,
+    method: str,
+    events: dict[str, Cumulative],
+    names: dict[str, str],
+) -> list[str]:
+    """Warn of bounds that one error of a radar alone passes, as first order cannot know."""
+    ends = extremes(
+        when.model(scenario.model),
+        scenario.aircraft[when.pose],
+        scenario.radar,
+        scenario.cov_radar[scenario.level],
+        m_of_n=m_of_n,
+        sequence=when.sequence,
+    )
+    said = []
+    for (event, found), (low, high) in zip(events.items(), ends, strict=True):
+        above, below = high[when.last] - found.upper, found.lower - low[when.last]
+        beyond = np.maximum(above, below)
+        if place := where(beyond > BOUND_CHANGE, scenario.axis):
+            said.append(
+                f"{names[event]}: with one error of a radar at 3 sigma, all else as it should be, "
+                f"it is beyond the {method} bounds: they are too narrow, by "
+                f"{np.nanmax(beyond):.2g} or more, {place}; --runs draws better ones"
+            )
+    return said
 
 
 def _warnings(

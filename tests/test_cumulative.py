@@ -442,6 +442,29 @@ def test_radars_that_take_turns():
 # What is refused.
 
 
+# 3 sigma of the constant is more than all of it; the place matters more
+@pytest.mark.parametrize("std", [[500.0, 2000.0, 20.0, 30.0], [9e4, 3e4, 20.0, 0.5]])
+def test_extremes_are_those_of_one_error_at_a_time(std):
+    _, aircraft = flight(12)
+    (low, high), (low_track, high_track) = cu.extremes(
+        MODEL, aircraft, RADAR, np.diag(np.square(std)), m_of_n=(2, 3)
+    )
+    every, tracks = [], []
+    for i in range(4):
+        for sign in (-3, 3):
+            state = RADAR.copy()
+            state[i] += sign * std[i]
+            state[3] = max(state[3], 0.0)
+            p_d = MODEL.p_d(aircraft, state)
+            every.append([1 - np.prod(1 - p_d[: k + 1]) for k in range(12)])
+            tracks.append([enumerated(p_d[: k + 1], m_within_n(2, 3)) for k in range(12)])
+    np.testing.assert_allclose(low, np.min(every, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(high, np.max(every, axis=0), rtol=1e-12)
+    np.testing.assert_allclose(low_track, np.min(tracks, axis=0), rtol=1e-9)
+    np.testing.assert_allclose(high_track, np.max(tracks, axis=0), rtol=1e-9)
+    assert high[-1] - low[-1] > 0.5
+
+
 def test_what_is_refused():
     time, aircraft = flight(5)
     looks = cu.linearize_looks(MODEL, time, aircraft, RADAR)

@@ -23,6 +23,7 @@ from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.reader import ScenarioError
 from radar_sense.wgs84 import geodetic_from_ned
 
+ROOT = Path(__file__).parent.parent
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 #: Past the radar, with a yaw that goes through 180 degrees.
@@ -586,3 +587,34 @@ def test_the_threshold_is_drawn(k):
     assert "threshold 0.5" in labels
     assert len(labels) == (4 if k == 3 else 5)
     figures.render(figures.draw(result), "pdf")
+
+
+def test_bounds_that_one_error_alone_passes_are_said_to_be_too_narrow():
+    """A radar of which little is known: first order has it in proportion to what it does now."""
+    s = rs.load_scenario(ROOT / "configs" / "corridor.yaml")
+    (said,) = [w for w in mission(s, m_of_n=(3, 5)).warnings if "too narrow" in w]
+    assert said.startswith("track, 3 of 5: with one error of a radar at 3 sigma")
+    assert "0.063 or more, at 2965 to 4560 s" in said
+    # and they are: the quantiles of the draws are farther out yet
+    drawn = columns(ROOT / "figures" / "corridor_mission.csv")
+    time, off = drawn["time_s"], drawn["track_mc_upper"] - drawn["track_upper_3sigma"]
+    assert off[time >= 3000].min() > 0.063
+    assert off[time < 2900].max() < 0.01
+
+
+@pytest.mark.parametrize("method", cumulative.METHODS)
+@pytest.mark.parametrize("level", ["low", "medium"])
+def test_bounds_that_are_said_to_be_too_narrow_are_so_by_the_draws(tmp_path, method, level):
+    s = load(tmp_path, analysis__level=level)
+    result = mission(s, m_of_n=(3, 5), method=method, runs=20_000)
+    table = result.table
+    for event, before in (("cumulative P_D", ""), ("track", "track_")):
+        bounds, drawn = (
+            np.array([table[f"{before}{kind}{end}"] for end in ends])
+            for kind, ends in (("", ("lower_3sigma", "upper_3sigma")), ("mc_", ("lower", "upper")))
+        )
+        narrow = max((bounds[0] - drawn[0]).max(), (drawn[1] - bounds[1]).max())
+        said = [w for w in result.warnings if "too narrow" in w and w.startswith(event)]
+        assert bool(said) == (level == "medium")
+        for warning in said:  # a quarter for the noise of the quantiles
+            assert narrow > 0.75 * float(warning.split("too narrow, by ")[1].split(" or more")[0])
