@@ -462,7 +462,7 @@ def test_extremes_are_those_of_one_error_at_a_time(std):
     np.testing.assert_allclose(high, np.max(every, axis=0), rtol=1e-12)
     np.testing.assert_allclose(low_track, np.min(tracks, axis=0), rtol=1e-9)
     np.testing.assert_allclose(high_track, np.max(tracks, axis=0), rtol=1e-9)
-    assert high[-1] - low[-1] > 0.5
+    assert (high - low).max() > 0.05
 
 
 def test_what_is_refused():
