@@ -7,6 +7,7 @@ enough that all intermediate arrays stay in the processor's cache.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
@@ -312,6 +313,8 @@ def _in_blocks(
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     _keep_freed_memory()
     aircraft, radar = (np.broadcast_to(s, shape + s.shape[-1:]) for s in (aircraft, radar))
+    if math.prod(shape) <= size:
+        return function(aircraft, radar)
     results = tuple(_component_first(shape, tail) for tail in tails)
     for block in _blocks(shape, size):
         values = function(aircraft[block], radar[block])
