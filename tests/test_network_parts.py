@@ -149,10 +149,11 @@ def test_a_network_drawn_by_hand(azimuth):
     assert max(abs(linear.lower[0] - ends[0]), abs(linear.upper[0] - ends[1])) > 2 * near
 
 
-def test_a_mission_draws_the_constants_as_their_parts_make_them():
+def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    Path("route.csv").write_text(f"{header}\n0,60e3,35e3,-3000,0,0,0\n10,60e3,34e3,-3000,0,0,0\n")
-    path = {"type": "path", "file": "route.csv"}
+    route = tmp_path / "route.csv"
+    route.write_text(f"{header}\n0,60e3,35e3,-3000,0,0,0\n10,60e3,34e3,-3000,0,0,0\n")
+    path = {"type": "path", "file": str(route)}
     content = document(radars(scan_period_s=100), geometry=path)
     del content["aircraft"]["attitude_deg"]
     s = parse_scenario(text(content))
