@@ -135,6 +135,22 @@ def factor(covariance: FloatArray) -> FloatArray:
     return np.where(independent[..., np.newaxis, np.newaxis], diagonal, root)
 
 
+def factor_apart(covariance: FloatArray, apart: Sequence[int]) -> FloatArray:
+    """Return F (n, n) with F Fᵀ = C, in which the normals of some components move nothing else.
+
+    The columns of `factor` are in the order of eigenvalues, so that the one of a component need not
+    be the one of its place.
+
+    Args:
+        covariance: C (n, n).
+        apart: Places of components that are independent of all others.
+    """
+    rest = np.setdiff1d(np.arange(len(covariance)), apart)
+    root = np.diag(np.sqrt(np.diagonal(covariance)))
+    root[np.ix_(rest, rest)] = factor(covariance[np.ix_(rest, rest)])
+    return root
+
+
 def symmetric_factor(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C, for a C that may be singular, that is continuous in C.
 

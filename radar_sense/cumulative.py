@@ -675,12 +675,14 @@ def extremes(
     m_of_n: tuple[int, int] | None = None,
     sequence: NDArray[np.intp] | None = None,
     beta: float = 3.0,
+    radar_draws: RadarDraws | None = None,
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Least and greatest P when one error of the radars alone is β of its deviations off.
 
     An error is a column of F, F Fᵀ = C_rr: a component of a radar's state where these are
-    independent. A bound at Φ(β) cannot be within them: with probability Φ(−β) the error is larger
-    yet. So they tell of bounds that are too narrow, and need no gradient.
+    independent. With probability Φ(−β) it is larger yet. So a bound at Φ(β) should not be within
+    them where P only grows with the error, and the other errors move it up as well as down. They
+    need no gradient.
 
     Args:
         model: The model.
@@ -690,14 +692,21 @@ def extremes(
         m_of_n: m and n, to have those of m-of-n too.
         sequence: The sequence that each look is of (K,), as `track_initiation` has it.
         beta: β.
+        radar_draws: Makes the radars of their unit normals, as it draws them, in place of a
+            Gaussian with C_rr; each normal is then an error.
 
     Returns:
         For P_c, and for m-of-n if asked for: least and greatest (K,) up to each look.
     """
     found: list[tuple[FloatArray, FloatArray]] = []
-    for column in factor(cov_radar).T:
-        states = radar + beta * np.stack([-column, column])
-        states[:, CONSTANTS] = np.maximum(states[:, CONSTANTS], 0.0)
+    if radar_draws is None:
+        errors = factor(cov_radar).T
+        every = radar + beta * np.stack([-errors, errors], axis=1)
+        every[..., CONSTANTS] = np.maximum(every[..., CONSTANTS], 0.0)
+    else:
+        white = beta * np.eye(radar_draws.radar_normals)
+        every = np.stack([radar_draws.draw_radar(u)[0] for u in (-white, white)], axis=1)
+    for states in every:
         p_d = model.p_d(aircraft[:, np.newaxis], states).T
         events = [cumulative_p_d(p_d)]
         if m_of_n is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from radar_sense import covariance
 from radar_sense.montecarlo import Sampler
 from radar_sense.propagation import Moments, check_method, propagate_scenario
-from radar_sense.radar_constant import Part, columns, relative_std
+from radar_sense.radar_constant import Part, columns, made_of_parts, relative_std
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
 from radar_sense.sobol import REPLICATES, sobol_indices
@@ -349,7 +349,12 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
             "radar": (cov_radar, factor_radar),
         }[whose]
         block = (..., components, components)
-        root[block] = covariance.factor(matrix[block])
+        if whose == "radar":
+            mine = range(components.start, components.stop)
+            own_place = [mine.index(c) for c in made_of_parts(scenario.parts) if c in mine]
+            root[block] = covariance.factor_apart(matrix[block], own_place)
+        else:
+            root[block] = covariance.factor(matrix[block])
     sampler = dataclasses.replace(
         Sampler.of(scenario), factor_aircraft=factor_aircraft, factor_radar=factor_radar
     )

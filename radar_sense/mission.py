@@ -494,6 +494,7 @@ def _too_narrow(
         scenario.cov_radar[scenario.level],
         m_of_n=m_of_n,
         sequence=when.sequence,
+        radar_draws=Sampler.of(scenario),
     )
     said = []
     for (event, found), (low, high) in zip(events.items(), ends, strict=True):

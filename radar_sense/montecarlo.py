@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.covariance import component_first, draws, factor
+from radar_sense.covariance import component_first, draws, factor, factor_apart
 from radar_sense.model import Model
 from radar_sense.propagation import Moments, propagate_scenario
-from radar_sense.radar_constant import Part, columns, draw, normals
+from radar_sense.radar_constant import Part, columns, draw, made_of_parts, normals
 from radar_sense.sampling import SAMPLERS, Source, check_sampler
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANTS, FloatArray
@@ -118,7 +118,9 @@ class Sampler:
             aircraft=scenario.aircraft,
             radar=scenario.radar,
             factor_aircraft=component_first(factor(scenario.cov_aircraft)),
-            factor_radar=factor(scenario.cov_radar[scenario.level]),
+            factor_radar=factor_apart(
+                scenario.cov_radar[scenario.level], made_of_parts(scenario.parts)
+            ),
             parts=scenario.parts,
         )
 

@@ -272,6 +272,11 @@ def normals(components: int, parts: Sequence[Sequence[Part]]) -> int:
     return components + sum(max(0, len(of_radar) - 1) for of_radar in parts)
 
 
+def made_of_parts(parts: Sequence[Sequence[Part]]) -> list[int]:
+    """Return the places, among the states of all radars, of each c_r that is made of parts."""
+    return [len(RADAR) * i + CONSTANT for i, of_radar in enumerate(parts) if of_radar]
+
+
 def columns(components: int, parts: Sequence[Sequence[Part]]) -> list[list[int]]:
     """Return which of these unit normals the parts of each radar take.
 

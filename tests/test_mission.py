@@ -602,6 +602,33 @@ def test_bounds_that_one_error_alone_passes_are_said_to_be_too_narrow():
     assert off[time < 2900].max() < 0.01
 
 
+@pytest.mark.parametrize(("gain", "loss_std"), [(66, 1.0), (66, 2.0), (74, 1.5)])
+def test_what_is_said_of_a_constant_in_decibels_is_so_by_the_draws(tmp_path, gain, loss_std):
+    """It is log-normal: of 1.5 dB three are 0.35 or 2.8 of it, and not 0 or 2."""
+    s = rs.load_scenario(ROOT / "configs" / "mission.yaml")
+    document = s.resolved()
+    makeup = {
+        "peak_power_kw": 2, "gain_dbi": gain, "frequency_ghz": 9, "pulse_width_us": 20,
+        "temperature_k": 290, "loss_db": 8, "noise_figure_db": 6,
+    }  # fmt: skip
+    document["radar"] = {
+        "position_m": [0, 0, 0], "tracking": makeup, "p_fa": 1e-6, "scan_period_s": 10
+    }  # fmt: skip
+    sheet = {"position_m": 10, "constant": {"loss_db": loss_std}}
+    document["uncertainty"]["radar"] = {"sheet": sheet}
+    document["analysis"]["level"] = "sheet"
+    document["geometry"]["file"] = str(ROOT / "configs" / "path_route.csv")
+    (tmp_path / "sheet.yaml").write_text(yaml.safe_dump(document))
+    result = mission(rs.load_scenario(tmp_path / "sheet.yaml"), m_of_n=(3, 5), runs=2000)
+    table = result.table
+    said = [w for w in result.warnings if "too narrow" in w]
+    assert len(said) == (2 if gain == 66 else 0)
+    for before, warning in zip(("", "track_"), said, strict=False):
+        off = (table[f"{before}mc_upper"] - table[f"{before}upper_3sigma"]).max()
+        least = float(warning.split("too narrow, by ")[1].split(" or more")[0])
+        assert 0.75 * least < off < 1.25 * least  # this one error is nearly all there is
+
+
 @pytest.mark.parametrize("method", cumulative.METHODS)
 @pytest.mark.parametrize("level", ["low", "medium"])
 def test_bounds_that_are_said_to_be_too_narrow_are_so_by_the_draws(tmp_path, method, level):

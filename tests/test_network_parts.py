@@ -149,10 +149,11 @@ def test_a_network_drawn_by_hand(azimuth):
     assert max(abs(linear.lower[0] - ends[0]), abs(linear.upper[0] - ends[1])) > 2 * near
 
 
-def test_a_mission_draws_the_constants_as_their_parts_make_them():
+def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
-    Path("route.csv").write_text(f"{header}\n0,60e3,35e3,-3000,0,0,0\n10,60e3,34e3,-3000,0,0,0\n")
-    path = {"type": "path", "file": "route.csv"}
+    route = tmp_path / "route.csv"
+    route.write_text(f"{header}\n0,60e3,35e3,-3000,0,0,0\n10,60e3,34e3,-3000,0,0,0\n")
+    path = {"type": "path", "file": str(route)}
     content = document(radars(scan_period_s=100), geometry=path)
     del content["aircraft"]["attitude_deg"]
     s = parse_scenario(text(content))
@@ -188,6 +189,41 @@ def test_every_part_has_a_unit_normal_of_its_own():
             assert not negative
     # the third is a number still
     assert sampler.draw_radar(np.eye(16)[[11]])[0][0, 11] == NUMBER[0] + NUMBER[1]
+
+
+#: A place known better across than along; its eigenvectors are not in the order of its axes.
+ALONG = [[1e4, 9e3, 0], [9e3, 1e4, 0], [0, 0, 25]]
+
+
+def test_a_part_moves_its_constant_and_nothing_else():
+    """Also beside places whose errors are correlated, and beside a radar with all of them so."""
+    several = radars(position_m=ALONG)
+    whole = np.zeros((4, 4))
+    whole[:3, :3], whole[3, 3] = ALONG, 1e-7
+    several[2]["uncertainty"]["sheet"] = {"covariance": whole.tolist()}
+    for radar in (several, several[1:], several[:1]):
+        s = network(radar)
+        sampler = Sampler.of(s)
+        moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - s.radar
+        own = columns(len(s.radar), s.parts)
+        for i, of_radar in enumerate(own):
+            assert np.all(moved[of_radar, 4 * i + 3])
+            assert_array_equal(np.delete(moved[of_radar], 4 * i + 3, axis=1), 0.0)
+            others = np.setdiff1d(np.arange(len(moved)), of_radar) if of_radar else []
+            assert_array_equal(moved[others, 4 * i + 3], 0.0)
+        root = sampler.factor_radar
+        assert_allclose(root @ root.T, s.cov_radar["sheet"], rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize("several", [1, 3])
+def test_indices_of_parts_do_not_have_the_place(several):
+    """Of a place that is all of the variance, and constants that are as good as certain."""
+    known = {"loss_db": 1e-6}
+    far = [[1e6, 9e5, 0], [9e5, 1e6, 0], [0, 0, 25]]
+    s = network(radars(known, known, position_m=far)[:several], runs=4096)
+    found = error_budget(s, "montecarlo")
+    for share in found.part_shares().values():
+        assert share.max() < 0.05
 
 
 def test_a_power_below_zero_is_counted_once_a_run():
