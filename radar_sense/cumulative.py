@@ -32,7 +32,7 @@ from radar_sense.covariance import draws, factor, symmetric_factor, variance_alo
 from radar_sense.montecarlo import SAMPLES_PER_BLOCK, in_order
 from radar_sense.propagation import Spread, probit_moments
 from radar_sense.sampling import random_stream
-from radar_sense.states import AIRCRAFT, CONSTANT, CONSTANTS, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 from radar_sense.statistics import RunningMoments, Tails
 
 #: Largest n of m-of-n, which keeps track of 2^(n−1) histories.
@@ -533,11 +533,11 @@ class _Runs:
         generator = random_stream(self.seed, index)
         looks, width = len(self.aircraft), self.runs_per_block
         # All of the block is drawn, so that more runs begin with the same ones.
-        normals = self.draws.radar_normals if self.draws else len(self.radar)
+        normals = _radar_normals(self.radar, self.draws)
         white_radar = generator.standard_normal((width, normals))
         white = generator.standard_normal((looks, len(AIRCRAFT), width))
         runs = min(width, self.runs - index * width)
-        radar, clipped = self._radars(white_radar[:runs])
+        radar, clipped = _drawn(self.radar, self.factor_radar, self.draws, white_radar[:runs])
         p_d = self.model.p_d(self._poses(white[..., :runs]), radar).T
         parts = []
         tracks = [_in_some(p_d, 1.0 - p_d, *self.m_of_n, self.sequence)[0]] if self.m_of_n else []
@@ -547,17 +547,6 @@ class _Runs:
             tails.add(rows)
             parts.append((moments, tails))
         return parts, clipped
-
-    def _radars(self, white: FloatArray) -> tuple[FloatArray, int]:
-        """Radar states (runs, 4m) from unit normals, and how many constants were set to zero."""
-        if self.draws:
-            radar, negative = self.draws.draw_radar(white)
-            return radar, int(np.count_nonzero(negative))
-        radar = draws(self.radar, self.factor_radar, white)
-        constants = radar[:, CONSTANT :: len(RADAR)]
-        clipped = int(np.count_nonzero(constants < 0))
-        constants[constants < 0] = 0.0
-        return radar, clipped
 
     def _poses(self, white: FloatArray) -> FloatArray:
         """Aircraft states (K, runs, 6) from independent unit normals (K, 6, runs), overwritten."""
@@ -699,13 +688,8 @@ def extremes(
         For P_c, and for m-of-n if asked for: least and greatest (K,) up to each look.
     """
     found: list[tuple[FloatArray, FloatArray]] = []
-    if radar_draws is None:
-        errors = factor(cov_radar).T
-        every = radar + beta * np.stack([-errors, errors], axis=1)
-        every[..., CONSTANTS] = np.maximum(every[..., CONSTANTS], 0.0)
-    else:
-        white = beta * np.eye(radar_draws.radar_normals)
-        every = np.stack([radar_draws.draw_radar(u)[0] for u in (-white, white)], axis=1)
+    white, root = beta * np.eye(_radar_normals(radar, radar_draws)), factor(cov_radar)
+    every = np.stack([_drawn(radar, root, radar_draws, u)[0] for u in (-white, white)], axis=1)
     for states in every:
         p_d = model.p_d(aircraft[:, np.newaxis], states).T
         events = [cumulative_p_d(p_d)]
@@ -718,6 +702,25 @@ def extremes(
             for (low, high), (a, b) in zip(found, ends, strict=True)
         ]
     return found
+
+
+def _radar_normals(radar: FloatArray, radar_draws: RadarDraws | None) -> int:
+    """Unit normals that a draw of the radars takes."""
+    return radar_draws.radar_normals if radar_draws else len(radar)
+
+
+def _drawn(
+    radar: FloatArray, root: FloatArray, radar_draws: RadarDraws | None, white: FloatArray
+) -> tuple[FloatArray, int]:
+    """Radar states (runs, 4m) from unit normals, and how many constants were set to zero."""
+    if radar_draws:
+        states, negative = radar_draws.draw_radar(white)
+        return states, int(np.count_nonzero(negative))
+    states = draws(radar, root, white)
+    constants = states[:, CONSTANTS]
+    clipped = int(np.count_nonzero(constants < 0))
+    constants[constants < 0] = 0.0
+    return states, clipped
 
 
 def _accumulated(p_d: FloatArray) -> FloatArray:
