@@ -46,3 +46,15 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     file = folder / name
     file.write_text(yaml.safe_dump(document(content, **changes), sort_keys=False))
     return file
+
+
+def legend_off_data(figure):
+    """Insist that the legend of a figure that is laid out is on the page, and on no axes."""
+    (legend,) = figure.legends
+    box, page = legend.get_window_extent(), figure.bbox
+    assert box.x0 >= page.x0
+    assert box.x1 <= page.x1
+    assert box.y1 <= page.y1
+    for axes in figure.axes:
+        assert not box.overlaps(axes.get_window_extent())
+    return legend
