@@ -176,16 +176,19 @@ def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray
         factor: F (n, n), or (k, n, n) for draws (..., k, n) that have one each.
         white: Independent unit normals (..., n).
     """
-    size = factor.shape[-1]
-    drawn = np.empty((size, *white.shape[:-1]))
-    present = np.any(factor, axis=tuple(range(factor.ndim - 2))).tolist()
-    for i in range(size):
-        np.multiply(white[..., i], factor[..., i, i], out=drawn[i])
-        for j in range(size):
-            if j != i and present[i][j]:
-                drawn[i] += factor[..., i, j] * white[..., j]
-        drawn[i] += mean[..., i]
+    diagonal = np.diagonal(factor, axis1=-2, axis2=-1)
+    drawn = _by_component(white, white.ndim) * _by_component(diagonal, white.ndim)
+    present = np.any(factor, axis=tuple(range(factor.ndim - 2)))
+    for i, j in np.argwhere(present & ~np.eye(len(present), dtype=bool)).tolist():
+        drawn[i] += factor[..., i, j] * white[..., j]
+    drawn += _by_component(mean, white.ndim)
     return np.moveaxis(drawn, 0, -1)
+
+
+def _by_component(vectors: FloatArray, ndim: int) -> FloatArray:
+    """View vectors (..., n) as (n, 1, ..., ...), with so many dimensions."""
+    first = np.moveaxis(vectors, -1, 0)
+    return first.reshape(first.shape[0], *(1,) * (ndim - first.ndim), *first.shape[1:])
 
 
 def component_first(matrices: FloatArray) -> FloatArray:

@@ -280,7 +280,11 @@ class DetectionModel:
 def _range_squared(line: Vector) -> FloatArray:
     """R² (...), NaN where aircraft and radar coincide and nothing has a meaning."""
     x, y, z = line
-    squared = x * x + y * y + z * z
+    squared = x * x
+    squared += y * y
+    squared += z * z
+    if np.min(squared, initial=np.inf) > 0:  # as it nearly always is
+        return squared
     return np.where(squared > 0, squared, np.nan)
 
 

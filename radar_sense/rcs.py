@@ -90,8 +90,7 @@ class EllipsoidRCS:
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
-        x, y, z = split(np.asarray(body_vector, dtype=float))
-        xx, yy, zz = x * x, y * y, z * z
+        xx, yy, zz = split(np.square(np.asarray(body_vector, dtype=float)))
         hh = xx + yy
         rr = hh + zz
         with np.errstate(invalid="ignore"):

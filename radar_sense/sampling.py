@@ -65,13 +65,12 @@ class Random:
         radar = generator.standard_normal((self.runs, self.radar))
         # In memory one component after the other, as arithmetic goes by component.
         aircraft = np.empty((len(AIRCRAFT), self.runs, self.poses))
-        for first in range(0, len(AIRCRAFT), 2):
-            _fill_with_normals(generator, aircraft[first : first + 2])
+        _fill_with_normals(generator, aircraft)
         return radar, np.moveaxis(aircraft, 0, -1)
 
 
-def _fill_with_normals(generator: np.random.Generator, pair: FloatArray) -> None:
-    """Fill an array (2, ...) with independent unit normals.
+def _fill_with_normals(generator: np.random.Generator, values: FloatArray) -> None:
+    """Fill an array (2k, ...) with independent unit normals, made in pairs.
 
     With u and v uniform in [0, 1), r = √(−2 ln(1 − u)) and t = tan πv they are (G. E. P. Box and
     M. E. Muller, "A note on the generation of random normal deviates", 1958)
@@ -80,19 +79,20 @@ def _fill_with_normals(generator: np.random.Generator, pair: FloatArray) -> None
 
     For many of them this takes half the time of NumPy's own, which draws one after the other.
     """
-    generator.random(out=pair)
-    u, v = pair
+    generator.random(out=values)
+    u, v = values[::2], values[1::2]
     radius = np.subtract(1.0, u, out=u)
     np.log(radius, out=radius)
     radius *= -2.0
     np.sqrt(radius, out=radius)
     t = np.multiply(np.pi, v, out=v)
     np.tan(t, out=t)
-    scale = 1.0 + t * t
+    scale = t * t
+    scale += 1.0
     np.divide(radius, scale, out=scale)
     scale += scale
-    np.subtract(scale, radius, out=pair[0])
-    np.multiply(scale, t, out=pair[1])
+    np.subtract(scale, radius, out=radius)
+    t *= scale
 
 
 @dataclass(frozen=True)

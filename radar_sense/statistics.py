@@ -34,7 +34,8 @@ class RunningMoments:
         # The deviations sum to what rounding has made wrong with the mean (the corrected two-pass
         # algorithm of Chan, Golub and LeVeque, The American Statistician 37(3), 1983).
         rounding = deviation.mean(axis=0)
-        squares = np.sum(deviation * deviation, axis=0) - len(rows) * rounding * rounding
+        squares = np.square(deviation, out=deviation).sum(axis=0)
+        squares -= len(rows) * rounding * rounding
         self._merge(len(rows), mean + rounding, np.maximum(squares, 0.0))
 
     def merge(self, other: RunningMoments) -> None:
