@@ -250,9 +250,9 @@ class DetectionModel:
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        attitude = Attitude.from_state(aircraft)
         line = radar_from_aircraft(aircraft, radar)
-        body = attitude.to_body(line)
+        attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
+        body = line if attitude is None else attitude.to_body(line)
         range_squared = _range_squared(line)
         sigma, sigma_gradient = self.rcs.linearize(join(body))
         constant = radar[..., CONSTANT]
@@ -262,14 +262,17 @@ class DetectionModel:
         ds_dsigma = snr(constant, _ONE, range_squared)
         value, by_snr = detector(ratio, self.p_fa)
 
-        # The RCS turns with the aircraft, the range does not: only the first is rotated back.
-        by_sigma = by_snr * ds_dsigma
-        by_aspect, by_attitude = attitude.pull_back(
-            body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
-        )
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
         by_range = -4.0 * by_snr * ratio / range_squared
-        by_position = [g + by_range * d for g, d in zip(by_aspect, line, strict=True)]
+        by_position = Vector(*(by_range * d for d in line))
+        by_attitude = Vector(*[0.0 * by_snr] * 3)
+        if attitude is not None:
+            # The RCS turns with the aircraft, the range does not: only the first is rotated back.
+            by_sigma = by_snr * ds_dsigma
+            by_aspect, by_attitude = attitude.pull_back(
+                body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
+            )
+            by_position = Vector(*(g + p for g, p in zip(by_aspect, by_position, strict=True)))
         return (
             value,
             join((*(-g for g in by_position), *by_attitude)),
@@ -283,9 +286,8 @@ def _range_squared(line: Vector) -> FloatArray:
     squared = x * x
     squared += y * y
     squared += z * z
-    if np.min(squared, initial=np.inf) > 0:  # as it nearly always is
-        return squared
-    return np.where(squared > 0, squared, np.nan)
+    apart = squared > 0
+    return squared if apart.all() else np.where(apart, squared, np.nan)
 
 
 def _in_blocks(

@@ -2,8 +2,8 @@
 
 As in the paper the radar state is drawn once per run and shared by all poses of that run, the
 aircraft state at every pose of every run. Runs come in blocks. What is drawn in a block depends on
-the seed and its number alone, and the blocks' statistics are merged in their order; so the result
-depends on scenario and seed alone, not on who computed which block.
+the seed and its number alone, and the blocks' statistics are merged in an order that is always the
+same; so the result depends on scenario and seed alone, not on who computed which block.
 """
 
 from __future__ import annotations
@@ -31,6 +31,11 @@ T = TypeVar("T")
 
 #: Samples of a block, about. A part of the result's definition: another value, other draws.
 SAMPLES_PER_BLOCK = 131_072
+#: One thread computes several blocks on end, so that it seldom waits to hand something over; but
+#: not so many that there would be fewer tasks than this. Parts of the definition too: the order in
+#: which sums are rounded depends on them.
+MOST_BLOCKS = 8
+LEAST_TASKS = 32
 #: All poses of a scenario.
 EVERY = slice(None)
 #: Runs kept whole for the hair lines of the figure: so many, and never more numbers than that.
@@ -166,15 +171,30 @@ class Sampler:
         return self.model.p_d(aircraft, radar[:, np.newaxis])
 
 
-@dataclass(frozen=True, eq=False)
 class _Statistics:
-    """What is kept of some runs."""
+    """What is kept of runs."""
 
-    moments: RunningMoments
-    tails: Tails
-    inside: NDArray[np.int64]
-    clipped: int
-    hairs: FloatArray
+    def __init__(self, poses: int, runs: int) -> None:
+        self.moments, self.tails = RunningMoments(poses), Tails(poses, runs, TAIL)
+        self.inside = np.zeros(poses)
+        self.clipped = 0
+        self.hairs = np.empty((0, poses))
+
+    def add(self, p_d: FloatArray, clipped: int, hairs: int, band: Moments) -> None:
+        """Take in P_D of runs (m, n), and as hairs the first so many of them."""
+        self.moments.add(p_d)
+        self.tails.add(p_d)
+        self.inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
+        self.clipped += clipped
+        self.hairs = np.vstack([self.hairs, p_d[:hairs]])
+
+    def merge(self, other: _Statistics) -> None:
+        """Take in all that another one has taken in."""
+        self.moments.merge(other.moments)
+        self.tails.merge(other.tails)
+        self.inside += other.inside
+        self.clipped += other.clipped
+        self.hairs = np.vstack([self.hairs, other.hairs])
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,32 +208,36 @@ class _Blocks:
     runs_per_block: int
     hairs: int
 
-    def __len__(self) -> int:
+    @property
+    def blocks(self) -> int:
+        """How many blocks there are; the last one need not be full."""
         return -(-self.runs // self.runs_per_block)
 
-    def p_d(self, index: int) -> tuple[FloatArray, int]:
+    @property
+    def together(self) -> int:
+        """Blocks of a task: as many as leave no core without work for long at the end."""
+        return min(max(self.blocks // LEAST_TASKS, 1), MOST_BLOCKS)
+
+    @property
+    def tasks(self) -> int:
+        """How many tasks there are."""
+        return -(-self.blocks // self.together)
+
+    def p_d(self, block: int) -> tuple[FloatArray, int]:
         """P_D (runs of the block, n) and in how many a constant was set to 0."""
-        runs = min(self.runs_per_block, self.runs - index * self.runs_per_block)
-        white_radar, white_aircraft = self.source.block(index)
+        runs = min(self.runs_per_block, self.runs - block * self.runs_per_block)
+        white_radar, white_aircraft = self.source.block(block)
         radar, negative = self.sampler.draw_radar(white_radar[:runs])
         return self.sampler.draw_p_d(white_aircraft[:runs], radar), int(np.count_nonzero(negative))
 
-    def statistics(self, index: int) -> _Statistics:
-        """Compute a block and keep what is needed of it."""
-        p_d, clipped = self.p_d(index)
-        poses = p_d.shape[1]
-        moments, tails = RunningMoments(poses), Tails(poses, self.runs, TAIL)
-        moments.add(p_d)
-        tails.add(p_d)
-        inside = (p_d >= self.band.lower) & (p_d <= self.band.upper)
-        first = index * self.runs_per_block
-        return _Statistics(
-            moments=moments,
-            tails=tails,
-            inside=np.count_nonzero(inside, axis=0),
-            clipped=clipped,
-            hairs=p_d[: max(0, self.hairs - first)].copy(),  # a view would keep all of the block
-        )
+    def statistics(self, task: int) -> _Statistics:
+        """Compute the blocks of a task and keep what is needed of them."""
+        found = _Statistics(len(self.sampler.aircraft), self.runs)
+        first = task * self.together
+        for block in range(first, min(first + self.together, self.blocks)):
+            hairs = max(0, self.hairs - block * self.runs_per_block)
+            found.add(*self.p_d(block), hairs, self.band)
+        return found
 
 
 def monte_carlo(
@@ -260,38 +284,26 @@ def monte_carlo(
         runs_per_block=runs_per_block,
         hairs=min(MAX_HAIRS, max(1, MAX_HAIR_POINTS // poses), scenario.runs),
     )
-    moments, tails = RunningMoments(poses), Tails(poses, scenario.runs, TAIL)
-    inside = np.zeros(poses)
-    clipped = 0
-    hairs: list[FloatArray] = []
-    for part in _computed(blocks, workers, executor):
-        moments.merge(part.moments)
-        tails.merge(part.tails)
-        inside += part.inside
-        clipped += part.clipped
-        hairs.append(part.hairs)
+    total = _Statistics(poses, scenario.runs)
+    for found in in_order(blocks.statistics, blocks.tasks, workers, executor):
+        total.merge(found)
         if progress:
-            progress(part.moments.count)
-    low, high = tails.quantiles()
+            progress(found.moments.count)
+    low, high = total.tails.quantiles()
     return MonteCarlo(
         runs=scenario.runs,
         seed=scenario.seed,
         band=band,
-        mean=moments.mean,
-        std=moments.std(),
+        mean=total.moments.mean,
+        std=total.moments.std(),
         lower=low,
         upper=high,
-        inside=inside,
-        clipped=clipped,
-        hairs=np.vstack(hairs),
+        inside=total.inside,
+        clipped=total.clipped,
+        hairs=total.hairs,
         sampler=sampler,
-        rank_error=tails.rank_error,
+        rank_error=total.tails.rank_error,
     )
-
-
-def _computed(blocks: _Blocks, workers: int, executor: Executor | None) -> Iterator[_Statistics]:
-    """Compute all blocks and give their statistics in their order."""
-    return in_order(blocks.statistics, len(blocks), workers, executor)
 
 
 def in_order(

@@ -29,11 +29,11 @@ class RunningMoments:
 
     def add(self, rows: FloatArray) -> None:
         """Take in rows (m, columns)."""
-        mean = rows.mean(axis=0)
+        mean = rows.sum(axis=0) / len(rows)
         deviation = rows - mean
         # The deviations sum to what rounding has made wrong with the mean (the corrected two-pass
         # algorithm of Chan, Golub and LeVeque, The American Statistician 37(3), 1983).
-        rounding = deviation.mean(axis=0)
+        rounding = deviation.sum(axis=0) / len(rows)
         squares = np.square(deviation, out=deviation).sum(axis=0)
         squares -= len(rows) * rounding * rounding
         self._merge(len(rows), mean + rounding, np.maximum(squares, 0.0))
