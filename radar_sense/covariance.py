@@ -165,7 +165,9 @@ def symmetric_factor(covariance: FloatArray) -> FloatArray:
     return root
 
 
-def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray:
+def draws(
+    mean: FloatArray, factor: FloatArray, white: FloatArray, *, overwrite: bool = False
+) -> FloatArray:
     """Turn independent unit normals (..., n) into draws (..., n) with covariance F Fᵀ.
 
     Written out instead of a matrix product, whose rounding depends on the library behind it and on
@@ -175,12 +177,19 @@ def draws(mean: FloatArray, factor: FloatArray, white: FloatArray) -> FloatArray
         mean: Mean of the draws, broadcast against them.
         factor: F (n, n), or (k, n, n) for draws (..., k, n) that have one each.
         white: Independent unit normals (..., n).
+        overwrite: Whether the draws may take the place of the normals in memory.
     """
-    diagonal = np.diagonal(factor, axis1=-2, axis2=-1)
-    drawn = _by_component(white, white.ndim) * _by_component(diagonal, white.ndim)
     present = np.any(factor, axis=tuple(range(factor.ndim - 2)))
-    for i, j in np.argwhere(present & ~np.eye(len(present), dtype=bool)).tolist():
-        drawn[i] += factor[..., i, j] * white[..., j]
+    coupled = np.argwhere(present & ~np.eye(len(present), dtype=bool)).tolist()
+    diagonal, normals = np.diagonal(factor, axis1=-2, axis2=-1), np.moveaxis(white, -1, 0)
+    drawn = np.multiply(
+        normals,
+        _by_component(diagonal, white.ndim),
+        out=normals if overwrite and not coupled else None,
+        order="C",
+    )
+    for i, j in coupled:
+        drawn[i] += factor[..., i, j] * normals[j]
     drawn += _by_component(mean, white.ndim)
     return np.moveaxis(drawn, 0, -1)
 

@@ -154,20 +154,28 @@ class Sampler:
                 negative[:, i] = constants[:, i] == 0
         return radar, np.asarray(negative.any(axis=1))
 
-    def draw_p_d(self, white: FloatArray, radar: FloatArray, poses: slice = EVERY) -> FloatArray:
+    def draw_p_d(
+        self,
+        white: FloatArray,
+        radar: FloatArray,
+        poses: slice = EVERY,
+        *,
+        overwrite: bool = False,
+    ) -> FloatArray:
         """Draw an aircraft for each pose of each run and compute P_D.
 
         Args:
             white: Unit normals for the aircraft (runs, poses, 6).
             radar: Radar states (runs, 4m).
             poses: Which of the scenario's poses.
+            overwrite: Whether the memory of the normals may be used.
 
         Returns:
             P_D (runs, poses).
         """
         root = self.factor_aircraft
         root = root if root.ndim == 2 else root[poses]
-        aircraft = draws(self.aircraft[poses], root, white)
+        aircraft = draws(self.aircraft[poses], root, white, overwrite=overwrite)
         return self.model.p_d(aircraft, radar[:, np.newaxis])
 
 
@@ -228,7 +236,8 @@ class _Blocks:
         runs = min(self.runs_per_block, self.runs - block * self.runs_per_block)
         white_radar, white_aircraft = self.source.block(block)
         radar, negative = self.sampler.draw_radar(white_radar[:runs])
-        return self.sampler.draw_p_d(white_aircraft[:runs], radar), int(np.count_nonzero(negative))
+        p_d = self.sampler.draw_p_d(white_aircraft[:runs], radar, overwrite=True)
+        return p_d, int(np.count_nonzero(negative))
 
     def statistics(self, task: int) -> _Statistics:
         """Compute the blocks of a task and keep what is needed of them."""

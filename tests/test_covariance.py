@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radar_sense.covariance import factor, first_problem, from_std, only, problem
+from radar_sense.covariance import draws, factor, first_problem, from_std, only, problem
 
 
 def random_covariance(rng, size, rank):
@@ -70,6 +70,21 @@ def test_the_first_bad_one_of_many_is_the_one_that_is_bad_alone(size):
         many[[17, 25]] = bad
         assert first_problem(many) == (17, problem(bad))
         assert first_problem(many[18:]) == (7, problem(bad))
+
+
+@pytest.mark.parametrize("per_pose", [False, True])
+@pytest.mark.parametrize("coupled", [False, True])
+def test_draws_are_the_factor_times_the_normals(coupled, per_pose):
+    """Also where they take the normals' place, which nobody else may do."""
+    rng = np.random.default_rng(3)
+    root = rng.standard_normal((5, 6, 6) if per_pose else (6, 6)) * (1 if coupled else np.eye(6))
+    mean, white = rng.standard_normal((5, 6)), rng.standard_normal((7, 5, 6))
+    expected = mean + (root @ white[..., np.newaxis])[..., 0]
+    before = white.copy()
+    np.testing.assert_allclose(draws(mean, root, white), expected, rtol=1e-13, atol=1e-13)
+    np.testing.assert_array_equal(white, before)
+    drawn = draws(mean, root, white, overwrite=True)
+    np.testing.assert_allclose(drawn, expected, rtol=1e-13, atol=1e-13)
 
 
 def test_rounding_is_forgiven():
