@@ -61,6 +61,7 @@ RCS = {
 
 def main():
     heading()
+    workers()  # before JAX is there, beside which threads of Python wait longer
     with one_core():
         for kind in RCS:
             linearization(kind)
@@ -69,7 +70,6 @@ def main():
         print(
             "\n* does not turn to the body frame; the compiler sees that a constant needs no aspect"
         )
-    workers()
     door()
 
 
@@ -265,8 +265,11 @@ def door():
 
 
 def run(*arguments, code=0):
-    """Run Python and insist on its exit code."""
-    done = subprocess.run([sys.executable, *arguments], cwd=ROOT, capture_output=True, check=False)
+    """Run Python and insist on its exit code; what has been compiled once stays so, as usual."""
+    usual = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    done = subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, env=usual, capture_output=True, check=False
+    )
     assert done.returncode == code, done.stderr.decode()
 
 
