@@ -13,6 +13,9 @@ The radars of a network look each once a period of its own; those with the same 
 together, and that is one look. P_c counts the looks of all. A track is m detections in n looks in a
 row of the radars with one period, each of them doing what it can: so the looks of a radar that sees
 nothing do not come between those of one that does. The network has a track when any of them has.
+
+Both methods are of first order. Whether that is enough is asked each time in two ways that need no
+gradient: each error of a radar is made three of its deviations, and a few missions are drawn.
 """
 
 from __future__ import annotations
@@ -21,10 +24,12 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from radar_sense import axis as axes
 from radar_sense.analyses import Result
@@ -56,6 +61,12 @@ from radar_sense.wording import at, peak, where
 
 #: Probabilities that the report gives the time of.
 MILESTONES = (0.5, 0.9)
+#: A look of a few draws, times 1 + 2^(n − 1)/16 for a track, takes some 0.8 µs: together a second.
+QUICK_WORK = 1e6
+#: So many runs at most are drawn to see whether a method is far off, and at least.
+MOST_QUICK, LEAST_QUICK = 1000, 200
+#: What is said of σ: the scatter of so few draws is far less, as long as they are not very skewed.
+STD_FACTOR = 1.33
 #: Memory of track initiation grows with the square of the looks, to some 0.6 GB here, ...
 MAX_TRACK_LOOKS = 4000
 #: ... and its time with that times 2^(n − 1), to half a minute here.
@@ -142,25 +153,10 @@ def mission(
         _check_window(*m_of_n, len(pose))
     looks, events = _events(scenario, when, m_of_n, chosen)
     each = _each_alone(scenario, when, m_of_n, chosen)
-    drawn = None
-    if runs is not None:
-        drawn = mission_monte_carlo(
-            when.model(scenario.model),
-            along.values[pose],
-            scenario.aircraft[pose],
-            scenario.radar,
-            _of_looks(scenario.cov_aircraft, pose),
-            scenario.cov_radar[scenario.level],
-            correlation_time=scenario.correlation_s,
-            runs=scenario.runs,
-            seed=scenario.seed,
-            m_of_n=m_of_n,
-            sequence=when.sequence,
-            radar_draws=Sampler.of(scenario),
-            workers=workers,
-            progress=progress,
-        )
-        drawn = _at_times(drawn, when)
+    draw = partial(_draw, scenario, when, m_of_n, workers)
+    drawn = None if runs is None else draw(scenario.runs, progress=progress)
+    few = _few_runs(len(pose), m_of_n)
+    quick = draw(few, beta=_quick_beta(few)) if few else None
     names = {"detection": "cumulative P_D"}
     if m_of_n is not None:
         names["track"] = "track, {} of {}".format(*m_of_n)
@@ -208,7 +204,13 @@ def mission(
             *_drawn_report(drawn, chosen, names, off, along),
         ),
         warnings=(
-            *_too_narrow(scenario, when, m_of_n, chosen, events, names),
+            *_too_poor(
+                chosen,
+                names,
+                _too_narrow(scenario, when, m_of_n, chosen, events),
+                {} if quick is None else _unlike(chosen, events, quick, along),
+                hint="" if runs else "; --runs draws better ones",
+            ),
             *_warnings(scenario, chosen, events, names, drawn),
         ),
     )
@@ -245,6 +247,38 @@ def _rows(found: Cumulative, rows: NDArray[np.intp]) -> Cumulative:
     return Cumulative(
         found.p[rows], found.mean[rows], found.std[rows], found.lower[rows], found.upper[rows]
     )
+
+
+def _draw(
+    scenario: Scenario,
+    when: Schedule,
+    m_of_n: tuple[int, int] | None,
+    workers: int,
+    runs: int,
+    *,
+    beta: float = 3.0,
+    progress: Callable[[int], None] | None = None,
+) -> Mission:
+    """Draw so many missions; what they show by each time (K,)."""
+    pose = when.pose
+    drawn = mission_monte_carlo(
+        when.model(scenario.model),
+        scenario.axis.values[pose],
+        scenario.aircraft[pose],
+        scenario.radar,
+        _of_looks(scenario.cov_aircraft, pose),
+        scenario.cov_radar[scenario.level],
+        correlation_time=scenario.correlation_s,
+        runs=runs,
+        seed=scenario.seed,
+        m_of_n=m_of_n,
+        sequence=when.sequence,
+        beta=beta,
+        radar_draws=Sampler.of(scenario),
+        workers=workers,
+        progress=progress,
+    )
+    return _at_times(drawn, when)
 
 
 def _at_times(drawn: Mission, when: Schedule) -> Mission:
@@ -478,15 +512,29 @@ def _drawn_report(
     return lines
 
 
+def _too_poor(
+    method: str,
+    names: dict[str, str],
+    narrow: dict[str, str],
+    unlike: dict[str, str],
+    hint: str,
+) -> list[str]:
+    """Warn where first order is not enough, for each event in a line with all that shows it."""
+    return [
+        f"{names[event]}: {'; '.join(filter(None, (narrow.get(event), unlike.get(event))))}{hint}"
+        for event in names
+        if event in narrow or event in unlike
+    ]
+
+
 def _too_narrow(
     scenario: Scenario,
     when: Schedule,
     m_of_n: tuple[int, int] | None,
     method: str,
     events: dict[str, Cumulative],
-    names: dict[str, str],
-) -> list[str]:
-    """Warn of bounds that one error of a radar alone passes, as first order cannot know."""
+) -> dict[str, str]:
+    """Say which bounds one error of a radar alone passes, as first order cannot know."""
     ends = extremes(
         when.model(scenario.model),
         scenario.aircraft[when.pose],
@@ -496,16 +544,58 @@ def _too_narrow(
         sequence=when.sequence,
         radar_draws=Sampler.of(scenario),
     )
-    said = []
+    said = {}
     for (event, found), (low, high) in zip(events.items(), ends, strict=True):
         above, below = high[when.last] - found.upper, found.lower - low[when.last]
         beyond = np.maximum(above, below)
         if place := where(beyond > BOUND_CHANGE, scenario.axis):
-            said.append(
-                f"{names[event]}: with one error of a radar at 3 sigma, all else as it should be, "
-                f"it is beyond the {method} bounds: they are too narrow, by "
-                f"{np.nanmax(beyond):.2g} or more, {place}; --runs draws better ones"
+            said[event] = (
+                "with one error of a radar at 3 sigma, all else as it should be, it is beyond the "
+                f"{method} bounds: they are too narrow, by {np.nanmax(beyond):.2g} or more, {place}"
             )
+    return said
+
+
+def _few_runs(looks: int, m_of_n: tuple[int, int] | None) -> int:
+    """How many missions to draw to see whether a method is far off: 0 where it takes too long."""
+    states = 0 if m_of_n is None else 2 ** (m_of_n[1] - 1)
+    affordable = int(QUICK_WORK / (looks * (1 + states / 16)))
+    return min(MOST_QUICK, max(affordable, LEAST_QUICK)) if 5 * affordable >= LEAST_QUICK else 0
+
+
+def _quick_beta(runs: int) -> float:
+    """β of the quantile that ten of so many runs are beyond, or one in a hundred."""
+    return float(-ndtri(max(0.01, 10.0 / runs)))
+
+
+def _unlike(
+    method: str, events: dict[str, Cumulative], quick: Mission, along: Axis
+) -> dict[str, str]:
+    """Say where a few draws are not what the method says, by more than chance makes of it.
+
+    Of the runs 0.00135 should be below the lower bound, and above the upper one. That ten or more
+    of 1000 are has a probability of 5e-6, and a lesser one of fewer runs.
+    """
+    said = {}
+    for event, found in events.items():
+        drawn = _of(quick, event)
+        beyond = np.maximum(drawn.upper - found.upper, found.lower - drawn.lower)
+        off = 3.0 * abs(drawn.std - found.std)
+        much = np.maximum(drawn.std, found.std) > STD_FACTOR * np.minimum(drawn.std, found.std)
+        worst = int(np.argmax(np.where(much, off, 0.0)))
+        parts = []
+        if place := where(beyond > BOUND_CHANGE, along):
+            parts.append(
+                f"of {quick.runs} quick draws ten or more are beyond a {method} 3-sigma bound, "
+                f"by {np.nanmax(beyond):.2g} or more, {place}"
+            )
+        if much[worst] and off[worst] > 3.0 * BOUND_CHANGE:
+            parts.append(
+                f"sigma of {quick.runs} quick draws is {drawn.std[worst]:.2g} at "
+                f"{along.at(worst)}, that of {method} {found.std[worst]:.2g}"
+            )
+        if parts:
+            said[event] = "; ".join(parts)
     return said
 
 
