@@ -464,7 +464,7 @@ def _looks(scenario: Scenario, when: Schedule) -> str:
     )
     number = f"{len(along)} looks"
     if len(when.radars) > 1:
-        number = f"{len(when.pose)} looks at {len(along)} times"
+        number = f"{len(when.pose)} looks at {len(along)} time{'s' if len(along) > 1 else ''}"
     return f"{number}, {first} to {last}, {which}; pose errors {errors}"
 
 

@@ -331,9 +331,10 @@ def only(scenario: Scenario, name: str) -> Scenario:
     """Return the scenario of one radar of a network by itself, under a name of its own.
 
     Raises:
-        ScenarioError: If there is no such radar, or a single one.
+        ScenarioError: If there is no such radar, or a single one that has no name.
     """
-    radars = alone(scenario)
+    entries = {entry["name"]: entry for entry in scenario.document.get("radars", ())}
+    radars = alone(scenario) or dict.fromkeys(entries, scenario)
     if not radars:
         raise ScenarioError(
             f"radar {name!r} cannot be chosen: this scenario has a single radar, not a network"
@@ -347,8 +348,7 @@ def only(scenario: Scenario, name: str) -> Scenario:
         raise ScenarioError(
             f"the name {own} has more than {MAX_NAME} letters; give the scenario a shorter one"
         )
-    entries = [entry for entry in scenario.document["radars"] if entry["name"] == name]
-    document = {**scenario.document, "name": own, "radars": entries}
+    document = {**scenario.document, "name": own, "radars": [entries[name]]}
     return dataclasses.replace(radars[name], name=own, document=document)
 
 

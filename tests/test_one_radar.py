@@ -49,6 +49,12 @@ def test_one_radar_by_itself(tool, command):
     assert again == code
     assert table.read_bytes() == (Path("again") / table.name).read_bytes()
     assert expected.replace("again/", "out/") == out
+    # also where it is named once more, as the record's command does
+    tool(command, "again.yaml", *options, "twice", "--radar", "b")
+    assert table.read_bytes() == (Path("twice") / f"paper_b_b_{command}{table.suffix}").read_bytes()
+    code, out, err = tool(command, "again.yaml", "--radar", "a", "--out", "new")
+    assert_refused(code, out, err)
+    assert "radar must be one of b, got 'a'" in err
     # and not what the network gives
     tool(command, "my.yaml", *options, "out")
     assert (Path("out") / f"paper_{command}.json").exists()
