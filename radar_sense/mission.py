@@ -205,7 +205,6 @@ def mission(
         ),
         warnings=(
             *_too_poor(
-                chosen,
                 names,
                 _too_narrow(scenario, when, m_of_n, chosen, events),
                 {} if quick is None else _unlike(chosen, events, quick, along),
@@ -513,11 +512,7 @@ def _drawn_report(
 
 
 def _too_poor(
-    method: str,
-    names: dict[str, str],
-    narrow: dict[str, str],
-    unlike: dict[str, str],
-    hint: str,
+    names: dict[str, str], narrow: dict[str, str], unlike: dict[str, str], hint: str
 ) -> list[str]:
     """Warn where first order is not enough, for each event in a line with all that shows it."""
     return [
