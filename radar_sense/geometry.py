@@ -44,9 +44,9 @@ class Turn(NamedTuple):
         scale = t * t
         scale += 1.0
         scale = 2.0 / scale
-        t *= scale
-        scale -= 1.0
-        return cls(scale, t)
+        t *= scale  # in place: this is the sine now,
+        scale -= 1.0  # and this the cosine
+        return cls(cos=scale, sin=t)
 
     def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Turn the axes of the (u, v) plane."""

@@ -265,7 +265,7 @@ class DetectionModel:
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
         by_range = -4.0 * by_snr * ratio / range_squared
         by_position = Vector(*(by_range * d for d in line))
-        by_attitude = Vector(*[0.0 * by_snr] * 3)
+        by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where nothing has a meaning
         if attitude is not None:
             # The RCS turns with the aircraft, the range does not: only the first is rotated back.
             by_sigma = by_snr * ds_dsigma

@@ -31,11 +31,11 @@ T = TypeVar("T")
 
 #: Samples of a block, about. A part of the result's definition: another value, other draws.
 SAMPLES_PER_BLOCK = 131_072
-#: One thread computes several blocks on end, so that it seldom waits to hand something over; but
-#: not so many that there would be fewer tasks than this. Parts of the definition too: the order in
-#: which sums are rounded depends on them.
-MOST_BLOCKS = 8
-LEAST_TASKS = 32
+#: One thread computes so many blocks on end, so that it seldom waits to hand something over; fewer
+#: with several radars, as a task that has begun is not interrupted, and where there would be fewer
+#: tasks than this. Parts of the definition too: the order in which sums are rounded depends on it.
+MOST_BLOCKS = 4
+LEAST_TASKS = 64
 #: All poses of a scenario.
 EVERY = slice(None)
 #: Runs kept whole for the hair lines of the figure: so many, and never more numbers than that.
@@ -223,8 +223,9 @@ class _Blocks:
 
     @property
     def together(self) -> int:
-        """Blocks of a task: as many as leave no core without work for long at the end."""
-        return min(max(self.blocks // LEAST_TASKS, 1), MOST_BLOCKS)
+        """Blocks of a task."""
+        most = MOST_BLOCKS // len(self.sampler.model.models)
+        return max(min(self.blocks // LEAST_TASKS, most), 1)
 
     @property
     def tasks(self) -> int:
@@ -271,8 +272,8 @@ def monte_carlo(
         level: Level of radar uncertainty.
         method: Method of propagation that gives the band, the paper's linearization by default.
         sampler: "random", or "sobol" for draws that fill the space evenly.
-        executor: Computes the blocks in place of threads; as many as 8 for each of `workers` are
-            under way at a time. Of no influence on the result.
+        executor: Computes the blocks, up to 4 in a call, in place of threads; as many as 8 calls
+            for each of `workers` are under way at a time. Of no influence on the result.
         progress: Called with the number of runs that have come in since the last call.
 
     Raises:

@@ -120,7 +120,7 @@ class _Tail:
         self._keep = math.floor(self._position) + 2
         self._group = math.inf
         if self._keep > capacity:
-            # as many rows as have an end that is expected to fit, see `enough`
+            # at most so many rows that their end is expected to fit, see `enough`
             self._keep, self._group = capacity, (math.sqrt(capacity + 8) - 4) ** 2 / probability
         self._rows = np.empty((0, columns))
         self._waiting: list[FloatArray] = []
@@ -171,13 +171,13 @@ class _Tail:
 
     def _take(self, parts: list[FloatArray], taken: int) -> None:
         """Take in the smallest of so many rows; they are dealt with when enough of them wait."""
-        self._waiting += parts
-        self._taken += taken
-        if self._taken >= self._group:
+        if self._taken and self._taken + taken > self._group:  # its end would not fit
             self._settle()
             self._collapse(np.sort(self._rows, axis=0), 0)
             self._rows, self._taken = self._rows[:0], 0
-        elif sum(map(len, self._waiting)) >= self._keep:
+        self._waiting += parts
+        self._taken += taken
+        if sum(map(len, self._waiting)) >= self._keep:
             self._settle()
 
     def _settle(self) -> None:

@@ -554,7 +554,7 @@ def test_files_are_replaced_and_follow_the_umask(tool, mask):
 LONG_RUN = """
 import signal
 import radar_sense.analyses
-from radar_sense.cli import _progress, cli
+from radar_sense.cli import cli
 # a shell that runs the tests in the background has them, and their children, ignore it
 signal.signal(signal.SIGINT, signal.default_int_handler)
 print("ready", flush=True)

@@ -875,6 +875,7 @@ def test_nothing_has_a_meaning_where_aircraft_and_radar_coincide(rcs):
     assert np.isnan(model.p_d(np.zeros(6), [0, 0, 0, 1.0]))
     assert np.isnan(lin.p_d)
     assert np.isnan(lin.jac_radar).all()
+    assert np.isnan(lin.jac_aircraft).all()
 
 
 def test_a_nan_does_not_hide_a_negative_constant():

@@ -4,6 +4,7 @@ A statistic of n draws is compared in units of its own standard error. Four of t
 chance once in 16 000 comparisons; where many are compared the bound is that of the largest of many.
 """
 
+import dataclasses
 import tracemalloc
 
 import chain_rule
@@ -14,9 +15,11 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from radar_sense import model
+from radar_sense import model, montecarlo
 from radar_sense.detection import North
 from radar_sense.montecarlo import MAX_HAIRS, TAIL, monte_carlo
+from radar_sense.network import NetworkModel, Station
+from radar_sense.sampling import SAMPLERS
 from radar_sense.scenario import load_scenario
 
 NOTHING = {"position_m": 0, "attitude_deg": 0}
@@ -227,6 +230,46 @@ def test_hairs_are_a_subset_of_many_runs():
     np.testing.assert_allclose(few.std, few.hairs.std(axis=0, ddof=1), rtol=1e-11)
     inside = abs(few.hairs - few.band.p_d) <= 3 * few.band.std
     np.testing.assert_array_equal(few.inside, inside.sum(axis=0))
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+@pytest.mark.parametrize(("runs", "together"), [(8 * 150 + 3, 2), (8 * 301 + 3, 4)])
+def test_tasks_of_several_blocks_are_all_their_draws(monkeypatch, workers, runs, together):
+    """The last block is not full, nor is the last task; and constants are set to zero."""
+    monkeypatch.setattr(montecarlo, "SAMPLES_PER_BLOCK", 8 * 13)
+    s = only_radar_constant(std=100.0, geometry__azimuth_deg=FEW)
+    came_in = []
+    mc = monte_carlo(s, runs=runs, seed=5, workers=workers, progress=came_in.append)
+    assert came_in[:-1] == [8 * together] * (len(came_in) - 1)
+    assert sum(came_in) == runs
+    sampler = montecarlo.Sampler.of(s)
+    source = SAMPLERS["random"](5, 8, 13, sampler.radar_normals)
+    draws, clipped = [], []
+    for block in range(-(-runs // 8)):
+        white_radar, white_aircraft = source.block(block)
+        radar, negative = sampler.draw_radar(white_radar)
+        draws.append(sampler.draw_p_d(white_aircraft, radar))
+        clipped.append(negative)
+    draws, clipped = np.concatenate(draws)[:runs], np.concatenate(clipped)[:runs]
+    np.testing.assert_array_equal(mc.hairs, draws[:MAX_HAIRS])
+    assert mc.clipped == np.count_nonzero(clipped) > 10
+    np.testing.assert_allclose(mc.mean, draws.mean(axis=0), rtol=1e-13)
+    np.testing.assert_allclose(mc.std, draws.std(axis=0, ddof=1), rtol=1e-12)
+    inside = (draws >= mc.band.lower) & (draws <= mc.band.upper)
+    np.testing.assert_array_equal(mc.inside, inside.sum(axis=0))
+    np.testing.assert_allclose(mc.lower, np.quantile(draws, TAIL, axis=0), rtol=1e-13)
+
+
+def test_a_task_of_many_radars_is_a_block():
+    """It takes long enough, and who stops it should not have to wait."""
+    s = scenario()
+    sampler = montecarlo.Sampler.of(s)
+    for radars, together in ((1, 4), (2, 2), (3, 1), (16, 1)):
+        several = NetworkModel(tuple(Station(s.model, f"r{i}") for i in range(radars)))
+        blocks = montecarlo._Blocks(
+            dataclasses.replace(sampler, model=several), None, None, 10**6, 256, 0
+        )
+        assert blocks.together == together
 
 
 def test_no_uncertainty_gives_the_nominal_value_every_time():

@@ -104,6 +104,24 @@ def test_tails_do_not_grow_with_the_rows():
     assert many <= few + 64 * 4  # a level more each time the rows double
 
 
+@pytest.mark.parametrize("size", [100_000, 140_000, 200_000, 250_000])
+@pytest.mark.parametrize("merged", [False, True])
+def test_no_rows_are_lost_when_they_come_many_at_a_time(size, merged):
+    """An end of 512 rows is that of 262 000 with 8 sigma to spare, and not that of 400 000."""
+    rows = np.random.default_rng(5).uniform(size=(3_000_000, 1))
+    tails = Tails(1, len(rows), P, 512)
+    for block in in_blocks(rows, size):
+        if merged:
+            part = Tails(1, len(rows), P, 512)
+            part.add(block)
+            tails.merge(part)
+        else:
+            tails.add(block)
+    for found, ends in zip(tails.quantiles(), (rows, -rows), strict=True):
+        rank = np.sum(ends < (found if ends is rows else -found), axis=0)
+        assert abs(rank - (len(rows) - 1) * P) <= tails.rank_error < 0.02 * len(rows) * P
+
+
 def test_tails_that_lost_rows_say_so():
     # The rows come sorted: the first groups hold the whole tail, far more than their share.
     rows = np.sort(np.random.default_rng(4).uniform(size=(200_000, 1)), axis=0)
