@@ -186,7 +186,7 @@ class _Statistics:
         self.moments, self.tails = RunningMoments(poses), Tails(poses, runs, TAIL)
         self.inside = np.zeros(poses)
         self.clipped = 0
-        self.hairs = np.empty((0, poses))
+        self.hairs: list[FloatArray] = []
 
     def add(self, p_d: FloatArray, clipped: int, hairs: int, band: Moments) -> None:
         """Take in P_D of runs (m, n), and as hairs the first so many of them."""
@@ -194,7 +194,8 @@ class _Statistics:
         self.tails.add(p_d)
         self.inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
         self.clipped += clipped
-        self.hairs = np.vstack([self.hairs, p_d[:hairs]])
+        if hairs:
+            self.hairs.append(p_d[:hairs].copy())  # a view would keep all of the block
 
     def merge(self, other: _Statistics) -> None:
         """Take in all that another one has taken in."""
@@ -202,7 +203,7 @@ class _Statistics:
         self.tails.merge(other.tails)
         self.inside += other.inside
         self.clipped += other.clipped
-        self.hairs = np.vstack([self.hairs, other.hairs])
+        self.hairs += other.hairs
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,7 +311,7 @@ def monte_carlo(
         upper=high,
         inside=total.inside,
         clipped=total.clipped,
-        hairs=total.hairs,
+        hairs=np.vstack(total.hairs),
         sampler=sampler,
         rank_error=total.tails.rank_error,
     )
