@@ -40,6 +40,7 @@ from radar_sense.cumulative import (
     Drawn,
     Looks,
     Mission,
+    Model,
     cumulative_detection,
     extremes,
     linearize_looks,
@@ -219,27 +220,38 @@ def _events(
     scenario: Scenario, when: Schedule, m_of_n: tuple[int, int] | None, method: str
 ) -> tuple[Looks, dict[str, Cumulative]]:
     """Looks (L,), and what has happened by each time (K,)."""
-    pose = when.pose
-    looks = linearize_looks(
-        when.model(scenario.model),
-        scenario.axis.values[pose],
-        scenario.aircraft[pose],
-        scenario.radar,
-    )
-    common = (_of_looks(scenario.cov_aircraft, pose), scenario.cov_radar[scenario.level])
+    states, covariances = _of_looks(scenario, when)
+    looks = linearize_looks(*states)
     tau = scenario.correlation_s
     events = {
-        "detection": cumulative_detection(looks, *common, correlation_time=tau, method=method)
+        "detection": cumulative_detection(looks, *covariances, correlation_time=tau, method=method)
     }
     if m_of_n is not None:
         events["track"] = track_initiation(
-            looks, *m_of_n, *common, correlation_time=tau, sequence=when.sequence, method=method
+            looks,
+            *m_of_n,
+            *covariances,
+            correlation_time=tau,
+            sequence=when.sequence,
+            method=method,
         )
     return looks, {event: _rows(values, when.last) for event, values in events.items()}
 
 
-def _of_looks(covariance: FloatArray, pose: NDArray[np.intp]) -> FloatArray:
-    return covariance if covariance.ndim == 2 else covariance[pose]
+def _of_looks(
+    scenario: Scenario, when: Schedule
+) -> tuple[tuple[Model, FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]:
+    """Model, times (L,), aircraft (L, 6) and radars (4m,) of the looks; and C_aa and C_rr."""
+    pose, covariance = when.pose, scenario.cov_aircraft
+    return (
+        when.model(scenario.model),
+        scenario.axis.values[pose],
+        scenario.aircraft[pose],
+        scenario.radar,
+    ), (
+        covariance if covariance.ndim == 2 else covariance[pose],
+        scenario.cov_radar[scenario.level],
+    )
 
 
 def _rows(found: Cumulative, rows: NDArray[np.intp]) -> Cumulative:
@@ -259,14 +271,10 @@ def _draw(
     progress: Callable[[int], None] | None = None,
 ) -> Mission:
     """Draw so many missions; what they show by each time (K,)."""
-    pose = when.pose
+    states, covariances = _of_looks(scenario, when)
     drawn = mission_monte_carlo(
-        when.model(scenario.model),
-        scenario.axis.values[pose],
-        scenario.aircraft[pose],
-        scenario.radar,
-        _of_looks(scenario.cov_aircraft, pose),
-        scenario.cov_radar[scenario.level],
+        *states,
+        *covariances,
         correlation_time=scenario.correlation_s,
         runs=runs,
         seed=scenario.seed,
@@ -530,11 +538,12 @@ def _too_narrow(
     events: dict[str, Cumulative],
 ) -> dict[str, str]:
     """Say which bounds one error of a radar alone passes, as first order cannot know."""
+    (model, _, aircraft, radar), (_, cov_radar) = _of_looks(scenario, when)
     ends = extremes(
-        when.model(scenario.model),
-        scenario.aircraft[when.pose],
-        scenario.radar,
-        scenario.cov_radar[scenario.level],
+        model,
+        aircraft,
+        radar,
+        cov_radar,
         m_of_n=m_of_n,
         sequence=when.sequence,
         radar_draws=Sampler.of(scenario),

@@ -259,16 +259,16 @@ class DetectionModel:
         ratio = snr(constant, sigma, range_squared)
         # S is a product, so ∂S/∂c_r and ∂S/∂σ_r are S without that factor (and exist where it is 0)
         ds_dconstant = snr(_ONE, sigma, range_squared)
-        ds_dsigma = snr(constant, _ONE, range_squared)
         value, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
         by_range = -4.0 * by_snr * ratio / range_squared
         by_position = Vector(*(by_range * d for d in line))
-        by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where nothing has a meaning
-        if attitude is not None:
+        if attitude is None:
+            by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where nothing has a meaning
+        else:
             # The RCS turns with the aircraft, the range does not: only the first is rotated back.
-            by_sigma = by_snr * ds_dsigma
+            by_sigma = by_snr * snr(constant, _ONE, range_squared)
             by_aspect, by_attitude = attitude.pull_back(
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )

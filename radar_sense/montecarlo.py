@@ -273,8 +273,8 @@ def monte_carlo(
         level: Level of radar uncertainty.
         method: Method of propagation that gives the band, the paper's linearization by default.
         sampler: "random", or "sobol" for draws that fill the space evenly.
-        executor: Computes the blocks, up to 4 in a call, in place of threads; as many as 8 calls
-            for each of `workers` are under way at a time. Of no influence on the result.
+        executor: Computes the blocks, MOST_BLOCKS or fewer in a call, in place of threads; as many
+            as 8 calls for each of `workers` are under way at a time. Of no influence on the result.
         progress: Called with the number of runs that have come in since the last call.
 
     Raises:

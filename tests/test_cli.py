@@ -601,7 +601,8 @@ def test_progress_says_how_many_how_fast_and_how_long(monkeypatch):
 
 def test_progress_appears_on_a_terminal(tmp_path):
     terminal, other_end = pty.openpty()
-    args = ["montecarlo", "--runs", "60000", "--no-plot"]
+    # for some seconds: the time left is said after the first
+    args = ["montecarlo", "--runs", "250000", "--workers", "1", "--no-plot"]
     command = [sys.executable, "-m", "radar_sense", *args]
     wide = {**os.environ, "COLUMNS": "120"}
     running = subprocess.Popen(
@@ -615,8 +616,8 @@ def test_progress_appears_on_a_terminal(tmp_path):
     os.close(terminal)
     assert running.wait(timeout=30) == 0
     text = seen.decode()
-    assert re.search(r"runs  \[#*-*\]  \d+/60000  .*[\d,]+ runs/s", text), text
-    assert "60000/60000" in text
+    assert re.search(r"runs  \[#*-*\]  \d+/250000  (\d\d:){2}\d\d  [\d,]+ runs/s", text), text
+    assert "250000/250000" in text
 
 
 @pytest.mark.parametrize("args", [["check"], ["init", "-"], ["budget", "--no-plot"], ["--help"]])
