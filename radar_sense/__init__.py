@@ -11,38 +11,38 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
-    "ConstantRCS": "rcs",
-    "DetectionModel": "model",
-    "EllipsoidRCS": "rcs",
-    "ExactEllipsoidRCS": "rcs",
-    "Horizon": "horizon",
-    "Linearization": "model",
-    "Marcum": "detection",
+    "ConstantRCS": "model.rcs",
+    "DetectionModel": "model.detection_model",
+    "EllipsoidRCS": "model.rcs",
+    "ExactEllipsoidRCS": "model.rcs",
+    "Horizon": "model.horizon",
+    "Linearization": "model.detection_model",
+    "Marcum": "model.detectors",
     "Moments": "propagation",
-    "MonteCarlo": "montecarlo",
-    "NetworkModel": "network",
-    "North": "detection",
-    "Result": "analyses",
+    "MonteCarlo": "montecarlo.montecarlo",
+    "NetworkModel": "model.network",
+    "North": "model.detectors",
+    "Result": "analyses.contract",
     "Scenario": "scenario",
-    "ScenarioError": "reader",
-    "SpikeballRCS": "rcs",
-    "Station": "network",
-    "SurveillanceRadar": "radar",
-    "Swerling1": "detection",
-    "Swerling3": "detection",
-    "TableRCS": "rcs_table",
-    "TrackingRadar": "radar",
-    "budget": "analyses",
-    "compare": "analyses",
-    "detectors": "analyses",
-    "load_rcs_table": "rcs_file",
-    "load_scenario": "scenario",
-    "monte_carlo": "montecarlo",
-    "parse_scenario": "scenario",
+    "ScenarioError": "errors",
+    "SpikeballRCS": "model.rcs",
+    "Station": "model.network",
+    "SurveillanceRadar": "model.radar_equation",
+    "Swerling1": "model.detectors",
+    "Swerling3": "model.detectors",
+    "TableRCS": "model.rcs_table",
+    "TrackingRadar": "model.radar_equation",
+    "budget": "analyses.budget",
+    "compare": "analyses.compare",
+    "detectors": "analyses.detectors",
+    "load_rcs_table": "reading.rcs_file",
+    "load_scenario": "reading.parse",
+    "monte_carlo": "montecarlo.montecarlo",
+    "parse_scenario": "reading.parse",
     "propagate": "propagation",
-    "sensitivity": "analyses",
-    "validate": "analyses",
-    "variance": "analyses",
+    "sensitivity": "analyses.sensitivity",
+    "validate": "analyses.validate",
+    "variance": "analyses.variance",
 }
 
 if TYPE_CHECKING:
@@ -55,18 +55,19 @@ if TYPE_CHECKING:
         validate,
         variance,
     )
-    from radar_sense.detection import Marcum, North, Swerling1, Swerling3
-    from radar_sense.horizon import Horizon
-    from radar_sense.model import DetectionModel, Linearization
-    from radar_sense.montecarlo import MonteCarlo, monte_carlo
-    from radar_sense.network import NetworkModel, Station
+    from radar_sense.errors import ScenarioError
+    from radar_sense.model.detection_model import DetectionModel, Linearization
+    from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+    from radar_sense.model.horizon import Horizon
+    from radar_sense.model.network import NetworkModel, Station
+    from radar_sense.model.radar_equation import SurveillanceRadar, TrackingRadar
+    from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
+    from radar_sense.model.rcs_table import TableRCS
+    from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
     from radar_sense.propagation import Moments, propagate
-    from radar_sense.radar import SurveillanceRadar, TrackingRadar
-    from radar_sense.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
-    from radar_sense.rcs_file import load_rcs_table
-    from radar_sense.rcs_table import TableRCS
-    from radar_sense.reader import ScenarioError
-    from radar_sense.scenario import Scenario, load_scenario, parse_scenario
+    from radar_sense.reading.parse import load_scenario, parse_scenario
+    from radar_sense.reading.rcs_file import load_rcs_table
+    from radar_sense.scenario import Scenario
 
 __all__ = [
     "ConstantRCS",

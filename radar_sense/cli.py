@@ -31,7 +31,7 @@ from radar_sense.limits import (
 )
 
 if TYPE_CHECKING:
-    from radar_sense.analyses import Result
+    from radar_sense.analyses.contract import Result
     from radar_sense.scenario import Scenario
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -215,7 +215,8 @@ def variance(
       radar-sense variance my.yaml --threshold 0.1 --k 2
       radar-sense variance network.yaml --radar ridge
     """
-    from radar_sense import analyses, planning
+    from radar_sense import analyses
+    from radar_sense.analyses import threshold as planning
 
     if k is not None and threshold is None:
         raise BadInput("--k belongs to --threshold, which is not given")
@@ -495,8 +496,8 @@ def convergence(
       radar-sense convergence --runs 4096
       radar-sense convergence my.yaml --level high --runs 65536
     """
-    from radar_sense.convergence import REFERENCES, REPLICATIONS
-    from radar_sense.convergence import convergence as analyse
+    from radar_sense.analyses.convergence import REFERENCES, REPLICATIONS
+    from radar_sense.analyses.convergence import convergence as analyse
 
     scenario = _scenario(config, radar=radar, level=level, seed=seed)
 
@@ -605,7 +606,7 @@ def rcs(command: list[str], /, config: Path | None, **output: Any) -> None:
       radar-sense rcs
       radar-sense rcs my.yaml --format png
     """
-    from radar_sense.rcs_pattern import rcs as analyse
+    from radar_sense.analyses.rcs import rcs as analyse
 
     scenario = _scenario(config)
     _run(command, lambda: analyse(scenario), **output)
@@ -670,7 +671,7 @@ def area_map(
       radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45
       radar-sense map network.yaml --radar ridge
     """
-    from radar_sense import area
+    from radar_sense.analyses import coverage_map as area
 
     scenario = _scenario(config, radar=radar, level=level)
     with _refusals():
@@ -706,7 +707,7 @@ def check(config: Path | None, quiet: bool) -> None:
     """
     import yaml
 
-    from radar_sense.radar_constant import describe
+    from radar_sense.model.radar_constant import describe
     from radar_sense.states import CONSTANTS
 
     scenario = _scenario(config)
@@ -745,8 +746,8 @@ def init(file: Path, quiet: bool) -> None:
       radar-sense init
       radar-sense init my.yaml
     """
-    from radar_sense.output import write
-    from radar_sense.scenario import default_text
+    from radar_sense.files import write
+    from radar_sense.reading.parse import default_text
 
     if str(file) == "-":
         click.echo(default_text(), nl=False)
@@ -763,8 +764,8 @@ def init(file: Path, quiet: bool) -> None:
 
 
 def _scenario(config: Path | None, *, radar: str | None = None, **choices: Any) -> Scenario:
-    from radar_sense.network import only
-    from radar_sense.scenario import load_scenario
+    from radar_sense.reading.parse import load_scenario
+    from radar_sense.scenario import only
 
     with _refusals():
         scenario = load_scenario(config).with_analysis(**choices)
@@ -774,7 +775,7 @@ def _scenario(config: Path | None, *, radar: str | None = None, **choices: Any) 
 @contextmanager
 def _refusals() -> Iterator[None]:
     """Turn what the package refuses into an error of the command line."""
-    from radar_sense.reader import ScenarioError
+    from radar_sense.errors import ScenarioError
 
     try:
         yield
@@ -792,7 +793,7 @@ def _run(
     quiet: bool,
 ) -> None:
     """Analyse, then write all files, then say what was found and written."""
-    from radar_sense import output
+    from radar_sense import files as output
 
     try:
         output.require_folder(out)
@@ -833,7 +834,7 @@ def _computing(workers: int | None, dask: str | None) -> Iterator[dict[str, Any]
     if dask is None:
         yield {"workers": _threads(workers)}
         return
-    from radar_sense.cluster import cluster
+    from radar_sense.montecarlo.cluster import cluster
 
     with cluster(dask) as (executor, threads):
         yield {"workers": workers or threads, "executor": executor}

@@ -11,7 +11,6 @@ from radar_sense.states import FloatArray
 
 #: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
 TOLERANCE = 1e-9
-
 #: Matrices factored at a time; of no influence on the result.
 BLOCK = 16_384
 

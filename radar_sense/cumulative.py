@@ -29,11 +29,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp
 
 from radar_sense.covariance import draws, factor, symmetric_factor, variance_along
-from radar_sense.montecarlo import SAMPLES_PER_BLOCK, in_order
+from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK
+from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.sequences import random_stream
+from radar_sense.montecarlo.statistics import RunningMoments, Tails
 from radar_sense.propagation import Spread, probit_moments
-from radar_sense.sampling import random_stream
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
-from radar_sense.statistics import RunningMoments, Tails
 
 #: Largest n of m-of-n, which keeps track of 2^(n−1) histories.
 MAX_WINDOW = 12

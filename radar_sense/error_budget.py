@@ -14,21 +14,14 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from radar_sense import covariance
-from radar_sense.montecarlo import Sampler
+from radar_sense.analyses.report import reached
+from radar_sense.errors import ScenarioError
+from radar_sense.model.radar_constant import Part, relative_std
+from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
+from radar_sense.montecarlo.sobol import REPLICATES, sobol_indices
 from radar_sense.propagation import Moments, check_method, propagate_scenario
-from radar_sense.radar_constant import Part, columns, made_of_parts, relative_std
-from radar_sense.reader import ScenarioError
 from radar_sense.scenario import Scenario
-from radar_sense.sobol import REPLICATES, sobol_indices
-from radar_sense.states import (
-    AIRCRAFT,
-    FloatArray,
-    Source,
-    constant_names,
-    finer_sources,
-    sources,
-)
-from radar_sense.wording import reached
+from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, finer_sources, sources
 
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
 MONTE_CARLO = "montecarlo"

@@ -6,6 +6,14 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
+
+_DEG = np.pi / 180.0
+#: Letters that the name of a scenario may have.
+MAX_NAME = 100
+#: Beyond these sizes squares and fourth powers would leave the range of floating point.
+SMALLEST, LARGEST = 1e-20, 1e20
+
 
 @dataclass(frozen=True)
 class Limit:

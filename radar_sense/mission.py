@@ -32,7 +32,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from radar_sense import axis as axes
-from radar_sense.analyses import Result
+from radar_sense.analyses.contract import Result
+from radar_sense.analyses.report import at, peak, where
 from radar_sense.axis import Axis
 from radar_sense.cumulative import (
     METHODS,
@@ -47,18 +48,18 @@ from radar_sense.cumulative import (
     mission_monte_carlo,
     track_initiation,
 )
-from radar_sense.geometry import slant_range
+from radar_sense.errors import ScenarioError, did_you_mean
 from radar_sense.limits import WINDOW
-from radar_sense.montecarlo import TAIL, Sampler
-from radar_sense.network import alone
+from radar_sense.model.geometry import slant_range
+from radar_sense.model.radar_constant import doubts
+from radar_sense.model.trajectory import Route
+from radar_sense.montecarlo.montecarlo import TAIL
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import BOUND_CHANGE
-from radar_sense.radar_constant import doubts
-from radar_sense.reader import ScenarioError, did_you_mean
-from radar_sense.route import Route
-from radar_sense.scenario import MIN_RANGE, Scenario
+from radar_sense.reading.parse import MIN_RANGE
+from radar_sense.scenario import Scenario, alone
 from radar_sense.schedule import Schedule, schedule
 from radar_sense.states import RADAR, FloatArray
-from radar_sense.wording import at, peak, where
 
 #: Probabilities that the report gives the time of.
 MILESTONES = (0.5, 0.9)

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from radar_sense.errors import ScenarioError, did_you_mean
 from radar_sense.form import quantiles
-from radar_sense.model import Model
-from radar_sense.reader import ScenarioError, did_you_mean
+from radar_sense.model.detection_model import Model
 from radar_sense.scenario import Scenario
 from radar_sense.standardized import Standardized, standardize
 from radar_sense.states import FloatArray

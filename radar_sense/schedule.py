@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.cumulative import Interleaved, Model
-from radar_sense.network import NetworkModel
-from radar_sense.reader import ScenarioError
-from radar_sense.route import MAX_ROWS, MIN_STEP, Route, interpolated, times
+from radar_sense.errors import ScenarioError
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, interpolated, times
 from radar_sense.states import FloatArray
 
 

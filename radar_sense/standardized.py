@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import factor
-from radar_sense.model import Model
+from radar_sense.model.detection_model import Model
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
 #: Poses standardized at a time, and numbers in a matrix for each of them: they bound the memory in

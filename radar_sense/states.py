@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
-
 #: x_a of the paper: position in the north-east-down frame [m] and ZYX Euler angles [rad].
 AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 #: x_r of the paper: position in the north-east-down frame [m] and radar constant c_r [J m²/K].
 RADAR = ("north", "east", "down", "constant")
-
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
 CONSTANT = 3
@@ -26,10 +24,8 @@ CONSTANT = 3
 ALL = slice(0, len(RADAR))
 #: The radar constants in the states of one radar or of several.
 CONSTANTS = slice(CONSTANT, None, len(RADAR))
-
 #: A source of uncertainty: whose state, and which of its components.
 Source: TypeAlias = tuple[str, slice]
-
 #: The sources of the paper's error budget: whose state, and which of its components.
 SOURCES: dict[str, Source] = {
     "aircraft_position": ("aircraft", POSITION),

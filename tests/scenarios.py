@@ -4,7 +4,7 @@ import copy
 
 import yaml
 
-from radar_sense.scenario import default_text, parse_scenario
+from radar_sense.reading.parse import default_text, parse_scenario
 
 PAPER = yaml.safe_load(default_text().replace("1.7e-4", "1.7e-04"))
 PAPER["radar"]["p_fa"] = 1.7e-4  # PyYAML reads 1.7e-4 as text; the package's reader does not

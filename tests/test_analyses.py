@@ -5,11 +5,11 @@ import pytest
 from scenarios import OVERHEAD, scenario
 
 from radar_sense import analyses
+from radar_sense.analyses.report import where
 from radar_sense.axis import azimuth
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import load_scenario
+from radar_sense.reading.parse import load_scenario
 from radar_sense.states import SOURCES
-from radar_sense.wording import where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
 

@@ -13,7 +13,9 @@ from scenarios import document, scenario
 from test_network_parts import network, radars
 
 import radar_sense as rs
-from radar_sense import area, figures, output
+from radar_sense import figures
+from radar_sense import files as output
+from radar_sense.analyses import coverage_map as area
 from radar_sense.propagation import METHODS
 
 #: Losses of both radars given by a data sheet [dB].
@@ -92,7 +94,7 @@ def test_bound_knows_of_log_normal_constants(method):
 
 def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
     """Cells that are put on the route, pose by pose, are the poses of the route."""
-    from radar_sense import wgs84  # what it does is tested against 50 digits
+    from radar_sense.model import geodesy as wgs84
 
     place = np.deg2rad([[47.0, 8.0], [51.0, 8.0], [44.5, 17.0], [47.0, -1.0]])
     place = np.column_stack([place, np.full(4, 9000.0)])

@@ -6,10 +6,10 @@ from scenarios import OVERHEAD, scenario
 
 from radar_sense import analyses
 from radar_sense.error_budget import allowances, error_budget
+from radar_sense.errors import ScenarioError
+from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.propagation import METHODS
-from radar_sense.reader import ScenarioError
-from radar_sense.scenario import load_scenario
-from radar_sense.sobol import sobol_indices
+from radar_sense.reading.parse import load_scenario
 from radar_sense.states import SOURCES
 
 FEW = {"start": 0, "stop": 90, "step": 15}

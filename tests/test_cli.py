@@ -26,7 +26,7 @@ from click.testing import CliRunner
 import radar_sense as rs
 from radar_sense.cli import _progress, cli
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import default_text
+from radar_sense.reading.parse import default_text
 
 ROOT = Path(__file__).parent.parent
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))

@@ -7,9 +7,9 @@ import sys
 import pytest
 from scenarios import scenario
 
-from radar_sense.cluster import cluster
-from radar_sense.montecarlo import monte_carlo
-from radar_sense.reader import ScenarioError
+from radar_sense.errors import ScenarioError
+from radar_sense.montecarlo.cluster import cluster
+from radar_sense.montecarlo.montecarlo import monte_carlo
 
 RUNS = 20_000
 

@@ -9,10 +9,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import OVERHEAD, scenario
 
-from radar_sense import convergence as module
 from radar_sense import figures
-from radar_sense.axis import azimuth
-from radar_sense.convergence import (
+from radar_sense.analyses import convergence as module
+from radar_sense.analyses.convergence import (
     ESTIMATORS,
     REFERENCES,
     REPLICATIONS,
@@ -25,12 +24,14 @@ from radar_sense.convergence import (
     plain,
     rate,
 )
+from radar_sense.axis import azimuth
 from radar_sense.covariance import draws
-from radar_sense.montecarlo import TAIL, Sampler
+from radar_sense.errors import ScenarioError
+from radar_sense.montecarlo.montecarlo import TAIL
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sequences import SAMPLERS, Random
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reader import ScenarioError
-from radar_sense.sampling import SAMPLERS, Random
-from radar_sense.scenario import load_scenario
+from radar_sense.reading.parse import load_scenario
 
 THREE = {"start": 15, "stop": 85, "step": 35}
 #: So uncertain a radar constant that it is often cut off at 0.

@@ -9,12 +9,12 @@ from scenarios import scenario
 from scipy.integrate import quad
 from scipy.special import chndtr
 
-from radar_sense.detection import Marcum, North, Swerling1, Swerling3
-from radar_sense.model import DetectionModel
-from radar_sense.montecarlo import WITHIN_3_SIGMA, monte_carlo
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detector_names import DETECTORS
+from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
 from radar_sense.propagation import propagate
-from radar_sense.rcs import ConstantRCS
-from radar_sense.scenario import DETECTORS
 
 
 def north(snr, p_fa):

@@ -9,8 +9,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import legend_off_data, scenario
 
-from radar_sense import analyses, figures, planning
-from radar_sense.scenario import load_scenario
+from radar_sense import analyses, figures
+from radar_sense.analyses import threshold as planning
+from radar_sense.reading.parse import load_scenario
 
 ALL = {
     "variance": analyses.variance,

@@ -23,8 +23,8 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 import radar_sense as rs
-from radar_sense.reader import MAX_BYTES
-from radar_sense.scenario import default_text
+from radar_sense.reading.parse import default_text
+from radar_sense.reading.yaml_reader import MAX_BYTES
 
 Lines = list[tuple[str, str]]
 

@@ -11,10 +11,10 @@ import oracle
 import pytest
 from scipy.spatial.transform import Rotation
 
-from radar_sense.detection import North
-from radar_sense.geometry import body_vector, orbit, slant_range
-from radar_sense.model import DetectionModel
-from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import North
+from radar_sense.model.geometry import body_vector, orbit, slant_range
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
 A, B, C = 0.15, 0.13, 0.21
 P_FA = 1.7e-4

@@ -17,13 +17,13 @@ from scenarios import legend_off_data, scenario, write_path
 import radar_sense as rs
 from radar_sense import cumulative, figures, limits
 from radar_sense.analyses import variance
+from radar_sense.analyses.threshold import require_threshold
 from radar_sense.cli import ANSWER_IS_NO
+from radar_sense.errors import ScenarioError
 from radar_sense.mission import MAX_TRACK_LOOKS, at_looks, mission
-from radar_sense.montecarlo import monte_carlo
-from radar_sense.planning import require_threshold
+from radar_sense.model.geodesy import geodetic_from_ned
+from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import METHODS, propagate_scenario
-from radar_sense.reader import ScenarioError
-from radar_sense.wgs84 import geodetic_from_ned
 
 ROOT = Path(__file__).parent.parent
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"

@@ -15,11 +15,11 @@ from scipy.spatial.transform import Rotation
 from scipy.special import erfcinv
 
 from radar_sense.covariance import only, variance_along
-from radar_sense.detection import North
-from radar_sense.geometry import Attitude, Vector, body_vector, orbit, slant_range
-from radar_sense.model import DetectionModel, Linearization
-from radar_sense.radar import SurveillanceRadar
-from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.model.detection_model import DetectionModel, Linearization
+from radar_sense.model.detectors import North
+from radar_sense.model.geometry import Attitude, Vector, body_vector, orbit, slant_range
+from radar_sense.model.radar_equation import SurveillanceRadar
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.states import SOURCES
 
 #: The largest relative error of one correctly rounded operation.
@@ -519,7 +519,7 @@ def test_results_do_not_depend_on_the_block_size(monkeypatch, kind, block):
     many, one = model.linearize(aircraft, radar), model.linearize(aircraft, radar[0])
     p_d = model.p_d(aircraft, radar)
     for name in ("BLOCK", "BLOCK_OF_PARTIALS"):
-        monkeypatch.setattr(f"radar_sense.model.{name}", block)
+        monkeypatch.setattr(f"radar_sense.model.detection_model.{name}", block)
     again = model.linearize(aircraft, radar)
     assert_array_equal(again.p_d, many.p_d)
     assert_array_equal(model.p_d(aircraft, radar), p_d)

@@ -15,12 +15,13 @@ from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from radar_sense import model, montecarlo
-from radar_sense.detection import North
-from radar_sense.montecarlo import MAX_HAIRS, TAIL, monte_carlo
-from radar_sense.network import NetworkModel, Station
-from radar_sense.sampling import SAMPLERS
-from radar_sense.scenario import load_scenario
+from radar_sense.model import detection_model as model
+from radar_sense.model.detectors import North
+from radar_sense.model.network import NetworkModel, Station
+from radar_sense.montecarlo import montecarlo
+from radar_sense.montecarlo.montecarlo import MAX_HAIRS, TAIL, monte_carlo
+from radar_sense.montecarlo.sequences import SAMPLERS
+from radar_sense.reading.parse import load_scenario
 
 NOTHING = {"position_m": 0, "attitude_deg": 0}
 FEW = {"start": 0, "stop": 180, "step": 15}

@@ -11,19 +11,21 @@ from scipy.special import ndtr
 
 from radar_sense import analyses
 from radar_sense.covariance import variance_along
-from radar_sense.detection import Marcum, North, Swerling1, Swerling3
 from radar_sense.error_budget import allowances, error_budget
-from radar_sense.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
-from radar_sense.model import DetectionModel
-from radar_sense.montecarlo import Sampler, monte_carlo
-from radar_sense.network import NetworkModel, Station, _fuse, alone
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
+from radar_sense.model.network import NetworkModel, Station, _fuse
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
+from radar_sense.montecarlo.adaptive import validate
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS, propagate, propagate_scenario
-from radar_sense.rcs import ConstantRCS, EllipsoidRCS
-from radar_sense.sampling import SAMPLERS
-from radar_sense.scenario import load_scenario
+from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario import alone
 from radar_sense.standardized import standardize
 from radar_sense.states import CONSTANTS
-from radar_sense.validation import validate
 
 PAPER = load_scenario()
 RCS = EllipsoidRCS(0.15, 0.13, 0.21)

@@ -13,14 +13,16 @@ from scipy.special import erfc
 from test_input import assert_refused, write
 
 from radar_sense import analyses, figures
-from radar_sense.convergence import LinearModel
+from radar_sense.analyses.convergence import LinearModel
 from radar_sense.error_budget import allowances, error_budget, scaled_moments
 from radar_sense.mission import mission
-from radar_sense.montecarlo import Sampler, monte_carlo
-from radar_sense.network import alone, name_problem
+from radar_sense.model.network import name_problem
+from radar_sense.model.radar_constant import doubt
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler, columns, normals
 from radar_sense.propagation import METHODS, propagate, propagate_scenario
-from radar_sense.radar_constant import columns, doubt, normals
-from radar_sense.scenario import default_text, load_scenario, parse_scenario
+from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
+from radar_sense.scenario import alone
 from radar_sense.standardized import standardize
 from radar_sense.states import CONSTANTS
 

@@ -11,11 +11,12 @@ from test_input import assert_refused, write
 from test_network_parts import document, network, radars, text
 
 from radar_sense import analyses
-from radar_sense.montecarlo import monte_carlo
-from radar_sense.network import NetworkModel, alone, only
+from radar_sense.errors import ScenarioError
+from radar_sense.model.network import NetworkModel
+from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reader import ScenarioError
-from radar_sense.scenario import load_scenario, parse_scenario
+from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.scenario import alone, only
 
 COMMANDS = {
     "variance": [],

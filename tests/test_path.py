@@ -13,15 +13,17 @@ import yaml
 from scenarios import document, write_path
 
 import radar_sense as rs
-from radar_sense import analyses, axis, covariance, figures, path
+from radar_sense import analyses, axis, covariance, figures
+from radar_sense.analyses.rcs import rcs
+from radar_sense.analyses.report import at, peak, where
 from radar_sense.error_budget import allowances, error_budget
-from radar_sense.model import DetectionModel
-from radar_sense.montecarlo import Sampler, monte_carlo
+from radar_sense.errors import ScenarioError
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.montecarlo.adaptive import validate
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
-from radar_sense.rcs_pattern import rcs
-from radar_sense.reader import ScenarioError
-from radar_sense.validation import validate
-from radar_sense.wording import at, peak, where
+from radar_sense.reading import trajectory as path
 
 ROOT = Path(__file__).parent.parent
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"

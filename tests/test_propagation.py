@@ -17,11 +17,11 @@ from scipy.stats import chi2, ncx2, norm
 
 from radar_sense import form, standardized
 from radar_sense.covariance import factor
-from radar_sense.detection import Marcum, North, Swerling1, Swerling3
-from radar_sense.geometry import orbit
-from radar_sense.model import DetectionModel
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.geometry import orbit
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.propagation import METHODS, Moments, probit_moments, propagate
-from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 
 REFERENCE = np.load(Path(__file__).parent / "reference" / "propagation.npz")
 THETA_DEG = REFERENCE["theta_deg"]

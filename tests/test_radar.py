@@ -14,11 +14,9 @@ from scenarios import document
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.error_budget import allowances, error_budget
-from radar_sense.model import DetectionModel
-from radar_sense.montecarlo import Sampler, monte_carlo
-from radar_sense.propagation import METHODS, propagate_scenario
-from radar_sense.radar import SEARCH_FACTORS, SurveillanceRadar, TrackingRadar
-from radar_sense.radar_constant import (
+from radar_sense.errors import ScenarioError
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.radar_constant import (
     LOWEST_DIVISOR,
     MAX_DIVISOR_STD,
     Part,
@@ -27,9 +25,12 @@ from radar_sense.radar_constant import (
     relative_std,
     shape,
 )
-from radar_sense.rcs import ConstantRCS
-from radar_sense.reader import ScenarioError
-from radar_sense.scenario import load_scenario, parse_scenario
+from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar, TrackingRadar
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.reading.parse import load_scenario, parse_scenario
 from radar_sense.standardized import standardize
 from radar_sense.states import SOURCES
 

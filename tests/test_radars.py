@@ -15,10 +15,10 @@ from numpy.testing import assert_array_equal
 from test_input import assert_refused, place, refusal, write
 
 import radar_sense as rs
+from radar_sense.analyses.rcs import rcs
 from radar_sense.covariance import side_by_side
-from radar_sense.horizon import EARTH_RADIUS
-from radar_sense.rcs_pattern import rcs
-from radar_sense.scenario import default_text
+from radar_sense.model.horizon import EARTH_RADIUS
+from radar_sense.reading.parse import default_text
 from radar_sense.states import CONSTANTS
 
 CONFIGS = Path(__file__).parent.parent / "configs"

@@ -6,7 +6,7 @@ from mpmath import mp, mpf
 from scenarios import scenario
 
 import radar_sense as rs
-from radar_sense.rcs_pattern import directions
+from radar_sense.analyses.rcs import directions
 
 #: Table I: the paper's a acts along the wing, b down, c along the nose.
 A, B, C = 0.15, 0.13, 0.21

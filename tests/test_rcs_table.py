@@ -14,8 +14,9 @@ from scenarios import document, scenario
 from scipy.interpolate import CubicSpline
 
 import radar_sense as rs
-from radar_sense import analyses, rcs_file
-from radar_sense.rcs_pattern import directions, pattern
+from radar_sense import analyses
+from radar_sense.analyses.rcs import directions, pattern
+from radar_sense.reading import rcs_file
 
 DEG = np.pi / 180
 CONFIGS = Path(__file__).parent.parent / "configs"
@@ -684,7 +685,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
 )
 def test_the_figure(rcs):
     from radar_sense import figures
-    from radar_sense.rcs_pattern import rcs as analysis
+    from radar_sense.analyses.rcs import rcs as analysis
 
     figure = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
     png = figures.render(figure, "png")

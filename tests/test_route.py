@@ -14,10 +14,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from radar_sense import route, wgs84
 from radar_sense.covariance import problem
-from radar_sense.reader import ScenarioError
-from radar_sense.route import attitude_from_motion, attitude_from_track, load_route, resample
+from radar_sense.errors import ScenarioError
+from radar_sense.model import geodesy as wgs84
+from radar_sense.model import trajectory as route
+from radar_sense.model.trajectory import attitude_from_motion, attitude_from_track, resample
+from radar_sense.reading.route_file import load_route
 
 G = 9.80665
 DEG = np.pi / 180

@@ -18,9 +18,10 @@ from scenarios import document, legend_off_data
 
 import radar_sense as rs
 from radar_sense import cumulative as cu
-from radar_sense import figures, wgs84
+from radar_sense import figures
+from radar_sense.errors import ScenarioError
 from radar_sense.mission import at_looks, mission
-from radar_sense.reader import ScenarioError
+from radar_sense.model import geodesy as wgs84
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"

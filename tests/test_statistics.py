@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 from scipy.special import ndtri
 
-from radar_sense.statistics import RunningMoments, Tails, binomial_interval
+from radar_sense.montecarlo.statistics import RunningMoments, Tails, binomial_interval
 
 
 def in_blocks(rows, size):

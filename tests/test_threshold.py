@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import radar_sense as rs
+from radar_sense.analyses.threshold import threshold_test
 from radar_sense.propagation import propagate_scenario
-from radar_sense.threshold import threshold_test
 
 
 def test_margin_and_poses():

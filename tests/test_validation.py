@@ -17,13 +17,15 @@ from scipy.special import ndtr
 from scipy.stats import beta as beta_distribution
 from scipy.stats import norm
 
-from radar_sense import model, propagation, validation
+from radar_sense import propagation
 from radar_sense.axis import azimuth
-from radar_sense.montecarlo import Sampler
+from radar_sense.errors import ScenarioError
+from radar_sense.model import detection_model as model
+from radar_sense.montecarlo import adaptive as validation
+from radar_sense.montecarlo.adaptive import numerical_tolerance, validate
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.sequences import Random
 from radar_sense.propagation import Moments, propagate
-from radar_sense.reader import ScenarioError
-from radar_sense.sampling import Random
-from radar_sense.validation import numerical_tolerance, validate
 
 M = 37_040  # draws of a batch at β = 3: the next whole number above 100/(2 Φ(−3)) = 37 039.8
 SIX = {"start": 0, "stop": 90, "step": 18}

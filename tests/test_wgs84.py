@@ -10,7 +10,7 @@ import pytest
 from mpmath import mp, mpf
 from scipy.spatial.transform import Rotation
 
-from radar_sense import wgs84
+from radar_sense.model import geodesy as wgs84
 
 A, F = mpf(6378137), 1 / mpf("298.257223563")
 EARTH = 6.37e6

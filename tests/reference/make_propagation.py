@@ -24,8 +24,8 @@ from scipy.constants import Boltzmann
 from scipy.special import ndtr, ndtri
 from scipy.stats import qmc
 
-from radar_sense.model import DetectionModel
-from radar_sense.rcs import EllipsoidRCS
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.rcs import EllipsoidRCS
 
 SEED = 20240607
 SCRAMBLES, LOG2_POINTS = 16, 15

@@ -1,0 +1,305 @@
+"""Error budget: 3σ of P_D from each source alone."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from radar_sense.analyses.contract import Result
+from radar_sense.analyses.report import (
+    _by_radar,
+    _by_radar_summary,
+    _chosen,
+    _doubts,
+    _largest_by_radar,
+    _mean,
+    _named,
+    _not_as_taken,
+    at,
+    peak,
+    reached,
+    where,
+)
+from radar_sense.axis import Axis
+from radar_sense.error_budget import (
+    MONTE_CARLO,
+    Allowance,
+    allowances,
+    error_budget,
+    parts_of,
+    scaled_moments,
+)
+from radar_sense.errors import ScenarioError
+from radar_sense.plotting import _LINES, _from_zero, _legend, _line, _new, _styles, _x
+from radar_sense.propagation import METHODS, check_method
+from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray, sources
+
+#: First order has nothing to say of a source whose part in the total is so much smaller than its
+#: part elsewhere: its gradient passes through zero there.
+VANISHING = 1e-3
+
+
+def _budget(result: Result) -> Figure:
+    figure, (axes,) = _new(1, result)
+    table, x = result.table, _x(result)
+    every = sources(result.scenario.model.names)
+    colours: dict[str, str] = {}
+    for source, style in zip(every, _styles(), strict=False):
+        label, colours[source] = source.replace("_", " "), style[0]
+        _line(axes, x, table[f"three_sigma_{source}"], style, label=label)
+    # What radar constants are made of, thin and in the colour of the source they belong to.
+    parts = parts_of(result.scenario)
+    for (name, of), (_, dashes) in zip(parts.items(), itertools.cycle(_LINES), strict=False):
+        label = of.part.key if of.source == of.constant else f"{of.source} {of.part.key}"
+        _line(axes, x, table[f"three_sigma_{name}"], (colours[of.source], dashes), label=label)
+        axes.lines[-1].set_linewidth(0.6)
+    _line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
+    if len(result.scenario.model.names) > 1:
+        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
+    axes.set_ylabel(r"$3\,\sigma_{pd}$")
+    _from_zero(axes)
+    _legend(figure, axes)
+    return figure
+
+
+def budget(
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    target: float | None = None,
+    only_at: float | None = None,
+) -> Result:
+    """3σ of P_D from each source of uncertainty alone, and from all together.
+
+    Args:
+        scenario: The scenario.
+        method: A method of propagation, or "montecarlo" for Sobol' indices.
+        target: With it, also how small each source must be for 3σ to stay within this.
+        only_at: Place on the scenario's axis of the only pose that counts for the target; every
+            pose if None.
+
+    Raises:
+        ScenarioError: If there is no such method or pose, or the two do not go together.
+    """
+    check_method(_chosen(method), [MONTE_CARLO])
+    if target is not None and method == MONTE_CARLO:
+        raise ScenarioError(f"a target needs one of the methods {', '.join(METHODS)}")
+    if only_at is not None and target is None:
+        raise ScenarioError("--at says which pose a --target is for, and there is none")
+    axis = scenario.axis
+    found = error_budget(scenario, _chosen(method))
+    three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
+    shares = found.shares()
+    worst = peak(total, axis)
+    pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
+    at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
+    ranked = sorted(at_worst, key=at_worst.__getitem__, reverse=True)
+    dominant = np.argmax(np.stack(list(three_sigma.values())), axis=0)
+    dominates = {
+        source: place
+        for i, source in enumerate(three_sigma)
+        if (place := where((dominant == i) & (total > 0), axis))
+    }
+    errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
+    parts = {name: 3 * std for name, std in found.parts.items()}
+    part_shares = {name: float(v[pose]) for name, v in found.part_shares().items()}
+    parts_ranked = sorted(parts, key=lambda name: parts[name][pose], reverse=True)
+    of_parts = parts_of(scenario)
+    indented = {name: f"  {name.removeprefix(of.source + '_')}" for name, of in of_parts.items()}
+    width = max(21, *(len(name) + 1 for name in (*ranked, *indented.values())))
+    rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s), width)] for s in ranked}
+    for name in parts_ranked:
+        share, error, three = part_shares[name], errors.get(name), float(parts[name][pose])
+        rows[of_parts[name].source].append(_row(indented[name], three, share, error, width))
+    inverse: dict[str, Any] = {}
+    inverse_report: list[str] = []
+    if target is not None:
+        allowed = allowances(scenario, target, method=_chosen(method), at=only_at)
+        inverse = {"target": _inverse_summary(target, only_at, allowed, axis)}
+        inverse_report = _inverse_report(target, only_at, allowed, axis)
+    by_itself = {} if method == MONTE_CARLO else _largest_by_radar(scenario, method)
+    warnings = [] if found.moments is None else [*_doubts(found.moments, method, axis)]
+    if method != MONTE_CARLO:
+        warnings += _not_as_taken(scenario, method)
+    if _chosen(method) == "linear":
+        warnings += _vanishing(scenario, three_sigma, total)
+    return Result(
+        analysis="budget",
+        scenario=scenario,
+        method=_chosen(method),
+        table={
+            axis.key: axis.values,
+            **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
+            "three_sigma_total": total,
+            **{f"three_sigma_{source}": 3 * std for source, std in found.finer.items()},
+            **_mean(found.mean, method),
+            **({} if method is None else {f"share_{s}": v for s, v in shares.items()}),
+            **{f"total_index_{s}": v for s, v in (found.total_index or {}).items()},
+            **{f"share_error_{s}": v for s, v in (found.share_error or {}).items()},
+            **{f"three_sigma_{name}": values for name, values in parts.items()},
+        },
+        summary={
+            "largest_three_sigma_total": worst,
+            "at_largest": at_worst,
+            "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
+            "dominant": ranked[0],
+            "dominates": dominates,
+            **_by_radar_summary(by_itself),
+            **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
+            **inverse,
+        },
+        report=(
+            f"3 sigma of P_D ({_named(scenario.level, method)}) at {axis.at(pose)}, "
+            "where the total is largest, and share of its variance:",
+            *(row for source in ranked for row in rows[source]),
+            *_interaction_row(shares["interaction"][pose], errors.get("interaction"), width),
+            _row("total", float(total[pose]), width=width),
+            *(f"{source} dominates {place}" for source, place in dominates.items()),
+            *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
+            *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
+            *inverse_report,
+        ),
+        warnings=(*warnings, *_correlated(three_sigma, total, method)),
+    )
+
+
+def _vanishing(
+    scenario: Scenario, alone: Mapping[str, FloatArray], total: FloatArray
+) -> tuple[str, ...]:
+    """Say where first order reports (nearly) nothing for a source that matters elsewhere."""
+    doubts = []
+    # A radar that does not see the aircraft has nothing to report, of whatever order.
+    seen = scenario.model.visible(scenario.aircraft, scenario.radar)
+    sees = dict(zip(scenario.model.names, np.moveaxis(seen, -1, 0), strict=False))
+    for source, values in alone.items():
+        part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
+        nothing = (part < VANISHING * part.max()) & (total > 0) & sees.get(source, True)
+        if place := where(nothing, scenario.axis):
+            doubts.append(
+                f"the gradient for {source} vanishes {place}: only effects of second order remain "
+                "there, which the linearized budget leaves out"
+            )
+    return tuple(doubts)
+
+
+def _correlated(
+    alone: Mapping[str, FloatArray], total: FloatArray, method: str | None
+) -> tuple[str, ...]:
+    """Say so if linear contributions do not add up, because sources are correlated."""
+    if _chosen(method) != "linear":
+        return ()  # nonlinearity keeps them from adding up too; the interaction row has both
+    together = np.sqrt(np.sum([values**2 for values in alone.values()], axis=0))
+    gap = np.nanmax(abs(total - together), initial=0)
+    if gap <= 1e-9 * np.nanmax(total, initial=0):
+        return ()
+    return (
+        "the sources are correlated: the total differs from the root sum of squares "
+        f"by up to {gap:.2g}",
+    )
+
+
+def _row(
+    name: str,
+    three_sigma: float,
+    share: float = float("nan"),
+    error: float | None = None,
+    width: int = 21,
+) -> str:
+    rounds_away = 0 < three_sigma < 5e-5
+    shown = f"{three_sigma:.0e}" if rounds_away else f"{three_sigma:.4f}"
+    return f"  {name:{width}}{shown:6}{_percent(share, error)}"
+
+
+def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]) -> dict[str, Any]:
+    """Return what the JSON record says of the parts of radar constants, if there are any."""
+    if not three_sigma:
+        return {}
+    return {
+        "radar_constant_parts_at_largest": {_short(n): v for n, v in three_sigma.items()},
+        "shares_of_radar_constant_parts_at_largest": {_short(n): v for n, v in shares.items()},
+    }
+
+
+def _short(part: str) -> str:
+    """Name of a part without what goes without saying where there is a single radar."""
+    return part.removeprefix("radar_constant_")
+
+
+def _measure_better(
+    scenario: Scenario, method: str | None, ranked: Sequence[str], pose: int, total: float
+) -> tuple[str, ...]:
+    """Say which part of a radar constant is worth measuring better, and what that would bring."""
+    if not ranked or not total > 0:
+        return ()
+    several = "s" if len(scenario.parts) > 1 else ""
+    said = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
+    if method == MONTE_CARLO:
+        return (said,)
+    halved = scaled_moments(scenario, _chosen(method), [ranked[0]], 0.5).std
+    return (f"{said}: with half its deviation the total would be {3 * halved[pose]:.4f}",)
+
+
+def _interaction_row(share: float, error: float | None, width: int) -> tuple[str, ...]:
+    """Return a row for what no source does alone, unless there is nothing but rounding."""
+    if not abs(share) > 1e-9:
+        return ()
+    return (f"  {'interaction':{width + 6}}{_percent(share, error)}",)
+
+
+def _percent(share: float, error: float | None) -> str:
+    if np.isnan(share):
+        return ""
+    return f" {share:6.1%}" + ("" if error is None else f" +/- {error:.1%}")
+
+
+def _inverse_summary(
+    target: float, only_at: float | None, found: Mapping[str, Allowance], axis: Axis
+) -> dict[str, Any]:
+    return {
+        "three_sigma": target,
+        f"at_{axis.unit}": only_at,
+        "allowances": {
+            source: {
+                axis.key if key == "place" else key: value
+                for key, value in dataclasses.asdict(allowance).items()
+            }
+            for source, allowance in found.items()
+        },
+    }
+
+
+def _inverse_report(
+    target: float, only_at: float | None, found: Mapping[str, Allowance], axis: Axis
+) -> list[str]:
+    place = "every pose" if only_at is None else f"{axis.say(only_at)}"
+    lines = [
+        f"to keep 3 sigma within {target:g} at {place}, multiply the standard "
+        "deviations of one source, the others as they are, or of all together, by at most:"
+    ]
+    names = {source: _short(source) for source in found}
+    names = {source: name if name == source else f"  {name}" for source, name in names.items()}
+    width = max(21, *(len(name) + 1 for name in names.values()))
+    for source, allowance in found.items():
+        if not allowance.known:
+            said = "not known: this method has no answer"
+            if allowance.factor:
+                said = f"at least {allowance.factor:.4g}, beyond which this method has no answer"
+        elif allowance.factor is None:
+            said = (
+                f"no value of it alone is small enough: {allowance.remains:.4f} remains "
+                f"at {axis.say(allowance.place)}, most of it from {allowance.remains_from}"
+            )
+        elif np.isinf(allowance.factor):
+            said = "any factor"
+        elif allowance.factor == 0:
+            said = "less than a millionth"
+        else:
+            said = f"{allowance.factor:.4g}"
+        lines.append(f"  {names[source]:{width}}{said}")
+    return lines

@@ -1,0 +1,102 @@
+"""P_D of every detector, and the error of North's approximation."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from radar_sense.analyses.contract import Result
+from radar_sense.analyses.report import at, peak
+from radar_sense.model.detector_names import DETECTORS
+from radar_sense.plotting import _LINES, _legend, _line, _new
+from radar_sense.scenario import Scenario
+
+#: False alarm probabilities that `detectors` shows beside the scenario's, ...
+P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
+#: ... and its signal-to-noise ratios [dB].
+SNR_DB = np.linspace(-10.0, 30.0, 401)
+#: With a single pulse the others are the same as one of these.
+DISTINCT = ("north", "marcum", "swerling1", "swerling3")
+
+
+def _detectors(result: Result) -> Figure:
+    figure, (top, bottom) = _new(2, result)
+    table, chosen = result.table, result.scenario.model.models[0].p_fa
+    p_fas = np.unique(table["p_fa"])
+    snr_db = table["snr_db"][table["p_fa"] == chosen]
+    # the scenario's, and the ends if their curves and labels are well away from it
+    few = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
+    for p_fa in (chosen, *few):
+        for name, style in zip(DISTINCT, (("0.75", "-"), *_LINES), strict=False):
+            p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
+            label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
+            _line(top, snr_db, p_d, style, label=label)
+        # labels above the data, the scenario's higher, so that none is on another
+        half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
+        place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
+        top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=6.5)
+    for line in top.lines[:: len(DISTINCT)]:
+        line.set_linewidth(3.5)  # North's shows on both sides of Marcum's
+    top.set_ylim(-0.04, 1.34)
+    top.set_yticks(np.linspace(0, 1, 6))
+    top.set_ylabel(r"$P_D$")
+    # In grey, as colours are for the detectors; the scenario's in black.
+    others = [p for p in p_fas[::-1] if p != chosen]
+    dashes = [dash for _, dash in (*_LINES[:4], _LINES[5])]
+    styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
+    for p_fa, style in {chosen: ("black", "-"), **styles}.items():
+        error = table["north_less_marcum"][table["p_fa"] == p_fa]
+        _line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
+    bottom.set_ylabel("North less Marcum")
+    bottom.set_xlabel("Signal-to-noise ratio $S$ [dB]")
+    bottom.xaxis.set_major_locator(MaxNLocator(nbins=9))
+    _legend(figure, top, bottom)
+    return figure
+
+
+def _power_of_ten(value: float) -> str:
+    factor, exponent = f"{value:.1e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if factor == "1.0" else rf"${factor}\cdot {power}$"
+
+
+def detectors(scenario: Scenario) -> Result:
+    """P_D of every detector by P_fa and S, and how far North's approximation is from the exact."""
+    p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
+    p_d = {
+        name: np.concatenate(
+            [DETECTORS[name]().p_d(10.0 ** (SNR_DB / 10.0), p_fa) for p_fa in p_fas]
+        )
+        for name in DISTINCT
+    }
+    error = p_d["north"] - p_d["marcum"]
+    worst = []
+    for p_fa, errors in zip(p_fas, error.reshape(len(p_fas), -1), strict=True):
+        i = int(np.argmax(abs(errors)))
+        worst.append({"p_fa": p_fa, "error": float(errors[i]), "snr_db": float(SNR_DB[i])})
+    snr = scenario.model.snr(scenario.aircraft, scenario.radar)
+    of_radars = []
+    for model, ratio in zip(scenario.model.models, snr.reshape(len(snr), -1).T, strict=True):
+        north, exact = (DETECTORS[name]().p_d(ratio, model.p_fa) for name in DISTINCT[:2])
+        of_radars.append(abs(north - exact))
+    at_poses = peak(np.max(of_radars, axis=0), scenario.axis)
+    return Result(
+        analysis="detectors",
+        scenario=scenario,
+        table={
+            "p_fa": np.repeat(p_fas, len(SNR_DB)),
+            "snr_db": np.tile(SNR_DB, len(p_fas)),
+            **{f"p_d_{name}": values for name, values in p_d.items()},
+            "north_less_marcum": error,
+        },
+        summary={"largest_error_of_north": worst, "error_of_north_at_poses": at_poses},
+        report=(
+            "largest error of North's approximation, its P_D less that of Marcum:",
+            *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
+            f"at a pose of this scenario at most {at(at_poses, scenario.axis)}",
+        ),
+        warnings=(),
+    )

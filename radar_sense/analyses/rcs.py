@@ -1,0 +1,180 @@
+"""The radar cross section of a scenario's aircraft, by aspect."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from radar_sense.analyses.contract import Result
+from radar_sense.model.geometry import body_vector
+from radar_sense.model.rcs import RCS
+from radar_sense.model.rcs_table import TableRCS
+from radar_sense.plotting import _BAND, _LINES, _WIDTH, _legend, _line
+from radar_sense.scenario import Scenario
+from radar_sense.states import ATTITUDE, RADAR, FloatArray
+
+#: Steps of the table that is written [deg].
+AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
+
+
+def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+    """Body-frame unit vectors (..., 3) to azimuths and elevations (...) [deg], positive above."""
+    azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
+    # Straight above and below h must be 0, not the rounding of π/2.
+    h = np.where(abs(elevation_deg) == 90, 0.0, np.cos(elevation))
+    parts = h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)
+
+
+def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
+    """σ_r (...) [m²] by azimuth and elevation (...) [deg] in the body frame."""
+    return rcs.cross_section(directions(azimuth_deg, elevation_deg))
+
+
+def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
+    """Azimuth and elevation (mn,) [deg] at which the aircraft sees m radars, pose by pose."""
+    x, y, z = np.moveaxis(_lines_of_sight(scenario), -1, 0)
+    return np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(-z, np.hypot(x, y)))
+
+
+def _lines_of_sight(scenario: Scenario) -> FloatArray:
+    """Lines from the aircraft to each radar in the body frame (mn, 3), radar by radar."""
+    radars = scenario.radar.reshape(-1, len(RADAR))
+    return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
+
+
+def decibels(sigma: FloatArray) -> FloatArray:
+    """10 log10 of σ_r in m²; −inf where there is none."""
+    with np.errstate(divide="ignore"):
+        found: FloatArray = 10.0 * np.log10(sigma)
+    return found
+
+
+def rcs(scenario: Scenario) -> Result:
+    """σ_r over the sphere around the aircraft, in the form of an RCS table."""
+    model = scenario.model.rcs
+    azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
+    elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    # Straight above and below, a table has one value at all azimuths, or does not reach that far.
+    ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
+    below, above = np.all(ends == ends[0], axis=0)
+    elevation = elevation[(0 if below else 1) : (None if above else -1)]
+    columns = [a.ravel() for a in np.meshgrid(azimuth, elevation)]
+    sigma = pattern(model, *columns)
+    horizon = pattern(model, azimuth, np.zeros(1))
+    _, seen_elevation = aspects(scenario)
+    seen = model.cross_section(_lines_of_sight(scenario))
+    summary: dict[str, Any] = {
+        "largest": _extreme(sigma, columns, int(np.argmax(sigma))),
+        "smallest": _extreme(sigma, columns, int(np.argmin(sigma))),
+        "horizon_mean_m2": float(horizon.mean()),
+        "geometry": {
+            "elevation_deg": [float(seen_elevation.min()), float(seen_elevation.max())],
+            "rcs_m2": [float(seen.min()), float(seen.max())],
+        },
+    }
+    low, high = decibels(np.array([seen.min(), seen.max()]))
+    return Result(
+        analysis="rcs",
+        scenario=scenario,
+        table={"azimuth_deg": columns[0], "elevation_deg": columns[1], "rcs_m2": sigma},
+        summary=summary,
+        report=(
+            *(f"{name} RCS {_said(summary[name])}" for name in ("largest", "smallest")),
+            f"the geometry sees {low:.1f} to {high:.1f} dBsm, at elevation "
+            f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
+        ),
+        warnings=_beyond(scenario, model, seen_elevation),
+    )
+
+
+def _extreme(sigma: FloatArray, columns: list[FloatArray], index: int) -> dict[str, float]:
+    return {
+        "rcs_m2": float(sigma[index]),
+        "azimuth_deg": float(columns[0][index]),
+        "elevation_deg": float(columns[1][index]),
+    }
+
+
+def _said(extreme: dict[str, float]) -> str:
+    level = float(decibels(np.array(extreme["rcs_m2"])))
+    return (
+        f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, "
+        f"elevation {extreme['elevation_deg']:g} deg"
+    )
+
+
+def _beyond(scenario: Scenario, model: RCS, elevation: FloatArray) -> tuple[str, ...]:
+    """Say so if draws of the attitude leave the elevations of a table."""
+    if not isinstance(model, TableRCS) or model.elevation is None:
+        return ()
+    variances = np.diagonal(scenario.cov_aircraft, axis1=-2, axis2=-1)[..., ATTITUDE]
+    reach = 3 * np.rad2deg(np.sqrt(variances.max()))
+    low, high = np.rad2deg(model.elevation[[0, -1]])
+    if elevation.min() - reach >= low and elevation.max() + reach <= high:
+        return ()
+    return (
+        f"3 sigma of the attitude, {reach:.3g} deg, reach beyond the elevations of the RCS table, "
+        f"{low:g} to {high:g} deg; there its outermost values are used",
+    )
+
+
+def _rcs(result: Result) -> Figure:
+    scenario, model = result.scenario, result.scenario.model.rcs
+    figure = Figure(figsize=(_WIDTH, 6.0), layout="constrained")
+    grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
+    polar: Any = figure.add_subplot(grid[0], projection="polar")
+    plane = figure.add_subplot(grid[1])
+
+    seen_azimuth, seen_elevation = aspects(scenario)
+    middle = float(np.median(seen_elevation))
+    azimuth = np.arange(-180.0, 180.25, 0.25)
+    horizon, seen = (pattern(model, azimuth, np.array(e)) for e in (0.0, middle))
+    top = max(horizon.max(), seen.max())
+    # Deep nulls would leave no room for the rest, and a cross section of 0 has no decibels.
+    floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
+    for sigma, label, style in (
+        (horizon, "at the horizon", _LINES[0]),
+        (seen, f"at elevation {middle:.1f} deg, as in the geometry", _LINES[1]),
+    ):
+        _line(polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label)
+    low, high = decibels(np.array([floor, top]))
+    margin = max(1.0, 0.05 * (high - low))
+    polar.set_ylim(low - margin, high + margin)
+    polar.set_theta_zero_location("N")  # the nose up, as seen from above
+    polar.set_theta_direction(-1)
+    polar.set_rlabel_position(65)
+    polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
+    polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
+    polar.set_ylabel("RCS [dBsm]", labelpad=24)
+
+    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
+    sigma = pattern(model, azimuth, elevation[:, np.newaxis])
+    level = decibels(np.maximum(sigma, 1e-5 * sigma.max()))
+    drawn = plane.pcolormesh(azimuth, elevation, level, shading="nearest", rasterized=True)
+    bar = figure.colorbar(
+        drawn, ax=plane, label="RCS [dBsm]", orientation="horizontal", aspect=40, pad=0.04
+    )
+    if np.ptp(level) > 0.1:
+        contours = plane.contour(
+            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=0.3
+        )
+        bar.add_lines(contours)
+    plane.plot(
+        seen_azimuth, seen_elevation, ".", color=_BAND[0], ms=2.5, label="the radar in the geometry"
+    )
+    if isinstance(model, TableRCS) and model.elevation is not None:
+        ends = np.rad2deg(model.elevation[[0, -1]])
+        plane.hlines(
+            ends, -180, 180, colors="black", linestyles="--", lw=0.8, label="ends of the table"
+        )
+    plane.set(xlim=(-180, 180), ylim=(-90, 90))
+    plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
+    plane.set_xlabel("Azimuth in the body frame [deg]")
+    plane.set_ylabel("Elevation [deg]")
+    _legend(figure, polar, plane)
+    return figure

@@ -1,0 +1,1 @@
+"""Physics over arrays: geometry, cross section, radar equation, detection and their gradients."""

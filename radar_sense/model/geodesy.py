@@ -1,0 +1,251 @@
+"""From latitude, longitude and height on the WGS-84 ellipsoid to a local north-east-down frame.
+
+Three frames: geodetic (latitude [rad], longitude [rad], height above the ellipsoid [m]); ECEF,
+earth-centred and earth-fixed [m], x towards latitude 0 and longitude 0, z towards the north pole;
+and NED, north-east-down [m] about an origin, level there.
+
+NED about an origin is ECEF shifted and turned. It is flat and the earth is not: at a horizontal
+distance d the ground has fallen away by d²/2R, 20 km at d = 500 km, and an aircraft that keeps
+its altitude has that much added to its "down". That is right, for straight lines, ranges and
+directions are then those of space. The level of the aircraft differs from that of the origin, too,
+by d/R, 4.5° at 500 km, so that an attitude relative to the one has to be turned into the other.
+
+Sources: the ellipsoid is that of NIMA TR8350.2 (*Department of Defense World Geodetic System 1984*,
+third edition, 2000), table 3.1. The transformations are those of B. Hofmann-Wellenhof,
+H. Lichtenegger and E. Wasle, *GNSS*, 2008, ch. 8, but for what names another source.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from radar_sense.model.geometry import join
+from radar_sense.states import FloatArray
+
+#: Semi-major axis a [m] and flattening f: they define the ellipsoid.
+SEMI_MAJOR = 6378137.0
+FLATTENING = 1.0 / 298.257223563
+#: Semi-minor axis b [m], first eccentricity squared e² and second e'².
+SEMI_MINOR = SEMI_MAJOR * (1.0 - FLATTENING)
+ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
+SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
+#: Rounds of Bowring's iteration. One is off by up to 1 µm within 10 km of the ellipsoid and 5 cm
+#: far out; two are as exact as a float from 1000 km below the ellipsoid to 100 000 km above it.
+_ROUNDS = 2
+
+
+def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:
+    """ECEF position of latitude, longitude [rad] and height above the ellipsoid [m].
+
+    Args:
+        geodetic: (..., 3).
+
+    Returns:
+        (..., 3) [m].
+    """
+    geodetic = np.asarray(geodetic, dtype=float)
+    latitude, longitude, height = (geodetic[..., i] for i in range(3))
+    sin, cos = np.sin(latitude), np.cos(latitude)
+    # The radius of curvature in the prime vertical, N.
+    normal = SEMI_MAJOR / np.sqrt(1.0 - ECCENTRICITY_2 * sin * sin)
+    from_axis = (normal + height) * cos
+    return join(
+        (
+            from_axis * np.cos(longitude),
+            from_axis * np.sin(longitude),
+            ((1.0 - ECCENTRICITY_2) * normal + height) * sin,
+        )
+    )
+
+
+def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
+    """Latitude, longitude [rad] and height [m] of an ECEF position; undone `ecef_from_geodetic`.
+
+    B. R. Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23(181),
+    1976: with β the reduced latitude, tan β = (1 − f) tan φ,
+
+        tan φ = (z + e'² b sin³β) / (p − e² a cos³β),
+
+    here with sines and cosines in place of tangents, which have no value at the poles. The height
+    h = p cos φ + z sin φ − a √(1 − e² sin²φ) loses no digits at any latitude (Bowring, "The
+    accuracy of geodetic latitude and height equations", Survey Review 28(218), 1985).
+
+    Args:
+        ecef: (..., 3) [m], not within some 100 km of the centre of the earth.
+
+    Returns:
+        (..., 3), the longitude from −π to π; it is 0 on the axis of the earth.
+    """
+    ecef = np.asarray(ecef, dtype=float)
+    x, y, z = (ecef[..., i] for i in range(3))
+    p = np.hypot(x, y)
+    sin_reduced, cos_reduced = _unit(SEMI_MAJOR * z, SEMI_MINOR * p)
+    for _ in range(_ROUNDS):
+        sin, cos = _unit(
+            z + SECOND_ECCENTRICITY_2 * SEMI_MINOR * sin_reduced**3,
+            p - ECCENTRICITY_2 * SEMI_MAJOR * cos_reduced**3,
+        )
+        sin_reduced, cos_reduced = _unit((1.0 - FLATTENING) * sin, cos)
+    height = p * cos + z * sin - SEMI_MAJOR * np.sqrt(1.0 - ECCENTRICITY_2 * sin * sin)
+    return join((np.arctan2(sin, cos), np.arctan2(y, x), height))
+
+
+def ned_axes(geodetic: ArrayLike) -> FloatArray:
+    """North, east and down at a place as rows of ECEF components: the matrix from ECEF to NED.
+
+    Args:
+        geodetic: (..., 3), of which latitude and longitude [rad] are used.
+
+    Returns:
+        (..., 3, 3).
+    """
+    geodetic = np.asarray(geodetic, dtype=float)
+    sin, cos = np.sin(geodetic[..., 0]), np.cos(geodetic[..., 0])
+    sin_lon, cos_lon = np.sin(geodetic[..., 1]), np.cos(geodetic[..., 1])
+    rows = (
+        (-sin * cos_lon, -sin * sin_lon, cos),
+        (-sin_lon, cos_lon, np.zeros_like(cos)),
+        (-cos * cos_lon, -cos * sin_lon, -sin),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def ned_from_geodetic(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Position in the north-east-down frame of an origin.
+
+    Args:
+        geodetic: (..., 3), latitude, longitude [rad], height above the ellipsoid [m].
+        origin: (3,), the same of the origin.
+
+    Returns:
+        (..., 3) [m].
+    """
+    line = ecef_from_geodetic(geodetic) - ecef_from_geodetic(origin)
+    return line @ ned_axes(origin).T
+
+
+def geodetic_from_ned(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Latitude, longitude [rad] and height [m] of a position; undone `ned_from_geodetic`.
+
+    Args:
+        ned: (..., 3) [m].
+        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
+
+    Returns:
+        (..., 3), the longitude from −π to π.
+    """
+    return geodetic_from_ecef(
+        np.asarray(ned, dtype=float) @ ned_axes(origin) + ecef_from_geodetic(origin)
+    )
+
+
+def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
+    """Matrix M from the north-east-down frame of a place to that of the origin.
+
+    Its columns are north, east and down of the place, as the origin sees them.
+
+    Args:
+        geodetic: (..., 3), the places; latitude and longitude [rad] are used.
+        origin: (3,), the same of the origin.
+
+    Returns:
+        (..., 3, 3).
+    """
+    turn: FloatArray = np.matmul(ned_axes(origin), np.swapaxes(ned_axes(geodetic), -1, -2))
+    return turn
+
+
+def turned_attitude(attitude: ArrayLike, turn: FloatArray) -> FloatArray:
+    """Roll, pitch and yaw relative to one north-east-down frame, from those relative to another.
+
+    Not an approximation: the matrix from the new frame to body is that from the old frame to body
+    times M⁻¹ = Mᵀ, and the angles are read from the product.
+
+    Args:
+        attitude: ZYX Euler angles (..., 3) [rad] relative to the old frame.
+        turn: M (..., 3, 3), from the old frame to the new one.
+
+    Returns:
+        (..., 3) [rad], roll and yaw from −π to π, pitch from −π/2 to π/2.
+    """
+    return euler_angles(np.matmul(body_axes(attitude), np.swapaxes(turn, -1, -2)))
+
+
+def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatArray:
+    """Partials of the turned attitude for the given one: how errors of Euler angles carry over.
+
+    A small change of roll, pitch and yaw turns the body by ω = B(roll, pitch) · (their changes), in
+    body components (Beard and McLain, *Small Unmanned Aircraft*, 2012, ch. 3: the inverse of their
+    matrix in the kinematics of the Euler angles). That turn is the same seen from either frame, so
+    B(turned) d(turned) = B(attitude) d(attitude).
+
+    Args:
+        attitude: ZYX Euler angles (..., 3) [rad] relative to the old frame.
+        turned: The same attitude relative to the new frame; its pitch is not ±π/2.
+
+    Returns:
+        (..., 3, 3).
+    """
+    roll, pitch = turned[..., 0], turned[..., 1]
+    sin, cos, tan = np.sin(roll), np.cos(roll), np.tan(pitch)
+    one, zero, secant = np.ones_like(sin), np.zeros_like(sin), 1.0 / np.cos(pitch)
+    inverse = ((one, sin * tan, cos * tan), (zero, cos, -sin), (zero, sin * secant, cos * secant))
+    roll, pitch = attitude[..., 0], attitude[..., 1]
+    sin, cos, across = np.sin(roll), np.cos(roll), np.cos(pitch)
+    rates = ((one, zero, -np.sin(pitch)), (zero, cos, sin * across), (zero, -sin, cos * across))
+    left, right = (
+        np.stack([np.stack(row, axis=-1) for row in matrix], axis=-2) for matrix in (inverse, rates)
+    )
+    jacobian: FloatArray = np.matmul(left, right)
+    return jacobian
+
+
+def body_axes(attitude: ArrayLike) -> FloatArray:
+    """Nose, right wing and bottom as rows of north-east-down components: the matrix R_n^b.
+
+    Args:
+        attitude: ZYX Euler angles (..., 3): roll, pitch, yaw [rad].
+
+    Returns:
+        (..., 3, 3); the transpose of what the paper prints as `eq:DCM_zyx`.
+    """
+    attitude = np.asarray(attitude, dtype=float)
+    (sr, sp, sy), (cr, cp, cy) = (
+        [function(attitude[..., i]) for i in range(3)] for function in (np.sin, np.cos)
+    )
+    rows = (
+        (cp * cy, cp * sy, -sp),
+        (sr * sp * cy - cr * sy, sr * sp * sy + cr * cy, sr * cp),
+        (cr * sp * cy + sr * sy, cr * sp * sy - sr * cy, cr * cp),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def euler_angles(axes: FloatArray) -> FloatArray:
+    """Roll, pitch and yaw of a matrix R_n^b; undone `body_axes`.
+
+    The roll is read after the yaw has been turned back, which makes the three fit together however
+    near the pitch is to ±π/2, where yaw and roll are about one axis and only their sum or
+    difference is known.
+
+    Args:
+        axes: (..., 3, 3).
+
+    Returns:
+        (..., 3) [rad], roll and yaw from −π to π, pitch from −π/2 to π/2.
+    """
+    nose, wing, bottom = (axes[..., i, :] for i in range(3))
+    yaw = np.arctan2(nose[..., 1], nose[..., 0])
+    pitch = np.arctan2(-nose[..., 2], np.hypot(nose[..., 0], nose[..., 1]))
+    sin, cos = np.sin(yaw), np.cos(yaw)
+    roll = np.arctan2(
+        sin * bottom[..., 0] - cos * bottom[..., 1], cos * wing[..., 1] - sin * wing[..., 0]
+    )
+    return join((roll, pitch, yaw))
+
+
+def _unit(sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Scale a pair to the sine and cosine that it is in proportion to."""
+    length = np.hypot(sin, cos)
+    return sin / length, cos / length

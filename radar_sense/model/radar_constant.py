@@ -1,0 +1,171 @@
+"""The uncertainty of a radar constant that is made of uncertain parameters.
+
+c_r is a product of powers of its parameters and of 10^(± dB/10), so each uncertain parameter makes
+a random factor, and the factors are independent. A tolerance in decibels makes a log-normal one.
+That gives σ of c_r to first order, its draws, and its moments.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.special import ndtr
+
+from radar_sense.limits import Limit
+from radar_sense.states import FloatArray
+
+#: A parameter that divides must stay well away from 0: its standard deviation is at most this part
+#: of its value, and no draw is lower than so many standard deviations below its value (3 in ten
+#: million would be). Without that c_r would have no mean.
+MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
+TOLERANCE_DB = Limit(at_least=0, at_most=20)
+#: c_r is called not Gaussian where its mean or its standard deviation, as parts of the ones that a
+#: method takes it to have, or its skewness differ by more than this.
+MEAN_CHANGE, STD_CHANGE, SKEWNESS_CHANGE = 0.01, 0.02, 0.3
+_NEPERS = math.log(10.0) / 10.0  # ln of a ratio of powers of 1 dB
+
+
+@dataclass(frozen=True)
+class Part:
+    """An uncertain parameter of a radar constant, Gaussian in the unit of its key.
+
+    Attributes:
+        key: Its key in a scenario.
+        value: Its nominal value, in the unit of the key.
+        std: Its standard deviation, in that unit.
+        power: c_r goes with this power of it; with 10^(power · value/10) if it is in decibels.
+        decibels: Whether it is.
+    """
+
+    key: str
+    value: float
+    std: float
+    power: int
+    decibels: bool
+
+    @property
+    def slope(self) -> float:
+        """∂ ln c_r/∂u for the parameter at value + std · u, at u = 0: σ of c_r over c_r."""
+        return self.power * self.std * (_NEPERS if self.decibels else 1.0 / self.value)
+
+    def factor(self, white: FloatArray) -> FloatArray:
+        """What c_r is multiplied by where the parameter is at value + std · white (...).
+
+        A parameter that c_r grows with is 0 where it would be negative, as c_r itself is.
+        """
+        if self.decibels:
+            return np.exp(self.slope * white)
+        lowest = 0.0 if self.power > 0 else 1.0 + LOWEST_DIVISOR * self.std / self.value
+        factor: FloatArray = np.maximum(1.0 + (self.std / self.value) * white, lowest) ** self.power
+        return factor
+
+    def moment(self, order: int) -> float:
+        """Mean of the factor raised to an order: closed for decibels, otherwise by quadrature."""
+        if self.decibels:
+            return math.exp(0.5 * (order * self.slope) ** 2)
+        relative = self.std / self.value
+        lowest = LOWEST_DIVISOR if self.power < 0 else -1.0 / max(relative, 0.1)
+        points, weights = np.polynomial.legendre.leggauss(200)
+        u = lowest + 0.5 * (10.0 - lowest) * (1.0 + points)
+        density = np.exp(-0.5 * u * u) / math.sqrt(2.0 * math.pi)
+        above = 0.5 * (10.0 - lowest) * np.sum(weights * density * self.factor(u) ** order)
+        return float(above + ndtr(lowest) * self.factor(np.array(lowest)) ** order)
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Mean and standard deviation of a positive quantity over its nominal value, and skewness."""
+
+    mean: float
+    std: float
+    skewness: float
+
+
+def relative_std(parts: Sequence[Part]) -> float:
+    """σ of c_r over c_r to first order: √Σ (∂ ln c_r/∂x_k σ_k)²."""
+    return math.sqrt(sum(part.slope**2 for part in parts))
+
+
+def factors(parts: Sequence[Part], white: FloatArray) -> FloatArray:
+    """Draw what c_r is multiplied by, (...), from unit normals (..., parts)."""
+    product = parts[0].factor(white[..., 0])
+    for i, part in enumerate(parts[1:], start=1):
+        product = product * part.factor(white[..., i])
+    return product
+
+
+def draw(constants: FloatArray, parts: Sequence[Part], white: FloatArray) -> FloatArray:
+    """Draw radar constants (...) from nominal ones (...) and unit normals (..., parts)."""
+    return constants * factors(parts, white)
+
+
+def shape(parts: Sequence[Part]) -> Shape:
+    """Mean, standard deviation and skewness of c_r as the parts make it, all factors multiplied.
+
+    Means of powers of independent factors multiply: E c^n = Π E f_k^n.
+    """
+    return _shape(*(math.prod(part.moment(n) for part in parts) for n in (1, 2, 3)))
+
+
+def taken_for(parts: Sequence[Part], method: str) -> Shape:
+    """Shape of what a method of propagation takes c_r for, with σ of first order.
+
+    `linear` takes it for Gaussian. `probit` and `form` take ln c_r for Gaussian, which is exact
+    where all parts are in decibels.
+    """
+    std = relative_std(parts)
+    if method == "linear":
+        return Shape(1.0, std, 0.0)
+    return _shape(*(math.exp(0.5 * (n * std) ** 2) for n in (1, 2, 3)))
+
+
+def doubts(names: Sequence[str], parts: Sequence[Sequence[Part]], method: str) -> tuple[str, ...]:
+    """Say so of each radar (m,) whose c_r is not distributed as a method takes it to be.
+
+    Args:
+        names: The radars' names; the constant of a single radar needs none.
+        parts: What makes the c_r of each radar uncertain; nothing where that is one number.
+        method: Name of the method.
+    """
+    found = [doubt(of_radar, method) if of_radar else None for of_radar in parts]
+    if len(found) == 1:
+        return tuple(filter(None, found))
+    return tuple(f"{name}: {said}" for name, said in zip(names, found, strict=True) if said)
+
+
+def doubt(parts: Sequence[Part], method: str) -> str | None:
+    """Say so if c_r is not distributed as a method of propagation takes it to be."""
+    exact, taken = shape(parts), taken_for(parts, method)
+    if (
+        abs(exact.mean - taken.mean) <= MEAN_CHANGE
+        and abs(exact.std - taken.std) <= STD_CHANGE * taken.std
+        and abs(exact.skewness - taken.skewness) <= SKEWNESS_CHANGE
+    ):
+        return None
+    kind = "Gaussian" if method == "linear" else "log-normal"
+    return (
+        f"c_r is not {kind}, as {method} takes it to be: of its nominal value its mean is "
+        f"{exact.mean:.1%} ({kind}: {taken.mean:.1%}), its standard deviation {exact.std:.1%} "
+        f"({taken.std:.1%}), its skewness {exact.skewness:.2f} ({taken.skewness:.2f}); "
+        "Monte Carlo draws it as it is"
+    )
+
+
+def describe(constant: float, parts: Sequence[Part]) -> str:
+    """Say in words how c_r is distributed, exactly and to first order."""
+    exact, first_order = shape(parts), constant * relative_std(parts)
+    return (
+        f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
+        f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
+    )
+
+
+def _shape(first: float, second: float, third: float) -> Shape:
+    variance = max(second - first * first, 0.0)
+    if variance <= 1e-12 * first * first:  # nothing but rounding
+        return Shape(first, 0.0, 0.0)
+    skewness = (third - 3.0 * first * variance - first**3) / variance**1.5
+    return Shape(first, math.sqrt(variance), skewness)

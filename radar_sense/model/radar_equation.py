@@ -1,0 +1,160 @@
+"""The radar equation: signal-to-noise ratio, and the radar constant from what it is made of.
+
+A radar is described by what data sheets give. Its constant c_r is a number times a product with one
+factor for each parameter: a power of it, or 10^(± dB/10).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from scipy.constants import Boltzmann, speed_of_light
+
+from radar_sense.limits import POSITIVE, Limit, check_parameters
+from radar_sense.states import FloatArray
+
+DECIBELS = Limit(at_least=-200, at_most=200)
+#: What a receiver or a line takes away, in decibels; neither gives anything.
+LOSSES = Limit(at_least=0, at_most=200)
+#: The whole sphere is 4π.
+SOLID_ANGLE = Limit(above=0, at_most=12.5664)
+#: What stands below the power-aperture product in c_r, by the name that a scenario gives it. With a
+#: beam of solid angle λ²/A it is 4π (M. I. Skolnik, "Introduction to Radar Systems", 2001; MATLAB's
+#: radareqsearchpap). B. R. Mahafza ("Radar Systems Analysis and Design Using MATLAB", 2000), and
+#: after him the paper, take (λ/D)² for it, with A = π D²/4 of a circular aperture: π/4 of that, and
+#: so 16. With 4π, as in the programs of his 3rd edition (2013), c_r is 1.05 dB larger.
+SEARCH_FACTORS: Mapping[str, float] = {"16": 16.0, "4pi": 4.0 * math.pi}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit that a scenario may give a parameter in: SI value = scale · value^power."""
+
+    scale: float = 1.0
+    power: int = 1
+
+    def to_si(self, value: float) -> float:
+        """Turn a value in this unit into SI."""
+        return self.scale * value**self.power
+
+
+_SI = Unit()
+
+
+def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
+    """Declare a parameter that c_r goes with to this power, and the keys with the units it has."""
+    return field(metadata={"power": power, "limit": limit, "units": units, "decibels": False})
+
+
+def _decibels(sign: int, key: str) -> Any:
+    """Declare a parameter in decibels that c_r grows with, sign · dB, or falls with."""
+    limit = DECIBELS if sign > 0 else LOSSES
+    return field(metadata={"power": sign, "limit": limit, "units": {key: _SI}, "decibels": True})
+
+
+@dataclass(frozen=True)
+class SurveillanceRadar:
+    """A radar that searches a volume, and what its radar constant is made of.
+
+    Its signal-to-noise ratio is that of all the energy that one scan puts on the target, taken as a
+    single pulse: there is no gain of integrating pulses on top of it.
+
+    Attributes:
+        average_power: Average transmitted power P_av [W].
+        aperture: Antenna aperture A [m²].
+        temperature: Noise reference temperature T_0 [K].
+        scan_time: Time T_sc for one scan of the search volume [s].
+        search_volume: Solid angle Ω searched [sr].
+        loss_db: Losses L [dB].
+        noise_figure_db: Noise figure F [dB].
+        search_factor: The number below the product, 16 in the paper, 4π elsewhere.
+    """
+
+    average_power: float = _factor(1, average_power_w=_SI, average_power_kw=Unit(1e3))
+    aperture: float = _factor(1, aperture_m2=_SI)
+    temperature: float = _factor(-1, temperature_k=_SI)
+    scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=Unit(60.0, -1))
+    search_volume: float = _factor(-1, SOLID_ANGLE, search_volume_sr=_SI)
+    loss_db: float = _decibels(-1, "loss_db")
+    noise_figure_db: float = _decibels(-1, "noise_figure_db")
+    search_factor: float = 16.0
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.search_factor not in SEARCH_FACTORS.values():
+            raise ValueError(f"search_factor must be 16 or 4π, got {self.search_factor}")
+
+    def constant(self) -> float:
+        """Radar constant c_r [J m²/K], `eq:c_r_surv`: P_av A / (16 T_0 L F) · T_sc / Ω."""
+        loss: float = 10.0 ** ((self.loss_db + self.noise_figure_db) / 10.0)
+        power_aperture = self.average_power * self.aperture
+        return (
+            power_aperture
+            * self.scan_time
+            / (self.search_factor * self.temperature * loss * self.search_volume)
+        )
+
+
+@dataclass(frozen=True)
+class TrackingRadar:
+    """A radar that stares at its target with one antenna, and what its constant is made of.
+
+    Its signal-to-noise ratio is that of a single pulse,
+
+        S = P_t G² λ² σ / ((4π)³ k T_0 B F L R⁴),
+
+    without any gain of integrating pulses (Mahafza 2000; Skolnik 2001; Richards 2005). The
+    bandwidth is that of the matched filter, 1/τ for a plain pulse of width τ; with pulse
+    compression τ is the width of the uncompressed pulse, as it is the energy that counts.
+
+    Attributes:
+        peak_power: Peak transmitted power P_t [W].
+        gain_db: Gain G of the antenna, the same for transmission and reception [dBi].
+        wavelength: Wavelength λ [m].
+        bandwidth: Noise bandwidth B [Hz].
+        temperature: Noise reference temperature T_0 [K].
+        loss_db: Losses L [dB].
+        noise_figure_db: Noise figure F [dB].
+    """
+
+    peak_power: float = _factor(1, peak_power_w=_SI, peak_power_kw=Unit(1e3))
+    gain_db: float = _decibels(2, "gain_dbi")
+    wavelength: float = _factor(2, frequency_ghz=Unit(speed_of_light / 1e9, -1), wavelength_m=_SI)
+    bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=Unit(1e6, -1))
+    temperature: float = _factor(-1, temperature_k=_SI)
+    loss_db: float = _decibels(-1, "loss_db")
+    noise_figure_db: float = _decibels(-1, "noise_figure_db")
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def constant(self) -> float:
+        """Radar constant c_r [J m²/K]: P_t G² λ² / ((4π)³ T_0 B F L)."""
+        decibels = 2.0 * self.gain_db - self.loss_db - self.noise_figure_db
+        signal = self.peak_power * self.wavelength**2 * 10.0 ** (decibels / 10.0)
+        return float(signal / ((4.0 * math.pi) ** 3 * self.temperature * self.bandwidth))
+
+
+#: The kinds of radar that a scenario can describe by their parameters.
+RADARS: Mapping[str, type[SurveillanceRadar] | type[TrackingRadar]] = {
+    "surveillance": SurveillanceRadar,
+    "tracking": TrackingRadar,
+}
+
+
+def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArray) -> FloatArray:
+    """Signal-to-noise ratio S = c_r σ_r / (k R⁴), `eq:SNR`.
+
+    Args:
+        constant: Radar constant c_r (...) [J m²/K].
+        cross_section: σ_r (...) [m²].
+        range_squared: R² (...) [m²].
+
+    Returns:
+        (...), a ratio of powers.
+    """
+    noise: FloatArray = Boltzmann * range_squared * range_squared
+    return constant * cross_section / noise

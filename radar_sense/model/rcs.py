@@ -1,0 +1,243 @@
+"""Radar cross section by aspect: one small frozen class per model.
+
+A model has two methods over body-frame vectors to the radar (..., 3), of any length but zero:
+`cross_section` gives σ_r (...) [m²], `linearize` gives σ_r and its gradient (..., 3) with respect
+to that vector. An RCS depends on direction alone, so the gradient is perpendicular to the vector.
+
+λ = atan2(y, x) and φ = atan2(z, √(x² + y²)) are only a way to write such a function, so they do not
+appear here unless a model needs λ itself: the direction cosines they stand for have no singular
+angle but the one that is real, straight above and below the aircraft, where λ is undefined. There
+the models take λ = 0 (as atan2 does), and the gradient of one that depends on λ is NaN.
+
+An RCS here is a function of aspect and of nothing else. That the echo of one aspect fluctuates from
+pulse to pulse or scan to scan (P. Swerling, IRE Trans. IT-6(2), 1960) is the detector's affair: the
+RCS gives the mean that it fluctuates about. The RCS from a table is in a module of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
+import numpy as np
+
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
+from radar_sense.model.geometry import Turn, join, split
+from radar_sense.states import FloatArray
+
+
+class RCS(Protocol):
+    """What the rest of the package asks of an RCS model."""
+
+    #: Whether it is the same from everywhere, so that nobody need know the attitude.
+    isotropic: ClassVar[bool]
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        ...
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        ...
+
+
+@dataclass(frozen=True)
+class ConstantRCS:
+    """The same cross section from everywhere.
+
+    Attributes:
+        rcs: σ_r [m²], positive.
+    """
+
+    isotropic: ClassVar[bool] = True
+
+    rcs: float = parameter("rcs_m2", POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        return np.full(np.shape(body_vector)[:-1], self.rcs)
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3), which is zero."""
+        return self.cross_section(body_vector), np.zeros(np.shape(body_vector))
+
+
+@dataclass(frozen=True)
+class EllipsoidRCS:
+    """The paper's ellipsoid, `eq:rcs_ellipsoid`, taken literally.
+
+    σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0) that
+    is π a²b²/c²: in the formula c acts along the nose, a along the wing and b down, whatever the
+    paper's text (a forward) and table (c up) say.
+
+    Attributes:
+        a: Axis that acts along the wing [m], positive.
+        b: Axis that acts down [m], positive.
+        c: Axis that acts along the nose [m], positive.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    a: float = parameter("a_m", POSITIVE)
+    b: float = parameter("b_m", POSITIVE)
+    c: float = parameter("c_m", POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        xx, yy, zz = split(np.square(np.asarray(body_vector, dtype=float)))
+        hh = xx + yy
+        rr = hh + zz
+        with np.errstate(invalid="ignore"):
+            return self._numerator * self._inverse(xx, yy, zz, hh, rr) ** 2
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
+        x, y, z = split(np.asarray(body_vector, dtype=float))
+        aa, bb, cc = self.a**2, self.b**2, self.c**2
+        xx, yy, zz = x * x, y * y, z * z
+        hh = xx + yy
+        rr = hh + zz
+        with np.errstate(divide="ignore", invalid="ignore"):
+            inverse = self._inverse(xx, yy, zz, hh, rr)
+            sigma = self._numerator * inverse**2
+            # D = c² + s (b² − c² + (a² − b²) q) with s = sin²λ = y²/h² and q = cos²φ = h²/r²;
+            # ∇s = 2xy/h⁴ (−y, x, 0), ∇q = 2z/r⁴ (xz, yz, −h²), and dσ = −2 σ/D dD.
+            outer = -4.0 * sigma * inverse
+            along_s = outer * (bb - cc + (aa - bb) * hh / rr) * x * y / (hh * hh)
+            along_q = outer * (aa - bb) * (yy / hh) * z / (rr * rr)
+            gradient = join(
+                (
+                    along_q * x * z - along_s * y,
+                    along_q * y * z + along_s * x,
+                    -along_q * hh,
+                )
+            )
+        return sigma, gradient
+
+    @property
+    def _numerator(self) -> float:
+        return float(np.pi * (self.a * self.b * self.c) ** 2)
+
+    def _inverse(
+        self, xx: FloatArray, yy: FloatArray, zz: FloatArray, hh: FloatArray, rr: FloatArray
+    ) -> FloatArray:
+        """1/D of `eq:rcs_ellipsoid`, with a sum of positive terms so that nothing cancels."""
+        # sin²λ cos²φ = (y²/h²)(h²/r²),  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
+        times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
+        inverse, aside = hh / times_hh, hh > 0
+        # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
+        return inverse if aside.all() else np.where(aside, inverse, self.c**-2)
+
+
+@dataclass(frozen=True)
+class ExactEllipsoidRCS:
+    """The ellipsoid itself, which the paper's formula is only near the horizon.
+
+    σ_r = π (s_x s_y s_z)² / D² with D = (s_x n_x)² + (s_y n_y)² + (s_z n_z)², where n is the
+    direction to the radar in the body frame (E. F. Knott, J. F. Shaeffer and M. T. Tuley, Radar
+    Cross Section, 2nd ed. 1993: π times the product of the principal radii of curvature at the
+    specular point). It is smooth in every direction.
+
+    `eq:rcs_ellipsoid` lacks a factor cos²φ in its term for the nose, and has a sin²λ in that for
+    down. With its (a, b, c) = (s_y, s_z, s_x), its D is (s_x² − s_z²) cos²λ sin²φ greater: nothing
+    at the horizon and abeam, and most straight above and below, where it depends on a λ that has
+    no meaning there.
+
+    Attributes:
+        x: Semi-axis along the nose [m], positive.
+        y: Semi-axis along the wing [m], positive.
+        z: Semi-axis down [m], positive.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    x: float = parameter("x_m", POSITIVE)
+    y: float = parameter("y_m", POSITIVE)
+    z: float = parameter("z_m", POSITIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        sigma, _, _ = self._parts(*split(np.asarray(body_vector, dtype=float)))
+        return sigma
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        x, y, z = split(np.asarray(body_vector, dtype=float))
+        sigma, (xx, yy, zz), weighted = self._parts(x, y, z)
+        aa, bb, cc = self.x**2, self.y**2, self.z**2
+        # With D = w/r² and w = Σ s_i² ρ_i², ∂σ/∂ρ_i = 4σ ρ_i (1/r² − s_i²/w). The bracket is
+        # (w − s_i² r²)/(r² w), written so that s_i² drops out and nothing cancels.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            outer = 4.0 * sigma / ((xx + yy + zz) * weighted)
+            gradient = join(
+                (
+                    outer * x * ((bb - aa) * yy + (cc - aa) * zz),
+                    outer * y * ((aa - bb) * xx + (cc - bb) * zz),
+                    outer * z * ((aa - cc) * xx + (bb - cc) * yy),
+                )
+            )
+        return sigma, gradient
+
+    def _parts(
+        self, x: FloatArray, y: FloatArray, z: FloatArray
+    ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], FloatArray]:
+        """σ_r, the squares of the components, and w = r² D."""
+        xx, yy, zz = x * x, y * y, z * z
+        weighted = self.x**2 * xx + self.y**2 * yy + self.z**2 * zz
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = self.x * self.y * self.z * (xx + yy + zz) / weighted
+        return np.pi * ratio * ratio, (xx, yy, zz), weighted
+
+
+@dataclass(frozen=True)
+class SpikeballRCS:
+    """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
+
+    The slope jumps at the bottom of each lobe. There the gradient is that of one of the two lobes
+    that meet; the other's has the same size and the other sign, so the linearized deviation is that
+    of either side and not a zero.
+
+    Attributes:
+        lobes: n, a positive whole number.
+        amplitude: A [m²], not negative.
+        floor: σ_min [m²], not negative; A and σ_min are not both zero.
+    """
+
+    isotropic: ClassVar[bool] = False
+
+    lobes: int = parameter("lobes", Limit(at_least=1, at_most=1e6, whole=True))
+    amplitude: float = parameter("amplitude_m2", NOT_NEGATIVE)
+    floor: float = parameter("floor_m2", NOT_NEGATIVE)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.amplitude + self.floor == 0:
+            raise ValueError("amplitude and floor must not both be 0")
+
+    def cross_section(self, body_vector: FloatArray) -> FloatArray:
+        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        x, y, _ = split(np.asarray(body_vector, dtype=float))
+        wave = Turn.by(0.5 * self.lobes * np.arctan2(y, x)).sin
+        return self.floor + self.amplitude * np.abs(wave)
+
+    def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
+        x, y, _ = split(np.asarray(body_vector, dtype=float))
+        half = 0.5 * self.lobes
+        phase = Turn.by(half * np.arctan2(y, x))
+        wave = phase.sin
+        slope = np.where(wave < 0, -half, half) * self.amplitude * phase.cos
+        # ∇λ = (−y, x, 0)/h²
+        with np.errstate(divide="ignore", invalid="ignore"):
+            turn = slope / (x * x + y * y)
+            gradient = join((-y * turn, x * turn, np.zeros_like(turn)))
+        return self.floor + self.amplitude * np.abs(wave), gradient

@@ -1,0 +1,1 @@
+"""Random and quasi-random draws of the states, statistics of P_D, and Sobol' indices."""

@@ -1,0 +1,259 @@
+"""From a result to its figure: one function for each analysis, one style for all.
+
+The figures fit one column of a journal (3.5 in), are told apart by line style as well as by colour,
+and have their legend beside the axes, not on the data. Matplotlib is used without pyplot, which
+keeps no global state and loads faster.
+"""
+
+from __future__ import annotations
+
+import io
+import itertools
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
+
+from radar_sense.analyses.contract import Result
+from radar_sense.axis import Axis
+from radar_sense.states import FloatArray
+
+_STYLE: dict[Any, Any] = {
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7.5,
+    "mathtext.fontset": "dejavusans",
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "grid.color": "0.88",
+    "grid.linewidth": 0.5,
+    "axes.axisbelow": True,
+    "lines.linewidth": 1.2,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "legend.frameon": False,
+    "legend.handlelength": 2.8,
+    "pdf.fonttype": 42,  # real fonts: text in a PDF stays text
+    "svg.hashsalt": "radar-sense",  # the same figure is the same bytes
+    "savefig.dpi": 300,
+}
+_WIDTH = 3.5
+_LEGEND_ROW = 0.16
+#: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
+_LINES: tuple[tuple[str, Any], ...] = (
+    ("#0072B2", "-"),
+    ("#D55E00", (0, (5, 1.5))),
+    ("#009E73", (0, (1.2, 1.2))),
+    ("#CC79A7", (0, (5, 1.5, 1.2, 1.5))),
+    ("#56B4E9", (0, (8, 2))),
+    ("#E69F00", (0, (3, 1, 1.2, 1, 1.2, 1))),
+)
+_BAND = _LINES[1]
+_HAIR = "0.7"
+#: Lines of more points than this are thinned: a million take a minute and 10 MB to draw. A page has
+#: room for no more columns than these.
+MOST_POINTS = 10_000
+COLUMNS = 2_000
+
+
+def _styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Styles for as many lines as there are, without those that are taken.
+
+    After the first round colours come with other dashes, so that no two lines are alike.
+    """
+    colours, dashes = zip(*(style for style in _LINES if style not in taken), strict=True)
+    for number in itertools.count():
+        turn, place = divmod(number, len(colours))
+        yield colours[place], dashes[(place + 2 * turn) % len(dashes)]
+
+
+def render(figure: Figure, kind: str) -> bytes:
+    """Encode a figure as png, pdf or svg; the same figure gives the same bytes."""
+    undated: Mapping[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
+    buffer = io.BytesIO()
+    with mpl.rc_context(_STYLE):
+        figure.savefig(buffer, format=kind, metadata=undated.get(kind))
+    return buffer.getvalue()
+
+
+def _panels(count: int) -> tuple[Figure, list[Axes]]:
+    """Make a figure with panels below each other that share an axis."""
+    figure = Figure(figsize=(_WIDTH, 0.6 + 1.7 * count), layout="constrained")
+    return figure, list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+
+
+def _new(panels: int, result: Result) -> tuple[Figure, list[Axes]]:
+    """Make a figure with panels below each other that share the axis of the poses."""
+    figure, axes = _panels(panels)
+    shown = _shown(result.scenario.axis)
+    axes[-1].set_xlabel(shown.label)
+    axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
+    for ax in axes:
+        ax.margins(x=0)
+    return figure, axes
+
+
+class _Shown(NamedTuple):
+    """How an axis is drawn: its label, the size of its unit in that of `Axis`, and its ticks."""
+
+    label: str
+    unit: float
+    steps: Sequence[float]
+
+
+_TENS = (1, 2, 2.5, 5, 10)
+_SIXTIES = (1, 1.5, 2, 3, 5, 6, 10)
+_DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
+
+
+def _shown(axis: Axis) -> _Shown:
+    """Choose the unit of an axis by how far it reaches."""
+    span = float(np.ptp(axis.values))
+    if axis.key == "time_s":
+        units = (("h", 3600.0, _TENS), ("min", 60.0, _SIXTIES), ("s", 1.0, _SIXTIES))
+        name, unit, steps = next(u for u in units if span >= 4 * u[1] or u[1] == 1)
+        return _Shown(f"Time [{name}]", unit, steps)
+    if axis.key == "distance_m":
+        name, unit = ("km", 1e3) if span >= 4e3 else ("m", 1.0)
+        return _Shown(f"Distance flown [{name}]", unit, _TENS)
+    return _Shown(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
+
+
+def _x(result: Result) -> FloatArray:
+    """Where the poses are drawn."""
+    axis = result.scenario.axis
+    return axis.values / _shown(axis).unit
+
+
+def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
+    """Return the ranges of x where the mask holds, each reaching half way to the next pose."""
+    middles = 0.5 * (x[1:] + x[:-1]) if len(x) > 1 else x
+    lefts, rights = np.concatenate([x[:1], middles]), np.concatenate([middles, x[-1:]])
+    if len(x) == 1:
+        lefts, rights = x - 0.5, x + 0.5
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    return [
+        (float(lefts[a]), float(rights[b - 1]))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def _shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
+    """Shade where a mask holds: one artist for all ranges, and pixels if they are very many."""
+    spans = [(left, right - left) for left, right in _spans(mask, x)]
+    if spans:
+        axes.broken_barh(
+            spans,
+            (0, 1),
+            transform=axes.get_xaxis_transform(),
+            color="0.9",
+            lw=0,
+            rasterized=len(spans) > COLUMNS,
+            zorder=0.9,  # over the grid, under all data
+            label=label,
+        )
+
+
+def _from_zero(axes: Axes) -> None:
+    """Start the vertical axis so little below zero that a line at zero is still seen."""
+    axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
+
+
+def _line(
+    axes: Axes, x: FloatArray, y: FloatArray, style: tuple[str, Any], label: str | None = None
+) -> None:
+    colour, dashes = style
+    marker = "o" if len(x) == 1 else None  # a line through one pose would show nothing
+    few = thinned(x, y)
+    axes.plot(
+        x[few], y[few], color=colour, linestyle=dashes, marker=marker, markersize=3, label=label
+    )
+
+
+def _fill(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any) -> None:
+    few = np.union1d(thinned(x, lower), thinned(x, upper))
+    axes.fill_between(x[few], lower[few], upper[few], **style)
+
+
+def thinned(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
+    """Choose the points of a line that a page can show: all of them, if they are not too many.
+
+    Of every run of points within one column these are the first, the last, the lowest and the
+    highest, which draw the same pixels as all (U. Jugel, Z. Jerzak, G. Hackenbroich and V. Markl,
+    "M4: a visualization-oriented time series data aggregation", PVLDB 7(10), 2014).
+
+    Args:
+        x: Coordinates (n,), in any order.
+        y: Values (n,). A run of nothing but NaN stays a gap.
+
+    Returns:
+        Indices, increasing.
+    """
+    count = len(x)
+    span = float(np.ptp(x)) if count else 0.0
+    if count <= MOST_POINTS or not span > 0:
+        return np.arange(count)
+    column = np.floor((x - x.min()) * (COLUMNS / span))
+    starts = np.flatnonzero(np.diff(column, prepend=-1.0))
+    ends = np.append(starts[1:], count) - 1
+    run = np.repeat(np.arange(len(starts)), ends - starts + 1)
+    known = np.isfinite(y)
+    lowest = np.lexsort((np.where(known, y, np.inf), run))[starts]
+    highest = np.lexsort((np.where(known, y, -np.inf), run))[ends]
+    return np.unique(np.concatenate([starts, lowest, highest, ends]))
+
+
+def _draw_band(
+    axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, result: Result
+) -> None:
+    linear = result.method == "linear"
+    name = r"$\pm 3\,\sigma_{pd}$" if linear else rf"$\pm 3\,\sigma$ by {result.method}"
+    label = f"{name} ({result.scenario.level})"
+    _line(axes, x, upper, _BAND, label=label)
+    _line(axes, x, lower, _BAND)
+
+
+def _hairs(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
+    """Draw one thin line per run; as pixels, so that a vector file stays small."""
+    points = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
+    axes.add_collection(
+        LineCollection(
+            list(points), colors=_HAIR, linewidths=0.3, alpha=0.5, rasterized=True, label=label
+        )
+    )
+    axes.autoscale_view()
+
+
+def _widths(entries: Sequence[int], columns: int) -> list[int]:
+    """Widths of the columns of a legend, which has the first of them longest."""
+    short, longer = divmod(len(entries), columns)
+    ends = list(itertools.accumulate([short + 1] * longer + [short] * (columns - longer)))
+    return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
+
+
+def _legend(figure: Figure, *panels: Axes) -> None:
+    """Put the legend above the axes, in as many columns as the longest label leaves room for."""
+    handles, labels = [], []
+    for axes in panels:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            handles.append(handle)
+            labels.append(label)
+    width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
+    columns = min(3, max(1, 54 // max(width)))
+    if len(labels) > 6:  # many: each column as wide as it must be
+        columns = next(c for c in (3, 2, 1) if c == 1 or sum(_widths(width, c)) <= 54)
+    # the figure grows with the legend, so that the axes keep their size
+    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW * -(-len(labels) // columns))
+    legend = figure.legend(
+        handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2
+    )
+    for handle, drawn in zip(handles, legend.legend_handles, strict=True):
+        if isinstance(handle, LineCollection) and drawn is not None:
+            drawn.set(linewidth=1.2, alpha=1.0)  # a single hair would hardly be seen

@@ -1,0 +1,1 @@
+"""Files to a `Scenario`; the only place that knows YAML, CSV, degrees and decibels."""
