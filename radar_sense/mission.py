@@ -49,14 +49,13 @@ from radar_sense.cumulative import (
     track_initiation,
 )
 from radar_sense.errors import ScenarioError, did_you_mean
-from radar_sense.limits import WINDOW
+from radar_sense.limits import MIN_RANGE, WINDOW
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import BOUND_CHANGE
-from radar_sense.reading.parse import MIN_RANGE
 from radar_sense.scenario import Scenario, alone
 from radar_sense.schedule import Schedule, schedule
 from radar_sense.states import RADAR, FloatArray
