@@ -16,6 +16,7 @@ _HOME = {
     "EllipsoidRCS": "model.rcs",
     "ExactEllipsoidRCS": "model.rcs",
     "Horizon": "model.horizon",
+    "InputError": "errors",
     "Linearization": "model.detection_model",
     "Marcum": "model.detectors",
     "Moments": "propagation",
@@ -55,7 +56,7 @@ if TYPE_CHECKING:
         validate,
         variance,
     )
-    from radar_sense.errors import ScenarioError
+    from radar_sense.errors import InputError, ScenarioError
     from radar_sense.model.detection_model import DetectionModel, Linearization
     from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
     from radar_sense.model.horizon import Horizon
@@ -75,6 +76,7 @@ __all__ = [
     "EllipsoidRCS",
     "ExactEllipsoidRCS",
     "Horizon",
+    "InputError",
     "Linearization",
     "Marcum",
     "Moments",

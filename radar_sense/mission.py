@@ -148,7 +148,8 @@ def mission(
             f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
             + did_you_mean(chosen, METHODS)
         )
-    scenario, when = _with_schedule(scenario.with_analysis(runs=runs))
+    recorded = scenario.with_analysis(runs=runs)  # with the poses of its file
+    scenario, when = _with_schedule(recorded)
     along, pose = scenario.axis, when.pose
     if m_of_n is not None:
         _check_window(*m_of_n, len(pose))
@@ -169,7 +170,7 @@ def mission(
     )
     return Result(
         analysis="mission",
-        scenario=scenario,
+        scenario=recorded,
         method=chosen,
         table={
             along.key: along.values,

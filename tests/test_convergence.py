@@ -72,7 +72,7 @@ def test_the_linear_model_is_that_of_the_paper_before_the_cut():
     found = linear.deviation(white_radar, white_aircraft)
     radar = draws(np.zeros(4), sampler.factor_radar, white_radar)
     aircraft = draws(np.zeros((len(s.aircraft), 6)), sampler.factor_aircraft, white_aircraft)
-    rcs = s.document["aircraft"]["rcs"]
+    rcs = s.resolved()["aircraft"]["rcs"]
     assert rcs["model"] == "ellipsoid"
     _, by_aircraft, by_radar = chain_rule.linearize(
         s.aircraft,

@@ -10,7 +10,7 @@ import pytest
 import yaml
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
-from test_input import assert_refused, write
+from helpers import assert_refused, write
 
 from radar_sense import analyses, figures
 from radar_sense.analyses.convergence import LinearModel
