@@ -110,8 +110,7 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
                 f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
                 f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
             )
-    looks = dataclasses.replace(
-        scenario,
+    looks = scenario.along_path(
         axis=along,
         aircraft=poses.aircraft,
         cov_aircraft=covariance if poses.covariance is None else poses.covariance,
@@ -148,8 +147,7 @@ def mission(
             f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
             + did_you_mean(chosen, METHODS)
         )
-    recorded = scenario.with_analysis(runs=runs)  # with the poses of its file
-    scenario, when = _with_schedule(recorded)
+    scenario, when = _with_schedule(scenario.with_analysis(runs=runs))
     along, pose = scenario.axis, when.pose
     if m_of_n is not None:
         _check_window(*m_of_n, len(pose))
@@ -170,7 +168,7 @@ def mission(
     )
     return Result(
         analysis="mission",
-        scenario=recorded,
+        scenario=scenario,
         method=chosen,
         table={
             along.key: along.values,

@@ -131,7 +131,7 @@ def instance_block(instance: Any) -> Block:
 
 def attitude_block(aircraft: FloatArray, provenance: Provenance) -> Block:
     """Return the attitude on an orbit, and nothing for other poses."""
-    if not (isinstance(provenance.geometry, Orbit) and _as_made(aircraft, provenance)):
+    if not (isinstance(provenance.geometry, Orbit) and is_as_made(aircraft, provenance)):
         return {}
     unit = keys.ATTITUDE.unit
     return {"attitude_deg": [in_unit(float(angle), unit) for angle in aircraft[0, ATTITUDE]]}
@@ -140,7 +140,7 @@ def attitude_block(aircraft: FloatArray, provenance: Provenance) -> Block:
 def geometry_block(aircraft: FloatArray, axis: Axis, provenance: Provenance) -> Block:
     """Return the orbit or the path of the poses, or their number and digest."""
     geometry = provenance.geometry
-    if geometry is None or not _as_made(aircraft, provenance):
+    if geometry is None or not is_as_made(aircraft, provenance):
         return {
             "type": "states",
             "axis": axis.key,
@@ -248,7 +248,8 @@ def digest(*arrays: FloatArray) -> str:
     ).hexdigest()
 
 
-def _as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
+def is_as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
+    """Return whether the states are the ones made from the orbit or the path."""
     made = provenance.aircraft
     return made is not None and (aircraft is made or np.array_equal(aircraft, made))
 

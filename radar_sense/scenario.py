@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import html
 import re
 from collections.abc import Mapping
@@ -22,7 +23,7 @@ from radar_sense.limits import MAX_NAME, RUNS, SEED
 from radar_sense.model.detection_model import Model
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar_constant import Tolerance
-from radar_sense.provenance import Provenance
+from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
 #: Covariances checked at a time.
@@ -206,6 +207,32 @@ class Scenario:
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
             time_s=None if self.time_s is None else self.time_s[poses],
+        )
+
+    def along_path(
+        self, *, axis: Axis, aircraft: FloatArray, cov_aircraft: FloatArray, time_s: FloatArray
+    ) -> Scenario:
+        """Return the scenario with other poses of the same path; the record names the path.
+
+        Args:
+            axis: Axis of the poses (n,).
+            aircraft: States (n, 6).
+            cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
+            time_s: Time of each pose (n,) [s].
+        """
+        source = self.provenance
+        if record.is_as_made(self.aircraft, source):
+            source = dataclasses.replace(source, aircraft=aircraft)
+        stated = source.cov_aircraft
+        if stated is not None and np.array_equal(self.cov_aircraft, stated.made):
+            stated = StatedCovariance(stated.stated, cov_aircraft)
+            source = dataclasses.replace(source, cov_aircraft=stated)
+        return self._with(
+            axis=axis,
+            aircraft=_read_only("aircraft", aircraft),
+            cov_aircraft=_read_only("cov_aircraft", cov_aircraft),
+            time_s=_read_only("time_s", time_s),
+            provenance=source,
         )
 
     def resolved(self) -> dict[str, Any]:

@@ -387,7 +387,7 @@ REFUSED = {
     "nan": ([*A, *full(value="nan")], 2, "rcs_m2: must be finite, got nan"),
     "zero": ([*A, "-180,1", "-150,0"], 3, "not less than 1e-20 and not greater than 1e+20, got 0"),
     "negative": ([*A, "-180,-1"], 2, "got -1"),
-    "decibels": (["azimuth_deg,rcs_dbsm", "0,201"], 2, "not less than -200 and not greater than 200, got 201"),
+    "decibels": (["azimuth_deg,rcs_dbsm", "0,201"], 2, "and not greater than 200, got 201"),
     "azimuth": ([*A, "-181,1"], 2, "azimuth_deg: must be a number not less than -180"),
     "elevation": ([*G, "0,91,1"], 2, "and not greater than 90, got 91"),
     "unsorted": ([*A, "-180,1", "-150,1", "-160,1"], 4, "azimuth must ascend"),

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from numpy.testing import assert_array_equal
 from helpers import assert_refused, place, refusal, write
+from numpy.testing import assert_array_equal
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import rcs

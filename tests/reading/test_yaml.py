@@ -19,10 +19,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import assert_refused, place, refusal, write
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-
-from helpers import assert_refused, place, refusal, write
 
 import radar_sense as rs
 from radar_sense import keys
