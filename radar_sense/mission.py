@@ -33,7 +33,9 @@ from scipy.special import ndtri
 
 from radar_sense import axis as axes
 from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import at, peak, where
+from radar_sense.analyses.report import describe_extreme as at
+from radar_sense.analyses.report import describe_poses as where
+from radar_sense.analyses.report import peak
 from radar_sense.axis import Axis
 from radar_sense.cumulative import (
     METHODS,
@@ -124,7 +126,7 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
 def mission(
     scenario: Scenario,
     *,
-    method: str | None = None,
+    method: str = "probit",
     m_of_n: tuple[int, int] | None = None,
     runs: int | None = None,
     workers: int = 1,
@@ -143,7 +145,7 @@ def mission(
     Raises:
         ScenarioError: If the geometry has no times, or a choice is not allowed.
     """
-    chosen = "probit" if method is None else method
+    chosen = method
     if chosen not in METHODS:
         raise ScenarioError(
             f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
@@ -169,12 +171,11 @@ def mission(
         else {e: _differences(v, _of(drawn, e), along) for e, v in events.items()}
     )
     return Result(
-        analysis="mission",
         scenario=scenario,
         method=chosen,
         table={
             along.key: along.values,
-            **_table(_p_d(looks, when), events, drawn, with_mean=method is not None),
+            **_table(_p_d(looks, when), events, drawn, with_mean=method != "probit"),
             **{
                 f"{key}_{radar}": column
                 for radar, own in each.items()

@@ -264,7 +264,7 @@ def test_what_is_refused(tool, args, words):
 def test_figure(changes, upper):
     s = scenario(**changes)
     figure = figures.draw(area.area_map(s, area.grid(s), upper=upper))
-    figures.render(figure, "png")
+    plotting.render(figure, "png")
     axes, bar = figure.axes
     assert axes.get_aspect() == 1
     assert axes.get_xlabel() == "East [km]"
@@ -291,7 +291,7 @@ def test_a_long_or_wide_map_still_fits():
     for north, east in (((-50, 900), (0, 90)), ((0, 90), (-600, 600))):
         cells = area.grid(s, north_km=north, east_km=east, step_km=10)
         figure = figures.draw(area.area_map(s, cells))
-        figures.render(figure, "png")
+        plotting.render(figure, "png")
         axes = figure.axes[0]
         assert axes.get_window_extent().width > 20
         assert axes.get_window_extent().height > 20

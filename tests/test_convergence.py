@@ -407,7 +407,7 @@ def test_layout(changes, runs):
 
 
 def test_the_slopes_are_what_they_say(small):
-    figure = figures.draw(small)
+    figure = small.plot()
     for axes, powers in zip(figure.axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
         guides = axes.lines[len(ESTIMATORS) :]
         for line, power in zip(guides, powers, strict=True):

@@ -52,7 +52,7 @@ def test_layout(analysis, changes):
     if analysis == "validate" and changes["geometry__azimuth_deg"]["stop"] == -90:
         changes = {**changes, "geometry__azimuth_deg": {"start": 90, "stop": 0, "step": -30}}
     figure = figures.draw(ALL[analysis](scenario(**changes)))
-    figures.render(figure, "png")  # lays it out
+    plotting.render(figure, "png")  # lays it out
     legend_off_data(figure)
     for axes in figure.axes:
         assert axes.get_ylabel()
@@ -103,13 +103,13 @@ def test_ten_thousand_runs_make_a_small_file_that_says_so():
     figure = figures.draw(analyses.montecarlo(s, workers=2))
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
     for kind in ("pdf", "svg", "png"):
-        assert len(figures.render(figure, kind)) < 1_000_000
+        assert len(plotting.render(figure, kind)) < 1_000_000
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
 def test_the_same_figure_is_the_same_bytes(kind):
     one, other = (
-        figures.render(figures.draw(analyses.budget(load_scenario())), kind) for _ in range(2)
+        plotting.render(figures.draw(analyses.budget(load_scenario())), kind) for _ in range(2)
     )
     assert one == other
     assert not re.search(rb"CreationDate|<dc:date>", one)
@@ -134,7 +134,7 @@ def test_very_many_poses_make_a_small_file():
     figure = figures.draw(dataclasses.replace(result, table=table))
     (axes,) = figure.axes
     assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
-    assert len(figures.render(figure, "pdf")) < 300_000
+    assert len(plotting.render(figure, "pdf")) < 300_000
 
 
 @pytest.mark.parametrize("order", ["rising", "falling", "there and back", "bunched"])

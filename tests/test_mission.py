@@ -458,7 +458,7 @@ def test_an_undefined_gradient_is_said(tool):
 def test_layout(tmp_path, runs, m_of_n, period):
     changes = {} if period is None else {"radar__scan_period_s": period}
     figure = figures.draw(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n))
-    figures.render(figure, "png")
+    plotting.render(figure, "png")
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend_off_data(figure)
     for axes in figure.axes:
@@ -581,12 +581,12 @@ def test_thresholds_that_the_package_refuses(bad):
 @pytest.mark.parametrize("k", [2, 3])
 def test_the_threshold_is_drawn(k):
     result = require_threshold(rs.variance(rs.load_scenario()), 0.5, k)
-    (axes,) = figures.draw(result).axes
+    (axes,) = result.plot().axes
     labels = axes.get_legend_handles_labels()[1]
     assert labels.count("violated") == 1
     assert "threshold 0.5" in labels
     assert len(labels) == (4 if k == 3 else 5)
-    figures.render(figures.draw(result), "pdf")
+    plotting.render(result.plot(), "pdf")
 
 
 def test_bounds_that_one_error_alone_passes_are_said_to_be_too_narrow():

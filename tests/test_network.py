@@ -645,7 +645,7 @@ def test_analyses_and_figures_take_a_network(analysis):
     result = analysis(dataclasses.replace(scenario, runs=64))
     assert all(np.all(np.isfinite(column)) for column in result.table.values())
     assert len({len(column) for column in result.table.values()}) == 1
-    assert figures.render(figures.draw(result), "svg")
+    assert plotting.render(result.plot(), "svg")
 
 
 def test_variance_table_has_each_radar_and_the_network():

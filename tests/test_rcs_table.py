@@ -688,10 +688,10 @@ def test_the_figure(rcs):
     from radar_sense.analyses.rcs import rcs as analysis
 
     figure = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
-    png = figures.render(figure, "png")
+    png = plotting.render(figure, "png")
     if rcs["model"] == "ellipsoid":
         again = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
-        assert png == figures.render(again, "png")
+        assert png == plotting.render(again, "png")
     (legend,) = figure.legends
     box = legend.get_window_extent()
     assert box.x0 >= figure.bbox.x0

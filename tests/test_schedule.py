@@ -459,7 +459,7 @@ def test_what_the_schedule_refuses(tmp_path):
 )
 def test_layout(tmp_path, runs, m_of_n, periods):
     figure = figures.draw(mission(load(tmp_path, periods), runs=runs, m_of_n=m_of_n))
-    figures.render(figure, "png")
+    plotting.render(figure, "png")
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend = legend_off_data(figure)
     labels = [text.get_text() for text in legend.get_texts()]

@@ -10,26 +10,29 @@ attitude are those relative to the level of the cell. (At 500 km from the origin
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
+import dataclasses
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from radar_sense.analyses.contract import Result
+from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.covariance import variance_along
 from radar_sense.errors import ScenarioError
-from radar_sense.limits import MAP_KM, MAP_STEP_KM
+from radar_sense.limits import MAP_KM, MAP_STEP_KM, Limit
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.detection_model import Model
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.plotting import _BAND, _WIDTH, _legend, _line
 from radar_sense.propagation import check_method, upper_by_form
 from radar_sense.scenario import Scenario
 from radar_sense.standardized import standardize
@@ -225,49 +228,169 @@ def upper_bound(
     return np.concatenate([upper_by_form(z, beta) for z in blocks]).reshape(shape)
 
 
-def area_map(
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import BAND, OUTLINE, WIDTH, draw_legend, draw_line
+
+    table, scenario = result.table, result.scenario
+    north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
+    bounded = "upper_3sigma" in table
+    # A figure has room for no more cells than this; lines through more would take long.
+    every = max(1, -(-max(len(north), len(east)) // 1000))
+    north, east = north[::every], east[::every]
+    values = table["upper_3sigma" if bounded else "p_d"][::every, ::every]
+    half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
+    extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
+    shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
+
+    figure.set_size_inches(WIDTH, min(8.0, 0.55 + 2.4 * shape))
+    axes = figure.subplots()
+    axes.grid(visible=False)
+    # cividis is as light as it is high, so that it reads the same in grey
+    image = axes.imshow(
+        values, origin="lower", extent=extent, cmap="cividis", vmin=0, vmax=1, aspect="equal"
+    )
+    name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
+    bar = figure.colorbar(
+        image,
+        ax=axes,
+        label=name if bounded else r"Probability of detection $P_D$",
+        extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
+        fraction=0.05,
+        pad=0.03,
+    )
+    drawn = [v for v in LEVELS if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
+    if drawn:
+        lines = axes.contour(
+            east,
+            north,
+            values,
+            drawn,
+            colors=["white" if v < 0.6 else "black" for v in drawn],
+            linestyles="-",
+            linewidths=0.8,
+        )
+        if len(scenario.model.names) <= 3:  # else labels cover what they are about
+            axes.clabel(lines, fmt="%g", fontsize=6.5)
+        for v in drawn:
+            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
+    path_north, path_east = scenario.aircraft[:, 0] / 1e3, scenario.aircraft[:, 1] / 1e3
+    draw_line(axes, path_east, path_north, (BAND[0], "--"), label="path")
+    radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
+    axes.plot(
+        radars[:, 1],
+        radars[:, 0],
+        "^",
+        color="white",
+        mec="black",
+        mew=0.7,
+        ms=5.5,
+        label="radar" if len(radars) == 1 else "radars",
+    )
+    for name, radar in zip(scenario.model.names, radars, strict=False):
+        axes.annotate(
+            name,
+            (radar[1], radar[0]),
+            xytext=(4.5, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=6.5,
+            color="white",
+            path_effects=OUTLINE,
+        )
+    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
+    draw_legend(figure, axes)
+    # As the aspect is given, one round of layout can leave a label outside the page. (A map that is
+    # flat has room for its labels, and would only get flatter.)
+    if shape > 0.5:
+        figure.draw_without_rendering()
+
+
+_OPTIONS = (
+    Option("upper", "Show the upper 3-sigma bound in place of P_D.", flag=True),
+    dataclasses.replace(OPTIONS["method"], help=f"For --upper. {OPTIONS['method'].help}"),
+    Option(
+        "north_km",
+        "South and north end.",
+        MAP_KM,
+        count=2,
+        default_text="around radars and path",
+    ),
+    Option("east_km", "West and east end.", MAP_KM, count=2, default_text="around radars and path"),
+    Option("step_km", "Distance of cells.", MAP_STEP_KM, default_text="1/500 of the longer side"),
+    Option("down_km", "Down coordinate.", MAP_KM, default_text="that of the first pose"),
+    Option(
+        "course_deg",
+        "Yaw of the aircraft.",
+        Limit(at_least=-360, at_most=360),
+        default_text="that of the first pose",
+    ),
+)
+
+
+@analysis(
+    plot=plot,
+    options=["level", "radar", *_OPTIONS],
+    examples=[
+        "radar-sense map",
+        "radar-sense map my.yaml --upper --method probit --step-km 5",
+        "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
+        "radar-sense map network.yaml --radar ridge",
+    ],
+    name="map",
+)
+def coverage_map(
     scenario: Scenario,
-    cells: Grid,
     *,
+    north_km: tuple[float, float] | None = None,
+    east_km: tuple[float, float] | None = None,
+    step_km: float | None = None,
     down_km: float | None = None,
     course_deg: float | None = None,
     upper: bool = False,
-    method: str | None = None,
-    progress: Callable[[int], None] | None = None,
+    method: str = "linear",
+    progress: Progress = silent,
 ) -> Result:
-    """P_D over an area, or its upper bound, as `radar-sense map` writes it.
+    """P_D over an area at one height and course.
+
+    The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d, and
+    upper_3sigma with --upper.
 
     Args:
         scenario: The scenario.
-        cells: The cells.
+        north_km: South and north end [km], as in `grid`.
+        east_km: West and east end [km].
+        step_km: Distance of the cells [km].
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
         upper: Whether to find the upper bound at Φ(3) too, and show that.
-        method: Method that gives the bound; linear if None.
-        progress: Called with the number of cells that have come in since the last call.
+        method: Method that gives the bound.
+        progress: Shows the cells that are done.
 
     Raises:
-        ScenarioError: If there is no such method, or one is named and no bound is asked for.
+        InputError: If there is no such method, one is named and no bound is asked for, or the
+            area is not allowed.
     """
-    if method is not None and not upper:
+    if method != "linear" and not upper:
         raise ScenarioError("a method is for the upper bound; ask for that with --upper")
-    chosen = "linear" if method is None else method
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
-    p_d, bound = area(
-        scenario,
-        cells,
-        down=down,
-        course=course,
-        method=chosen if upper else None,
-        progress=progress,
-    )
+    cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
+    with progress(math.prod(cells.shape), "cells") as advance:
+        p_d, bound = area(
+            scenario,
+            cells,
+            down=down,
+            course=course,
+            method=method if upper else None,
+            progress=advance,
+        )
     pose = _pose(scenario, down, course)
     shown = p_d if bound is None else bound
     size = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     whole = size * shown.size
     areas = {f"{level:g}": size * int(np.count_nonzero(shown >= level)) for level in LEVELS}
-    what = "P_D" if bound is None else f"upper 3-sigma bound of P_D ({scenario.level}, {chosen})"
+    what = "P_D" if bound is None else f"upper 3-sigma bound of P_D ({scenario.level}, {method})"
     rows, columns = cells.shape
     summary: dict[str, Any] = {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
@@ -283,9 +406,8 @@ def area_map(
     if bound is not None:
         table["upper_3sigma"] = bound
     return Result(
-        analysis="map",
         scenario=scenario,
-        method=chosen,
+        method=method,
         table=table,
         summary=summary,
         report=(
@@ -296,7 +418,7 @@ def area_map(
                 for level, found in areas.items()
             ),
         ),
-        warnings=_doubts(scenario, cells, pose, shown, chosen),
+        warnings=_doubts(scenario, cells, pose, shown, method),
     )
 
 
@@ -380,79 +502,3 @@ def _doubts(
                 "elevations of the RCS table; there its outermost values are used"
             )
     return tuple(said)
-
-
-def _map(result: Result) -> Figure:
-    table, scenario = result.table, result.scenario
-    north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
-    bounded = "upper_3sigma" in table
-    # A figure has room for no more cells than this; lines through more would take long.
-    every = max(1, -(-max(len(north), len(east)) // 1000))
-    north, east = north[::every], east[::every]
-    values = table["upper_3sigma" if bounded else "p_d"][::every, ::every]
-    half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
-    extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
-    shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
-
-    figure = Figure(figsize=(_WIDTH, min(8.0, 0.55 + 2.4 * shape)), layout="constrained")
-    axes = figure.subplots()
-    axes.grid(visible=False)
-    # cividis is as light as it is high, so that it reads the same in grey
-    image = axes.imshow(
-        values, origin="lower", extent=extent, cmap="cividis", vmin=0, vmax=1, aspect="equal"
-    )
-    name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
-    bar = figure.colorbar(
-        image,
-        ax=axes,
-        label=name if bounded else r"Probability of detection $P_D$",
-        extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
-        fraction=0.05,
-        pad=0.03,
-    )
-    drawn = [v for v in LEVELS if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
-    if drawn:
-        lines = axes.contour(
-            east,
-            north,
-            values,
-            drawn,
-            colors=["white" if v < 0.6 else "black" for v in drawn],
-            linestyles="-",
-            linewidths=0.8,
-        )
-        if len(scenario.model.names) <= 3:  # else labels cover what they are about
-            axes.clabel(lines, fmt="%g", fontsize=6.5)
-        for v in drawn:
-            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
-    path_north, path_east = scenario.aircraft[:, 0] / 1e3, scenario.aircraft[:, 1] / 1e3
-    _line(axes, path_east, path_north, (_BAND[0], "--"), label="path")
-    radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
-    axes.plot(
-        radars[:, 1],
-        radars[:, 0],
-        "^",
-        color="white",
-        mec="black",
-        mew=0.7,
-        ms=5.5,
-        label="radar" if len(radars) == 1 else "radars",
-    )
-    for name, radar in zip(scenario.model.names, radars, strict=False):
-        axes.annotate(
-            name,
-            (radar[1], radar[0]),
-            xytext=(4.5, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=6.5,
-            color="white",
-            path_effects=[withStroke(linewidth=1.6, foreground="black")],
-        )
-    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
-    _legend(figure, axes)
-    # As the aspect is given, one round of layout can leave a label outside the page. (A map that is
-    # flat has room for its labels, and would only get flatter.)
-    if shape > 0.5:
-        figure.draw_without_rendering()
-    return figure

@@ -38,7 +38,7 @@ def trough(values: FloatArray, axis: Axis) -> dict[str, Any]:
     return {**top, "value": -top["value"]}
 
 
-def at(extreme: Mapping[str, Any], axis: Axis) -> str:
+def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     """Describe a peak or a trough: its value and the places."""
     places = extreme[axis.key]
     if not places:
@@ -51,7 +51,7 @@ def at(extreme: Mapping[str, Any], axis: Axis) -> str:
     return f"{extreme['value']:.4f} at {said}"
 
 
-def where(mask: NDArray[np.bool_], axis: Axis) -> str:
+def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     """Describe the poses of a mask; nothing if there are none."""
     count = int(np.count_nonzero(mask))
     if count == 0:
@@ -67,15 +67,15 @@ def where(mask: NDArray[np.bool_], axis: Axis) -> str:
     return f"at {', '.join(spans)} {axis.unit}"
 
 
-def _largest_by_radar(scenario: Scenario, method: str | None) -> dict[str, dict[str, Any]]:
+def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any]]:
     """Largest 3σ of P_D, and where, of each radar of a network by itself."""
     return {
-        name: peak(3 * propagate_scenario(one, method=_chosen(method)).std, scenario.axis)
+        name: peak(3 * propagate_scenario(one, method=method).std, scenario.axis)
         for name, one in alone(scenario).items()
     }
 
 
-def _by_radar(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
+def radar_lines(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     """Return a line for each radar of a network, under a heading; nothing for a single radar."""
     if not said:
         return ()
@@ -86,21 +86,20 @@ def _by_radar(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     )
 
 
-def _by_radar_summary(found: Mapping[str, Any]) -> dict[str, Any]:
+def radar_summary(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entry of the summary for the radars of a network, if there are any."""
     return {"largest_three_sigma_by_itself": dict(found)} if found else {}
 
 
-def _chosen(method: str | None) -> str:
-    return "linear" if method is None else method
-
-
-def _drawn(
+def monte_carlo_columns(
     mean: FloatArray, std: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> dict[str, FloatArray]:
+    """Return the columns of the draws."""
     return {"mc_mean": mean, "mc_std": std, "mc_lower": lower, "mc_upper": upper}
 
 
-def _band(moments: Moments) -> dict[str, FloatArray]:
+def band_columns(moments: Moments) -> dict[str, FloatArray]:
+    """Return the columns of a band."""
     return {
         "p_d": moments.p_d,
         "sigma_pd": moments.std,
@@ -109,29 +108,32 @@ def _band(moments: Moments) -> dict[str, FloatArray]:
     }
 
 
-def _mean(mean: FloatArray, method: str | None, ending: str = "") -> dict[str, FloatArray]:
-    """Return the column for the method's mean; the paper's tables, without a method, have none."""
-    return {} if method is None else {f"mean_pd{ending}": mean}
+def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, FloatArray]:
+    """Return the column of the mean of P_D; the mean by `linear` is P_D itself."""
+    return {} if method == "linear" else {f"mean_pd{ending}": mean}
 
 
-def _by(method: str | None) -> str:
-    return "" if method is None else f" ({method})"
+def in_brackets(method: str) -> str:
+    """Return the method in brackets; nothing for the default."""
+    return "" if method == "linear" else f" ({method})"
 
 
-def _named(level: str, method: str | None) -> str:
-    return level if method is None else f"{level}, {method}"
+def level_and_method(level: str, method: str) -> str:
+    """Return the level of radar uncertainty, and the method where another than the default."""
+    return level if method == "linear" else f"{level}, {method}"
 
 
-def _band_name(method: str | None) -> str:
-    return "linearized" if method in (None, "linear") else str(method)
+def band_name(method: str) -> str:
+    """Return what the band of a method is called."""
+    return "linearized" if method == "linear" else method
 
 
-def _doubts(moments: Moments, method: str | None, axis: Axis) -> tuple[str, ...]:
+def validity_warnings(moments: Moments, method: str, axis: Axis) -> tuple[str, ...]:
     """Say where the band of a method is not to be trusted."""
-    name = _band_name(method)
+    name = band_name(method)
     undefined = ~np.isfinite(moments.std)
     outside = (moments.lower < 0) | (moments.upper > 1)
-    said = (
+    problems = (
         (~moments.settled, f"{name} did not settle, or its gradient is undefined,"),
         (
             undefined & moments.settled,
@@ -144,14 +146,17 @@ def _doubts(moments: Moments, method: str | None, axis: Axis) -> tuple[str, ...]
             f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
     )
-    return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, axis)))
+    return tuple(
+        f"{words} {place}" for mask, words in problems if (place := describe_poses(mask, axis))
+    )
 
 
-def _points(mc: MonteCarlo) -> str:
+def points_named(mc: MonteCarlo) -> str:
+    """Return ", Sobol' points" for these; nothing for random draws."""
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
-def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
+def rank_error_lines(mc: MonteCarlo) -> tuple[str, ...]:
     """Say how far the quantiles may be off where not all draws of the tails could be kept."""
     if not mc.rank_error:
         return ()
@@ -159,12 +164,13 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
     return (f"quantiles at the probability 0.00135 to within {share:.2%} of it",)
 
 
-def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
+def distribution_warnings(scenario: Scenario, method: str) -> tuple[str, ...]:
     """Say so if a radar constant is not distributed as the method takes it to be."""
-    return doubts(scenario.model.names, scenario.parts, _chosen(method))
+    return doubts(scenario.model.names, scenario.parts, method)
 
 
-def _clipped(count: int) -> tuple[str, ...]:
+def clipping_warnings(count: int) -> tuple[str, ...]:
+    """Return a warning if radar constants were drawn below zero."""
     if not count:
         return ()
     return (f"the radar constant was drawn below zero and set to zero in {count} runs",)

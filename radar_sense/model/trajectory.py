@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g as STANDARD_GRAVITY
+from scipy.constants import g as gravity
 
 from radar_sense.errors import ScenarioError, did_you_mean
 from radar_sense.model import geodesy as wgs84
@@ -221,7 +221,7 @@ def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> Floa
     yaw = np.arctan2(east, north)[known]
     pitch = np.where(np.hypot(speed, down) >= HOVER, np.arctan2(-down, speed), 0.0)
     to_the_right = north * acceleration[:, 1] - east * acceleration[:, 0]
-    roll = np.arctan(to_the_right / (STANDARD_GRAVITY * np.where(moves, speed, np.inf)))
+    roll = np.arctan(to_the_right / (gravity * np.where(moves, speed, np.inf)))
     return np.stack([roll, pitch, yaw], axis=-1)
 
 

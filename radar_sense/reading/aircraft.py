@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense.limits import _DEG, Limit, parameter_keys
+from radar_sense.limits import DEG, Limit, parameter_keys
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_models import RCS_MODELS
 from radar_sense.reading.geometry import _is_path
@@ -39,4 +39,4 @@ def _aircraft(entry: Entry, geometry: Entry) -> tuple[RCS, FloatArray | None, di
         return rcs, None, document
     attitude = found["attitude_deg"].numbers(3, Limit(at_least=-360, at_most=360))
     document["attitude_deg"] = attitude
-    return rcs, np.array(attitude) * _DEG, document
+    return rcs, np.array(attitude) * DEG, document

@@ -10,7 +10,7 @@ import numpy as np
 
 from radar_sense import axis
 from radar_sense.axis import Axis
-from radar_sense.limits import _DEG, NOT_NEGATIVE, Limit
+from radar_sense.limits import DEG, NOT_NEGATIVE, Limit
 from radar_sense.model.geometry import orbit
 from radar_sense.model.horizon import Horizon
 from radar_sense.reading.trajectory import read_path
@@ -69,7 +69,7 @@ def _geometry(entry: Entry, attitude: FloatArray | None) -> tuple[_Poses, dict[s
         found["azimuth_from"].choice(["east", "north"]) if "azimuth_from" in found else "east"
     )
     position = orbit(
-        theta_r_deg * _DEG,
+        theta_r_deg * DEG,
         radius=document["range_km"] * 1e3,
         down=document["down_km"] * 1e3,
         azimuth_from=document["azimuth_from"],

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from radar_sense import covariance
-from radar_sense.limits import _DEG, MAX_NAME, RUNS, SEED
+from radar_sense.limits import DEG, MAX_NAME, RUNS, SEED
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs import RCS
@@ -151,8 +151,8 @@ def _refuse_uncovered(entry: Entry, rcs: RCS, poses: _Poses, radar: _Radar) -> N
         x, y, z = body[pose]
         raise entry.error(
             f"at {poses.axis.name} {poses.axis.at(pose)} the aircraft sees {radar.called} at "
-            f"elevation {np.arctan2(-z, np.hypot(x, y)) / _DEG:.3g} deg, the RCS table covers "
-            f"{rcs.elevation[0] / _DEG:g} to {rcs.elevation[-1] / _DEG:g} deg"
+            f"elevation {np.arctan2(-z, np.hypot(x, y)) / DEG:.3g} deg, the RCS table covers "
+            f"{rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg"
         )
 
 

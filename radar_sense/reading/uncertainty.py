@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from radar_sense import covariance
-from radar_sense.limits import _DEG, NOT_NEGATIVE
+from radar_sense.limits import DEG, NOT_NEGATIVE
 from radar_sense.model.radar_constant import Part, relative_std
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.reading.data_sheet import Makeup
@@ -20,7 +20,7 @@ from radar_sense.states import FloatArray
 
 _CORRELATION = "aircraft_correlation_s"
 #: Keys of an uncertainty block: name, number of components, and its unit in SI.
-_AIRCRAFT_PARTS = (("position_m", 3, 1.0), ("attitude_deg", 3, _DEG))
+_AIRCRAFT_PARTS = (("position_m", 3, 1.0), ("attitude_deg", 3, DEG))
 _RADAR_PARTS = (("position_m", 3, 1.0), ("constant", 1, 1.0))
 
 
