@@ -42,8 +42,9 @@ from radar_sense.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.rcs_file import read_table
 from radar_sense.rcs_table import TableRCS
 from radar_sense.reader import MAX_NAME, Entry, ScenarioError, did_you_mean, parse, read_file
+from radar_sense.route import in_frame
 from radar_sense.states import POSITION, RADAR, FloatArray
-from radar_sense.wgs84 import ned_from_geodetic
+from radar_sense.wgs84 import ned_from_geodetic, turn_to_origin
 
 #: The RCS models that a scenario can name. Their keys are declared with their fields.
 RCS_MODELS: Mapping[str, type[Any]] = {
@@ -242,7 +243,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         found["uncertainty"], poses, radars[0].makeup, of_radar=not several
     )
     if levels is not None:
-        radars = [dataclasses.replace(radars[0], levels=levels)]
+        radars = [dataclasses.replace(radars[0], levels=_turned(radars[0], levels, poses))]
     cov_radar = {
         level: covariance.side_by_side([radar.levels.covariance[level] for radar in radars])
         for level in radars[0].levels.covariance
@@ -384,7 +385,20 @@ def _placed(radar: _Radar, poses: _Poses) -> _Radar:
         )
     state = radar.state.copy()
     state[POSITION] = ned_from_geodetic(radar.geodetic.place, poses.origin)
-    return dataclasses.replace(radar, state=state)
+    return dataclasses.replace(radar, state=state, levels=_turned(radar, radar.levels, poses))
+
+
+def _turned(radar: _Radar, levels: _Levels, poses: _Poses) -> _Levels:
+    """Turn C_rr from north, east and down at a radar in latitude and longitude to the frame."""
+    if radar.geodetic is None or poses.origin is None:
+        return levels
+    turn = np.eye(len(RADAR))
+    turn[POSITION, POSITION] = turn_to_origin(radar.geodetic.place, poses.origin)
+    turned = {}
+    for level, matrix in levels.covariance.items():
+        matrix = turn @ matrix @ turn.T
+        turned[level] = covariance.without_rounding((matrix + matrix.T) / 2)
+    return dataclasses.replace(levels, covariance=turned)
 
 
 def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
@@ -608,6 +622,11 @@ def _uncertainty(
     if poses.covariance is None:
         found = entry.mapping(["aircraft", *radar], [_CORRELATION])
         cov_aircraft, document["aircraft"] = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
+        if poses.origin is not None and poses.time_s is not None:
+            try:
+                cov_aircraft = in_frame(cov_aircraft, poses.time_s, poses.aircraft, poses.origin)
+            except ScenarioError as error:
+                raise found["aircraft"].error(str(error)) from error
     else:
         found = entry.mapping(radar, ["aircraft", _CORRELATION])
         cov_aircraft = poses.covariance
