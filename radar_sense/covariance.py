@@ -114,6 +114,17 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     return np.maximum(variance, 0.0)
 
 
+def without_rounding(covariance: FloatArray) -> FloatArray:
+    """Return C (..., n, n) with correlations below 1e-14 set to 0.
+
+    A turned covariance of equal variances is then diagonal again. Otherwise rounding would decide
+    which factor it has, and so what is drawn.
+    """
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    least = 1e-14 * std[..., :, np.newaxis] * std[..., np.newaxis, :]
+    return np.where(abs(covariance) > least, covariance, 0.0)
+
+
 def factor(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C, for a C that may be singular.
 

@@ -639,7 +639,6 @@ def test_each_radar_by_itself():
     ],
 )
 def test_analyses_and_figures_take_a_network(analysis):
-    from radar_sense import figures
 
     scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 60))
     result = analysis(dataclasses.replace(scenario, runs=64))

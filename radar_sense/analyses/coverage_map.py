@@ -50,8 +50,8 @@ LEVELS = (0.1, 0.5, 0.9)
 BETA = 3.0
 _DOWN = 2
 _YAW = 5
-#: Rounds to find the down of a height: after them 1 mm or less is left up to 1500 km away.
-_ROUNDS = 6
+#: Newton's steps to find the down of a height. After them 1 mm or less is left up to 6000 km away.
+_ROUNDS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -465,14 +465,23 @@ def _blocks(
 def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
     """Put states (..., 6) at one height above the ellipsoid and level where they are, in place.
 
-    Down is right when the height is. Each round makes what is wrong smaller by d²/2R², some 0.003
-    at 500 km from the origin.
+    Newton's method on down: a metre down at the origin is the cosine of the angle between the two
+    vertical lines in height.
+
+    Raises:
+        ScenarioError: If a cell is so far from the origin that its line down passes the earth.
     """
     wanted = origin[2] - aircraft[..., _DOWN]
     for _ in range(_ROUNDS):
         place = wgs84.geodetic_from_ned(aircraft[..., POSITION], origin)
-        aircraft[..., _DOWN] += place[..., 2] - wanted
-    turn = wgs84.turn_to_origin(place, origin)
+        turn = wgs84.turn_to_origin(place, origin)
+        wrong = place[..., 2] - wanted
+        aircraft[..., _DOWN] += wrong / np.maximum(turn[..., _DOWN, _DOWN], 0.05)
+    if not np.all(abs(wrong) < 1e-2):
+        raise ScenarioError(
+            "the map reaches too far from the origin, over the edge of the earth as the origin "
+            "sees it; choose a smaller map, or a geometry.origin nearer to it"
+        )
     aircraft[..., ATTITUDE] = wgs84.turned_attitude(aircraft[..., ATTITUDE], turn)
 
 

@@ -50,11 +50,7 @@ def _is_path(entry: Entry) -> bool:
 def _geometry(entry: Entry, attitude: FloatArray | None) -> tuple[_Poses, dict[str, Any]]:
     if attitude is None:
         along, route, document = read_path(entry)
-        earth = (
-            Horizon()
-            if route.origin is None
-            else Horizon(tangent_plane=True, altitude=route.origin[2])
-        )
+        earth = Horizon(origin=route.origin)
         return _Poses(
             along, route.aircraft, route.covariance, earth, route.time_s, route.origin
         ), document

@@ -93,7 +93,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         found["uncertainty"], poses, radars[0].makeup, of_radar=not several
     )
     if levels is not None:
-        radars = [dataclasses.replace(radars[0], levels=levels)]
+        radars = [dataclasses.replace(radars[0], levels=_turned(radars[0], levels, poses))]
     cov_radar = {
         level: covariance.side_by_side([radar.levels.covariance[level] for radar in radars])
         for level in radars[0].levels.covariance

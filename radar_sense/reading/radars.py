@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from radar_sense import covariance
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import POSITIVE, PROBABILITY
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detector_names import DETECTORS
 from radar_sense.model.detectors import Detector
-from radar_sense.model.geodesy import ned_from_geodetic
+from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.network import NetworkModel, Station, name_problem
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.reading.data_sheet import Makeup, read_makeup
@@ -23,7 +24,7 @@ from radar_sense.reading.geometry import _Poses
 from radar_sense.reading.trajectory import read_geodetic
 from radar_sense.reading.uncertainty import _Levels, _levels
 from radar_sense.reading.yaml_reader import Entry
-from radar_sense.states import POSITION, FloatArray
+from radar_sense.states import POSITION, RADAR, FloatArray
 
 MAX_RADARS = 64
 _GEODETIC = "position_geodetic"
@@ -126,7 +127,20 @@ def _placed(radar: _Radar, poses: _Poses) -> _Radar:
         )
     state = radar.state.copy()
     state[POSITION] = ned_from_geodetic(radar.geodetic.place, poses.origin)
-    return dataclasses.replace(radar, state=state)
+    return dataclasses.replace(radar, state=state, levels=_turned(radar, radar.levels, poses))
+
+
+def _turned(radar: _Radar, levels: _Levels, poses: _Poses) -> _Levels:
+    """Turn C_rr from north, east and down at a radar in latitude and longitude to the frame."""
+    if radar.geodetic is None or poses.origin is None:
+        return levels
+    turn = np.eye(len(RADAR))
+    turn[POSITION, POSITION] = turn_to_origin(radar.geodetic.place, poses.origin)
+    turned = {}
+    for level, matrix in levels.covariance.items():
+        matrix = turn @ matrix @ turn.T
+        turned[level] = covariance.without_rounding((matrix + matrix.T) / 2)
+    return dataclasses.replace(levels, covariance=turned)
 
 
 def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:

@@ -10,9 +10,11 @@ from typing import Any
 import numpy as np
 
 from radar_sense import covariance
+from radar_sense.errors import ScenarioError
 from radar_sense.limits import DEG, NOT_NEGATIVE
 from radar_sense.model.radar_constant import Part, relative_std
 from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.trajectory import in_frame
 from radar_sense.reading.data_sheet import Makeup
 from radar_sense.reading.geometry import _Poses
 from radar_sense.reading.yaml_reader import Entry
@@ -45,6 +47,11 @@ def _uncertainty(
     if poses.covariance is None:
         found = entry.mapping(["aircraft", *radar], [_CORRELATION])
         cov_aircraft, document["aircraft"] = _covariance(found["aircraft"], _AIRCRAFT_PARTS)
+        if poses.origin is not None and poses.time_s is not None:
+            try:
+                cov_aircraft = in_frame(cov_aircraft, poses.time_s, poses.aircraft, poses.origin)
+            except ScenarioError as error:
+                raise found["aircraft"].error(str(error)) from error
     else:
         found = entry.mapping(radar, ["aircraft", _CORRELATION])
         cov_aircraft = poses.covariance
