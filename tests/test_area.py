@@ -13,8 +13,8 @@ from scenarios import document, scenario
 from test_network_parts import network, radars
 
 import radar_sense as rs
-from radar_sense import figures
 from radar_sense import files as output
+from radar_sense import plotting
 from radar_sense.analyses import coverage_map as area
 from radar_sense.propagation import METHODS
 
@@ -263,7 +263,7 @@ def test_what_is_refused(tool, args, words):
 @pytest.mark.parametrize("upper", [False, True])
 def test_figure(changes, upper):
     s = scenario(**changes)
-    figure = figures.draw(area.area_map(s, area.grid(s), upper=upper))
+    figure = area.area_map(s, area.grid(s), upper=upper).plot()
     plotting.render(figure, "png")
     axes, bar = figure.axes
     assert axes.get_aspect() == 1
@@ -290,7 +290,7 @@ def test_a_long_or_wide_map_still_fits():
     s = scenario()
     for north, east in (((-50, 900), (0, 90)), ((0, 90), (-600, 600))):
         cells = area.grid(s, north_km=north, east_km=east, step_km=10)
-        figure = figures.draw(area.area_map(s, cells))
+        figure = area.area_map(s, cells).plot()
         plotting.render(figure, "png")
         axes = figure.axes[0]
         assert axes.get_window_extent().width > 20

@@ -9,7 +9,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import OVERHEAD, scenario
 
-from radar_sense import figures
 from radar_sense.analyses import convergence as module
 from radar_sense.analyses.convergence import (
     ESTIMATORS,
@@ -386,7 +385,7 @@ def test_an_undefined_gradient_matters_only_if_uncertain():
 @pytest.mark.parametrize("changes", [{}, WEAK, NOTHING], ids=["paper", "overhead", "nothing"])
 @pytest.mark.parametrize("runs", [2, 64])
 def test_layout(changes, runs):
-    figure = figures.draw(convergence(scenario(**changes), runs=runs))
+    figure = convergence(scenario(**changes), runs=runs).plot()
     FigureCanvasAgg(figure).draw()
     assert len(figure.axes) == 3
     (legend,) = figure.legends

@@ -15,7 +15,7 @@ import yaml
 from scenarios import legend_off_data, scenario, write_path
 
 import radar_sense as rs
-from radar_sense import cumulative, figures, limits
+from radar_sense import cumulative, limits, plotting
 from radar_sense.analyses import variance
 from radar_sense.analyses.threshold import require_threshold
 from radar_sense.cli import ANSWER_IS_NO
@@ -457,7 +457,7 @@ def test_an_undefined_gradient_is_said(tool):
 @pytest.mark.parametrize("period", [None, 5, 1e5])
 def test_layout(tmp_path, runs, m_of_n, period):
     changes = {} if period is None else {"radar__scan_period_s": period}
-    figure = figures.draw(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n))
+    figure = mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot()
     plotting.render(figure, "png")
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend_off_data(figure)

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 from test_input import assert_refused, write
 
-from radar_sense import analyses, figures
+from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
 from radar_sense.error_budget import allowances, error_budget, scaled_moments
 from radar_sense.mission import mission
@@ -488,7 +488,7 @@ def test_the_command_shows_the_parts(tool):
 
 
 def test_the_figure_shows_the_parts():
-    lines = figures.draw(analyses.budget(network())).axes[0].lines
+    lines = analyses.budget(network()).plot().axes[0].lines
     labels = {str(line.get_label()): line for line in lines}
     assert {"a loss_db", "b loss_db", "b gain_dbi"} < set(labels)
     assert labels["b loss_db"].get_color() == labels["b"].get_color()

@@ -13,7 +13,7 @@ import yaml
 from scenarios import document, write_path
 
 import radar_sense as rs
-from radar_sense import analyses, axis, covariance, figures
+from radar_sense import analyses, axis, covariance
 from radar_sense.analyses.rcs import rcs
 from radar_sense.analyses.report import at, peak, where
 from radar_sense.error_budget import allowances, error_budget
@@ -590,7 +590,7 @@ LABELS = [
 def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
     values = np.linspace(7.0, 7.0 + span, 4)
     s = dataclasses.replace(load(tmp_path), axis=getattr(axis, kind)(values))
-    figure = figures.draw(analyses.variance(s))
+    figure = analyses.variance(s).plot()
     (axes,) = figure.axes
     assert axes.get_xlabel() == label
     assert axes.lines[0].get_xdata() == pytest.approx(values / unit)
@@ -609,8 +609,7 @@ def test_every_analysis_takes_a_path(tool, tmp_path, name):
     assert "theta_r" not in (tmp_path / f"figures/paper_{name}.csv").read_text()
     if name not in ("detectors", "rcs"):
         assert "Time [min]" in "".join(
-            text.get_text()
-            for text in [ax.xaxis.label for ax in figures.draw(_result(name, file)).axes]
+            text.get_text() for text in [ax.xaxis.label for ax in _result(name, file).plot().axes]
         )
 
 

@@ -602,11 +602,8 @@ def test_certain_parts_bring_nothing():
 
 
 def test_figure_of_a_budget_with_parts(tool):
-    from radar_sense import figures
 
-    labels = [
-        str(line.get_label()) for line in figures.draw(analyses.budget(scenario())).axes[0].lines
-    ]
+    labels = [str(line.get_label()) for line in analyses.budget(scenario()).plot().axes[0].lines]
     assert {"loss_db", "noise_figure_db", "average_power_kw"} < set(labels)
 
 

@@ -684,13 +684,13 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     ids=lambda entry: entry["model"],
 )
 def test_the_figure(rcs):
-    from radar_sense import figures
+    from radar_sense import plotting
     from radar_sense.analyses.rcs import rcs as analysis
 
-    figure = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
+    figure = analysis(scenario(aircraft__rcs=rcs)).plot()
     png = plotting.render(figure, "png")
     if rcs["model"] == "ellipsoid":
-        again = figures.draw(analysis(scenario(aircraft__rcs=rcs)))
+        again = analysis(scenario(aircraft__rcs=rcs)).plot()
         assert png == plotting.render(again, "png")
     (legend,) = figure.legends
     box = legend.get_window_extent()

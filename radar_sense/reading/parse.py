@@ -19,7 +19,7 @@ from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.reading.aircraft import _aircraft
 from radar_sense.reading.geometry import _geometry, _Poses
-from radar_sense.reading.radars import _network, _placed, _Radar, _radar, _radars
+from radar_sense.reading.radars import _network, _placed, _Radar, _radar, _radars, _turned
 from radar_sense.reading.uncertainty import _CORRELATION, _uncertainty
 from radar_sense.reading.yaml_reader import Entry, parse, read_file
 from radar_sense.scenario import Scenario
