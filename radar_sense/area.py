@@ -21,7 +21,7 @@ from scipy.special import ndtr
 
 from radar_sense import wgs84
 from radar_sense.analyses import Result
-from radar_sense.covariance import variance_along
+from radar_sense.covariance import checked, variance_along
 from radar_sense.geometry import body_vector
 from radar_sense.limits import MAP_KM, MAP_STEP_KM
 from radar_sense.model import Model
@@ -215,7 +215,8 @@ def upper_bound(
         return lin.p_d + beta * lin.std(cov_aircraft, cov_radar)
     if method == "probit":
         z, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
-        variance = variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
+        variance = variance_along(by_aircraft, checked("aircraft", cov_aircraft))
+        variance += variance_along(by_radar, checked("radar", cov_radar))
         return np.asarray(ndtr(z + beta * np.sqrt(variance)))
     shape, blocks = standardize(
         model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant

@@ -36,7 +36,7 @@ from radar_sense.horizon import Horizon
 from radar_sense.model import DetectionModel, Linearization
 from radar_sense.rcs import RCS
 from radar_sense.reader import MAX_NAME, ScenarioError, did_you_mean
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import RADAR, FloatArray, check_finite
 
 if TYPE_CHECKING:
     from radar_sense.scenario import Scenario
@@ -145,7 +145,8 @@ class NetworkModel:
         """Signal-to-noise ratio at each radar (..., m), 0 where it does not see the aircraft.
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
         return join(self._each(DetectionModel.snr, aircraft, radar))
 
@@ -153,7 +154,8 @@ class NetworkModel:
         """Probability of detection by each radar (..., m).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
         return join(self._each(DetectionModel.p_d, aircraft, radar))
 
@@ -161,7 +163,8 @@ class NetworkModel:
         """Probability of detection by at least one radar (...).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
         # one radar after the other: no more than two arrays at a time
         each = self._each(DetectionModel.p_d, aircraft, radar)
@@ -176,8 +179,11 @@ class NetworkModel:
         `jac_radar` is (..., 4m). Where no radar sees the aircraft all of it is 0.
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        check_finite("aircraft", aircraft)
+        check_finite("radar", radar)
         if len(self.stations) == 1:
             (station,) = self.stations
             lin = station.model.linearize(aircraft, radar)
@@ -208,8 +214,11 @@ class NetworkModel:
             z (...), its partials for the aircraft (..., 6) and for the radars (..., 4m).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        check_finite("aircraft", aircraft)
+        check_finite("radar", radar)
         seen = self.visible(aircraft, radar)
         z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, seen, continued=False)
         return np.where(seen.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
@@ -247,6 +256,7 @@ class NetworkModel:
         radar: ArrayLike,
     ) -> Iterator[FloatArray]:
         """Give a quantity (...) of each radar, 0 where that does not see the aircraft."""
+        check_finite("radar", radar)
         for station, state in zip(self.stations, self._split(radar), strict=True):
             values = quantity(station.model, aircraft, state)
             if station.limited:
