@@ -13,9 +13,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from radar_sense import validation
 from radar_sense.axis import Axis
+from radar_sense.covariance import factor
 from radar_sense.error_budget import (
     MONTE_CARLO,
     Allowance,
@@ -36,9 +38,10 @@ from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.radar_constant import doubts
+from radar_sense.rcs_table import POLE, TableRCS
 from radar_sense.reader import ScenarioError
 from radar_sense.scenario import DETECTORS, Scenario
-from radar_sense.states import FloatArray
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 from radar_sense.wording import at, peak, reached, trough, where
 
 #: False alarm probabilities that `detectors` shows beside the scenario's, ...
@@ -117,7 +120,11 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
             f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst, axis)}",
             *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
         ),
-        warnings=(*_doubts(moments, method, axis), *_not_as_taken(scenario, method)),
+        warnings=(
+            *_doubts(moments, method, axis),
+            *_not_as_taken(scenario, method),
+            *_beyond_table(scenario),
+        ),
     )
 
 
@@ -166,6 +173,7 @@ def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
             for doubt in (
                 *_doubts(m, method, axis),
                 *_not_as_taken(scenario.with_analysis(level=level), method),
+                *_beyond_table(scenario.with_analysis(level=level)),
             )
         ),
     )
@@ -202,17 +210,23 @@ def budget(
     worst = peak(total, axis)
     pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
     at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
-    ranked = sorted(at_worst, key=at_worst.__getitem__, reverse=True)
+    ranked = sorted(at_worst, key=lambda source: np.nan_to_num(-at_worst[source], nan=np.inf))
+    known = np.isfinite(np.stack(list(three_sigma.values()))).all(axis=0) & np.isfinite(total)
     dominant = np.argmax(np.stack(list(three_sigma.values())), axis=0)
     dominates = {
         source: place
         for i, source in enumerate(three_sigma)
-        if (place := where((dominant == i) & (total > 0), axis))
+        if (place := where((dominant == i) & known & (total > 0), axis))
+    }
+    gaps = {
+        source: place
+        for source, values in {**three_sigma, "total": total}.items()
+        if (place := where(~np.isfinite(values), axis))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
     parts = {name: 3 * std for name, std in found.parts.items()}
     part_shares = {name: float(v[pose]) for name, v in found.part_shares().items()}
-    parts_ranked = sorted(parts, key=lambda name: parts[name][pose], reverse=True)
+    parts_ranked = sorted(parts, key=lambda name: np.nan_to_num(-parts[name][pose], nan=np.inf))
     of_parts = parts_of(scenario)
     indented = {name: f"  {name.removeprefix(of.source + '_')}" for name, of in of_parts.items()}
     width = max(21, *(len(name) + 1 for name in (*ranked, *indented.values())))
@@ -230,6 +244,7 @@ def budget(
     warnings = [] if found.moments is None else [*_doubts(found.moments, method, axis)]
     if method != MONTE_CARLO:
         warnings += _not_as_taken(scenario, method)
+    warnings += _beyond_table(scenario)
     if _chosen(method) == "linear":
         warnings += _vanishing(scenario, three_sigma, total)
     return Result(
@@ -251,8 +266,9 @@ def budget(
             "largest_three_sigma_total": worst,
             "at_largest": at_worst,
             "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
-            "dominant": ranked[0],
+            "dominant": ranked[0] if known[pose] else None,
             "dominates": dominates,
+            **({"no_value": gaps} if gaps else {}),
             **_by_radar_summary(by_itself),
             **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
             **inverse,
@@ -264,6 +280,7 @@ def budget(
             *_interaction_row(shares["interaction"][pose], errors.get("interaction"), width),
             _row("total", float(total[pose]), width=width),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
+            *(f"{source} has no value {place}" for source, place in gaps.items()),
             *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
             *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
             *inverse_report,
@@ -291,13 +308,16 @@ def montecarlo(
         executor=executor,
         progress=progress,
     )
-    pose = int(np.argmin(mc.coverage))
-    overall = float(mc.coverage.mean())
     name = _band_name(method)
+    banded = mc.has_band
+    coverage = np.where(banded, mc.coverage, np.inf)
+    pose = int(np.argmin(coverage))  # the lowest of the poses that have a band
+    overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
+    without = int(np.count_nonzero(~banded))
     warnings = list(_doubts(mc.band, method, axis))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
-        axis.key: float(axis.values[pose]),
+        axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
     }
     summary: dict[str, Any] = {
         "runs": mc.runs,
@@ -305,14 +325,25 @@ def montecarlo(
         "coverage_expected": WITHIN_3_SIGMA,
         "coverage_overall": overall,
         "coverage_lowest": lowest_summary,
+        "poses_without_band": without,
     }
     lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}"
+    drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{_points(mc)})"
+    of_poses = f" at the {len(axis) - without} poses that have one" if without else ""
+    said = (
+        f"{drawn}: {overall:.2%} of the draws lie in the {name} 3-sigma band{of_poses}, "
+        f"{WITHIN_3_SIGMA:.2%} should"
+    )
+    no_band = f"{without} of {len(axis)} poses have no {name} band and no coverage"
+    if without == len(axis):
+        said, lowest = f"{drawn}: no coverage", ""
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
         # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
         off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
-        lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
+        if banded.any():
+            lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest_summary["confidence_95"] = [float(low[pose]), float(high[pose])]
         summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         summary["poses_inconsistent"] = int(np.count_nonzero(off))
@@ -321,7 +352,11 @@ def montecarlo(
                 f"the {name} band does not hold the 99.73 % of the draws that it should "
                 f"{where(off, axis)} (95 % confidence for all poses together)"
             )
-    warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped))
+    warnings += (
+        *_not_as_taken(scenario, method),
+        *_clipped(mc.clipped),
+        *_beyond_table(scenario, runs=mc.runs),
+    )
     by_itself = _largest_by_radar(scenario, method)
     return Result(
         analysis="montecarlo",
@@ -342,9 +377,9 @@ def montecarlo(
             **_by_radar_summary(by_itself),
         },
         report=(
-            f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{_points(mc)}): {overall:.2%} of the "
-            f"draws lie in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
-            lowest,
+            said,
+            *([lowest] if lowest else []),
+            *([no_band] if without else []),
             *_rank_error(mc),
             *_by_radar({name: at(top, axis) for name, top in by_itself.items()}, name),
         ),
@@ -409,10 +444,13 @@ def compare(
                 for method, w in worst.items()
             ),
         ),
-        warnings=tuple(
-            doubt
-            for method, m in moments.items()
-            for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
+        warnings=(
+            *(
+                doubt
+                for method, m in moments.items()
+                for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
+            ),
+            *_beyond_table(scenario, runs=mc.runs),
         ),
         monte_carlo=mc,
     )
@@ -494,6 +532,7 @@ def validate(
             *_doubts(found.moments, method, axis),
             *_not_as_taken(scenario, method),
             *_clipped(found.clipped),
+            *_beyond_table(scenario),
         ),
         passed=found.verdict == "validated",
     )
@@ -648,6 +687,58 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
 def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
     """Say so if a radar constant is not distributed as the method takes it to be."""
     return doubts(scenario.model.names, scenario.parts, _chosen(method))
+
+
+def _beyond_table(scenario: Scenario, runs: int | None = None) -> tuple[str, ...]:
+    """Say where states within 3σ see a radar beyond the elevations of an RCS table.
+
+    The deviation of the elevation is that to first order.
+
+    Args:
+        scenario: The scenario, at its level.
+        runs: Runs of Monte Carlo, to say about how many draws there are beyond too.
+    """
+    table = scenario.model.rcs
+    if not isinstance(table, TableRCS) or table.elevation is None:
+        return ()
+    low, high = table.elevation[[0, -1]]
+    reached, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    of_aircraft = factor(scenario.cov_aircraft)
+    for i in range(len(scenario.model.models)):
+        part = slice(i * len(RADAR), (i + 1) * len(RADAR))
+        radar = scenario.radar[part]
+        of_radar = factor(scenario.cov_radar[scenario.level][part, part])
+        steps: list[tuple[Any, Any]] = [(of_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))]
+        steps += [(0.0, of_radar[:, k]) for k in range(len(RADAR))]
+        variance = np.zeros(len(scenario.aircraft))
+        for by_aircraft, by_radar in steps:
+            ends = [
+                _elevation(scenario.aircraft + sign * by_aircraft, radar + sign * by_radar)
+                for sign in (1, -1)
+            ]
+            variance += (0.5 * (ends[0] - ends[1])) ** 2
+        elevation, std = _elevation(scenario.aircraft, radar), np.sqrt(variance)
+        reached |= (elevation - 3 * std < low) & (low > -POLE)
+        reached |= (elevation + 3 * std > high) & (high < POLE)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
+        share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
+    place = where(reached, scenario.axis)
+    if not place:
+        return ()
+    counted = "" if runs is None else f"about {runs * share:,.0f} draws, "
+    poses = f"{np.count_nonzero(reached)} of {len(reached)} poses"
+    return (
+        f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
+        f"states within 3 sigma lie beyond ({counted}{poses}), where its outermost values are "
+        f"used, {place}",
+    )
+
+
+def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+    """Elevation (n,) [rad] at which the aircraft sees a radar, positive above."""
+    x, y, z = np.moveaxis(body_vector(aircraft, radar), -1, 0)
+    return np.asarray(np.arctan2(-z, np.hypot(x, y)))
 
 
 def _clipped(count: int) -> tuple[str, ...]:

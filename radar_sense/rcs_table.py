@@ -57,7 +57,8 @@ GAP = 1.5
 ENVELOPE = Limit(above=0, at_most=90)
 
 TURN = 2.0 * np.pi
-_POLE = np.deg2rad(90.0 - 1e-9)
+#: An elevation of this or more is straight above.
+POLE = np.deg2rad(90.0 - 1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +140,7 @@ class TableRCS:
         # Where the table reaches straight above or below, σ_r is flat there.
         assert self._upward is not None
         low, high = self._upward.nodes[[0, -1]]
-        flat = np.where(z < 0, high >= _POLE, low <= -_POLE)
+        flat = np.where(z < 0, high >= POLE, low <= -POLE)
         at_pole = (hh == 0) & (z != 0) & flat
         if np.any(at_pole):
             gradient[at_pole] = 0.0
@@ -472,8 +473,8 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
 def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
     """Find a value straight above or below that is not that of the first azimuth."""
     for j, reached, pole in (
-        (0, elevation[0] <= -_POLE, "below"),
-        (len(elevation) - 1, elevation[-1] >= _POLE, "above"),
+        (0, elevation[0] <= -POLE, "below"),
+        (len(elevation) - 1, elevation[-1] >= POLE, "above"),
     ):
         differ = np.flatnonzero(rcs[:, j] != rcs[0, j])
         if reached and len(differ):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scenarios import OVERHEAD, scenario
 
+import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.error_budget import allowances, error_budget
 from radar_sense.propagation import METHODS
@@ -11,6 +12,7 @@ from radar_sense.reader import ScenarioError
 from radar_sense.scenario import load_scenario
 from radar_sense.sobol import sobol_indices
 from radar_sense.states import SOURCES
+from radar_sense.wording import where
 
 FEW = {"start": 0, "stop": 90, "step": 15}
 NOTHING = {"position_m": 0, "attitude_deg": 0}
@@ -271,3 +273,30 @@ def test_undefined_gradients_of_what_is_certain_do_not_matter():
 def test_more_sobol_samples_than_fit_into_memory_are_refused():
     with pytest.raises(ScenarioError, match="more than fit into memory"):
         error_budget(load_scenario().with_analysis(runs=10**9), "montecarlo")
+
+
+def test_what_has_no_value_dominates_nothing():
+    """By `form` the orientation has no answer at -90 deg, nor the total where it did not settle."""
+    for name in ("covariance", "spikeball"):
+        s = rs.load_scenario(f"configs/{name}.yaml")
+        s = s.part(np.arange(0, len(s.aircraft), 4))
+        found = analyses.budget(s, method="form")
+        columns = {
+            source: found.table[f"three_sigma_{source}"]
+            for source in ("aircraft_orientation", "total")
+        }
+        unknown = {source: np.isnan(values) for source, values in columns.items()}
+        assert unknown["aircraft_orientation"].any()
+        for source, mask in unknown.items():
+            line = f"{source} has no value {where(mask, s.axis)}"
+            assert (line in found.report) == mask.any()
+        any_unknown = unknown["aircraft_orientation"] | unknown["total"]
+        sizes = {
+            source: found.table[f"three_sigma_{source}"]
+            for source in ("aircraft_position", "aircraft_orientation", "radar_position")
+        }
+        own = (columns["aircraft_orientation"] > found.table["three_sigma_radar_constant"]) & (
+            columns["aircraft_orientation"] > sizes["aircraft_position"]
+        )
+        expected = where(own & ~any_unknown & (columns["total"] > 0), s.axis)
+        assert found.summary["dominates"].get("aircraft_orientation", "") == expected

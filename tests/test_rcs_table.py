@@ -769,3 +769,29 @@ def test_directions_straight_up_have_no_azimuth():
     up = directions(np.arange(-180.0, 180, 30), np.array(90.0))
     assert np.all(up[:, :2] == 0)
     assert np.all(up[:, 2] == -1)
+
+
+def test_draws_beyond_the_table_are_counted(here):
+    """Elevation is −0.74 deg, 1 deg is its deviation: 10.4 % of the draws are below −2 deg."""
+    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
+    write(here / "t.csv", *G, *rows)
+    change = {
+        "aircraft__rcs": {"model": "table", "file": "t.csv"},
+        "geometry__azimuth_deg": {"start": 0, "stop": 40, "step": 10},
+    }
+    s = scenario(**change)
+    beyond = []
+    rng = np.random.default_rng(1)
+    for pose in s.aircraft:
+        draws = rng.multivariate_normal(pose, s.cov_aircraft, 20_000)
+        x, y, z = np.moveaxis(rs.geometry.body_vector(draws, s.radar), -1, 0)
+        beyond.append(np.mean(np.arctan2(-z, np.hypot(x, y)) < -2 * DEG))
+    (said,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
+    count = float(said.split("about ")[1].split(" draws")[0].replace(",", ""))
+    assert count == pytest.approx(s.runs * sum(beyond), rel=0.05)
+    assert "5 of 5 poses" in said
+    for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
+        assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)
+    rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-10, 31, 2)]
+    write(here / "t.csv", *G, *rows)
+    assert not any("RCS table" in w for w in analyses.montecarlo(scenario(**change)).warnings)
