@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp
 
-from radar_sense.covariance import draws, factor, symmetric_factor, variance_along
+from radar_sense.covariance import checked, draws, factor, symmetric_factor, variance_along
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import RunningMoments, Tails
 from radar_sense.propagation import Spread, probit_moments
-from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, check_finite
 
 #: Largest n of m-of-n, which keeps track of 2^(n−1) histories.
 MAX_WINDOW = 12
@@ -225,7 +225,7 @@ def cumulative_detection(
     slope = _inverse_mills(looks.probit)
     variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
     by_radar = np.cumsum(slope[:, np.newaxis] * looks.by_radar, axis=0)
-    std = np.sqrt(variance + variance_along(by_radar, cov_radar))
+    std = np.sqrt(variance + variance_along(by_radar, checked("radar", cov_radar)))
     # nothing has been seen yet: z is as low as any, and certain
     z = np.where(hazard == 0, -_FAR, -ndtri_exp(-hazard))
     found = _method(method, beta)(z, std * np.exp(-hazard), std / _inverse_mills(z), beta)
@@ -272,7 +272,8 @@ def track_initiation(
     slope = _by_each(p_d, miss, m, n, sequence) * _density(looks.probit)
     variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
     # Rows end with their own look: the partials for later ones are 0.
-    std = np.sqrt(variance[..., -1] + variance_along(_sum_over(slope, looks.by_radar), cov_radar))
+    by_radar = _sum_over(slope, looks.by_radar)
+    std = np.sqrt(variance[..., -1] + variance_along(by_radar, checked("radar", cov_radar)))
     # Before look m no track is possible, and later it may be so sure that nothing is left of φ(z).
     z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(left)), -_FAR, _FAR)
     std_z = np.where(abs(z) < _FAR, std / _density(z), 0.0)
@@ -612,6 +613,8 @@ def mission_monte_carlo(
             f"aircraft and radar states must have shapes ({len(time)}, 6) and (4m,), "
             f"got {aircraft.shape} and {radar.shape}"
         )
+    check_finite("aircraft", aircraft)
+    check_finite("radar", radar)
     if runs < 2 or not 0 < beta < math.inf:
         raise ValueError(f"needs 2 runs or more and beta > 0, got {runs} and {beta}")
     if m_of_n is not None:
@@ -623,7 +626,7 @@ def mission_monte_carlo(
         aircraft=aircraft,
         radar=radar,
         factors=_factors(cov_aircraft, poses),
-        factor_radar=factor(np.asarray(cov_radar, dtype=float)),
+        factor_radar=factor(checked("radar", cov_radar)),
         decay=decay,
         fresh=fresh,
         m_of_n=m_of_n,
@@ -689,7 +692,8 @@ def extremes(
         For P_c, and for m-of-n if asked for: least and greatest (K,) up to each look.
     """
     found: list[tuple[FloatArray, FloatArray]] = []
-    white, root = beta * np.eye(_radar_normals(radar, radar_draws)), factor(cov_radar)
+    white = beta * np.eye(_radar_normals(radar, radar_draws))
+    root = factor(checked("radar", cov_radar))
     every = np.stack([_drawn(radar, root, radar_draws, u)[0] for u in (-white, white)], axis=1)
     for states in every:
         p_d = model.p_d(aircraft[:, np.newaxis], states).T
@@ -775,7 +779,7 @@ def _correlation(time: FloatArray, correlation_time: float) -> tuple[FloatArray,
 
 def _factors(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
     """Symmetric factors (K, 6, 6) of C_aa."""
-    covariance = np.asarray(cov_aircraft, dtype=float)
+    covariance = checked("aircraft", cov_aircraft)
     n = len(AIRCRAFT)
     if covariance.shape not in ((n, n), (looks, n, n)):
         raise ValueError(

@@ -318,6 +318,7 @@ def _propagate(scenario: Scenario, method: str, covariances: Mapping[str, FloatA
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
+    sampler = Sampler.of(scenario)  # refuses what is not a covariance
     parts, every = parts_of(scenario), sources(scenario.model.names)
     evaluations = (len(every) + len(parts) + 4) * scenario.runs / REPLICATES * 2
     if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
@@ -349,7 +350,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         else:
             root[block] = covariance.factor(matrix[block])
     sampler = dataclasses.replace(
-        Sampler.of(scenario), factor_aircraft=factor_aircraft, factor_radar=factor_radar
+        sampler, factor_aircraft=factor_aircraft, factor_radar=factor_radar
     )
     inputs = {
         "aircraft": list(range(len(AIRCRAFT))),

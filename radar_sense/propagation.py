@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from radar_sense.covariance import variance_along
 from radar_sense.errors import ScenarioError, did_you_mean
 from radar_sense.form import quantiles
 from radar_sense.model.detection_model import Model
@@ -95,7 +96,8 @@ def propagate(
             c_r: of all radars, or of each (m,). To first order that is the same.
 
     Raises:
-        ValueError: If there is no such method, β is not positive or a shape does not fit.
+        ValueError: If there is no such method, β is not positive, a shape does not fit, a state is
+            not finite, or a matrix is not a covariance.
     """
     check_method(method)
     if not 0 < beta < np.inf:
@@ -141,7 +143,10 @@ def check_method(method: str, besides: Sequence[str] = ()) -> None:
 def linear(z: Standardized, beta: float) -> Moments:
     """First order in P_D, `eq:pd_var`: the paper's method. Its bounds may leave [0, 1]."""
     lin = z.model.linearize(z.aircraft, z.radar)
-    std = lin.std(z.cov_aircraft, z.cov_radar)
+    std = np.sqrt(
+        variance_along(lin.jac_aircraft, z.cov_aircraft)
+        + variance_along(lin.jac_radar, z.cov_radar)
+    )
     found = Spread(lin.p_d, std, lin.p_d - beta * std, lin.p_d + beta * std)
     return Moments(
         lin.p_d,

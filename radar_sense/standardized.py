@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import factor
+from radar_sense.covariance import checked, factor
 from radar_sense.model.detection_model import Model
-from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, check_finite
 
 #: Poses standardized at a time, and numbers in a matrix for each of them: they bound the memory in
 #: use, and are of no influence on the result but for its last digit.
@@ -99,7 +99,7 @@ def standardize(
         The shape (...) of all poses, and the blocks, which have them one after the other.
 
     Raises:
-        ValueError: If a shape does not fit.
+        ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
     arrays, tails = [], []
     radars = len(model.models) * len(RADAR)
@@ -113,6 +113,11 @@ def standardize(
         if array.shape[-len(tail) :] != tail:
             wanted = ", ".join(("...", *map(str, tail)))
             raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
+        whose = name.split()[0]
+        if len(tail) == 1:
+            check_finite(whose, array)
+        else:
+            checked(whose, array)
         arrays.append(array)
         tails.append(tail)
     leading = (array.shape[: -len(tail)] for array, tail in zip(arrays, tails, strict=True))

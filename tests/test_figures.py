@@ -153,9 +153,9 @@ def test_a_thinned_line_draws_the_same_pixels(order):
     assert few[-1] == x.size - 1
     assert np.all(np.diff(few) > 0)
     # the extent of every run of points within one column, a gap where there is nothing
-    column = np.floor((x - x.min()) / (np.ptp(x) / figures.COLUMNS) + 1e-9)
+    column = np.floor((x - x.min()) / (np.ptp(x) / plotting.COLUMNS) + 1e-9)
     for function, nothing in ((np.fmin, np.inf), (np.fmax, -np.inf)):
-        all_of_it, left = np.full((2, figures.COLUMNS + 1), nothing)
+        all_of_it, left = np.full((2, plotting.COLUMNS + 1), nothing)
         function.at(all_of_it, column.astype(int), y)
         function.at(left, column[few].astype(int), y[few])
         same = np.isclose(left, all_of_it, rtol=0, atol=0)

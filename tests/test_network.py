@@ -640,6 +640,8 @@ def test_each_radar_by_itself():
 )
 def test_analyses_and_figures_take_a_network(analysis):
 
+    from radar_sense import plotting
+
     scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 60))
     result = analysis(dataclasses.replace(scenario, runs=64))
     assert all(np.all(np.isfinite(column)) for column in result.table.values())

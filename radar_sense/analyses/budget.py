@@ -26,6 +26,7 @@ from radar_sense.analyses.report import (
     radar_lines,
     radar_summary,
     reached,
+    table_warnings,
     validity_warnings,
 )
 from radar_sense.axis import Axis
@@ -138,17 +139,23 @@ def budget(
     worst = peak(total, axis)
     pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
     at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
-    ranked = sorted(at_worst, key=at_worst.__getitem__, reverse=True)
+    ranked = sorted(at_worst, key=lambda source: np.nan_to_num(-at_worst[source], nan=np.inf))
+    known = np.isfinite(np.stack(list(three_sigma.values()))).all(axis=0) & np.isfinite(total)
     dominant = np.argmax(np.stack(list(three_sigma.values())), axis=0)
     dominates = {
         source: place
         for i, source in enumerate(three_sigma)
-        if (place := describe_poses((dominant == i) & (total > 0), axis))
+        if (place := describe_poses((dominant == i) & known & (total > 0), axis))
+    }
+    gaps = {
+        source: place
+        for source, values in {**three_sigma, "total": total}.items()
+        if (place := describe_poses(~np.isfinite(values), axis))
     }
     errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
     parts = {name: 3 * std for name, std in found.parts.items()}
     part_shares = {name: float(v[pose]) for name, v in found.part_shares().items()}
-    parts_ranked = sorted(parts, key=lambda name: parts[name][pose], reverse=True)
+    parts_ranked = sorted(parts, key=lambda name: np.nan_to_num(-parts[name][pose], nan=np.inf))
     of_parts = parts_of(scenario)
     indented = {name: f"  {name.removeprefix(of.source + '_')}" for name, of in of_parts.items()}
     width = max(21, *(len(name) + 1 for name in (*ranked, *indented.values())))
@@ -166,6 +173,7 @@ def budget(
     warnings = [] if found.moments is None else [*validity_warnings(found.moments, method, axis)]
     if method != MONTE_CARLO:
         warnings += distribution_warnings(scenario, method)
+    warnings += table_warnings(scenario)
     if method == "linear":
         warnings += _vanishing(scenario, three_sigma, total)
     return Result(
@@ -186,8 +194,9 @@ def budget(
             "largest_three_sigma_total": worst,
             "at_largest": at_worst,
             "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
-            "dominant": ranked[0],
+            "dominant": ranked[0] if known[pose] else None,
             "dominates": dominates,
+            **({"no_value": gaps} if gaps else {}),
             **radar_summary(by_itself),
             **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
             **inverse,
@@ -199,6 +208,7 @@ def budget(
             *_interaction_row(shares["interaction"][pose], errors.get("interaction"), width),
             _row("total", float(total[pose]), width=width),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
+            *(f"{source} has no value {place}" for source, place in gaps.items()),
             *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
             *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),
             *inverse_report,

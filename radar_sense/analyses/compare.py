@@ -18,6 +18,7 @@ from radar_sense.analyses.report import (
     monte_carlo_columns,
     peak,
     points_named,
+    table_warnings,
     validity_warnings,
 )
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -130,12 +131,15 @@ def compare(
                 for method, w in worst.items()
             ),
         ),
-        warnings=tuple(
-            doubt
-            for method, m in moments.items()
-            for doubt in (
-                *validity_warnings(m, method, axis),
-                *distribution_warnings(scenario, method),
-            )
+        warnings=(
+            *(
+                warning
+                for method, m in moments.items()
+                for warning in (
+                    *validity_warnings(m, method, axis),
+                    *distribution_warnings(scenario, method),
+                )
+            ),
+            *table_warnings(scenario, runs=mc.runs),
         ),
     )

@@ -28,6 +28,7 @@ from radar_sense.analyses.report import (
     radar_lines,
     radar_summary,
     rank_error_lines,
+    table_warnings,
     validity_warnings,
 )
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
@@ -102,13 +103,16 @@ def montecarlo(
             executor=executor,
             progress=advance,
         )
-    pose = int(np.argmin(mc.coverage))
-    overall = float(mc.coverage.mean())
     name = band_name(method)
+    banded = mc.has_band
+    coverage = np.where(banded, mc.coverage, np.inf)
+    pose = int(np.argmin(coverage))  # the lowest of the poses that have a band
+    overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
+    without = int(np.count_nonzero(~banded))
     warnings = list(validity_warnings(mc.band, method, axis))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
-        axis.key: float(axis.values[pose]),
+        axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
     }
     summary: dict[str, Any] = {
         "runs": mc.runs,
@@ -116,14 +120,25 @@ def montecarlo(
         "coverage_expected": WITHIN_3_SIGMA,
         "coverage_overall": overall,
         "coverage_lowest": lowest_summary,
+        "poses_without_band": without,
     }
     lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}"
+    drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)})"
+    of_poses = f" at the {len(axis) - without} poses that have one" if without else ""
+    covered = (
+        f"{drawn}: {overall:.2%} of the draws lie in the {name} 3-sigma band{of_poses}, "
+        f"{WITHIN_3_SIGMA:.2%} should"
+    )
+    no_band = f"{without} of {len(axis)} poses have no {name} band and no coverage"
+    if without == len(axis):
+        covered, lowest = f"{drawn}: no coverage", ""
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
         # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
         off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
-        lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
+        if banded.any():
+            lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest_summary["confidence_95"] = [float(low[pose]), float(high[pose])]
         summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         summary["poses_inconsistent"] = int(np.count_nonzero(off))
@@ -132,7 +147,11 @@ def montecarlo(
                 f"the {name} band does not hold the 99.73 % of the draws that it should "
                 f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
-    warnings += (*distribution_warnings(scenario, method), *clipping_warnings(mc.clipped))
+    warnings += (
+        *distribution_warnings(scenario, method),
+        *clipping_warnings(mc.clipped),
+        *table_warnings(scenario, runs=mc.runs),
+    )
     by_itself = largest_by_radar(scenario, method)
     return Result(
         scenario=scenario,
@@ -152,9 +171,9 @@ def montecarlo(
             **radar_summary(by_itself),
         },
         report=(
-            f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)}): "
-            f"{overall:.2%} of the draws lie in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
-            lowest,
+            covered,
+            *([lowest] if lowest else []),
+            *([no_band] if without else []),
             *rank_error_lines(mc),
             *radar_lines(
                 {name: describe_extreme(top, axis) for name, top in by_itself.items()}, name

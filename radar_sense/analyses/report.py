@@ -7,13 +7,17 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from radar_sense.axis import Axis
+from radar_sense.covariance import factor
+from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import doubts
+from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import TAIL, MonteCarlo
 from radar_sense.propagation import BOUND_CHANGE, STD_CHANGE, Moments, propagate_scenario
 from radar_sense.scenario import Scenario, alone
-from radar_sense.states import FloatArray
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
@@ -174,3 +178,55 @@ def clipping_warnings(count: int) -> tuple[str, ...]:
     if not count:
         return ()
     return (f"the radar constant was drawn below zero and set to zero in {count} runs",)
+
+
+def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ...]:
+    """Say where states within 3σ see a radar beyond the elevations of an RCS table.
+
+    The deviation of the elevation is that to first order.
+
+    Args:
+        scenario: The scenario, at its level.
+        runs: Runs of Monte Carlo, to say about how many draws there are beyond too.
+    """
+    table = scenario.model.rcs
+    if not isinstance(table, TableRCS) or table.elevation is None:
+        return ()
+    low, high = table.elevation[[0, -1]]
+    reached, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    of_aircraft = factor(scenario.cov_aircraft)
+    for i in range(len(scenario.model.models)):
+        part = slice(i * len(RADAR), (i + 1) * len(RADAR))
+        radar = scenario.radar[part]
+        of_radar = factor(scenario.cov_radar[scenario.level][part, part])
+        steps: list[tuple[Any, Any]] = [(of_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))]
+        steps += [(0.0, of_radar[:, k]) for k in range(len(RADAR))]
+        variance = np.zeros(len(scenario.aircraft))
+        for by_aircraft, by_radar in steps:
+            ends = [
+                _elevation(scenario.aircraft + sign * by_aircraft, radar + sign * by_radar)
+                for sign in (1, -1)
+            ]
+            variance += (0.5 * (ends[0] - ends[1])) ** 2
+        elevation, std = _elevation(scenario.aircraft, radar), np.sqrt(variance)
+        reached |= (elevation - 3 * std < low) & (low > -POLE)
+        reached |= (elevation + 3 * std > high) & (high < POLE)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
+        share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
+    place = describe_poses(reached, scenario.axis)
+    if not place:
+        return ()
+    counted = "" if runs is None else f"about {runs * share:,.0f} draws, "
+    poses = f"{np.count_nonzero(reached)} of {len(reached)} poses"
+    return (
+        f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
+        f"states within 3 sigma lie beyond ({counted}{poses}), where its outermost values are "
+        f"used, {place}",
+    )
+
+
+def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+    """Elevation (n,) [rad] at which the aircraft sees a radar, positive above."""
+    x, y, z = np.moveaxis(body_vector(aircraft, radar), -1, 0)
+    return np.asarray(np.arctan2(-z, np.hypot(x, y)))

@@ -18,6 +18,7 @@ from radar_sense.analyses.report import (
     peak,
     radar_lines,
     radar_summary,
+    table_warnings,
     validity_warnings,
 )
 from radar_sense.propagation import propagate_scenario
@@ -110,6 +111,7 @@ def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
             for doubt in (
                 *validity_warnings(m, method, axis),
                 *distribution_warnings(scenario.with_analysis(level=level), method),
+                *table_warnings(scenario.with_analysis(level=level)),
             )
         ),
     )

@@ -21,6 +21,7 @@ from radar_sense.analyses.report import (
     monte_carlo_columns,
     peak,
     reached,
+    table_warnings,
     validity_warnings,
 )
 from radar_sense.montecarlo import adaptive
@@ -172,6 +173,7 @@ def validate(
             *validity_warnings(found.moments, method, axis),
             *distribution_warnings(scenario, method),
             *clipping_warnings(found.clipped),
+            *table_warnings(scenario),
         ),
         passed=found.verdict == "validated",
     )

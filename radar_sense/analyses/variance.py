@@ -19,6 +19,7 @@ from radar_sense.analyses.report import (
     peak,
     radar_lines,
     radar_summary,
+    table_warnings,
     trough,
     validity_warnings,
 )
@@ -151,6 +152,7 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
         warnings=(
             *validity_warnings(moments, method, axis),
             *distribution_warnings(scenario, method),
+            *table_warnings(scenario),
         ),
     )
 

@@ -130,7 +130,7 @@ class EllipsoidRCS:
         """1/D of `eq:rcs_ellipsoid`, with a sum of positive terms so that nothing cancels."""
         # sin²λ cos²φ = (y²/h²)(h²/r²),  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
         times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
-        inverse, aside = hh / times_hh, hh > 0
+        inverse, aside = hh / times_hh, hh != 0  # NaN is not 0 and stays
         # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
         return inverse if aside.all() else np.where(aside, inverse, self.c**-2)
 
