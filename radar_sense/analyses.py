@@ -33,6 +33,7 @@ from radar_sense.propagation import (
     STD_CHANGE,
     Moments,
     check_method,
+    nonlinear_in_scenario,
     propagate_scenario,
 )
 from radar_sense.radar_constant import doubts
@@ -117,7 +118,7 @@ def variance(scenario: Scenario, *, method: str | None = None) -> Result:
             f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst, axis)}",
             *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
         ),
-        warnings=(*_doubts(moments, method, axis), *_not_as_taken(scenario, method)),
+        warnings=(*_doubts(scenario, moments, method), *_not_as_taken(scenario, method)),
     )
 
 
@@ -164,7 +165,7 @@ def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
             f"{level}: {doubt}"
             for level, m in moments.items()
             for doubt in (
-                *_doubts(m, method, axis),
+                *_doubts(scenario.with_analysis(level=level), m, method),
                 *_not_as_taken(scenario.with_analysis(level=level), method),
             )
         ),
@@ -227,7 +228,7 @@ def budget(
         inverse = {"target": _inverse_summary(target, only_at, allowed, axis)}
         inverse_report = _inverse_report(target, only_at, allowed, axis)
     by_itself = {} if method == MONTE_CARLO else _largest_by_radar(scenario, method)
-    warnings = [] if found.moments is None else [*_doubts(found.moments, method, axis)]
+    warnings = [] if found.moments is None else [*_doubts(scenario, found.moments, method)]
     if method != MONTE_CARLO:
         warnings += _not_as_taken(scenario, method)
     if _chosen(method) == "linear":
@@ -294,7 +295,7 @@ def montecarlo(
     pose = int(np.argmin(mc.coverage))
     overall = float(mc.coverage.mean())
     name = _band_name(method)
-    warnings = list(_doubts(mc.band, method, axis))
+    warnings = list(_doubts(scenario, mc.band, method))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
         axis.key: float(axis.values[pose]),
@@ -412,7 +413,7 @@ def compare(
         warnings=tuple(
             doubt
             for method, m in moments.items()
-            for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
+            for doubt in (*_doubts(scenario, m, method), *_not_as_taken(scenario, method))
         ),
         monte_carlo=mc,
     )
@@ -491,7 +492,7 @@ def validate(
         },
         report=tuple(report),
         warnings=(
-            *_doubts(found.moments, method, axis),
+            *_doubts(scenario, found.moments, method),
             *_not_as_taken(scenario, method),
             *_clipped(found.clipped),
         ),
@@ -612,20 +613,21 @@ def _band_name(method: str | None) -> str:
     return "linearized" if method in (None, "linear") else str(method)
 
 
-def _doubts(moments: Moments, method: str | None, axis: Axis) -> tuple[str, ...]:
+def _doubts(scenario: Scenario, moments: Moments, method: str | None) -> tuple[str, ...]:
     """Say where the band of a method is not to be trusted."""
-    name = _band_name(method)
+    name, axis = _band_name(method), scenario.axis
+    nonlinear = nonlinear_in_scenario(scenario, moments, method=_chosen(method))
     undefined = ~np.isfinite(moments.std)
     outside = (moments.lower < 0) | (moments.upper > 1)
     said = (
-        (~moments.settled, f"{name} did not settle, or its gradient is undefined,"),
+        (~moments.converged, f"{name} did not converge, or its gradient is undefined,"),
         (
-            undefined & moments.settled,
+            undefined & moments.converged,
             "the gradient is undefined, with the radar straight above or below the aircraft,",
         ),
         (outside, f"the {name} 3-sigma band leaves [0, 1]"),
         (
-            moments.curved & ~undefined,
+            nonlinear & ~undefined,
             "effects of higher order would change sigma by over "
             f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
@@ -647,7 +649,10 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
 
 def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
     """Say so if a radar constant is not distributed as the method takes it to be."""
-    return doubts(scenario.model.names, scenario.parts, _chosen(method))
+    chosen = METHODS[_chosen(method)]
+    return doubts(
+        scenario.model.names, scenario.parts, chosen.name, log_normal=chosen.log_normal
+    )
 
 
 def _clipped(count: int) -> tuple[str, ...]:

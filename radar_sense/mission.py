@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from radar_sense import axis as axes
+from radar_sense import propagation
 from radar_sense.analyses import Result
 from radar_sense.axis import Axis
 from radar_sense.cumulative import (
@@ -51,7 +52,6 @@ from radar_sense.geometry import slant_range
 from radar_sense.limits import WINDOW
 from radar_sense.montecarlo import TAIL, Sampler
 from radar_sense.network import alone
-from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.radar_constant import doubts
 from radar_sense.reader import ScenarioError, did_you_mean
 from radar_sense.route import Route
@@ -552,7 +552,7 @@ def _too_narrow(
     for (event, found), (low, high) in zip(events.items(), ends, strict=True):
         above, below = high[when.last] - found.upper, found.lower - low[when.last]
         beyond = np.maximum(above, below)
-        if place := where(beyond > BOUND_CHANGE, scenario.axis):
+        if place := where(beyond > propagation.BOUND_CHANGE, scenario.axis):
             said[event] = (
                 "with one error of a radar at 3 sigma, all else as it should be, it is beyond the "
                 f"{method} bounds: they are too narrow, by {np.nanmax(beyond):.2g} or more, {place}"
@@ -588,12 +588,12 @@ def _unlike(
         much = np.maximum(drawn.std, found.std) > STD_FACTOR * np.minimum(drawn.std, found.std)
         worst = int(np.argmax(np.where(much, off, 0.0)))
         parts = []
-        if place := where(beyond > BOUND_CHANGE, along):
+        if place := where(beyond > propagation.BOUND_CHANGE, along):
             parts.append(
                 f"of {quick.runs} quick draws ten or more are beyond a {method} 3-sigma bound, "
                 f"by {np.nanmax(beyond):.2g} or more, {place}"
             )
-        if much[worst] and off[worst] > 3.0 * BOUND_CHANGE:
+        if much[worst] and off[worst] > 3.0 * propagation.BOUND_CHANGE:
             parts.append(
                 f"sigma of {quick.runs} quick draws is {drawn.std[worst]:.2g} at "
                 f"{along.at(worst)}, that of {method} {found.std[worst]:.2g}"
@@ -619,7 +619,9 @@ def _warnings(
             )
         if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
-    said += doubts(scenario.model.names, scenario.parts, method)
+    said += doubts(
+        scenario.model.names, scenario.parts, method, log_normal=propagation.METHODS[method].log_normal
+    )
     if drawn is not None and drawn.clipped:
         said.append(
             f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"
