@@ -650,9 +650,7 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
 def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
     """Say so if a radar constant is not distributed as the method takes it to be."""
     chosen = METHODS[_chosen(method)]
-    return doubts(
-        scenario.model.names, scenario.parts, chosen.name, log_normal=chosen.log_normal
-    )
+    return doubts(scenario.model.names, scenario.parts, chosen.name, log_normal=chosen.log_normal)
 
 
 def _clipped(count: int) -> tuple[str, ...]:

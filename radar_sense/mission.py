@@ -620,7 +620,10 @@ def _warnings(
         if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
     said += doubts(
-        scenario.model.names, scenario.parts, method, log_normal=propagation.METHODS[method].log_normal
+        scenario.model.names,
+        scenario.parts,
+        method,
+        log_normal=propagation.METHODS[method].log_normal,
     )
     if drawn is not None and drawn.clipped:
         said.append(

@@ -21,7 +21,7 @@ from radar_sense.propagation.standard_space import (
     StandardNormalSpace,
     UncertainStates,
 )
-from radar_sense.states import AIRCRAFT, POSITION, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray
 
 #: A method is nonlinear at a pose where higher orders would change σ by more than this part of it,
 STD_CHANGE = 0.02

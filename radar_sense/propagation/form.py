@@ -215,7 +215,9 @@ def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArr
             inverse = 1.0 / (mu[left] - lam[:, left])
             square = (g[:, left] * inverse) ** 2
             length = np.sum(square, axis=0)
-            step = (np.sqrt(length) / radius[left] - 1.0) * length / np.sum(square * inverse, axis=0)
+            step = (
+                (np.sqrt(length) / radius[left] - 1.0) * length / np.sum(square * inverse, axis=0)
+            )
             before = mu[left]
             mu[left] = np.where(np.isfinite(step), np.maximum(before + step, low[left]), before)
             left = left[np.abs(mu[left] - before) > 1e-14 * before]
@@ -264,7 +266,8 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
             new[outside] = np.sinh(0.5 * ends)
         w[left] = new
         left = left[np.abs(found - target) > 1e-9]
-    return spread * x.reshape(n, k)
+    quantile: FloatArray = spread * x.reshape(n, k)
+    return quantile
 
 
 def _beta_at(
@@ -333,5 +336,5 @@ def _integration() -> tuple[FloatArray, FloatArray]:
 
 def _numbers(states: UncertainStates, betas: int) -> int:
     """Return how many numbers the largest array of FORM needs at a pose."""
-    components = len(AIRCRAFT) + states.radar.shape[-1]
+    components = len(AIRCRAFT) + int(states.radar.shape[-1])
     return components * components * max(betas, 2)

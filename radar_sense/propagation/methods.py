@@ -77,9 +77,7 @@ METHODS: Mapping[str, Method] = {
             upper=probit_upper,
             std=probit_std,
         ),
-        Method(
-            "form", form, checks.form_is_off, log_normal=True, upper=form_upper, std=form_std
-        ),
+        Method("form", form, checks.form_is_off, log_normal=True, upper=form_upper, std=form_std),
     )
 }
 
@@ -190,9 +188,7 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
     Raises:
         ScenarioError: If there is no such method.
     """
-    return propagate(
-        *_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant
-    )
+    return propagate(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
 
 
 def nonlinear_in_scenario(

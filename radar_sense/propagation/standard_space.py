@@ -56,19 +56,19 @@ class UncertainStates:
 
     Attributes:
         model: The detection model, of a radar or of a network of m.
+        log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
         aircraft: Nominal aircraft states (k, 6).
         radar: Nominal radar states (k, 4m).
         cov_aircraft: C_aa (k, 6, 6).
         cov_radar: C_rr (k, 4m, 4m).
-        log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
     """
 
     model: Model
+    log_constant: NDArray[np.bool_]
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
     cov_radar: FloatArray
-    log_constant: NDArray[np.bool_]
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -86,7 +86,7 @@ class UncertainStates:
         size = max(1, min(BLOCK, MAX_NUMBERS // numbers))
         for start in range(0, max(len(self), 1), size):
             arrays = (a if len(a) == 1 else a[start : start + size] for a in self._arrays)
-            yield UncertainStates(self.model, *arrays, self.log_constant)
+            yield UncertainStates(self.model, self.log_constant, *arrays)
 
     def with_covariances(
         self, cov_aircraft: FloatArray, cov_radar: FloatArray, start: int = 0
@@ -97,7 +97,7 @@ class UncertainStates:
             c[np.newaxis] if c.ndim == 2 else c[poses] for c in (cov_aircraft, cov_radar)
         )
         return UncertainStates(
-            self.model, self.aircraft, self.radar, *covariances, self.log_constant
+            self.model, self.log_constant, self.aircraft, self.radar, *covariances
         )
 
     @property
@@ -124,16 +124,17 @@ def uncertain_states(
     """
     radars = len(model.models) * len(RADAR)
     arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
-    for name, values, tail in (
+    wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
         ("aircraft states", aircraft, (len(AIRCRAFT),)),
         ("radar states", radar, (radars,)),
         ("aircraft covariance", cov_aircraft, 2 * (len(AIRCRAFT),)),
         ("radar covariance", cov_radar, 2 * (radars,)),
-    ):
+    )
+    for name, values, tail in wanted:
         array = np.asarray(values, dtype=float)
         if array.shape[-len(tail) :] != tail:
-            wanted = ", ".join(("...", *map(str, tail)))
-            raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
+            expected = ", ".join(("...", *map(str, tail)))
+            raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")
         arrays.append((array, tail))
     shape = np.broadcast_shapes(*(array.shape[: -len(tail)] for array, tail in arrays))
     rows = []
@@ -142,7 +143,7 @@ def uncertain_states(
             array = np.broadcast_to(array, shape + tail)
         rows.append(array.reshape(-1, *tail))
     which = np.broadcast_to(np.asarray(log_constant, dtype=bool), len(model.models))
-    return shape, UncertainStates(model, *rows, which)
+    return shape, UncertainStates(model, which, *rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,9 +180,7 @@ class RelativeProbit:
         """Least z there is (k,), which is z without any signal."""
         return self.states.model.floor(self.visible)
 
-    def __call__(
-        self, error: FloatArray, pose: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, error: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient by y (n, j) at errors (n, j), each row at its pose (j,).
 
         The gradient by a component without uncertainty is 0, also where there is none.
@@ -235,8 +234,8 @@ class RelativeProbit:
         for i, axis in enumerate(along):
             error[axis, 2 * i + 1], error[axis, 2 * i + 2] = size[axis], -size[axis]
         pose = np.tile(np.arange(k), 2 * len(along) + 1)
-        value, gradient = self(error.reshape(n, -1), pose)
-        gradient = gradient.reshape(n, -1, k)
+        value, gradient = self(error.reshape(n, len(pose)), pose)
+        gradient = gradient.reshape(error.shape)
         second = np.zeros((k, n, n))
         for i, axis in enumerate(along):
             width = 2.0 * size[axis]
@@ -245,7 +244,7 @@ class RelativeProbit:
                 difference, width, out=np.zeros_like(difference), where=width > 0
             ).T
         symmetric = 0.5 * (second + second.swapaxes(1, 2))
-        return value.reshape(-1, k)[0], np.ascontiguousarray(gradient[:, 0].T), symmetric
+        return value[:k], np.ascontiguousarray(gradient[:, 0].T), symmetric
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,17 +277,15 @@ class StandardNormalSpace:
     ) -> StandardNormalSpace:
         """Make the space from the derivatives of z by the relative states."""
         root = probit.sqrt_cov
-        known = np.isfinite(second).all(axis=(1, 2))
-        second = np.where(known[:, np.newaxis, np.newaxis], second, 0.0)
+        known = np.all(np.isfinite(second), axis=(1, 2))
+        second = np.where(known.reshape(-1, 1, 1), second, 0.0)
         curvature, rotation = np.linalg.eigh(root.swapaxes(1, 2) @ second @ root)
         curvature[~known] = np.nan
         rotated = root @ rotation
         by_u = np.einsum("kij,ki->jk", rotated, gradient)
         return cls(probit, rotated, value, by_u, np.ascontiguousarray(curvature.T))
 
-    def __call__(
-        self, u: FloatArray, pose: NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray]:
+    def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient (r, j) at u (r, j), each row at its pose (j,)."""
         root = self.sqrt_cov[pose]
         error = np.einsum("kij,jk->ik", root, u)
