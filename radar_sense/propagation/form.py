@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import Moments
 from radar_sense.propagation.standard_space import (
     RelativeProbit,
@@ -33,6 +34,9 @@ NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
 TOLERANCE = 1e-4
 #: Evaluations after which a search is given up. On the paper's scenario one or two are enough.
 ITERATIONS = 60
+#: Another lobe is searched if its scan promises an extreme farther out by this, in standard
+#: deviations of z.
+WORTH = 0.02
 #: A step shows that the curvature is less than at u = 0 if it gains more than this factor times
 #: what that curvature promises. Without any curvature it gains twice as much.
 EASY = 1.2
@@ -49,7 +53,7 @@ def form_upper(states: UncertainStates, beta: float) -> FloatArray:
     bounds = []
     for part in states.blocks(_numbers(states, 1)):
         space = StandardNormalSpace.of(part)
-        found = quantiles(space, np.array([beta]))
+        found = quantiles(space, np.array([beta]), beta)
         upper = ndtr(np.maximum(found.corrected[0], space.probit.floor))
         bounds.append(np.where(found.converged, upper, np.nan))
     return np.concatenate(bounds)
@@ -79,7 +83,7 @@ def form_std(states: UncertainStates) -> StdFunction:
 
 def moments_in(space: StandardNormalSpace, beta: float) -> Moments:
     """Return the moments of P_D at the poses of a standard normal space."""
-    found = quantiles(space, betas_for(beta))
+    found = quantiles(space, betas_for(beta), beta)
     values = spread(space, found.corrected, beta)
     mean, std, lower, upper = (np.where(found.converged, v, np.nan) for v in values)
     states = space.probit.states
@@ -95,11 +99,15 @@ class Quantiles(NamedTuple):
         second_order: Quantiles of the second-order expansion (n, k).
         converged: Whether the search for the extremes has converged at all β (k,). Elsewhere, and
             where z has no gradient, the quantiles have no meaning.
+        extreme: u (r, n, k) of the extremes.
+        nearest: u (r, n, k) of the extremes that the search from u = 0 finds.
     """
 
     corrected: FloatArray
     second_order: FloatArray
     converged: NDArray[np.bool_]
+    extreme: FloatArray
+    nearest: FloatArray
 
 
 def betas_for(beta: float) -> FloatArray:
@@ -107,8 +115,11 @@ def betas_for(beta: float) -> FloatArray:
     return NODES if beta in NODES else np.append(NODES, (-beta, beta))
 
 
-def quantiles(space: StandardNormalSpace, betas: FloatArray) -> Quantiles:
-    """Return quantiles of z at Φ(β) for each of k poses and n values of β."""
+def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Quantiles:
+    """Return quantiles of z at Φ(β) for each of k poses and n values of β.
+
+    Where the RCS has lobes, those within reach are searched too for β = ± `bound`.
+    """
     known = np.isfinite(space.value + space.gradient.sum(axis=0) + space.curvature.sum(axis=0))
     pose = np.flatnonzero(known)
     shape = (len(betas), len(pose))
@@ -118,18 +129,69 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray) -> Quantiles:
     g, lam = sign * space.gradient[:, row], sign * space.curvature[:, row]
     start = ball_maximum(g, lam, radius)
     expanded = space.value[row] + sign * np.sum((g + 0.5 * lam * start) * start, axis=0)
-    extreme, found = climb(space, row, sign, radius, g, lam, start)
+    first = climb(space, row, sign, radius, g, lam, start)
+    found = first
+    if space.probit.states.model.rcs.lobed:
+        found = _highest_lobes(space, row, sign, radius, g, lam, first, radius == bound)
 
     second_order = np.zeros((len(betas), len(known)))
     second_order[:, pose] = space.value[pose] + quadratic_quantile(
         space.gradient[:, pose], space.curvature[:, pose], betas
     )
     corrected = second_order.copy()
-    corrected[:, pose] += (sign * extreme - expanded).reshape(shape)
+    corrected[:, pose] += (sign * first.value - expanded).reshape(shape)
+    # The expansion is not that of another lobe, and its correction does not apply there.
+    moved = (found.value > first.value).reshape(shape)
+    corrected[:, pose] = np.where(moved, (sign * found.value).reshape(shape), corrected[:, pose])
+    u = np.zeros((len(space.gradient), len(betas), len(known)))
+    u[:, :, pose] = found.u.reshape(-1, *shape)
+    u_first = np.zeros_like(u)
+    u_first[:, :, pose] = first.u.reshape(-1, *shape)
     converged = known & np.isfinite(corrected).all(axis=0)
-    converged[pose] &= found.reshape(shape).all(axis=0)
+    converged[pose] &= found.converged.reshape(shape).all(axis=0)
     corrected[:, ~converged] = 0.0  # any finite number
-    return Quantiles(corrected, second_order, converged)
+    return Quantiles(corrected, second_order, converged, u, u_first)
+
+
+class Extremes(NamedTuple):
+    """Maxima of sign · z in a ball: u (r, j), sign · z (j,), and convergence of the search (j,)."""
+
+    u: FloatArray
+    value: FloatArray
+    converged: NDArray[np.bool_]
+
+
+def _highest_lobes(
+    space: StandardNormalSpace,
+    row: NDArray[np.intp],
+    sign: FloatArray,
+    radius: FloatArray,
+    g: FloatArray,
+    lam: FloatArray,
+    first: Extremes,
+    searched: NDArray[np.bool_],
+) -> Extremes:
+    """Return the maxima with those of other lobes in their place where these are greater."""
+    rows = np.flatnonzero(searched)
+    if not rows.size:
+        return first
+    found = scan(space.probit, space.sqrt_cov, float(radius[rows[0]]))
+    up = sign[rows] > 0
+    promise = np.where(up, found.promise[:, row[rows]], -found.threat[:, row[rows]])
+    point = np.argmax(promise, axis=0)
+    size = np.sqrt(np.sum(g[:, rows] ** 2 + 0.5 * lam[:, rows] ** 2, axis=0))
+    more = promise[point, np.arange(len(rows))] > first.value[rows] + WORTH * size
+    rows, point, up = rows[more], point[more], up[more]
+    if not rows.size:
+        return first
+    start = np.where(up, found.best[:, point, row[rows]], found.worst[:, point, row[rows]])
+    own = g[:, rows], lam[:, rows]
+    other = climb(space, row[rows], sign[rows], radius[rows], *own, start)
+    better = other.converged & (other.value > first.value[rows] + WORTH * size[more])
+    rows = rows[better]
+    u, value, converged = first.u.copy(), first.value.copy(), first.converged.copy()
+    u[:, rows], value[rows], converged[rows] = other.u[:, better], other.value[better], True
+    return Extremes(u, value, converged)
 
 
 def climb(
@@ -140,8 +202,8 @@ def climb(
     g: FloatArray,
     lam: FloatArray,
     start: FloatArray,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return the maximum (j,) of sign · z over the ball |u| ≤ radius, and whether it has converged.
+) -> Extremes:
+    """Return the maxima of sign · z over the ball |u| ≤ radius, from one start each.
 
     Each step goes to where z would be greatest in the ball with its gradient here and its curvature
     at u = 0. Without the curvature that is β times the unit vector of the gradient (R. Rackwitz and
@@ -156,7 +218,8 @@ def climb(
         radius: Radius of the ball (j,).
         g: Gradient of sign · z at u = 0 (r, j).
         lam: Curvatures of sign · z at u = 0 (r, j).
-        start: Maximum of the second-order expansion (r, j), the first u that is evaluated.
+        start: The first u that is evaluated (r, j): the maximum of the second-order expansion, or
+            a point on another lobe.
     """
     count = len(row)
     best, converged = sign * space.value[row], np.zeros(count, dtype=bool)
@@ -189,7 +252,7 @@ def climb(
         left = left[~converged[left]]
         if not left.size:
             break
-    return best, converged
+    return Extremes(u, best, converged)
 
 
 def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArray:
