@@ -21,7 +21,7 @@ def probit(states: UncertainStates, beta: float) -> Moments:
     """
     gradient = _Gradient.of(states)
     z, std = gradient.value, gradient.std(*states.covariances)
-    mean, std_pd = probit_moments(z + np.zeros(std.shape), std)
+    mean, std_pd = _moments(z, std)
     return Moments(
         states.model.p_d(states.aircraft, states.radar) + np.zeros(std.shape),
         mean,
@@ -38,7 +38,7 @@ def probit_std(states: UncertainStates) -> StdFunction:
 
     def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
         std_z = gradient.std(cov_aircraft, cov_radar)
-        return probit_moments(gradient.value + np.zeros(std_z.shape), std_z)[1]
+        return _moments(gradient.value, std_z)[1]
 
     return std
 
@@ -47,6 +47,16 @@ def probit_upper(states: UncertainStates, beta: float) -> FloatArray:
     """Return the upper bound (k,) of `probit`."""
     gradient = _Gradient.of(states)
     return np.asarray(ndtr(gradient.value + beta * gradient.std(*states.covariances)))
+
+
+def _moments(z: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return mean and standard deviation of Φ(z) (k,), with few points where few are enough."""
+    mean, std_pd = probit_moments(z + np.zeros(std.shape), std, points=8)
+    wide = ~(std < 0.5)
+    if wide.any():
+        z = np.broadcast_to(z, std.shape)
+        mean[wide], std_pd[wide] = probit_moments(z[wide], std[wide])
+    return mean, std_pd
 
 
 class _Gradient(NamedTuple):
