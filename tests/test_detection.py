@@ -224,7 +224,8 @@ def test_methods_of_propagation(detector, method):
 @pytest.mark.parametrize("detector", [North, *EXACT])
 def test_a_wide_spread_is_warned_of_and_a_narrow_one_is_not(detector, method):
     snr = np.array([3.0, 9.0, 20.0])
-    assert nonlinear(*one_state(detector(), snr, 0.3), method=method).any()
+    # by form σ is good to 1 % there
+    assert nonlinear(*one_state(detector(), snr, 0.3), method=method).any() == (method != "form")
     assert not nonlinear(*one_state(detector(), snr, 1e-3), method=method).any()
 
 

@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
+from warning_study import counts, study
 
 from radar_sense.covariance import factor
 from radar_sense.detection import Marcum, North, Swerling1, Swerling3
@@ -29,6 +30,7 @@ from radar_sense.propagation import (
     standard_space,
 )
 from radar_sense.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.rcs_table import TableRCS
 
 REFERENCE = np.load(Path(__file__).parent / "reference" / "propagation.npz")
 THETA_DEG = REFERENCE["theta_deg"]
@@ -423,7 +425,8 @@ def test_no_confident_zero_where_the_gradient_vanishes(azimuth, exactly):
     assert std > 2e-5
     for method in METHODS:
         found = propagate(MODEL, pose, RADAR, *covariances, method=method)
-        assert nonlinear(MODEL, pose, RADAR, *covariances, method=method)
+        warned = nonlinear(MODEL, pose, RADAR, *covariances, method=method)
+        assert warned == (method != "form")
         if method == "form":
             assert found.converged
             assert found.std == pytest.approx(std, rel=0.04)
@@ -755,3 +758,48 @@ def test_no_bound_is_wrong_without_a_warning(detector, percent):
         missed = np.maximum(abs(found.lower - lower), abs(found.upper - upper))
         assert missed[~warned].max(initial=0.0) < 0.006  # the threshold is 0.005
         assert missed[warned].max(initial=1.0) > 0.005
+
+
+# Lobes within reach.
+
+
+def lobed(near_deg, far_deg, far_db):
+    """A table with a low lobe and a far, high one, on a flat floor."""
+    azimuth = np.arange(-180.0, 180.0)
+    decibels = 4 * np.exp(-0.5 * ((azimuth - near_deg) / 2) ** 2)
+    decibels += far_db * np.exp(-0.5 * ((azimuth - far_deg) / 1.5) ** 2)
+    return TableRCS(np.radians(azimuth), 10 ** (decibels / 10 - 1.2))
+
+
+@pytest.mark.parametrize("far_deg", [-5.5, -6.5, -7.5])
+def test_form_finds_a_far_lobe_or_warns(far_deg, monkeypatch):
+    """Yaw alone is uncertain, by 3 deg, so that quantiles are those over one fine grid."""
+    model = DetectionModel(lobed(2.0, far_deg, 12.0), p_fa=1e-6)
+    pose, std = np.array([4e5, 0.0, -1e3, 0.0, 0.0, np.pi]), 3 * DEGREE
+    radar = np.array([0.0, 0.0, 0.0, 1.0])
+    radar[3] = 6.0 / model.snr(pose, radar)
+    u = np.linspace(-6, 6, 100_001)
+    states = np.tile(pose, (len(u), 1))
+    states[:, 5] += std * u
+    order = np.argsort(p_d := model.p_d(states, radar))
+    weights = np.cumsum(norm.pdf(u)[order])
+    exact = p_d[order][np.searchsorted(weights, ndtr(3.0) * weights[-1])]
+    case = model, pose, radar, *one_state(5, std)
+    found = propagate(*case, method="form")
+    for method in METHODS:
+        good = abs(propagate(*case, method=method).upper - exact) < 0.005
+        assert nonlinear(*case, method=method) or good
+    assert not found.converged or exact - 0.005 < found.upper < exact + 0.25
+    monkeypatch.setattr(TableRCS, "lobed", False)  # the nearest lobe is not the highest
+    assert not propagate(*case, method="form").upper > exact - 0.1
+
+
+def test_no_bound_is_off_without_a_warning_in_random_scenarios():
+    """A small part of tests/warning_study.py, with tables of sharp lobes among its RCS."""
+    verdicts = study(scenarios=6, draws=20_000, seed=1, kinds=("lobes", "table", "lobes"))
+    for method, of_method in verdicts.items():
+        poses, off, _, missed, _, false = counts(of_method)
+        assert poses == 18
+        assert off >= (6 if method == "form" else 9)
+        assert missed == 0
+        assert false <= (1 if method == "form" else 4)

@@ -30,7 +30,7 @@ STD_CHANGE = 0.02
 BOUND_CHANGE = 0.005
 
 #: Draws about each centre, where a check draws.
-DRAWS = 512
+DRAWS = 256
 #: Part of BOUND_CHANGE that the draws of a check allow, since they have an error of their own,
 SAFETY = 0.7
 #: and the change of σ that they allow, as a part of σ or of SMALL_STD if that is greater.
@@ -157,7 +157,7 @@ def _draws_refute(
     exponents = means.T @ u - 0.5 * np.sum(means * means, axis=0)[:, np.newaxis]
     weights = 1.0 / np.mean(np.exp(exponents), axis=0)
     weights /= weights.sum()
-    value, _ = space(u, np.full(u.shape[1], pose))
+    value, _ = space.probit(space.sqrt_cov[pose] @ u, np.full(u.shape[1], pose))
     p_d = ndtr(np.maximum(value, space.probit.floor[pose]))
     std, lower, upper = given
     tail, slack = float(ndtr(-beta)), BOUND_CHANGE * SAFETY

@@ -144,9 +144,9 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Qu
     moved = (found.value > first.value).reshape(shape)
     corrected[:, pose] = np.where(moved, (sign * found.value).reshape(shape), corrected[:, pose])
     u = np.zeros((len(space.gradient), len(betas), len(known)))
-    u[:, :, pose] = found.u.reshape(-1, *shape)
+    u[:, :, pose] = found.u.reshape(len(u), *shape)
     u_first = np.zeros_like(u)
-    u_first[:, :, pose] = first.u.reshape(-1, *shape)
+    u_first[:, :, pose] = first.u.reshape(len(u), *shape)
     converged = known & np.isfinite(corrected).all(axis=0)
     converged[pose] &= found.converged.reshape(shape).all(axis=0)
     corrected[:, ~converged] = 0.0  # any finite number
