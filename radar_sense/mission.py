@@ -32,6 +32,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from radar_sense import axis as axes
+from radar_sense import propagation
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_extreme as at
 from radar_sense.analyses.report import describe_poses as where
@@ -57,7 +58,6 @@ from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.reading.parse import MIN_RANGE
 from radar_sense.scenario import Scenario, alone
 from radar_sense.schedule import Schedule, schedule
@@ -554,7 +554,7 @@ def _too_narrow(
     for (event, found), (low, high) in zip(events.items(), ends, strict=True):
         above, below = high[when.last] - found.upper, found.lower - low[when.last]
         beyond = np.maximum(above, below)
-        if place := where(beyond > BOUND_CHANGE, scenario.axis):
+        if place := where(beyond > propagation.BOUND_CHANGE, scenario.axis):
             said[event] = (
                 "with one error of a radar at 3 sigma, all else as it should be, it is beyond the "
                 f"{method} bounds: they are too narrow, by {np.nanmax(beyond):.2g} or more, {place}"
@@ -590,12 +590,12 @@ def _unlike(
         much = np.maximum(drawn.std, found.std) > STD_FACTOR * np.minimum(drawn.std, found.std)
         worst = int(np.argmax(np.where(much, off, 0.0)))
         parts = []
-        if place := where(beyond > BOUND_CHANGE, along):
+        if place := where(beyond > propagation.BOUND_CHANGE, along):
             parts.append(
                 f"of {quick.runs} quick draws ten or more are beyond a {method} 3-sigma bound, "
                 f"by {np.nanmax(beyond):.2g} or more, {place}"
             )
-        if much[worst] and off[worst] > 3.0 * BOUND_CHANGE:
+        if much[worst] and off[worst] > 3.0 * propagation.BOUND_CHANGE:
             parts.append(
                 f"sigma of {quick.runs} quick draws is {drawn.std[worst]:.2g} at "
                 f"{along.at(worst)}, that of {method} {found.std[worst]:.2g}"
@@ -621,7 +621,12 @@ def _warnings(
             )
         if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
-    said += doubts(scenario.model.names, scenario.parts, method)
+    said += doubts(
+        scenario.model.names,
+        scenario.parts,
+        method,
+        log_normal=propagation.METHODS[method].log_normal,
+    )
     if drawn is not None and drawn.clipped:
         said.append(
             f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"

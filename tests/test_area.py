@@ -16,7 +16,7 @@ import radar_sense as rs
 from radar_sense import files as output
 from radar_sense import plotting
 from radar_sense.analyses import coverage_map
-from radar_sense.analyses import grid as area
+from radar_sense.analyses.variance import grid as area
 from radar_sense.propagation import METHODS
 
 #: Losses of both radars given by a data sheet [dB].
@@ -60,7 +60,7 @@ def test_bound_is_that_of_propagate(method, level):
     expected = rs.propagate(
         s.model, states, s.radar, s.cov_aircraft, s.cov_radar[level], method=method
     )
-    known = expected.settled  # one bound settles in some more cells than all that a mean takes
+    known = expected.converged  # one bound settles in some more cells than all that a mean takes
     assert known.mean() > 0.9
     np.testing.assert_allclose(bound[known], expected.upper[known], rtol=2e-7)
     np.testing.assert_array_less(bound[~known & ~np.isnan(bound)], 1.0001)
@@ -87,7 +87,7 @@ def test_bound_knows_of_log_normal_constants(method):
         )
         for log in (False, s.log_constant)
     )
-    known = expected.settled
+    known = expected.converged
     assert known.mean() > 0.9
     np.testing.assert_allclose(bound[known], expected.upper[known], rtol=2e-7)
     off = np.nanmax(abs(bound - gaussian.upper))

@@ -170,7 +170,9 @@ def budget(
         inverse = {"target": _inverse_summary(target, at, allowed, axis)}
         inverse_report = _inverse_report(target, at, allowed, axis)
     by_itself = {} if method == MONTE_CARLO else largest_by_radar(scenario, method)
-    warnings = [] if found.moments is None else [*validity_warnings(found.moments, method, axis)]
+    warnings = (
+        [] if found.moments is None else [*validity_warnings(scenario, found.moments, method)]
+    )
     if method != MONTE_CARLO:
         warnings += distribution_warnings(scenario, method)
     warnings += table_warnings(scenario)

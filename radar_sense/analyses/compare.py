@@ -136,7 +136,7 @@ def compare(
                 warning
                 for method, m in moments.items()
                 for warning in (
-                    *validity_warnings(m, method, axis),
+                    *validity_warnings(scenario, m, method),
                     *distribution_warnings(scenario, method),
                 )
             ),

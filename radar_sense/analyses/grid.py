@@ -20,17 +20,13 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr
+from numpy.typing import NDArray
 
-from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import ScenarioError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM
 from radar_sense.model import geodesy as wgs84
-from radar_sense.model.detection_model import Model
-from radar_sense.propagation import check_method, upper_by_form
+from radar_sense.propagation import check_method, upper_bound
 from radar_sense.scenario import Scenario
-from radar_sense.standardized import standardize
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, RADAR, FloatArray
 
 #: Most cells of a map; in single precision 100 MB.
@@ -173,53 +169,12 @@ def p_d_in_cells(
                 cov_aircraft,
                 cov_radar,
                 method=method,
+                beta=BETA,
                 log_constant=scenario.log_constant,
             )
         if progress:
             progress(aircraft.shape[0] * aircraft.shape[1])
     return p_d, bound
-
-
-def upper_bound(
-    model: Model,
-    aircraft: FloatArray,
-    radar: FloatArray,
-    cov_aircraft: FloatArray,
-    cov_radar: FloatArray,
-    *,
-    method: str,
-    beta: float = BETA,
-    log_constant: ArrayLike = False,
-) -> FloatArray:
-    """Return `upper` of `propagate` without what else that finds.
-
-    By `linear` and `probit` this takes a hundredth of the time, without the second order behind the
-    warning; by `form`, which needs that, a quarter, and where it settles at this β alone there is a
-    bound while `propagate` has none.
-
-    Args:
-        model: The detection model.
-        aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m.
-        cov_aircraft: C_aa (6, 6).
-        cov_radar: C_rr (4, 4), or (4m, 4m).
-        method: Name of the method.
-        beta: β of the bound.
-        log_constant: Whether ln c_r is Gaussian, of all radars or of each, as in `propagate`; the
-            first order of `linear` and `probit` is the same.
-    """
-    if method == "linear":
-        lin = model.linearize(aircraft, radar)
-        return lin.p_d + beta * lin.std(cov_aircraft, cov_radar)
-    if method == "probit":
-        z, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
-        variance = variance_along(by_aircraft, checked("aircraft", cov_aircraft))
-        variance += variance_along(by_radar, checked("radar", cov_radar))
-        return np.asarray(ndtr(z + beta * np.sqrt(variance)))
-    shape, blocks = standardize(
-        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
-    )
-    return np.concatenate([upper_by_form(z, beta) for z in blocks]).reshape(shape)
 
 
 def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) -> FloatArray:

@@ -109,7 +109,7 @@ def montecarlo(
     pose = int(np.argmin(coverage))  # the lowest of the poses that have a band
     overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
     without = int(np.count_nonzero(~banded))
-    warnings = list(validity_warnings(mc.band, method, axis))
+    warnings = list(validity_warnings(scenario, mc.band, method))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
         axis.key: float(axis.values[pose]) if banded.any() else float("nan"),

@@ -15,7 +15,14 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import doubts
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import TAIL, MonteCarlo
-from radar_sense.propagation import BOUND_CHANGE, STD_CHANGE, Moments, propagate_scenario
+from radar_sense.propagation import (
+    BOUND_CHANGE,
+    METHODS,
+    STD_CHANGE,
+    Moments,
+    nonlinear_in_scenario,
+    propagate_scenario,
+)
 from radar_sense.scenario import Scenario, alone
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
@@ -132,20 +139,21 @@ def band_name(method: str) -> str:
     return "linearized" if method == "linear" else method
 
 
-def validity_warnings(moments: Moments, method: str, axis: Axis) -> tuple[str, ...]:
+def validity_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
     """Say where the band of a method is not to be trusted."""
-    name = band_name(method)
+    name, axis = band_name(method), scenario.axis
+    nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
     outside = (moments.lower < 0) | (moments.upper > 1)
     problems = (
-        (~moments.settled, f"{name} did not settle, or its gradient is undefined,"),
+        (~moments.converged, f"{name} did not converge, or its gradient is undefined,"),
         (
-            undefined & moments.settled,
+            undefined & moments.converged,
             "the gradient is undefined, with the radar straight above or below the aircraft,",
         ),
         (outside, f"the {name} 3-sigma band leaves [0, 1]"),
         (
-            moments.curved & ~undefined,
+            nonlinear & ~undefined,
             "effects of higher order would change sigma by over "
             f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
@@ -170,7 +178,8 @@ def rank_error_lines(mc: MonteCarlo) -> tuple[str, ...]:
 
 def distribution_warnings(scenario: Scenario, method: str) -> tuple[str, ...]:
     """Say so if a radar constant is not distributed as the method takes it to be."""
-    return doubts(scenario.model.names, scenario.parts, method)
+    chosen = METHODS[method]
+    return doubts(scenario.model.names, scenario.parts, method, log_normal=chosen.log_normal)
 
 
 def clipping_warnings(count: int) -> tuple[str, ...]:

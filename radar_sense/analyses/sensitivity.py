@@ -109,7 +109,7 @@ def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
             f"{level}: {doubt}"
             for level, m in moments.items()
             for doubt in (
-                *validity_warnings(m, method, axis),
+                *validity_warnings(scenario.with_analysis(level=level), m, method),
                 *distribution_warnings(scenario.with_analysis(level=level), method),
                 *table_warnings(scenario.with_analysis(level=level)),
             )

@@ -170,7 +170,7 @@ def validate(
         },
         report=tuple(report),
         warnings=(
-            *validity_warnings(found.moments, method, axis),
+            *validity_warnings(scenario, found.moments, method),
             *distribution_warnings(scenario, method),
             *clipping_warnings(found.clipped),
             *table_warnings(scenario),

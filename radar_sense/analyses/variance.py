@@ -150,7 +150,7 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
             *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),
         ),
         warnings=(
-            *validity_warnings(moments, method, axis),
+            *validity_warnings(scenario, moments, method),
             *distribution_warnings(scenario, method),
             *table_warnings(scenario),
         ),

@@ -89,6 +89,11 @@ class Model(Protocol):
         """The names of the radars, if they have any."""
         ...
 
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that a radar does not see."""
+        ...
+
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Signal-to-noise ratio, (...) at one radar, (..., m) at those of a network."""
         ...
@@ -161,6 +166,11 @@ class DetectionModel:
         """The names of the radars; a single one needs none."""
         return ()
 
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that the radar does not see: this model knows no limits."""
+        return False
+
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Signal-to-noise ratio (...), a ratio of powers.
 
@@ -230,7 +240,9 @@ class DetectionModel:
         the floor last.
         """
         below_zero = np.minimum(radar[:, CONSTANT], 0.0)
-        radar = radar.copy()
+        if not below_zero.any():
+            return self.linearize_probit(aircraft, radar)
+        radar = radar.copy(order="K")
         radar[:, CONSTANT] -= below_zero
         # Unchecked: a search that has lost its way has states that are not finite.
         value, by_aircraft, by_radar = self._partials(

@@ -124,6 +124,11 @@ class NetworkModel:
         """The names of the radars."""
         return tuple(station.name for station in self.stations)
 
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that a radar does not see."""
+        return any(station.limited for station in self.stations)
+
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Say which radars (..., m) see the aircraft.
 

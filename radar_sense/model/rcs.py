@@ -31,6 +31,8 @@ class RCS(Protocol):
 
     #: Whether it is the same from everywhere, so that nobody need know the attitude.
     isotropic: ClassVar[bool]
+    #: Whether it may have several lobes within a few degrees.
+    lobed: ClassVar[bool]
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -50,6 +52,7 @@ class ConstantRCS:
     """
 
     isotropic: ClassVar[bool] = True
+    lobed: ClassVar[bool] = False
 
     rcs: float = parameter("rcs_m2", POSITIVE)
 
@@ -80,6 +83,7 @@ class EllipsoidRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = False
 
     a: float = parameter("a_m", POSITIVE)
     b: float = parameter("b_m", POSITIVE)
@@ -156,6 +160,7 @@ class ExactEllipsoidRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = False
 
     x: float = parameter("x_m", POSITIVE)
     y: float = parameter("y_m", POSITIVE)
@@ -213,6 +218,7 @@ class SpikeballRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = True
 
     lobes: int = parameter("lobes", Limit(at_least=1, at_most=1e6, whole=True))
     amplitude: float = parameter("amplitude_m2", NOT_NEGATIVE)

@@ -76,6 +76,7 @@ class TableRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = True
 
     azimuth: FloatArray
     rcs: FloatArray
