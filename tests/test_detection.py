@@ -10,8 +10,7 @@ from scipy.integrate import quad
 from scipy.special import chndtr
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detector_names import DETECTORS
-from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
 from radar_sense.propagation import nonlinear, propagate

@@ -13,7 +13,7 @@ import numpy as np
 
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
-from radar_sense.model.detector_names import DETECTORS
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.scenario import Scenario
 
 #: False alarm probabilities that `detectors` shows beside the scenario's, ...

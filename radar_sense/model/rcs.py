@@ -16,14 +16,30 @@ RCS gives the mean that it fluctuates about. The RCS from a table is in a module
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.states import FloatArray
+
+C = TypeVar("C", bound=type[Any])
+
+#: The RCS models that a scenario can name. Their keys are declared with their fields.
+RCS_MODELS: dict[str, type[Any]] = {}
+
+
+def rcs_model(name: str) -> Callable[[C], C]:
+    """Register a class under the name that a scenario gives for its `model`."""
+
+    def register(cls: C) -> C:
+        RCS_MODELS[name] = cls
+        return cls
+
+    return register
 
 
 class RCS(Protocol):
@@ -43,6 +59,7 @@ class RCS(Protocol):
         ...
 
 
+@rcs_model("constant")
 @dataclass(frozen=True)
 class ConstantRCS:
     """The same cross section from everywhere.
@@ -68,6 +85,7 @@ class ConstantRCS:
         return self.cross_section(body_vector), np.zeros(np.shape(body_vector))
 
 
+@rcs_model("ellipsoid")
 @dataclass(frozen=True)
 class EllipsoidRCS:
     """The paper's ellipsoid, `eq:rcs_ellipsoid`, taken literally.
@@ -139,6 +157,7 @@ class EllipsoidRCS:
         return inverse if aside.all() else np.where(aside, inverse, self.c**-2)
 
 
+@rcs_model("ellipsoid_exact")
 @dataclass(frozen=True)
 class ExactEllipsoidRCS:
     """The ellipsoid itself, which the paper's formula is only near the horizon.
@@ -203,6 +222,7 @@ class ExactEllipsoidRCS:
         return np.pi * ratio * ratio, (xx, yy, zz), weighted
 
 
+@rcs_model("spikeball")
 @dataclass(frozen=True)
 class SpikeballRCS:
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.

@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 
 from radar_sense.limits import LARGEST, SMALLEST, Limit
 from radar_sense.model.geometry import join, split
+from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray
 
 #: Each cell between nodes has 16 coefficients of 8 bytes.
@@ -58,6 +59,7 @@ TURN = 2.0 * np.pi
 POLE = np.deg2rad(90.0 - 1e-9)
 
 
+@rcs_model("table")
 @dataclass(frozen=True, eq=False)
 class TableRCS:
     """A cross section that is tabulated over azimuth, or over azimuth and elevation.

@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from radar_sense.limits import DEG, Limit, parameter_keys
-from radar_sense.model.rcs import RCS
-from radar_sense.model.rcs_models import RCS_MODELS
+from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.reading.geometry import _is_path
 from radar_sense.reading.rcs_file import KEYS as TABLE_KEYS
 from radar_sense.reading.rcs_file import read_table

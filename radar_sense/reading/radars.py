@@ -14,8 +14,7 @@ from radar_sense import covariance
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import POSITIVE, PROBABILITY
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detector_names import DETECTORS
-from radar_sense.model.detectors import Detector
+from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.network import NetworkModel, Station, name_problem
 from radar_sense.model.radar_equation import RADARS
