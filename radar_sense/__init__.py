@@ -1,120 +1,37 @@
 """How sure can you be of a radar's probability of detection?
 
-The names below are loaded when they are first used, so that the command line can answer `--help`
-without loading NumPy and SciPy.
+The public names stand in `__init__.pyi`, for type checkers as for Python. A name is loaded when it
+is first used, so that the command line can answer `--help` without loading NumPy and SciPy.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import re
+from importlib import import_module, resources
+from typing import Any
 
 __version__ = "0.1.0"
 
-_HOME = {
-    "ConstantRCS": "model.rcs",
-    "DetectionModel": "model.detection_model",
-    "EllipsoidRCS": "model.rcs",
-    "ExactEllipsoidRCS": "model.rcs",
-    "Horizon": "model.horizon",
-    "InputError": "errors",
-    "Linearization": "model.detection_model",
-    "Marcum": "model.detectors",
-    "Moments": "propagation",
-    "MonteCarlo": "montecarlo.montecarlo",
-    "NetworkModel": "model.network",
-    "North": "model.detectors",
-    "Result": "analyses.contract",
-    "Scenario": "scenario",
-    "ScenarioError": "errors",
-    "SpikeballRCS": "model.rcs",
-    "Station": "model.network",
-    "SurveillanceRadar": "model.radar_equation",
-    "Swerling1": "model.detectors",
-    "Swerling3": "model.detectors",
-    "TableRCS": "model.rcs_table",
-    "TrackingRadar": "model.radar_equation",
-    "budget": "analyses.budget",
-    "compare": "analyses.compare",
-    "detectors": "analyses.detectors",
-    "load_rcs_table": "reading.rcs_file",
-    "load_scenario": "reading.parse",
-    "monte_carlo": "montecarlo.montecarlo",
-    "parse_scenario": "reading.parse",
-    "propagate": "propagation",
-    "sensitivity": "analyses.sensitivity",
-    "validate": "analyses.validate",
-    "variance": "analyses.variance",
-}
 
-if TYPE_CHECKING:
-    from radar_sense.analyses import (
-        Result,
-        budget,
-        compare,
-        detectors,
-        sensitivity,
-        validate,
-        variance,
-    )
-    from radar_sense.errors import InputError, ScenarioError
-    from radar_sense.model.detection_model import DetectionModel, Linearization
-    from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
-    from radar_sense.model.horizon import Horizon
-    from radar_sense.model.network import NetworkModel, Station
-    from radar_sense.model.radar_equation import SurveillanceRadar, TrackingRadar
-    from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
-    from radar_sense.model.rcs_table import TableRCS
-    from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
-    from radar_sense.propagation import Moments, propagate
-    from radar_sense.reading.parse import load_scenario, parse_scenario
-    from radar_sense.reading.rcs_file import load_rcs_table
-    from radar_sense.scenario import Scenario
-
-__all__ = [
-    "ConstantRCS",
-    "DetectionModel",
-    "EllipsoidRCS",
-    "ExactEllipsoidRCS",
-    "Horizon",
-    "InputError",
-    "Linearization",
-    "Marcum",
-    "Moments",
-    "MonteCarlo",
-    "NetworkModel",
-    "North",
-    "Result",
-    "Scenario",
-    "ScenarioError",
-    "SpikeballRCS",
-    "Station",
-    "SurveillanceRadar",
-    "Swerling1",
-    "Swerling3",
-    "TableRCS",
-    "TrackingRadar",
-    "__version__",
-    "budget",
-    "compare",
-    "detectors",
-    "load_rcs_table",
-    "load_scenario",
-    "monte_carlo",
-    "parse_scenario",
-    "propagate",
-    "sensitivity",
-    "validate",
-    "variance",
-]
+def _homes() -> dict[str, str]:
+    """Return the module of each public name."""
+    stub = resources.files("radar_sense").joinpath("__init__.pyi").read_text(encoding="utf-8")
+    return {name: home for home, name in re.findall(r"^from (\S+) import (\w+)", stub, re.M)}
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    homes = {} if name.startswith("__") else _homes()
+    if name == "__all__":
+        return sorted(["__version__", *_homes()])
+    if name not in homes:
         raise AttributeError(f"module 'radar_sense' has no attribute {name!r}")
-    from importlib import import_module
-
-    return getattr(import_module(f"radar_sense.{_HOME[name]}"), name)
+    if homes[name] == __name__:
+        value: Any = import_module(f"{__name__}.{name}")
+    else:
+        value = getattr(import_module(homes[name]), name)
+    globals()[name] = value  # the next time Python finds the name by itself
+    return value
 
 
 def __dir__() -> list[str]:
-    return __all__
+    return sorted({*globals(), *_homes()})

@@ -1,6 +1,6 @@
-"""The command line: read, analyse, write; nothing else.
+"""The command line: one command an analysis, and `check` and `init`; no numbers.
 
-Whatever is slow to import is imported by the command that needs it.
+`--help` answers without NumPy: an analysis is imported when its own command is asked for.
 """
 
 from __future__ import annotations
@@ -9,35 +9,69 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from radar_sense import __version__
-from radar_sense.limits import (
-    ANY,
-    MAP_KM,
-    MAP_STEP_KM,
-    RUNS,
-    SEED,
-    SIGMAS,
-    TARGET,
-    THRESHOLD,
-    WINDOW,
-    Limit,
-)
+from radar_sense.limits import FORMATS, Limit
 
 if TYPE_CHECKING:
-    from radar_sense.analyses.contract import Result
+    from radar_sense.analyses.contract import Analysis, Option
     from radar_sense.scenario import Scenario
 
-F = TypeVar("F", bound=Callable[..., Any])
+#: Where each analysis is, and the first line of its docstring, which `--help` shows.
+ANALYSES: dict[str, tuple[str, str]] = {
+    "budget": (
+        "radar_sense.analyses.budget:budget",
+        "Error budget: 3 sigma of P_D from each source alone.",
+    ),
+    "compare": (
+        "radar_sense.analyses.compare:compare",
+        "Bounds of P_D by every method against Monte Carlo.",
+    ),
+    "convergence": (
+        "radar_sense.analyses.convergence:convergence",
+        "Error of Monte Carlo by number of runs, for random and Sobol' draws.",
+    ),
+    "detectors": (
+        "radar_sense.analyses.detectors:detectors",
+        "P_D of every detector, and the error of North's approximation.",
+    ),
+    "map": (
+        "radar_sense.analyses.coverage_map:coverage_map",
+        "P_D over an area at one height and course.",
+    ),
+    "mission": (
+        "radar_sense.analyses.mission:mission",
+        "Cumulative P_D over the looks along a path.",
+    ),
+    "montecarlo": (
+        "radar_sense.analyses.montecarlo:montecarlo",
+        "Monte Carlo draws of P_D against the band of a method.",
+    ),
+    "rcs": (
+        "radar_sense.analyses.rcs:rcs",
+        "The radar cross section by aspect: a polar cut and a map.",
+    ),
+    "sensitivity": (
+        "radar_sense.analyses.sensitivity:sensitivity",
+        "3 sigma of P_D for every level of radar uncertainty.",
+    ),
+    "validate": (
+        "radar_sense.analyses.validate:validate",
+        "May a method be trusted here? A verdict by adaptive Monte Carlo.",
+    ),
+    "variance": (
+        "radar_sense.analyses.variance:variance",
+        "Standard deviation of P_D along the geometry.",
+    ),
+}
 
-FORMATS = ("png", "pdf", "svg")
-MAX_WORKERS = 256
 #: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
 MOST_THREADS = 8
 #: Exit code that says: all was done as asked, and the answer is no.
@@ -52,6 +86,23 @@ class BadInput(click.ClickException):
 
 class Cli(click.Group):
     """The group of commands, with every error in one line on standard error."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names of all commands."""
+        return sorted({*ANALYSES, *self.commands})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Return a command; that of an analysis is made from the analysis."""
+        if cmd_name not in ANALYSES:
+            return super().get_command(ctx, cmd_name)
+        return command_of(load(cmd_name))
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the list of commands; no analysis is imported for it."""
+        lines = {name: text for name, (_, text) in ANALYSES.items()}
+        lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
+        with formatter.section("Commands"):
+            formatter.write_dl(sorted(lines.items()))
 
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
@@ -97,69 +148,6 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         return int(number) if self.limit.whole else number
 
 
-def _stacked(*decorators: Callable[[F], F]) -> Callable[[F], F]:
-    def apply(function: F) -> F:
-        for decorator in reversed(decorators):
-            function = decorator(function)
-        return function
-
-    return apply
-
-
-_config = click.argument("config", required=False, type=click.Path(path_type=Path))
-_level = click.option("--level", metavar="NAME", help="Level of radar uncertainty.")
-_radar = click.option(
-    "--radar", metavar="NAME", help="Only this radar of a network, as if there were no other."
-)
-_method = click.option(
-    "--method",
-    metavar="NAME",
-    help="Method of propagation: linear (the paper's), probit, or form.",
-)
-_runs = click.option("--runs", type=Number(RUNS), help="Number of runs.")
-_seed = click.option("--seed", type=Number(SEED), help="Seed of the random draws.")
-_sampler = click.option(
-    "--sampler",
-    metavar="NAME",
-    default="random",
-    show_default=True,
-    help="random, or sobol: quasi-random points, fewer for the same accuracy of mean and sigma.",
-)
-_dask = click.option(
-    "--dask",
-    metavar="ADDRESS",
-    help="Compute on the Dask cluster whose scheduler listens there, such as tcp://host:8786.",
-)
-_workers = click.option(
-    "--workers",
-    type=Number(Limit(at_least=1, at_most=MAX_WORKERS, whole=True)),
-    help="Threads to compute with; the numbers do not depend on it.  "
-    "[default: all cores, at most 8]",
-)
-_quiet = click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-_output = _stacked(
-    click.option(
-        "--out",
-        metavar="DIR",
-        default="figures",
-        show_default=True,
-        type=click.Path(path_type=Path),
-        help="Folder to write to.",
-    ),
-    click.option(
-        "--format",
-        "formats",
-        multiple=True,
-        default=["pdf"],
-        show_default=True,
-        type=click.Choice(FORMATS),
-        help="Format of the figure; may be given several times.",
-    ),
-    click.option("--no-plot", is_flag=True, help="Write no figure."),
-    _quiet,
-)
-
-
 @click.group(cls=Cli, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="radar-sense")
 def cli() -> None:
@@ -176,525 +164,109 @@ def cli() -> None:
     """
 
 
-@cli.command()
-@_config
-@_level
-@_radar
-@_method
-@click.option(
-    "--threshold",
-    metavar="P_MAX",
-    type=Number(THRESHOLD),
-    help="Test P_D + K sigma <= P_MAX at every pose; exit code 3 if a pose violates it.",
-)
-@click.option(
-    "--k", metavar="K", type=Number(SIGMAS), help="K of the threshold test.  [default: 3]"
-)
-@_output
-@click.pass_obj
-def variance(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    method: str | None,
-    threshold: float | None,
-    k: float | None,
-    **output: Any,
-) -> None:
-    """Standard deviation of P_D along the geometry.
-
-    With --threshold also whether the upper bound, that of the method at K sigma, stays low enough
-    all along, as path planners ask. Exit code 3 says that it does not.
-
-    \b
-    Examples:
-      radar-sense variance
-      radar-sense variance my.yaml --level high --method form
-      radar-sense variance my.yaml --threshold 0.1 --k 2
-      radar-sense variance network.yaml --radar ridge
-    """
-    from radar_sense import analyses
-    from radar_sense.analyses import threshold as planning
-
-    if k is not None and threshold is None:
-        raise BadInput("--k belongs to --threshold, which is not given")
-    scenario = _scenario(config, radar=radar, level=level)
-
-    def analyse() -> Result:
-        result = analyses.variance(scenario, method=method)
-        if threshold is None:
-            return result
-        return planning.require_threshold(result, threshold, 3.0 if k is None else k)
-
-    _run(command, analyse, **output)
+def load(name: str) -> Analysis:
+    """Import an analysis."""
+    module, _, function = ANALYSES[name][0].partition(":")
+    analysis: Analysis = getattr(import_module(module), function)
+    return analysis
 
 
-@cli.command()
-@_config
-@_level
-@_radar
-@_method
-@_runs
-@_seed
-@_sampler
-@_workers
-@_dask
-@_output
-@click.pass_obj
-def montecarlo(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    method: str | None,
-    runs: int | None,
-    seed: int | None,
-    sampler: str,
-    workers: int | None,
-    dask: str | None,
-    **output: Any,
-) -> None:
-    """Monte Carlo draws of P_D against the band of a method.
-
-    \b
-    Examples:
-      radar-sense montecarlo
-      radar-sense montecarlo my.yaml --runs 1e6 --seed 7
-      radar-sense montecarlo --sampler sobol --runs 4096
-      radar-sense montecarlo network.yaml --radar ridge
-    """
-    from radar_sense import analyses
-
-    scenario = _scenario(config, radar=radar, level=level, runs=runs, seed=seed)
-
-    def analyse() -> Result:
-        with _computing(workers, dask) as computing, _progress(scenario.runs) as advance:
-            return analyses.montecarlo(
-                scenario, method=method, sampler=sampler, progress=advance, **computing
-            )
-
-    _run(command, analyse, **output)
-
-
-@cli.command()
-@_config
-@_radar
-@_method
-@_output
-@click.pass_obj
-def sensitivity(
-    command: list[str], /, config: Path | None, radar: str | None, method: str | None, **output: Any
-) -> None:
-    """3 sigma of P_D for every level of radar uncertainty.
-
-    \b
-    Examples:
-      radar-sense sensitivity
-      radar-sense sensitivity my.yaml --out results
-      radar-sense sensitivity network.yaml --radar ridge
-    """
-    from radar_sense import analyses
-
-    scenario = _scenario(config, radar=radar)
-    _run(command, lambda: analyses.sensitivity(scenario, method=method), **output)
-
-
-@cli.command()
-@_config
-@_level
-@_radar
-@click.option(
-    "--method",
-    metavar="NAME",
-    help="linear (the paper's), probit, form; or montecarlo, for Sobol' indices.",
-)
-@click.option(
-    "--target",
-    metavar="X",
-    type=Number(TARGET),
-    help="Say how small each source must be for 3 sigma to stay within X.",
-)
-@click.option(
-    "--at",
-    metavar="X",
-    type=Number(ANY),
-    help="Azimuth [deg], time [s] or distance [m] that --target is for.  [default: all]",
-)
-@_runs
-@_seed
-@_output
-@click.pass_obj
-def budget(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    method: str | None,
-    target: float | None,
-    at: float | None,
-    runs: int | None,
-    seed: int | None,
-    **output: Any,
-) -> None:
-    """Error budget: 3 sigma of P_D from each source alone.
-
-    \b
-    Examples:
-      radar-sense budget
-      radar-sense budget my.yaml --level low --no-plot
-      radar-sense budget my.yaml --target 0.05
-      radar-sense budget my.yaml --method montecarlo --runs 4096
-      radar-sense budget network.yaml --radar ridge
-    """
-    from radar_sense import analyses
-
-    scenario = _scenario(config, radar=radar, level=level, runs=runs, seed=seed)
-    _run(
-        command,
-        lambda: analyses.budget(scenario, method=method, target=target, only_at=at),
-        **output,
+def command_of(analysis: Analysis) -> click.Command:
+    """Make the command of an analysis: its options, then those of the output."""
+    examples = "".join(f"\n  {line}" for line in analysis.examples)
+    return click.Command(
+        analysis.name,
+        callback=click.pass_obj(lambda command, **given: _run(analysis, command, **given)),
+        params=[_config(), *map(_option, analysis.options), *_output()],
+        help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
 
 
-@cli.command()
-@_config
-@_level
-@_radar
-@_runs
-@_seed
-@_sampler
-@_workers
-@_dask
-@_output
-@click.pass_obj
-def compare(
+def _option(option: Option) -> click.Option:
+    default = option.default_text and f"  [default: {option.default_text}]"
+    several: dict[str, Any] = {} if option.count == 1 else {"nargs": option.count}
+    return click.Option(
+        [f"--{option.name.replace('_', '-')}"],
+        help=option.help + default,
+        is_flag=option.flag,
+        metavar=None if option.flag else option.metavar,
+        type=None if option.limit is None else Number(option.limit),
+        default=option.default,
+        show_default=option.default is not None and not option.flag,
+        **several,
+    )
+
+
+def _config() -> click.Argument:
+    return click.Argument(["config"], required=False, type=click.Path(path_type=Path))
+
+
+def _quiet() -> click.Option:
+    return click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors.")
+
+
+def _output() -> list[click.Parameter]:
+    return [
+        click.Option(
+            ["--out"],
+            metavar="DIR",
+            default="figures",
+            show_default=True,
+            type=click.Path(path_type=Path),
+            help="Folder to write to.",
+        ),
+        click.Option(
+            ["--format", "formats"],
+            multiple=True,
+            default=["pdf"],
+            show_default=True,
+            type=click.Choice(FORMATS),
+            help="Format of the figure; may be given several times.",
+        ),
+        click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
+        _quiet(),
+    ]
+
+
+def _run(
+    analysis: Analysis,
     command: list[str],
-    /,
+    *,
     config: Path | None,
-    level: str | None,
-    radar: str | None,
-    runs: int | None,
-    seed: int | None,
-    sampler: str,
-    workers: int | None,
-    dask: str | None,
-    **output: Any,
+    out: Path,
+    formats: tuple[str, ...],
+    no_plot: bool,
+    quiet: bool,
+    dask: str | None = None,
+    workers: int | None = None,
+    **options: Any,
 ) -> None:
-    """Bounds of P_D by every method against Monte Carlo.
+    """Read the scenario, analyse, write all files, print what was found and written."""
+    from radar_sense import files
 
-    Many runs are needed for smooth Monte Carlo bounds: try --runs 100000.
-
-    \b
-    Examples:
-      radar-sense compare
-      radar-sense compare my.yaml --level high --runs 1e4
-      radar-sense compare network.yaml --radar ridge
-    """
-    from radar_sense import analyses
-
-    scenario = _scenario(config, radar=radar, level=level, runs=runs, seed=seed)
-
-    def analyse() -> Result:
-        with _computing(workers, dask) as computing, _progress(scenario.runs) as advance:
-            return analyses.compare(scenario, sampler=sampler, progress=advance, **computing)
-
-    _run(command, analyse, **output)
-
-
-@cli.command()
-@_config
-@_level
-@_radar
-@_method
-@click.option(
-    "--digits",
-    type=Number(Limit(at_least=1, at_most=4, whole=True)),
-    default=2,
-    show_default=True,
-    help="Significant digits of the standard deviation that matter.",
-)
-@_seed
-@_workers
-@_output
-@click.pass_obj
-def validate(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    method: str | None,
-    digits: int,
-    seed: int | None,
-    workers: int | None,
-    **output: Any,
-) -> None:
-    """May a method be trusted here? A verdict by adaptive Monte Carlo.
-
-    Draws until mean, deviation and 3-sigma interval are stable to the digits that matter, and
-    compares the interval of the method with that of the draws (JCGM 101, clauses 7.9 and 8).
-    Ends with exit code 3 if the method is not validated at every pose.
-
-    \b
-    Examples:
-      radar-sense validate --digits 1
-      radar-sense validate my.yaml --method form --digits 1
-    """
-    from radar_sense import analyses
-
-    scenario = _scenario(config, radar=radar, level=level, seed=seed)
-
-    def analyse() -> Result:
-        with _progress(len(scenario.aircraft), "poses") as advance:
-            return analyses.validate(
-                scenario,
-                method=method,
-                digits=digits,
-                workers=_threads(workers),
-                progress=advance,
-            )
-
-    _run(command, analyse, **output)
-
-
-@cli.command()
-@_config
-@_level
-@_radar
-@click.option(
-    "--runs",
-    type=Number(RUNS),
-    help="Largest number of runs; a power of two is taken.  [default: 16384]",
-)
-@_seed
-@_workers
-@_output
-@click.pass_obj
-def convergence(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    runs: int | None,
-    seed: int | None,
-    workers: int | None,
-    **output: Any,
-) -> None:
-    """Error of Monte Carlo by number of runs, for random and Sobol' draws.
-
-    Also with the linear model as a control variate for both. Sobol' points are best for mean and
-    sigma, whose error falls nearly as 1/runs; for 3-sigma quantiles they win less. Random draws are
-    the only ones whose coverage has a binomial confidence interval.
-
-    \b
-    Examples:
-      radar-sense convergence --runs 4096
-      radar-sense convergence my.yaml --level high --runs 65536
-    """
-    from radar_sense.analyses.convergence import REFERENCES, REPLICATIONS
-    from radar_sense.analyses.convergence import convergence as analyse
-
-    scenario = _scenario(config, radar=radar, level=level, seed=seed)
-
-    def run() -> Result:
-        with _progress(REPLICATIONS + REFERENCES, "repetitions") as advance:
-            return analyse(scenario, runs=runs, workers=_threads(workers), progress=advance)
-
-    _run(command, run, **output)
-
-
-@cli.command()
-@_config
-@_level
-@_radar
-@click.option(
-    "--method", metavar="NAME", help="Method of propagation: probit (the default), or linear."
-)
-@click.option("--m", type=Number(WINDOW), help="With --n: detections that start a track.")
-@click.option(
-    "--n",
-    type=Number(WINDOW),
-    help="Looks in a row that they must be within; of radars with one period.",
-)
-@click.option("--runs", type=Number(RUNS), help="Also draw so many missions.  [default: none]")
-@_seed
-@_workers
-@_output
-@click.pass_obj
-def mission(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    method: str | None,
-    m: int | None,
-    n: int | None,
-    runs: int | None,
-    seed: int | None,
-    workers: int | None,
-    **output: Any,
-) -> None:
-    """Cumulative P_D over the looks along a path.
-
-    The scenario must have a path, whose poses have times. A radar looks every
-    radar.scan_period_s, or at the poses if that is not given. The pose errors are correlated over
-    uncertainty.aircraft_correlation_s, the radar errors the same at all looks.
-
-    A track is M detections in N looks in a row. Radars of a network that have the same period look
-    together, as one; a track that the radars of any one period have started is the network's.
-
-    \b
-    Examples:
-      radar-sense mission my.yaml
-      radar-sense mission my.yaml --m 3 --n 5 --runs 10000
-    """
-    from radar_sense.mission import mission as analyse
-
-    if (m is None) != (n is None):
-        raise BadInput("--m and --n belong together, as in --m 3 --n 5")
-    scenario = _scenario(config, radar=radar, level=level, seed=seed)
-
-    def run() -> Result:
-        with nullcontext() if runs is None else _progress(runs) as advance:
-            return analyse(
-                scenario,
-                method=method,
-                m_of_n=None if m is None or n is None else (m, n),
-                runs=runs,
-                workers=_threads(workers),
-                progress=advance,
-            )
-
-    _run(command, run, **output)
-
-
-@cli.command()
-@_config
-@_output
-@click.pass_obj
-def detectors(command: list[str], /, config: Path | None, **output: Any) -> None:
-    """P_D of every detector, and the error of North's approximation.
-
-    \b
-    Examples:
-      radar-sense detectors
-      radar-sense detectors my.yaml --format png
-    """
-    from radar_sense import analyses
-
-    scenario = _scenario(config)
-    _run(command, lambda: analyses.detectors(scenario), **output)
-
-
-@cli.command()
-@_config
-@_output
-@click.pass_obj
-def rcs(command: list[str], /, config: Path | None, **output: Any) -> None:
-    """The radar cross section by aspect: a polar cut and a map.
-
-    The table that it writes can be read as `rcs: {model: table, file: ...}` again.
-
-    \b
-    Examples:
-      radar-sense rcs
-      radar-sense rcs my.yaml --format png
-    """
-    from radar_sense.analyses.rcs import rcs as analyse
-
-    scenario = _scenario(config)
-    _run(command, lambda: analyse(scenario), **output)
-
-
-@cli.command("map")
-@_config
-@_level
-@_radar
-@click.option("--upper", is_flag=True, help="Show the upper 3-sigma bound in place of P_D.")
-@click.option(
-    "--method",
-    metavar="NAME",
-    help="Method for --upper: linear (the default), probit, or form, which takes minutes.",
-)
-@click.option(
-    "--north-km",
-    nargs=2,
-    type=Number(MAP_KM),
-    help="South and north end.  [default: around radars and path]",
-)
-@click.option("--east-km", nargs=2, type=Number(MAP_KM), help="West and east end.")
-@click.option(
-    "--step-km", type=Number(MAP_STEP_KM), help="Distance of cells.  [default: 1/500 of a side]"
-)
-@click.option(
-    "--down-km", type=Number(MAP_KM), help="Down coordinate.  [default: the first pose's]"
-)
-@click.option(
-    "--course-deg",
-    type=Number(Limit(at_least=-360, at_most=360)),
-    help="Yaw of the aircraft.  [default: the first pose's]",
-)
-@_output
-@click.pass_obj
-def area_map(
-    command: list[str],
-    /,
-    config: Path | None,
-    level: str | None,
-    radar: str | None,
-    upper: bool,
-    method: str | None,
-    north_km: tuple[float, float] | None,
-    east_km: tuple[float, float] | None,
-    step_km: float | None,
-    down_km: float | None,
-    course_deg: float | None,
-    **output: Any,
-) -> None:
-    """P_D over an area at one height and course.
-
-    The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d, and
-    upper_3sigma with --upper. A million cells with the bound by linear or probit take a second; by
-    form, which searches for an extreme of P_D in every cell, most of a minute, and with three
-    radars three minutes.
-
-    \b
-    Examples:
-      radar-sense map
-      radar-sense map my.yaml --upper --method probit --step-km 5
-      radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45
-      radar-sense map network.yaml --radar ridge
-    """
-    from radar_sense.analyses import coverage_map as area
-
-    scenario = _scenario(config, radar=radar, level=level)
+    chosen = {name: value for name, value in options.items() if value is not None}
     with _refusals():
-        cells = area.grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
+        scenario = _scenario(config)
+    try:
+        files.require_folder(out)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInput(f"--out: cannot write to {out}: {reason}") from error
+    with _refusals(), _computing(analysis, workers, dask) as computing:
+        result = analysis(scenario, **chosen, **computing)
+    paths = result.save(out, () if no_plot else formats, command=command)
+    if not quiet:
+        for line in result.report:
+            click.echo(line)
+        for warning in result.warnings:
+            click.echo(f"Warning: {warning}", err=True)
+        for path in paths:
+            click.echo(click.format_filename(path))
+    if not result.passed:
+        raise click.exceptions.Exit(ANSWER_IS_NO)
 
-    def analyse() -> Result:
-        with _progress(math.prod(cells.shape), "cells") as advance:
-            return area.area_map(
-                scenario,
-                cells,
-                down_km=down_km,
-                course_deg=course_deg,
-                upper=upper,
-                method=method,
-                progress=advance,
-            )
 
-    _run(command, analyse, **output)
-
-
-@cli.command()
-@_config
-@_quiet
+@cli.command(params=[_config(), _quiet()])
 def check(config: Path | None, quiet: bool) -> None:
     """Read and validate a scenario and print it in full; compute nothing.
 
@@ -710,7 +282,8 @@ def check(config: Path | None, quiet: bool) -> None:
     from radar_sense.model.radar_constant import describe
     from radar_sense.states import CONSTANTS
 
-    scenario = _scenario(config)
+    with _refusals():
+        scenario = _scenario(config)
     if not quiet:
         names = scenario.model.names
         if names:
@@ -735,7 +308,7 @@ def check(config: Path | None, quiet: bool) -> None:
 
 @cli.command()
 @click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
-@_quiet
+@click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
 def init(file: Path, quiet: bool) -> None:
     """Write a commented scenario to start from.
 
@@ -763,13 +336,10 @@ def init(file: Path, quiet: bool) -> None:
         click.echo(f"{file} written; next: radar-sense check {file}")
 
 
-def _scenario(config: Path | None, *, radar: str | None = None, **choices: Any) -> Scenario:
+def _scenario(config: Path | None) -> Scenario:
     from radar_sense.reading.parse import load_scenario
-    from radar_sense.scenario import only
 
-    with _refusals():
-        scenario = load_scenario(config).with_analysis(**choices)
-        return scenario if radar is None else only(scenario, radar)
+    return load_scenario(config)
 
 
 @contextmanager
@@ -783,65 +353,29 @@ def _refusals() -> Iterator[None]:
         raise BadInput(str(error)) from error
 
 
-def _run(
-    command: list[str],
-    analyse: Callable[[], Result],
-    *,
-    out: Path,
-    formats: tuple[str, ...],
-    no_plot: bool,
-    quiet: bool,
-) -> None:
-    """Analyse, then write all files, then say what was found and written."""
-    from radar_sense import files as output
-
-    try:
-        output.require_folder(out)
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise BadInput(f"--out: cannot write to {out}: {reason}") from error
-    with _refusals():
-        result = analyse()
-    stem = output.stem(result)
-    ending, content = output.data(result)
-    files = {out / f"{stem}.{ending}": content}
-    if not no_plot:
-        from radar_sense import figures
-
-        figure = figures.draw(result)
-        for name in dict.fromkeys(formats):
-            files[out / f"{stem}.{name}"] = figures.render(figure, name)
-    files[out / f"{stem}.json"] = output.record(result, command)
-    output.write(files)
-    if not quiet:
-        for line in result.report:
-            click.echo(line)
-        for warning in result.warnings:
-            click.echo(f"Warning: {warning}", err=True)
-        for path in files:
-            click.echo(click.format_filename(path))
-    if not result.passed:
-        raise click.exceptions.Exit(ANSWER_IS_NO)
-
-
 def _threads(workers: int | None) -> int:
     return workers or min(os.cpu_count() or 1, MOST_THREADS)
 
 
 @contextmanager
-def _computing(workers: int | None, dask: str | None) -> Iterator[dict[str, Any]]:
-    """Say who computes: threads of this process, or a cluster."""
-    if dask is None:
-        yield {"workers": _threads(workers)}
-        return
-    from radar_sense.montecarlo.cluster import cluster
+def _computing(
+    analysis: Analysis, workers: int | None, dask: str | None
+) -> Iterator[Mapping[str, Any]]:
+    """Choose what computes, threads of this process or a cluster, and what shows progress."""
+    shown = {"progress": _progress} if "progress" in analysis.keywords else {}
+    if dask is not None:
+        from radar_sense.montecarlo.cluster import cluster
 
-    with cluster(dask) as (executor, threads):
-        yield {"workers": workers or threads, "executor": executor}
+        with cluster(dask) as (executor, threads):
+            yield {**shown, "workers": workers or threads, "executor": executor}
+    elif "workers" in analysis.keywords:
+        yield {**shown, "workers": _threads(workers)}
+    else:
+        yield shown
 
 
 @contextmanager
-def _progress(length: int, what: str = "runs") -> Iterator[Callable[[int], None] | None]:
+def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None] | None]:
     """Show progress on standard error, if that is a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield None
@@ -852,7 +386,7 @@ def _progress(length: int, what: str = "runs") -> Iterator[Callable[[int], None]
         return f"{bar.pos / max(time.monotonic() - started, 1e-3):,.0f} {what}/s"
 
     bar: Any = click.progressbar(
-        length=length, label=what, show_pos=True, item_show_func=rate, file=sys.stderr
+        length=total, label=what, show_pos=True, item_show_func=rate, file=sys.stderr
     )
     with bar:
         yield bar.update

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, at_pose
 
 #: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
 TOLERANCE = 1e-9
@@ -67,6 +67,45 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
     return None
 
 
+def checked(whose: str, covariance: ArrayLike) -> FloatArray:
+    """Return covariances (..., n, n) as an array, if they are covariances.
+
+    Args:
+        whose: What to call the state in errors.
+        covariance: One matrix or many.
+
+    Raises:
+        ValueError: If a matrix is not square, finite, symmetric and positive semidefinite.
+    """
+    matrices = np.asarray(covariance, dtype=float)
+    n, poses = matrices.shape[-1] if matrices.ndim else 0, matrices.shape[:-2]
+    if matrices.shape[-2:] != (n, n):
+        raise ValueError(f"{whose} covariance must have shape (..., n, n), got {matrices.shape}")
+    flat = matrices.reshape(-1, n, n)
+    for start in range(0, len(flat), BLOCK):
+        found = _first_wrong(flat[start : start + BLOCK])
+        if found:
+            place = at_pose([int(i) for i in np.unravel_index(start + found[0], poses)])
+            raise ValueError(f"{whose} covariance{place} {found[1]}")
+    return matrices
+
+
+def _first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
+    """Find the first of matrices (k, n, n) that is not a covariance, finite or symmetric or not."""
+    finite = np.isfinite(matrices)
+    if not finite.all():
+        index, i, j = np.argwhere(~finite)[0].tolist()
+        return index, f"must be finite, got {matrices[index, i, j]:g} for entry [{i + 1}][{j + 1}]"
+    asymmetry = abs(matrices - np.swapaxes(matrices, -1, -2))
+    std = np.sqrt(abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
+    rounding = TOLERANCE * std[:, :, np.newaxis] * std[:, np.newaxis, :]
+    for index in np.flatnonzero((asymmetry > rounding).any(axis=(-2, -1))):
+        found = problem(matrices[index])
+        if found:
+            return int(index), found
+    return first_problem(matrices)
+
+
 def scaled(covariance: FloatArray, components: slice, factor: float) -> FloatArray:
     """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
     scale = np.ones(covariance.shape[-1])
@@ -112,6 +151,17 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     variance: FloatArray = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
     # A C Aᵀ of a semidefinite C can round to just below zero.
     return np.maximum(variance, 0.0)
+
+
+def without_rounding(covariance: FloatArray) -> FloatArray:
+    """Return C (..., n, n) with correlations below 1e-14 set to 0.
+
+    A turned covariance of equal variances is then diagonal again. Otherwise rounding would decide
+    which factor it has, and so what is drawn.
+    """
+    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    least = 1e-14 * std[..., :, np.newaxis] * std[..., np.newaxis, :]
+    return np.where(abs(covariance) > least, covariance, 0.0)
 
 
 def factor(covariance: FloatArray) -> FloatArray:

@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp
 
-from radar_sense.covariance import draws, factor, symmetric_factor, variance_along
+from radar_sense.covariance import checked, draws, factor, symmetric_factor, variance_along
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import RunningMoments, Tails
-from radar_sense.propagation import Spread, probit_moments
-from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
+from radar_sense.propagation import Moments, probit_moments
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, check_finite
 
 #: Largest n of m-of-n, which keeps track of 2^(n−1) histories.
 MAX_WINDOW = 12
@@ -225,7 +225,7 @@ def cumulative_detection(
     slope = _inverse_mills(looks.probit)
     variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
     by_radar = np.cumsum(slope[:, np.newaxis] * looks.by_radar, axis=0)
-    std = np.sqrt(variance + variance_along(by_radar, cov_radar))
+    std = np.sqrt(variance + variance_along(by_radar, checked("radar", cov_radar)))
     # nothing has been seen yet: z is as low as any, and certain
     z = np.where(hazard == 0, -_FAR, -ndtri_exp(-hazard))
     found = _method(method, beta)(z, std * np.exp(-hazard), std / _inverse_mills(z), beta)
@@ -272,7 +272,8 @@ def track_initiation(
     slope = _by_each(p_d, miss, m, n, sequence) * _density(looks.probit)
     variance = _pose_variance(looks, slope, cov_aircraft, correlation_time)
     # Rows end with their own look: the partials for later ones are 0.
-    std = np.sqrt(variance[..., -1] + variance_along(_sum_over(slope, looks.by_radar), cov_radar))
+    by_radar = _sum_over(slope, looks.by_radar)
+    std = np.sqrt(variance[..., -1] + variance_along(by_radar, checked("radar", cov_radar)))
     # Before look m no track is possible, and later it may be so sure that nothing is left of φ(z).
     z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(left)), -_FAR, _FAR)
     std_z = np.where(abs(z) < _FAR, std / _density(z), 0.0)
@@ -287,7 +288,7 @@ def _sum_over(slope: FloatArray, by_radar: FloatArray) -> FloatArray:
     return np.where(unknown, np.nan, total)
 
 
-def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Spread:
+def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Moments:
     """First order in the probability itself. Its bounds may leave [0, 1].
 
     On the flight that `probit` is judged by, σ of P_c is wrong by 3, 7 and 19 % at most, its bounds
@@ -300,10 +301,10 @@ def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Sp
         beta: β.
     """
     p = ndtr(z)
-    return Spread(p, std, p - beta * std, p + beta * std)
+    return Moments(p, p, std, p - beta * std, p + beta * std, np.isfinite(p))
 
 
-def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Spread:
+def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Moments:
     """First order in the probit of the probability: for one look the method of that name.
 
     Judged by 100,000 runs of 60 looks on a flight past the radar (as in the tests), with the levels
@@ -311,12 +312,13 @@ def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Sp
     is wrong by 0.7 % at most, the bounds by 0.004; for 3 of 5 looks σ by 1.0, 0.9 and 4.5 %, the
     bounds by 0.002, 0.004 and 0.014. The runs' own noise is some 0.2 % of σ, and 0.03 σ in a bound.
     """
-    mean, deviation = probit_moments(z, std_z)
-    return Spread(mean, deviation, ndtr(z - beta * std_z), ndtr(z + beta * std_z))
+    p, (mean, deviation) = ndtr(z), probit_moments(z, std_z)
+    bounds = ndtr(z - beta * std_z), ndtr(z + beta * std_z)
+    return Moments(p, mean, deviation, *bounds, np.isfinite(p))
 
 
 #: Methods: from z, σ, σ_z and β to mean, deviation and bounds.
-METHODS: Mapping[str, Callable[[FloatArray, FloatArray, FloatArray, float], Spread]] = {
+METHODS: Mapping[str, Callable[[FloatArray, FloatArray, FloatArray, float], Moments]] = {
     "linear": linear,
     "probit": probit,
 }
@@ -612,6 +614,8 @@ def mission_monte_carlo(
             f"aircraft and radar states must have shapes ({len(time)}, 6) and (4m,), "
             f"got {aircraft.shape} and {radar.shape}"
         )
+    check_finite("aircraft", aircraft)
+    check_finite("radar", radar)
     if runs < 2 or not 0 < beta < math.inf:
         raise ValueError(f"needs 2 runs or more and beta > 0, got {runs} and {beta}")
     if m_of_n is not None:
@@ -623,7 +627,7 @@ def mission_monte_carlo(
         aircraft=aircraft,
         radar=radar,
         factors=_factors(cov_aircraft, poses),
-        factor_radar=factor(np.asarray(cov_radar, dtype=float)),
+        factor_radar=factor(checked("radar", cov_radar)),
         decay=decay,
         fresh=fresh,
         m_of_n=m_of_n,
@@ -689,7 +693,8 @@ def extremes(
         For P_c, and for m-of-n if asked for: least and greatest (K,) up to each look.
     """
     found: list[tuple[FloatArray, FloatArray]] = []
-    white, root = beta * np.eye(_radar_normals(radar, radar_draws)), factor(cov_radar)
+    white = beta * np.eye(_radar_normals(radar, radar_draws))
+    root = factor(checked("radar", cov_radar))
     every = np.stack([_drawn(radar, root, radar_draws, u)[0] for u in (-white, white)], axis=1)
     for states in every:
         p_d = model.p_d(aircraft[:, np.newaxis], states).T
@@ -775,7 +780,7 @@ def _correlation(time: FloatArray, correlation_time: float) -> tuple[FloatArray,
 
 def _factors(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
     """Symmetric factors (K, 6, 6) of C_aa."""
-    covariance = np.asarray(cov_aircraft, dtype=float)
+    covariance = checked("aircraft", cov_aircraft)
     n = len(AIRCRAFT)
     if covariance.shape not in ((n, n), (looks, n, n)):
         raise ValueError(
@@ -793,7 +798,7 @@ def _times(time: ArrayLike) -> FloatArray:
 
 def _method(
     name: str, beta: float
-) -> Callable[[FloatArray, FloatArray, FloatArray, float], Spread]:
+) -> Callable[[FloatArray, FloatArray, FloatArray, float], Moments]:
     if name not in METHODS:
         raise ValueError(f"method must be one of {', '.join(METHODS)}, got {name!r}")
     if not 0 < beta < math.inf:
@@ -801,16 +806,15 @@ def _method(
     return METHODS[name]
 
 
-def _certain(p: FloatArray, found: Spread, std: FloatArray) -> Cumulative:
+def _certain(p: FloatArray, found: Moments, std: FloatArray) -> Cumulative:
     """Where nothing is uncertain, not even the rounding is."""
-    mean, deviation, lower, upper = found
     known = std == 0
     return Cumulative(
         p,
-        np.where(known, p, mean),
-        np.where(known, 0.0, deviation),
-        np.where(known, p, lower),
-        np.where(known, p, upper),
+        np.where(known, p, found.mean),
+        np.where(known, 0.0, found.std),
+        np.where(known, p, found.lower),
+        np.where(known, p, found.upper),
     )
 
 

@@ -19,7 +19,7 @@ from radar_sense.errors import ScenarioError
 from radar_sense.model.radar_constant import Part, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import REPLICATES, sobol_indices
-from radar_sense.propagation import Moments, check_method, propagate_scenario
+from radar_sense.propagation import Moments, check_method, propagate_scenario, std_function
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, finer_sources, sources
 
@@ -95,8 +95,9 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
     wanted = (sources(names), finer_sources(names), parts_of(scenario))
+    std = std_function(scenario, method=method)
     alone, finer, parts = (
-        {name: _alone(scenario, method, name).std for name in group} for group in wanted
+        {name: std(*_alone(scenario, name)) for name in group} for group in wanted
     )
     return Budget(
         mean=total.mean,
@@ -273,16 +274,18 @@ def scaled_moments(
     return _propagate(scenario, method, _scaled(scenario, names, factor))
 
 
-def _alone(scenario: Scenario, method: str, name: str) -> Moments:
-    """Propagate with all certain but one source, or one part of a radar constant."""
+def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
+    """Return C_aa and C_rr with one source, or one part of a radar constant, uncertain alone."""
     parts = parts_of(scenario)
     owner, components = _source(scenario, parts[name].constant if name in parts else name)
     others = parts.keys() - {name} if name in parts else ()
-    covariances = {
-        whose: covariance.only(matrix, components if whose == owner else slice(0, 0))
-        for whose, matrix in _scaled(scenario, others, 0.0).items()
-    }
-    return _propagate(scenario, method, covariances)
+    covariances = _scaled(scenario, others, 0.0)
+    for whose, matrix in covariances.items():
+        if whose != owner:  # one matrix of zeros for all poses
+            covariances[whose] = np.zeros(matrix.shape[-2:])
+        else:
+            covariances[whose] = covariance.only(matrix, components)
+    return covariances["aircraft"], covariances["radar"]
 
 
 def _source(scenario: Scenario, name: str) -> Source:
@@ -318,6 +321,7 @@ def _propagate(scenario: Scenario, method: str, covariances: Mapping[str, FloatA
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
+    sampler = Sampler.of(scenario)  # refuses what is not a covariance
     parts, every = parts_of(scenario), sources(scenario.model.names)
     evaluations = (len(every) + len(parts) + 4) * scenario.runs / REPLICATES * 2
     if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
@@ -349,7 +353,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         else:
             root[block] = covariance.factor(matrix[block])
     sampler = dataclasses.replace(
-        Sampler.of(scenario), factor_aircraft=factor_aircraft, factor_radar=factor_radar
+        sampler, factor_aircraft=factor_aircraft, factor_radar=factor_radar
     )
     inputs = {
         "aircraft": list(range(len(AIRCRAFT))),

@@ -17,22 +17,16 @@ from typing import Any
 import numpy as np
 
 from radar_sense import __version__
-from radar_sense.analyses.contract import Result
 from radar_sense.states import FloatArray
 
 _PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
 
 
-def stem(result: Result) -> str:
-    """Name of the result's files without folder and ending."""
-    return f"{result.scenario.name}_{result.analysis}"
-
-
-def data(result: Result) -> tuple[str, bytes]:
-    """Ending and content of the file of a result's table: CSV, or NPZ for the planes of a map."""
-    if any(column.ndim > 1 for column in result.table.values()):
-        return "npz", npz(result.table)
-    return "csv", csv(result.table)
+def data(table: Mapping[str, FloatArray]) -> tuple[str, bytes]:
+    """Return ending and content of the file of a table: CSV, or NPZ where it has planes."""
+    if any(column.ndim > 1 for column in table.values()):
+        return "npz", npz(table)
+    return "csv", csv(table)
 
 
 def npz(table: Mapping[str, FloatArray]) -> bytes:
@@ -49,20 +43,28 @@ def csv(table: Mapping[str, FloatArray]) -> bytes:
     return "\n".join(lines).encode()
 
 
-def record(result: Result, command: Sequence[str]) -> bytes:
-    """JSON record of how the result was made and what it says."""
+def record(
+    *,
+    analysis: str,
+    command: Sequence[str],
+    seed: int,
+    scenario: Mapping[str, Any],
+    warnings: Sequence[str],
+    summary: Mapping[str, Any],
+) -> bytes:
+    """Return the JSON record of how a result was made and what it says."""
     content = {
-        "analysis": result.analysis,
+        "analysis": analysis,
         "command": list(command),
         "versions": {
             "radar-sense": __version__,
             "python": platform.python_version(),
             **{package: version(package) for package in _PACKAGES},
         },
-        "seed": result.scenario.seed,
-        "scenario": result.scenario.resolved(),
-        "warnings": list(result.warnings),
-        "summary": result.summary,
+        "seed": seed,
+        "scenario": scenario,
+        "warnings": list(warnings),
+        "summary": summary,
     }
     return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from radar_sense.limits import (
-    _DEG,
     ANY,
+    DEG,
     MAX_NAME,
     NOT_NEGATIVE,
     POSITIVE,
@@ -22,9 +22,9 @@ from radar_sense.limits import (
     SEED,
     Limit,
 )
-from radar_sense.model.detector_names import DETECTORS
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
-from radar_sense.model.rcs_models import RCS_MODELS
+from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
 from radar_sense.model.trajectory import METHODS
 
@@ -155,8 +155,8 @@ SCENARIO = (
     Key("analysis", "Choices for the analyses."),
 )
 PLACE = (
-    Key("latitude_deg", "WGS-84 latitude.", Limit(at_least=-90, at_most=90), _DEG),
-    Key("longitude_deg", "WGS-84 longitude.", Limit(at_least=-180, at_most=360), _DEG),
+    Key("latitude_deg", "WGS-84 latitude.", Limit(at_least=-90, at_most=90), DEG),
+    Key("longitude_deg", "WGS-84 longitude.", Limit(at_least=-180, at_most=360), DEG),
     Key("altitude_m", "Height above the ellipsoid.", Limit(at_least=-10e3, at_most=100e3)),
 )
 RADAR_POSITION = Key("position_m", "North, east, down of the radar.", ANY, size=3)
@@ -201,7 +201,7 @@ ATTITUDE = Key(
     "attitude_deg",
     "Roll, pitch, yaw on an orbit.",
     Limit(at_least=-360, at_most=360),
-    _DEG,
+    DEG,
     size=3,
 )
 AIRCRAFT = (Key("rcs", "Radar cross section."), ATTITUDE)
@@ -226,7 +226,7 @@ MIRROR = Key(
     default=False,
 )
 ENVELOPE_WIDTH = Key(
-    "envelope_deg", "Half width of the envelope of the table.", ENVELOPE, _DEG, default=None
+    "envelope_deg", "Half width of the envelope of the table.", ENVELOPE, DEG, default=None
 )
 TABLE = (RCS_MODEL, FILE, MIRROR, ENVELOPE_WIDTH, SHA256)
 GEOMETRY_TYPE = Key("type", "Kind of geometry.", choices=("orbit", "path"))
@@ -280,7 +280,7 @@ COVARIANCE = Key("covariance", "Covariance of the whole state.", ANY, default=No
 #: Parts of a covariance: a standard deviation for all components, for each, or a matrix.
 COV_AIRCRAFT = (
     Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),
-    Key("attitude_deg", "Uncertainty of roll, pitch, yaw.", NOT_NEGATIVE, _DEG, size=3),
+    Key("attitude_deg", "Uncertainty of roll, pitch, yaw.", NOT_NEGATIVE, DEG, size=3),
 )
 COV_RADAR = (
     Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),

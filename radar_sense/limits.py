@@ -6,9 +6,7 @@ import math
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-import numpy as np
-
-_DEG = np.pi / 180.0
+DEG = math.pi / 180.0
 #: Letters that the name of a scenario may have.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.
@@ -74,6 +72,10 @@ SIGMAS = Limit(above=0, at_most=10)
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
+MAX_WORKERS = 256
+
+#: Formats of a figure.
+FORMATS = ("png", "pdf", "svg")
 
 
 def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -> Any:

@@ -32,8 +32,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from radar_sense import axis as axes
+from radar_sense import propagation
 from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import at, peak, where
+from radar_sense.analyses.report import describe_extreme as at
+from radar_sense.analyses.report import describe_poses as where
+from radar_sense.analyses.report import peak
 from radar_sense.axis import Axis
 from radar_sense.cumulative import (
     METHODS,
@@ -55,7 +58,6 @@ from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.propagation import BOUND_CHANGE
 from radar_sense.scenario import Scenario, alone
 from radar_sense.schedule import Schedule, schedule
 from radar_sense.states import RADAR, FloatArray
@@ -122,7 +124,7 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
 def mission(
     scenario: Scenario,
     *,
-    method: str | None = None,
+    method: str = "probit",
     m_of_n: tuple[int, int] | None = None,
     runs: int | None = None,
     workers: int = 1,
@@ -141,7 +143,7 @@ def mission(
     Raises:
         ScenarioError: If the geometry has no times, or a choice is not allowed.
     """
-    chosen = "probit" if method is None else method
+    chosen = method
     if chosen not in METHODS:
         raise ScenarioError(
             f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
@@ -167,12 +169,11 @@ def mission(
         else {e: _differences(v, _of(drawn, e), along) for e, v in events.items()}
     )
     return Result(
-        analysis="mission",
         scenario=scenario,
         method=chosen,
         table={
             along.key: along.values,
-            **_table(_p_d(looks, when), events, drawn, with_mean=method is not None),
+            **_table(_p_d(looks, when), events, drawn, with_mean=method != "probit"),
             **{
                 f"{key}_{radar}": column
                 for radar, own in each.items()
@@ -551,7 +552,7 @@ def _too_narrow(
     for (event, found), (low, high) in zip(events.items(), ends, strict=True):
         above, below = high[when.last] - found.upper, found.lower - low[when.last]
         beyond = np.maximum(above, below)
-        if place := where(beyond > BOUND_CHANGE, scenario.axis):
+        if place := where(beyond > propagation.BOUND_CHANGE, scenario.axis):
             said[event] = (
                 "with one error of a radar at 3 sigma, all else as it should be, it is beyond the "
                 f"{method} bounds: they are too narrow, by {np.nanmax(beyond):.2g} or more, {place}"
@@ -587,12 +588,12 @@ def _unlike(
         much = np.maximum(drawn.std, found.std) > STD_FACTOR * np.minimum(drawn.std, found.std)
         worst = int(np.argmax(np.where(much, off, 0.0)))
         parts = []
-        if place := where(beyond > BOUND_CHANGE, along):
+        if place := where(beyond > propagation.BOUND_CHANGE, along):
             parts.append(
                 f"of {quick.runs} quick draws ten or more are beyond a {method} 3-sigma bound, "
                 f"by {np.nanmax(beyond):.2g} or more, {place}"
             )
-        if much[worst] and off[worst] > 3.0 * BOUND_CHANGE:
+        if much[worst] and off[worst] > 3.0 * propagation.BOUND_CHANGE:
             parts.append(
                 f"sigma of {quick.runs} quick draws is {drawn.std[worst]:.2g} at "
                 f"{along.at(worst)}, that of {method} {found.std[worst]:.2g}"
@@ -618,7 +619,12 @@ def _warnings(
             )
         if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
-    said += doubts(scenario.model.names, scenario.parts, method)
+    said += doubts(
+        scenario.model.names,
+        scenario.parts,
+        method,
+        log_normal=propagation.METHODS[method].log_normal,
+    )
     if drawn is not None and drawn.clipped:
         said.append(
             f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"

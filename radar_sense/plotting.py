@@ -1,8 +1,8 @@
-"""From a result to its figure: one function for each analysis, one style for all.
+"""Style and helpers of the figures; the only module that imports Matplotlib.
 
-The figures fit one column of a journal (3.5 in), are told apart by line style as well as by colour,
-and have their legend beside the axes, not on the data. Matplotlib is used without pyplot, which
-keeps no global state and loads faster.
+Figures fit one column of a journal (3.5 in). Lines differ by dashes as well as by colour. The
+legend stands beside the axes, not on the data. Matplotlib is used without pyplot: no global state,
+and a faster import.
 """
 
 from __future__ import annotations
@@ -10,22 +10,25 @@ from __future__ import annotations
 import io
 import itertools
 import re
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple, TypeVar
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
+from matplotlib.axes import Axes as Axes
 from matplotlib.collections import LineCollection
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.figure import Figure as Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import MaxNLocator as MaxNLocator
 from numpy.typing import NDArray
 
-from radar_sense.analyses.contract import Result
 from radar_sense.axis import Axis
 from radar_sense.states import FloatArray
 
-_STYLE: dict[Any, Any] = {
+R = TypeVar("R")
+
+STYLE: dict[Any, Any] = {
     "font.size": 8,
     "axes.labelsize": 8,
     "legend.fontsize": 7.5,
@@ -44,10 +47,10 @@ _STYLE: dict[Any, Any] = {
     "svg.hashsalt": "radar-sense",  # the same figure is the same bytes
     "savefig.dpi": 300,
 }
-_WIDTH = 3.5
+WIDTH = 3.5
 _LEGEND_ROW = 0.16
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
-_LINES: tuple[tuple[str, Any], ...] = (
+LINES: tuple[tuple[str, Any], ...] = (
     ("#0072B2", "-"),
     ("#D55E00", (0, (5, 1.5))),
     ("#009E73", (0, (1.2, 1.2))),
@@ -55,52 +58,71 @@ _LINES: tuple[tuple[str, Any], ...] = (
     ("#56B4E9", (0, (8, 2))),
     ("#E69F00", (0, (3, 1, 1.2, 1, 1.2, 1))),
 )
-_BAND = _LINES[1]
-_HAIR = "0.7"
+BAND = LINES[1]
+SAMPLE_PATH_COLOUR = "0.7"
+#: Keeps white letters readable on light colours.
+OUTLINE = (withStroke(linewidth=1.6, foreground="black"),)
 #: Lines of more points than this are thinned: a million take a minute and 10 MB to draw. A page has
 #: room for no more columns than these.
 MOST_POINTS = 10_000
 COLUMNS = 2_000
 
 
-def _styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
+def styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
     """Styles for as many lines as there are, without those that are taken.
 
     After the first round colours come with other dashes, so that no two lines are alike.
     """
-    colours, dashes = zip(*(style for style in _LINES if style not in taken), strict=True)
+    colours, dashes = zip(*(style for style in LINES if style not in taken), strict=True)
     for number in itertools.count():
         turn, place = divmod(number, len(colours))
         yield colours[place], dashes[(place + 2 * turn) % len(dashes)]
 
 
+def draw(plot: Callable[[R, Figure], None], result: R) -> Figure:
+    """Return a new figure, drawn by an analysis' `plot` in the package's style."""
+    with _style():
+        figure = Figure(figsize=(WIDTH, WIDTH), layout="constrained")
+        plot(result, figure)
+    return figure
+
+
 def render(figure: Figure, kind: str) -> bytes:
-    """Encode a figure as png, pdf or svg; the same figure gives the same bytes."""
+    """Return a figure as png, pdf or svg; the same figure gives the same bytes."""
     undated: Mapping[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     buffer = io.BytesIO()
-    with mpl.rc_context(_STYLE):
+    with _style():
         figure.savefig(buffer, format=kind, metadata=undated.get(kind))
     return buffer.getvalue()
 
 
-def _panels(count: int) -> tuple[Figure, list[Axes]]:
-    """Make a figure with panels below each other that share an axis."""
-    figure = Figure(figsize=(_WIDTH, 0.6 + 1.7 * count), layout="constrained")
-    return figure, list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+@contextmanager
+def _style() -> Iterator[None]:
+    """Apply the package's style to Matplotlib's defaults; no setting of the user matters."""
+    kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
+    defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}
+    with mpl.rc_context({**defaults, **STYLE}):
+        yield
 
 
-def _new(panels: int, result: Result) -> tuple[Figure, list[Axes]]:
-    """Make a figure with panels below each other that share the axis of the poses."""
-    figure, axes = _panels(panels)
-    shown = _shown(result.scenario.axis)
+def panels(figure: Figure, count: int) -> list[Axes]:
+    """Add panels below each other that share an axis."""
+    figure.set_size_inches(WIDTH, 0.6 + 1.7 * count)
+    return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+
+
+def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
+    """Add panels below each other that share the axis of the poses."""
+    axes = panels(figure, count)
+    shown = display_unit(axis)
     axes[-1].set_xlabel(shown.label)
     axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
     for ax in axes:
         ax.margins(x=0)
-    return figure, axes
+    return axes
 
 
-class _Shown(NamedTuple):
+class DisplayUnit(NamedTuple):
     """How an axis is drawn: its label, the size of its unit in that of `Axis`, and its ticks."""
 
     label: str
@@ -113,23 +135,22 @@ _SIXTIES = (1, 1.5, 2, 3, 5, 6, 10)
 _DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
 
 
-def _shown(axis: Axis) -> _Shown:
+def display_unit(axis: Axis) -> DisplayUnit:
     """Choose the unit of an axis by how far it reaches."""
     span = float(np.ptp(axis.values))
     if axis.key == "time_s":
         units = (("h", 3600.0, _TENS), ("min", 60.0, _SIXTIES), ("s", 1.0, _SIXTIES))
         name, unit, steps = next(u for u in units if span >= 4 * u[1] or u[1] == 1)
-        return _Shown(f"Time [{name}]", unit, steps)
+        return DisplayUnit(f"Time [{name}]", unit, steps)
     if axis.key == "distance_m":
         name, unit = ("km", 1e3) if span >= 4e3 else ("m", 1.0)
-        return _Shown(f"Distance flown [{name}]", unit, _TENS)
-    return _Shown(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
+        return DisplayUnit(f"Distance flown [{name}]", unit, _TENS)
+    return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
 
 
-def _x(result: Result) -> FloatArray:
-    """Where the poses are drawn."""
-    axis = result.scenario.axis
-    return axis.values / _shown(axis).unit
+def pose_coordinates(axis: Axis) -> FloatArray:
+    """Return the coordinates of the poses (n,) in the unit of the figure."""
+    return axis.values / display_unit(axis).unit
 
 
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
@@ -145,7 +166,7 @@ def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
     ]
 
 
-def _shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
+def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
     """Shade where a mask holds: one artist for all ranges, and pixels if they are very many."""
     spans = [(left, right - left) for left, right in _spans(mask, x)]
     if spans:
@@ -161,14 +182,15 @@ def _shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None
         )
 
 
-def _from_zero(axes: Axes) -> None:
+def from_zero(axes: Axes) -> None:
     """Start the vertical axis so little below zero that a line at zero is still seen."""
     axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
 
 
-def _line(
+def draw_line(
     axes: Axes, x: FloatArray, y: FloatArray, style: tuple[str, Any], label: str | None = None
 ) -> None:
+    """Draw a line in a style of `LINES`; a single pose as a dot."""
     colour, dashes = style
     marker = "o" if len(x) == 1 else None  # a line through one pose would show nothing
     few = thinned(x, y)
@@ -177,7 +199,10 @@ def _line(
     )
 
 
-def _fill(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any) -> None:
+def draw_fill(
+    axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any
+) -> None:
+    """Fill between two lines."""
     few = np.union1d(thinned(x, lower), thinned(x, upper))
     axes.fill_between(x[few], lower[few], upper[few], **style)
 
@@ -210,22 +235,23 @@ def thinned(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
     return np.unique(np.concatenate([starts, lowest, highest, ends]))
 
 
-def _draw_band(
-    axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, result: Result
-) -> None:
-    linear = result.method == "linear"
-    name = r"$\pm 3\,\sigma_{pd}$" if linear else rf"$\pm 3\,\sigma$ by {result.method}"
-    label = f"{name} ({result.scenario.level})"
-    _line(axes, x, upper, _BAND, label=label)
-    _line(axes, x, lower, _BAND)
+def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, label: str) -> None:
+    """Draw the ends of a band."""
+    draw_line(axes, x, upper, BAND, label=label)
+    draw_line(axes, x, lower, BAND)
 
 
-def _hairs(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
+def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
     """Draw one thin line per run; as pixels, so that a vector file stays small."""
     points = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
     axes.add_collection(
         LineCollection(
-            list(points), colors=_HAIR, linewidths=0.3, alpha=0.5, rasterized=True, label=label
+            list(points),
+            colors=SAMPLE_PATH_COLOUR,
+            linewidths=0.3,
+            alpha=0.5,
+            rasterized=True,
+            label=label,
         )
     )
     axes.autoscale_view()
@@ -238,7 +264,7 @@ def _widths(entries: Sequence[int], columns: int) -> list[int]:
     return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
 
 
-def _legend(figure: Figure, *panels: Axes) -> None:
+def draw_legend(figure: Figure, *panels: Axes) -> None:
     """Put the legend above the axes, in as many columns as the longest label leaves room for."""
     handles, labels = [], []
     for axes in panels:

@@ -18,11 +18,10 @@ from radar_sense import keys
 from radar_sense.axis import Axis
 from radar_sense.keys import Key, declared, in_unit, shortest
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detector_names import DETECTORS
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import Tolerance, relative_std
-from radar_sense.model.rcs import RCS
-from radar_sense.model.rcs_models import RCS_MODELS
+from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.provenance import (
     Orbit,

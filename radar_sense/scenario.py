@@ -117,8 +117,11 @@ class Scenario:
         if not (self.radar[CONSTANTS] > 0).all():
             lowest = self.radar[CONSTANTS].min()
             raise InputError(f"radar constants must be greater than 0, got {lowest:g}")
-        for name, values in (("axis", self.axis.values), ("time_s", self.time_s)):
-            if values is not None and np.shape(values) != (count,):
+        along = {"axis": self.axis.values}
+        if self.time_s is not None:
+            along["time_s"] = self.time_s
+        for name, values in along.items():
+            if np.shape(values) != (count,):
                 raise InputError(
                     f"{name} must have one value for each of {count} poses, got {np.shape(values)}"
                 )

@@ -6,11 +6,12 @@ in the package spells that order out. The states of several radars follow one af
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 FloatArray: TypeAlias = NDArray[np.float64]
 #: x_a of the paper: position in the north-east-down frame [m] and ZYX Euler angles [rad].
@@ -71,3 +72,32 @@ def constant_names(radars: Sequence[str] = ()) -> list[str]:
 def _of_radar(number: int, components: slice) -> Source:
     first = number * len(RADAR)
     return "radar", slice(first + components.start, first + components.stop)
+
+
+def check_finite(whose: str, states: ArrayLike) -> None:
+    """Raise ValueError if states (..., n) of "aircraft" or "radar" are not all finite.
+
+    The error names the first such value, its component and its pose. Poses count from 0.
+    """
+    values = np.asarray(states, dtype=float)
+    with np.errstate(over="ignore", invalid="ignore"):
+        if math.isfinite(values.sum()):  # far quicker than to look at each value
+            return
+    wrong = np.argwhere(~np.isfinite(values))
+    if not len(wrong):  # the sum alone is too large
+        return
+    *pose, component = wrong[0].tolist()
+    names = AIRCRAFT if whose == "aircraft" else RADAR
+    name = names[component % len(names)]
+    if whose == "radar" and values.shape[-1] > len(RADAR):
+        name += f" of radar {component // len(RADAR) + 1}"
+    raise ValueError(
+        f"{whose} states must be finite, got {values[tuple(wrong[0])]:g} for {name}{at_pose(pose)}"
+    )
+
+
+def at_pose(index: Sequence[int]) -> str:
+    """Say which pose an index is; nothing if there is a single one."""
+    if not index:
+        return ""
+    return f" at pose {', '.join(map(str, index))} (counted from 0)"

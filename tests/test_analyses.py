@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scenarios import OVERHEAD, scenario
 
+import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.report import where
+from radar_sense.analyses.report import describe_poses as where
 from radar_sense.axis import azimuth
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import load_scenario
@@ -201,3 +202,23 @@ def test_validate_names_the_pose_that_is_worst_for_what_is_allowed():
     )
     report = analyses.validate(s, digits=1).report
     assert any("farthest for what is allowed" in line and "at 90 deg" in line for line in report)
+
+
+def test_poses_without_a_band_have_no_coverage():
+    s = rs.load_scenario("configs/spikeball.yaml")
+    s = s.part(np.arange(0, len(s.aircraft), 4))
+    found = analyses.montecarlo(s, method="form")
+    has_none = np.isnan(found.table["lower_3sigma"])
+    coverage = found.table["coverage_3sigma"]
+    assert has_none.any()
+    np.testing.assert_array_equal(np.isnan(coverage), has_none)
+    overall = coverage[~has_none].mean()
+    assert overall > 0.99
+    assert found.summary["coverage_overall"] == overall
+    assert found.summary["coverage_lowest"]["value"] == np.nanmin(coverage)
+    assert found.summary["poses_without_band"] == has_none.sum()
+    assert any(f"{has_none.sum()} of {len(coverage)} poses have no" in x for x in found.report)
+    assert f"{overall:.2%} of the draws" in found.report[0]
+    nowhere = analyses.montecarlo(s.part(np.flatnonzero(has_none)[:2]), method="form")
+    assert "no coverage" in nowhere.report[0]
+    assert np.isnan(nowhere.summary["coverage_overall"])

@@ -13,24 +13,28 @@ from scenarios import document, scenario
 from test_network_parts import network, radars
 
 import radar_sense as rs
-from radar_sense import figures
 from radar_sense import files as output
-from radar_sense.analyses import coverage_map as area
+from radar_sense import plotting
+from radar_sense.analyses import coverage_map
+from radar_sense.analyses.variance import grid as area
 from radar_sense.propagation import METHODS
 
 #: Losses of both radars given by a data sheet [dB].
 TOLERANT = {"loss_db": 1.5}
 
 
-def small(s, **options):
-    return area.grid(s, north_km=(-600, 600), east_km=(-300, 700), step_km=50, **options)
+SMALL = {"north_km": (-600, 600), "east_km": (-300, 700), "step_km": 50}
+
+
+def small(s):
+    return area.grid(s, **SMALL)
 
 
 def test_cells_are_those_of_the_model():
     s = scenario(aircraft__attitude_deg=[3, -2, 90], geometry__down_km=-4)
     cells = small(s)
     assert cells.shape == (25, 21)
-    p_d, bound = area.area(s, cells, down=-7e3, course=math.radians(20))
+    p_d, bound = area.p_d_in_cells(s, cells, down=-7e3, course=math.radians(20))
     assert bound is None
     assert p_d.dtype == np.float32
     for i, j in ((0, 0), (3, 17), (24, 20), (12, 5)):
@@ -39,7 +43,7 @@ def test_cells_are_those_of_the_model():
     assert (cells.north[0], cells.north[-1], cells.east[0], cells.east[-1]) == (
         -600e3, 600e3, -300e3, 700e3,
     )  # fmt: skip
-    own, _ = area.area(s, cells)
+    own, _ = area.p_d_in_cells(s, cells)
     state = [cells.north[3], cells.east[4], -4e3, *np.deg2rad([3, -2, 90])]
     np.testing.assert_allclose(own[3, 4], s.model.p_d(state, s.radar), rtol=1e-7)
 
@@ -49,14 +53,14 @@ def test_cells_are_those_of_the_model():
 def test_bound_is_that_of_propagate(method, level):
     s = scenario().with_analysis(level=level)
     cells = area.grid(s, north_km=(-600, 600), east_km=(10, 700), step_km=150)
-    _, bound = area.area(s, cells, method=method)
+    _, bound = area.p_d_in_cells(s, cells, method=method)
     states = np.zeros((*cells.shape, 6))
     states[..., 0], states[..., 1] = cells.north[:, None], cells.east
     states[..., 2:] = s.aircraft[0, 2:]
     expected = rs.propagate(
         s.model, states, s.radar, s.cov_aircraft, s.cov_radar[level], method=method
     )
-    known = expected.settled  # one bound settles in some more cells than all that a mean takes
+    known = expected.converged  # one bound settles in some more cells than all that a mean takes
     assert known.mean() > 0.9
     np.testing.assert_allclose(bound[known], expected.upper[known], rtol=2e-7)
     np.testing.assert_array_less(bound[~known & ~np.isnan(bound)], 1.0001)
@@ -67,7 +71,7 @@ def test_bound_knows_of_log_normal_constants(method):
     """With c_r known to decibels it is not the bound that a Gaussian c_r would have."""
     s = network(radars(TOLERANT, TOLERANT))
     cells = area.grid(s, north_km=(-80, 90), east_km=(10, 60), step_km=12)
-    _, bound = area.area(s, cells, method=method)
+    _, bound = area.p_d_in_cells(s, cells, method=method)
     states = np.zeros((*cells.shape, 6))
     states[..., 0], states[..., 1] = cells.north[:, None], cells.east
     states[..., 2:] = s.aircraft[0, 2:]
@@ -83,7 +87,7 @@ def test_bound_knows_of_log_normal_constants(method):
         )
         for log in (False, s.log_constant)
     )
-    known = expected.settled
+    known = expected.converged
     assert known.mean() > 0.9
     np.testing.assert_allclose(bound[known], expected.upper[known], rtol=2e-7)
     off = np.nanmax(abs(bound - gaussian.upper))
@@ -121,13 +125,15 @@ def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
     )
     for state in s.aircraft[1:]:  # the farthest is 700 km away, and 39 km lower
         cells = area.Grid(state[0] + np.array([0, 1e3]), state[1] + np.array([0, 1e3]))
-        p_d, bound = area.area(s, cells, method="probit")
+        p_d, bound = area.p_d_in_cells(s, cells, method="probit")
         assert p_d[0, 0] == pytest.approx(s.model.p_d(state, s.radar), rel=1e-6)
         assert bound[0, 0] > p_d[0, 0]
-        turned = area.area(s, cells, down=-8600.0, course=math.radians(75))[0]
+        turned = area.p_d_in_cells(s, cells, down=-8600.0, course=math.radians(75))[0]
         np.testing.assert_allclose(turned, p_d, rtol=1e-6)
-        assert area.area(s, cells, down=-2000.0)[0][0, 0] != pytest.approx(p_d[0, 0], rel=1e-4)
-    summary = area.area_map(s, cells).summary
+        assert area.p_d_in_cells(s, cells, down=-2000.0)[0][0, 0] != pytest.approx(
+            p_d[0, 0], rel=1e-4
+        )
+    summary = coverage_map(s, north_km=(-80, 90), east_km=(10, 60), step_km=12).summary
     assert summary["down_km"] == pytest.approx(-8.6, abs=1e-9)
     assert summary["attitude_deg"] == pytest.approx([1, 2, 75])
 
@@ -135,10 +141,10 @@ def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
 def test_blocks_do_not_matter(monkeypatch):
     s, said = scenario(), []
     cells = small(s)
-    one = area.area(s, cells, method="probit", progress=said.append)
+    one = area.p_d_in_cells(s, cells, method="probit", progress=said.append)
     for size in (1, 10, 100):
         monkeypatch.setattr(area, "BLOCK", size)
-        other = area.area(s, cells, method="probit", progress=said.append)
+        other = area.p_d_in_cells(s, cells, method="probit", progress=said.append)
         for a, b in zip(one, other, strict=True):
             np.testing.assert_array_equal(a, b)
     assert sum(said) == 4 * 25 * 21
@@ -158,8 +164,7 @@ def test_summary_and_report():
         aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
         geometry__down_km=0,
     )
-    cells = area.grid(s, north_km=(-1000, 1000), east_km=(-1000, 1000), step_km=4)
-    result = area.area_map(s, cells)
+    result = coverage_map(s, north_km=(-1000, 1000), east_km=(-1000, 1000), step_km=4)
     # With a constant RCS P_D falls with range alone: the areas are circles.
     for level, found in result.summary["area_km2_at_or_above"].items():
         low, high = 1.0, 1e7
@@ -178,9 +183,9 @@ def test_summary_and_report():
 
 def test_what_a_bound_cannot_be_is_said():
     s = scenario().with_analysis(level="high")
-    linear = area.area_map(s, small(s), upper=True)
+    linear = coverage_map(s, **SMALL, upper=True)
     assert any("passes 1" in w for w in linear.warnings)
-    probit = area.area_map(s, small(s), upper=True, method="probit")
+    probit = coverage_map(s, **SMALL, upper=True, method="probit")
     assert not any("passes 1" in w for w in probit.warnings)
     assert probit.summary["shown"] == "upper_3sigma"
     assert "high, probit" in probit.report[0]
@@ -217,10 +222,10 @@ def test_command(tool):
 
 def test_the_same_map_is_the_same_bytes(monkeypatch):
     s = scenario()
-    once = output.data(area.area_map(s, small(s)))
+    once = output.data(coverage_map(s, **SMALL).table)
     real = time.time
     monkeypatch.setattr(time, "time", lambda: real() + 1e8)
-    assert output.data(area.area_map(s, small(s))) == once
+    assert output.data(coverage_map(s, **SMALL).table) == once
     assert once[0] == "npz"
     assert np.load(io.BytesIO(once[1]))["p_d"].shape == (25, 21)
 
@@ -263,8 +268,8 @@ def test_what_is_refused(tool, args, words):
 @pytest.mark.parametrize("upper", [False, True])
 def test_figure(changes, upper):
     s = scenario(**changes)
-    figure = figures.draw(area.area_map(s, area.grid(s), upper=upper))
-    figures.render(figure, "png")
+    figure = coverage_map(s, upper=upper).plot()
+    plotting.render(figure, "png")
     axes, bar = figure.axes
     assert axes.get_aspect() == 1
     assert axes.get_xlabel() == "East [km]"
@@ -289,9 +294,8 @@ def test_figure(changes, upper):
 def test_a_long_or_wide_map_still_fits():
     s = scenario()
     for north, east in (((-50, 900), (0, 90)), ((0, 90), (-600, 600))):
-        cells = area.grid(s, north_km=north, east_km=east, step_km=10)
-        figure = figures.draw(area.area_map(s, cells))
-        figures.render(figure, "png")
+        figure = coverage_map(s, north_km=north, east_km=east, step_km=10).plot()
+        plotting.render(figure, "png")
         axes = figure.axes[0]
         assert axes.get_window_extent().width > 20
         assert axes.get_window_extent().height > 20

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 from scenarios import OVERHEAD, scenario
 
+import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.analyses.report import where
 from radar_sense.error_budget import allowances, error_budget
 from radar_sense.errors import ScenarioError
 from radar_sense.montecarlo.sobol import sobol_indices
@@ -220,14 +222,14 @@ def test_a_named_method_adds_columns():
     for method in [*METHODS, "montecarlo"]:
         table = analyses.budget(s, method=method).table
         assert list(table)[: len(plain)] == plain
-        assert "mean_pd" in table
-        assert "share_interaction" in table
+        assert ("mean_pd" in table) == ("share_interaction" in table) == (method != "linear")
     for analysis in (analyses.variance, analyses.montecarlo, analyses.sensitivity):
         plain = list(analysis(s).table)
         for method in METHODS:
             table = analysis(s, method=method).table
             assert list(table)[: len(plain)] == plain
-            assert any(key.startswith("mean_pd") for key in table)
+            means = [key for key in table if key.startswith("mean_pd")]
+            assert bool(means) == (method != "linear")  # by `linear` the mean is P_D itself
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -271,3 +273,30 @@ def test_undefined_gradients_of_what_is_certain_do_not_matter():
 def test_more_sobol_samples_than_fit_into_memory_are_refused():
     with pytest.raises(ScenarioError, match="more than fit into memory"):
         error_budget(load_scenario().with_analysis(runs=10**9), "montecarlo")
+
+
+def test_what_has_no_value_dominates_nothing():
+    """By `form` the orientation has no answer at -90 deg, nor the total where it did not settle."""
+    for name in ("covariance", "spikeball"):
+        s = rs.load_scenario(f"configs/{name}.yaml")
+        s = s.part(np.arange(0, len(s.aircraft), 4))
+        found = analyses.budget(s, method="form")
+        columns = {
+            source: found.table[f"three_sigma_{source}"]
+            for source in ("aircraft_orientation", "total")
+        }
+        unknown = {source: np.isnan(values) for source, values in columns.items()}
+        assert unknown["aircraft_orientation"].any()
+        for source, mask in unknown.items():
+            line = f"{source} has no value {where(mask, s.axis)}"
+            assert (line in found.report) == mask.any()
+        any_unknown = unknown["aircraft_orientation"] | unknown["total"]
+        sizes = {
+            source: found.table[f"three_sigma_{source}"]
+            for source in ("aircraft_position", "aircraft_orientation", "radar_position")
+        }
+        own = (columns["aircraft_orientation"] > found.table["three_sigma_radar_constant"]) & (
+            columns["aircraft_orientation"] > sizes["aircraft_position"]
+        )
+        expected = where(own & ~any_unknown & (columns["total"] > 0), s.axis)
+        assert found.summary["dominates"].get("aircraft_orientation", "") == expected

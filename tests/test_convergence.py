@@ -9,7 +9,6 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import OVERHEAD, scenario
 
-from radar_sense import figures
 from radar_sense.analyses import convergence as module
 from radar_sense.analyses.convergence import (
     ESTIMATORS,
@@ -386,7 +385,7 @@ def test_an_undefined_gradient_matters_only_if_uncertain():
 @pytest.mark.parametrize("changes", [{}, WEAK, NOTHING], ids=["paper", "overhead", "nothing"])
 @pytest.mark.parametrize("runs", [2, 64])
 def test_layout(changes, runs):
-    figure = figures.draw(convergence(scenario(**changes), runs=runs))
+    figure = convergence(scenario(**changes), runs=runs).plot()
     FigureCanvasAgg(figure).draw()
     assert len(figure.axes) == 3
     (legend,) = figure.legends
@@ -407,7 +406,7 @@ def test_layout(changes, runs):
 
 
 def test_the_slopes_are_what_they_say(small):
-    figure = figures.draw(small)
+    figure = small.plot()
     for axes, powers in zip(figure.axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
         guides = axes.lines[len(ESTIMATORS) :]
         for line, power in zip(guides, powers, strict=True):

@@ -10,11 +10,10 @@ from scipy.integrate import quad
 from scipy.special import chndtr
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detector_names import DETECTORS
-from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
-from radar_sense.propagation import propagate
+from radar_sense.propagation import nonlinear, propagate
 
 
 def north(snr, p_fa):
@@ -210,13 +209,13 @@ def test_methods_of_propagation(detector, method):
 
     found = propagate(*one_state(detector(), snr, spread, p_fa), method=method)
     bound_error, std_error, mean_error = ERRORS[method]
-    assert found.settled.all()
+    assert found.converged.all()
     assert_array_equal(found.p_d, detector().p_d(snr, p_fa))
     assert_allclose(found.lower, lower, rtol=0, atol=bound_error)
     assert_allclose(found.upper, upper, rtol=0, atol=bound_error)
     assert_allclose(found.std, std, rtol=std_error)
     assert_allclose(found.mean, mean, rtol=0, atol=mean_error)
-    good = ~found.curved
+    good = ~nonlinear(*one_state(detector(), snr, spread, p_fa), method=method)
     assert_allclose(found.std[good], std[good], rtol=0.025)
 
 
@@ -224,8 +223,9 @@ def test_methods_of_propagation(detector, method):
 @pytest.mark.parametrize("detector", [North, *EXACT])
 def test_a_wide_spread_is_warned_of_and_a_narrow_one_is_not(detector, method):
     snr = np.array([3.0, 9.0, 20.0])
-    assert propagate(*one_state(detector(), snr, 0.3), method=method).curved.any()
-    assert not propagate(*one_state(detector(), snr, 1e-3), method=method).curved.any()
+    # by form σ is good to 1 % there
+    assert nonlinear(*one_state(detector(), snr, 0.3), method=method).any() == (method != "form")
+    assert not nonlinear(*one_state(detector(), snr, 1e-3), method=method).any()
 
 
 @pytest.mark.parametrize("name", DETECTORS)

@@ -9,7 +9,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from scenarios import legend_off_data, scenario
 
-from radar_sense import analyses, figures
+from radar_sense import analyses, plotting
 from radar_sense.analyses import threshold as planning
 from radar_sense.reading.parse import load_scenario
 
@@ -51,8 +51,8 @@ def test_layout(analysis, changes):
         changes = {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 45}, **changes}
     if analysis == "validate" and changes["geometry__azimuth_deg"]["stop"] == -90:
         changes = {**changes, "geometry__azimuth_deg": {"start": 90, "stop": 0, "step": -30}}
-    figure = figures.draw(ALL[analysis](scenario(**changes)))
-    figures.render(figure, "png")  # lays it out
+    figure = ALL[analysis](scenario(**changes)).plot()
+    plotting.render(figure, "png")  # lays it out
     legend_off_data(figure)
     for axes in figure.axes:
         assert axes.get_ylabel()
@@ -65,7 +65,7 @@ def test_layout(analysis, changes):
 @pytest.mark.parametrize("p_fa", [0.99, 1e-2, 1.7e-4, 2e-12, 1e-100])
 def test_layout_of_detectors(p_fa):
     """Labels lie on the axes, not on each other, and not on the data."""
-    figure = figures.draw(analyses.detectors(scenario(radar__p_fa=p_fa)))
+    figure = analyses.detectors(scenario(radar__p_fa=p_fa)).plot()
     FigureCanvasAgg(figure).draw()  # where text is as large as the axes say
     top, bottom = figure.axes
     (legend,) = figure.legends
@@ -91,7 +91,7 @@ def test_layout_of_detectors(p_fa):
 
 @pytest.mark.parametrize("analysis", ["budget", "sensitivity"])
 def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
-    (axes,) = figures.draw(ALL[analysis](load_scenario())).axes
+    (axes,) = ALL[analysis](load_scenario()).plot().axes
     styles = [(line.get_linestyle(), line._unscaled_dash_pattern) for line in axes.lines]
     solid_black = [line for line in axes.lines if line.get_color() == "black"]
     # the total is solid like the first source and is told from it by being black
@@ -100,23 +100,21 @@ def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():
     s = load_scenario().with_analysis(runs=10_000)
-    figure = figures.draw(analyses.montecarlo(s, workers=2))
+    figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
     for kind in ("pdf", "svg", "png"):
-        assert len(figures.render(figure, kind)) < 1_000_000
+        assert len(plotting.render(figure, kind)) < 1_000_000
 
 
 @pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
 def test_the_same_figure_is_the_same_bytes(kind):
-    one, other = (
-        figures.render(figures.draw(analyses.budget(load_scenario())), kind) for _ in range(2)
-    )
+    one, other = (plotting.render(analyses.budget(load_scenario()).plot(), kind) for _ in range(2))
     assert one == other
     assert not re.search(rb"CreationDate|<dc:date>", one)
 
 
 def test_two_panels_of_the_monte_carlo_figure():
-    figure = figures.draw(analyses.montecarlo(load_scenario()))
+    figure = analyses.montecarlo(load_scenario()).plot()
     top, bottom = figure.axes
     assert "Error" in bottom.get_ylabel()
     assert len(top.collections[0].get_segments()) == 500
@@ -131,10 +129,10 @@ def test_very_many_poses_make_a_small_file():
     noise = 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
     table = {name: column + noise for name, column in result.table.items()}
     table |= {s.axis.key: s.axis.values, "violated": (noise > 0).astype(float)}
-    figure = figures.draw(dataclasses.replace(result, table=table))
+    figure = dataclasses.replace(result, table=table).plot()
     (axes,) = figure.axes
     assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
-    assert len(figures.render(figure, "pdf")) < 300_000
+    assert len(plotting.render(figure, "pdf")) < 300_000
 
 
 @pytest.mark.parametrize("order", ["rising", "falling", "there and back", "bunched"])
@@ -149,15 +147,15 @@ def test_a_thinned_line_draws_the_same_pixels(order):
     }[order]
     y = rng.standard_normal(x.size)
     y[5_000:5_003], y[60_000:63_000], y[70_000] = np.nan, np.nan, 50.0
-    few = figures.thinned(x, y)
+    few = plotting.thinned(x, y)
     assert few.size < 0.5 * x.size
     assert few[0] == 0
     assert few[-1] == x.size - 1
     assert np.all(np.diff(few) > 0)
     # the extent of every run of points within one column, a gap where there is nothing
-    column = np.floor((x - x.min()) / (np.ptp(x) / figures.COLUMNS) + 1e-9)
+    column = np.floor((x - x.min()) / (np.ptp(x) / plotting.COLUMNS) + 1e-9)
     for function, nothing in ((np.fmin, np.inf), (np.fmax, -np.inf)):
-        all_of_it, left = np.full((2, figures.COLUMNS + 1), nothing)
+        all_of_it, left = np.full((2, plotting.COLUMNS + 1), nothing)
         function.at(all_of_it, column.astype(int), y)
         function.at(left, column[few].astype(int), y[few])
         same = np.isclose(left, all_of_it, rtol=0, atol=0)
@@ -168,6 +166,6 @@ def test_a_thinned_line_draws_the_same_pixels(order):
 
 def test_a_line_of_few_points_is_drawn_whole():
     x = np.zeros(20_000)
-    assert figures.thinned(x[:10_000], x[:10_000]).size == 10_000
-    assert figures.thinned(x, x).size == 20_000  # a hovering aircraft, on a map
-    assert figures.thinned(x[:0], x[:0]).size == 0
+    assert plotting.thinned(x[:10_000], x[:10_000]).size == 10_000
+    assert plotting.thinned(x, x).size == 20_000  # a hovering aircraft, on a map
+    assert plotting.thinned(x[:0], x[:0]).size == 0

@@ -878,9 +878,9 @@ def test_nothing_has_a_meaning_where_aircraft_and_radar_coincide(rcs):
     assert np.isnan(lin.jac_aircraft).all()
 
 
-def test_a_nan_does_not_hide_a_negative_constant():
+def test_a_nan_beside_a_negative_constant_is_an_error():
     radar = [[0, 0, 0, np.nan], [0, 0, 0, -5.0]]
-    with pytest.raises(ValueError, match="must not be negative, got -5"):
+    with pytest.raises(ValueError, match="must be finite, got nan for constant at pose 0"):
         DetectionModel(ConstantRCS(1.0), 1e-4).p_d(np.ones((2, 6)), radar)
 
 

@@ -109,7 +109,7 @@ def test_only_is_alone_under_another_name():
         only(network(name="x" * 99), "c")
 
 
-@pytest.mark.parametrize("method", [None, "form"])
+@pytest.mark.parametrize("method", ["linear", "form"])
 def test_a_network_says_of_each_radar_what_it_would_do_by_itself(method):
     s = network(runs=64)
     for analyse in (analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity):

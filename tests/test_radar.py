@@ -30,8 +30,8 @@ from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
 from radar_sense.reading.parse import load_scenario, parse_scenario
-from radar_sense.standardized import standardize
 from radar_sense.states import SOURCES
 
 SURVEILLANCE = {
@@ -421,17 +421,15 @@ def test_first_order_does_not_know_of_logarithms():
 
 def test_gradient_of_z_where_ln_c_is_gaussian():
     s = scenario()
-    _, blocks = standardize(
-        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["sheet"], log_constant=True
-    )
-    z = next(blocks)
+    states = s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["sheet"]
+    z = StandardNormalSpace.of(uncertain_states(*states, log_constant=True)[1])
     pose = np.arange(len(s.aircraft))
-    u = np.random.default_rng(2).standard_normal((len(pose), 10))
+    u = np.random.default_rng(2).standard_normal(z.gradient.shape)
     gradient = z(u, pose)[1]
-    for i in range(10):
-        step = 1e-5 * np.eye(10)[i]
+    for i in range(len(u)):
+        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
         slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
-        np.testing.assert_allclose(gradient[:, i], slope, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-7)
 
 
 def test_validation_draws_the_true_distribution():
@@ -446,7 +444,7 @@ def test_validation_draws_the_true_distribution():
 
 def test_doubt_says_what_the_distribution_is():
     decibel = [Part("loss_db", 8, 1.0, -1, decibels=True)]
-    said = doubt(decibel, "linear")
+    said = doubt(decibel, "linear", log_normal=False)
     s = math.log(10) / 10
     growth = math.exp(s * s)
     mean, std = math.sqrt(growth), math.sqrt(growth * (growth - 1))
@@ -455,13 +453,13 @@ def test_doubt_says_what_the_distribution_is():
     assert f"standard deviation {std:.1%} ({s:.1%})" in said
     assert f"skewness {skewness:.2f} (0.00)" in said
     # a tolerance in decibels is what probit and form take it to be
-    assert doubt(decibel, "probit") is None
-    assert doubt(decibel, "form") is None
-    assert doubt([Part("loss_db", 8, 0.2, -1, decibels=True)], "linear") is None
+    assert doubt(decibel, "probit", log_normal=True) is None
+    assert doubt(decibel, "form", log_normal=True) is None
+    assert doubt([Part("loss_db", 8, 0.2, -1, decibels=True)], "linear", log_normal=False) is None
     power = [Part("average_power_kw", 10, 3, 1, decibels=False)]
-    assert doubt(power, "linear") is None
-    assert "log-normal, as form takes it" in doubt(power, "form")
-    assert doubt([Part("loss_db", 8, 0, -1, decibels=True)], "linear") is None
+    assert doubt(power, "linear", log_normal=False) is None
+    assert "log-normal, as form takes it" in doubt(power, "form", log_normal=True)
+    assert doubt([Part("loss_db", 8, 0, -1, decibels=True)], "linear", log_normal=False) is None
 
 
 @pytest.mark.parametrize(
@@ -597,16 +595,13 @@ def test_certain_parts_bring_nothing():
     found = error_budget(s)
     assert not found.alone["radar_constant"].any()
     assert not np.any(list(found.parts.values()))
-    assert doubt(s.parts[0], "linear") is None
+    assert doubt(s.parts[0], "linear", log_normal=False) is None
     assert analyses.budget(s, method="montecarlo").report
 
 
 def test_figure_of_a_budget_with_parts(tool):
-    from radar_sense import figures
 
-    labels = [
-        str(line.get_label()) for line in figures.draw(analyses.budget(scenario())).axes[0].lines
-    ]
+    labels = [str(line.get_label()) for line in analyses.budget(scenario()).plot().axes[0].lines]
     assert {"loss_db", "noise_figure_db", "average_power_kw"} < set(labels)
 
 

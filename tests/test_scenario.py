@@ -16,7 +16,7 @@ import radar_sense as rs
 from radar_sense import keys
 from radar_sense.errors import InputError, ScenarioError
 from radar_sense.keys import in_unit
-from radar_sense.limits import _DEG
+from radar_sense.limits import DEG
 from radar_sense.scenario import for_radar
 
 ROOT = Path(__file__).parent.parent
@@ -80,7 +80,7 @@ def test_any_numbers_read_back_exactly(sizes, angles, km):
 
 def test_the_shortest_decimal_is_chosen():
     for number in (0.1, 1.0, 3.0, 47.3, 359.9, 1e-3):
-        assert in_unit(number * _DEG, _DEG) == number
+        assert in_unit(number * DEG, DEG) == number
         assert in_unit(number * 1e3, 1e3) == number
 
 

@@ -18,7 +18,7 @@ from scenarios import document, legend_off_data
 
 import radar_sense as rs
 from radar_sense import cumulative as cu
-from radar_sense import figures
+from radar_sense import plotting
 from radar_sense.errors import ScenarioError
 from radar_sense.mission import at_looks, mission
 from radar_sense.model import geodesy as wgs84
@@ -458,8 +458,8 @@ def test_what_the_schedule_refuses(tmp_path):
     list(itertools.product([None, 20], [None, (2, 3)], [CASES[0], {"far": 6, "near": 6}])),
 )
 def test_layout(tmp_path, runs, m_of_n, periods):
-    figure = figures.draw(mission(load(tmp_path, periods), runs=runs, m_of_n=m_of_n))
-    figures.render(figure, "png")
+    figure = mission(load(tmp_path, periods), runs=runs, m_of_n=m_of_n).plot()
+    plotting.render(figure, "png")
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend = legend_off_data(figure)
     labels = [text.get_text() for text in legend.get_texts()]

@@ -66,8 +66,7 @@ class LinearModel:
             std=std,
             lower=p_d - beta * std,
             upper=p_d + beta * std,
-            curved=~known,
-            settled=known,
+            converged=known,
         )
 
 
@@ -101,7 +100,7 @@ def with_method(monkeypatch, **changes):
         exact = model.moments(*states, beta)
         return dataclasses.replace(exact, **{k: f(getattr(exact, k)) for k, f in changes.items()})
 
-    monkeypatch.setattr(propagation, "propagate", said)
+    monkeypatch.setattr(propagation.methods, "propagate", said)
 
 
 @pytest.fixture(autouse=True)

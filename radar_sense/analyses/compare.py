@@ -2,49 +2,91 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
 from concurrent.futures import Executor
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import _doubts, _drawn, _not_as_taken, _points, at, peak
+from radar_sense.analyses.contract import Progress, Result, analysis, silent
+from radar_sense.analyses.report import (
+    describe_extreme,
+    distribution_warnings,
+    monte_carlo_columns,
+    peak,
+    points_named,
+    table_warnings,
+    validity_warnings,
+)
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.plotting import _LINES, _fill, _legend, _line, _new, _x
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.scenario import Scenario
 
 
-def _compare(result: Result) -> Figure:
-    figure, (top, bottom) = _new(2, result)
-    table, x = result.table, _x(result)
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import (
+        LINES,
+        draw_fill,
+        draw_legend,
+        draw_line,
+        pose_coordinates,
+        pose_panels,
+    )
+
+    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
+    table, x = result.table, pose_coordinates(result.scenario.axis)
     ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
-    _fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
-    for method, style in zip(METHODS, _LINES, strict=False):
+    draw_fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
+    for method, style in zip(METHODS, LINES, strict=False):
         for end, drawn in ends.items():
             label = method if end == "upper" else None
-            _line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
-            _line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
+            draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
+            draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
     top.set_ylabel(r"Bounds of $P_D$ at $\Phi(\pm 3)$")
     bottom.set_ylabel("Bounds less those\nof Monte Carlo")
-    _legend(figure, top)
-    return figure
+    draw_legend(figure, top)
 
 
+@analysis(
+    plot=plot,
+    options=["level", "radar", "runs", "seed", "sampler", "workers", "dask"],
+    examples=[
+        "radar-sense compare",
+        "radar-sense compare my.yaml --level high --runs 1e4",
+        "radar-sense compare network.yaml --radar ridge",
+    ],
+)
 def compare(
     scenario: Scenario,
     *,
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = silent,
 ) -> Result:
-    """Bounds of P_D by every method of propagation against those of Monte Carlo."""
+    """Bounds of P_D by every method against Monte Carlo.
+
+    Many runs are needed for smooth Monte Carlo bounds: try --runs 100000.
+
+    Args:
+        scenario: The scenario.
+        sampler: "random" or "sobol".
+        workers: Threads to compute with; of no influence on the result.
+        executor: Computes the blocks in place of threads.
+        progress: Shows the runs that are done.
+
+    Raises:
+        InputError: If there is no such sampler.
+    """
     axis = scenario.axis
-    mc = monte_carlo(
-        scenario, sampler=sampler, workers=workers, executor=executor, progress=progress
-    )
+    with progress(scenario.runs, "runs") as advance:
+        mc = monte_carlo(
+            scenario, sampler=sampler, workers=workers, executor=executor, progress=advance
+        )
     moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
     worst = {
         method: {
@@ -55,12 +97,11 @@ def compare(
         for method, m in moments.items()
     }
     return Result(
-        analysis="compare",
         scenario=scenario,
         table={
             axis.key: axis.values,
             "p_d": mc.band.p_d,
-            **_drawn(mc.mean, mc.std, mc.lower, mc.upper),
+            **monte_carlo_columns(mc.mean, mc.std, mc.lower, mc.upper),
             **{
                 f"{name}_{method}": column
                 for method, m in moments.items()
@@ -80,18 +121,25 @@ def compare(
         },
         report=(
             f"largest difference from {mc.runs} runs "
-            f"({scenario.level}, seed {mc.seed}{_points(mc)}):",
+            f"({scenario.level}, seed {mc.seed}{points_named(mc)}):",
             f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
             *(
                 f"  {method:10}"
-                + "".join(f"{at(extreme, axis):28}" for extreme in w.values()).rstrip()
+                + "".join(
+                    f"{describe_extreme(extreme, axis):28}" for extreme in w.values()
+                ).rstrip()
                 for method, w in worst.items()
             ),
         ),
-        warnings=tuple(
-            doubt
-            for method, m in moments.items()
-            for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
+        warnings=(
+            *(
+                warning
+                for method, m in moments.items()
+                for warning in (
+                    *validity_warnings(scenario, m, method),
+                    *distribution_warnings(scenario, method),
+                )
+            ),
+            *table_warnings(scenario, runs=mc.runs),
         ),
-        monte_carlo=mc,
     )

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
 import re
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import at, peak
-from radar_sense.model.detector_names import DETECTORS
-from radar_sense.plotting import _LINES, _legend, _line, _new
+from radar_sense.analyses.contract import Result, analysis
+from radar_sense.analyses.report import describe_extreme, peak
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.scenario import Scenario
 
 #: False alarm probabilities that `detectors` shows beside the scenario's, ...
@@ -22,18 +24,27 @@ SNR_DB = np.linspace(-10.0, 30.0, 401)
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
 
 
-def _detectors(result: Result) -> Figure:
-    figure, (top, bottom) = _new(2, result)
+def _power_of_ten(value: float) -> str:
+    factor, exponent = f"{value:.1e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if factor == "1.0" else rf"${factor}\cdot {power}$"
+
+
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import LINES, MaxNLocator, draw_legend, draw_line, pose_panels
+
+    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
     table, chosen = result.table, result.scenario.model.models[0].p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
     # the scenario's, and the ends if their curves and labels are well away from it
     few = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
     for p_fa in (chosen, *few):
-        for name, style in zip(DISTINCT, (("0.75", "-"), *_LINES), strict=False):
+        for name, style in zip(DISTINCT, (("0.75", "-"), *LINES), strict=False):
             p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
             label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
-            _line(top, snr_db, p_d, style, label=label)
+            draw_line(top, snr_db, p_d, style, label=label)
         # labels above the data, the scenario's higher, so that none is on another
         half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
         place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
@@ -45,26 +56,27 @@ def _detectors(result: Result) -> Figure:
     top.set_ylabel(r"$P_D$")
     # In grey, as colours are for the detectors; the scenario's in black.
     others = [p for p in p_fas[::-1] if p != chosen]
-    dashes = [dash for _, dash in (*_LINES[:4], _LINES[5])]
+    dashes = [dash for _, dash in (*LINES[:4], LINES[5])]
     styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
     for p_fa, style in {chosen: ("black", "-"), **styles}.items():
         error = table["north_less_marcum"][table["p_fa"] == p_fa]
-        _line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
+        draw_line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
     bottom.set_ylabel("North less Marcum")
     bottom.set_xlabel("Signal-to-noise ratio $S$ [dB]")
     bottom.xaxis.set_major_locator(MaxNLocator(nbins=9))
-    _legend(figure, top, bottom)
-    return figure
+    draw_legend(figure, top, bottom)
 
 
-def _power_of_ten(value: float) -> str:
-    factor, exponent = f"{value:.1e}".split("e")
-    power = f"10^{{{int(exponent)}}}"
-    return f"${power}$" if factor == "1.0" else rf"${factor}\cdot {power}$"
-
-
+@analysis(
+    plot=plot,
+    options=[],
+    examples=[
+        "radar-sense detectors",
+        "radar-sense detectors my.yaml --format png",
+    ],
+)
 def detectors(scenario: Scenario) -> Result:
-    """P_D of every detector by P_fa and S, and how far North's approximation is from the exact."""
+    """P_D of every detector, and the error of North's approximation."""
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     p_d = {
         name: np.concatenate(
@@ -84,7 +96,6 @@ def detectors(scenario: Scenario) -> Result:
         of_radars.append(abs(north - exact))
     at_poses = peak(np.max(of_radars, axis=0), scenario.axis)
     return Result(
-        analysis="detectors",
         scenario=scenario,
         table={
             "p_fa": np.repeat(p_fas, len(SNR_DB)),
@@ -96,7 +107,7 @@ def detectors(scenario: Scenario) -> Result:
         report=(
             "largest error of North's approximation, its P_D less that of Marcum:",
             *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
-            f"at a pose of this scenario at most {at(at_poses, scenario.axis)}",
+            f"at a pose of this scenario at most {describe_extreme(at_poses, scenario.axis)}",
         ),
         warnings=(),
     )

@@ -2,81 +2,117 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
 from concurrent.futures import Executor
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from radar_sense.analyses.contract import Result
+from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
-    _band,
-    _band_name,
-    _by_radar,
-    _by_radar_summary,
-    _chosen,
-    _clipped,
-    _doubts,
-    _drawn,
-    _largest_by_radar,
-    _mean,
-    _not_as_taken,
-    _points,
-    _rank_error,
-    at,
+    band_columns,
+    band_name,
+    clipping_warnings,
+    describe_extreme,
+    describe_poses,
+    distribution_warnings,
+    largest_by_radar,
+    mean_column,
+    monte_carlo_columns,
     peak,
-    where,
+    points_named,
+    radar_lines,
+    radar_summary,
+    rank_error_lines,
+    table_warnings,
+    validity_warnings,
 )
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
-from radar_sense.plotting import _draw_band, _hairs, _legend, _line, _new, _x
 from radar_sense.scenario import Scenario
 
 
-def _montecarlo(result: Result) -> Figure:
-    if result.monte_carlo is None:
-        raise ValueError("a Monte Carlo figure needs the draws")
-    mc, x = result.monte_carlo, _x(result)
-    figure, (top, bottom) = _new(2, result)
-    shown = len(mc.hairs)
-    label = f"{mc.runs} runs" if shown == mc.runs else f"{shown} of {mc.runs} runs"
-    _hairs(top, x, mc.hairs, label)
-    _line(top, x, mc.band.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
-    _draw_band(top, x, result.table["lower_3sigma"], result.table["upper_3sigma"], result)
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import (
+        draw_band,
+        draw_legend,
+        draw_line,
+        draw_sample_paths,
+        pose_coordinates,
+        pose_panels,
+    )
+
+    table, x = result.table, pose_coordinates(result.scenario.axis)
+    paths, p_d, runs = result.arrays["sample_paths"], table["p_d"], result.summary["runs"]
+    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
+    lower, upper = table["lower_3sigma"], table["upper_3sigma"]
+    label = f"{runs} runs" if len(paths) == runs else f"{len(paths)} of {runs} runs"
+    draw_sample_paths(top, x, paths, label)
+    draw_line(top, x, p_d, ("black", "-"), label=r"nominal $\bar P_D$")
+    draw_band(top, x, lower, upper, result.band_label)
     top.set_ylabel(r"$P_D$")
-    _hairs(bottom, x, mc.hairs - mc.band.p_d, label)
-    _draw_band(bottom, x, mc.band.lower - mc.band.p_d, mc.band.upper - mc.band.p_d, result)
+    draw_sample_paths(bottom, x, paths - p_d, label)
+    draw_band(bottom, x, lower - p_d, upper - p_d, result.band_label)
     bottom.set_ylabel(r"Error $P_D - \bar P_D$")
-    _legend(figure, top)
-    return figure
+    draw_legend(figure, top)
 
 
+@analysis(
+    plot=plot,
+    options=["level", "radar", "method", "runs", "seed", "sampler", "workers", "dask"],
+    examples=[
+        "radar-sense montecarlo",
+        "radar-sense montecarlo my.yaml --runs 1e6 --seed 7",
+        "radar-sense montecarlo --sampler sobol --runs 4096",
+        "radar-sense montecarlo network.yaml --radar ridge",
+    ],
+)
 def montecarlo(
     scenario: Scenario,
     *,
-    method: str | None = None,
+    method: str = "linear",
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = silent,
 ) -> Result:
-    """Monte Carlo draws of P_D against the 3σ band of a method."""
+    """Monte Carlo draws of P_D against the band of a method.
+
+    Args:
+        scenario: The scenario.
+        method: Method of propagation that gives the band.
+        sampler: "random" or "sobol".
+        workers: Threads to compute with; of no influence on the result.
+        executor: Computes the blocks in place of threads.
+        progress: Shows the runs that are done.
+
+    Raises:
+        InputError: If there is no such method or sampler.
+    """
     axis = scenario.axis
-    mc = monte_carlo(
-        scenario,
-        method=_chosen(method),
-        sampler=sampler,
-        workers=workers,
-        executor=executor,
-        progress=progress,
-    )
-    pose = int(np.argmin(mc.coverage))
-    overall = float(mc.coverage.mean())
-    name = _band_name(method)
-    warnings = list(_doubts(mc.band, method, axis))
+    with progress(scenario.runs, "runs") as advance:
+        mc = monte_carlo(
+            scenario,
+            method=method,
+            sampler=sampler,
+            workers=workers,
+            executor=executor,
+            progress=advance,
+        )
+    name = band_name(method)
+    banded = mc.has_band
+    coverage = np.where(banded, mc.coverage, np.inf)
+    pose = int(np.argmin(coverage))  # the lowest of the poses that have a band
+    overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
+    without = int(np.count_nonzero(~banded))
+    warnings = list(validity_warnings(scenario, mc.band, method))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
-        axis.key: float(axis.values[pose]),
+        axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
     }
     summary: dict[str, Any] = {
         "runs": mc.runs,
@@ -84,49 +120,65 @@ def montecarlo(
         "coverage_expected": WITHIN_3_SIGMA,
         "coverage_overall": overall,
         "coverage_lowest": lowest_summary,
+        "poses_without_band": without,
     }
     lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}"
+    drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)})"
+    of_poses = f" at the {len(axis) - without} poses that have one" if without else ""
+    covered = (
+        f"{drawn}: {overall:.2%} of the draws lie in the {name} 3-sigma band{of_poses}, "
+        f"{WITHIN_3_SIGMA:.2%} should"
+    )
+    no_band = f"{without} of {len(axis)} poses have no {name} band and no coverage"
+    if without == len(axis):
+        covered, lowest = f"{drawn}: no coverage", ""
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
         # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
         off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
-        lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
+        if banded.any():
+            lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest_summary["confidence_95"] = [float(low[pose]), float(high[pose])]
         summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
             warnings.append(
                 f"the {name} band does not hold the 99.73 % of the draws that it should "
-                f"{where(off, axis)} (95 % confidence for all poses together)"
+                f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
-    warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped))
-    by_itself = _largest_by_radar(scenario, method)
+    warnings += (
+        *distribution_warnings(scenario, method),
+        *clipping_warnings(mc.clipped),
+        *table_warnings(scenario, runs=mc.runs),
+    )
+    by_itself = largest_by_radar(scenario, method)
     return Result(
-        analysis="montecarlo",
         scenario=scenario,
-        method=_chosen(method),
+        method=method,
         table={
             axis.key: axis.values,
-            **_band(mc.band),
-            **_drawn(mc.mean, mc.std, mc.lower, mc.upper),
+            **band_columns(mc.band),
+            **monte_carlo_columns(mc.mean, mc.std, mc.lower, mc.upper),
             "coverage_3sigma": mc.coverage,
-            **_mean(mc.band.mean, method),
+            **mean_column(mc.band.mean, method),
         },
         summary={
             **summary,
             "quantile_rank_error": mc.rank_error,
             "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), axis),
             "radar_constants_set_to_zero": mc.clipped,
-            **_by_radar_summary(by_itself),
+            **radar_summary(by_itself),
         },
         report=(
-            f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{_points(mc)}): {overall:.2%} of the "
-            f"draws lie in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
-            lowest,
-            *_rank_error(mc),
-            *_by_radar({name: at(top, axis) for name, top in by_itself.items()}, name),
+            covered,
+            *([lowest] if lowest else []),
+            *([no_band] if without else []),
+            *rank_error_lines(mc),
+            *radar_lines(
+                {name: describe_extreme(top, axis) for name, top in by_itself.items()}, name
+            ),
         ),
         warnings=tuple(warnings),
-        monte_carlo=mc,
+        arrays={"sample_paths": mc.hairs},
     )

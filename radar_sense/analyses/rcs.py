@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
-from radar_sense.analyses.contract import Result
+from radar_sense.analyses.contract import Result, analysis
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.plotting import _BAND, _LINES, _WIDTH, _legend, _line
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, RADAR, FloatArray
 
@@ -53,8 +55,83 @@ def decibels(sigma: FloatArray) -> FloatArray:
     return found
 
 
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import BAND, LINES, WIDTH, MaxNLocator, draw_legend, draw_line
+
+    arrays = result.arrays
+    figure.set_size_inches(WIDTH, 6.0)
+    grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
+    polar: Any = figure.add_subplot(grid[0], projection="polar")
+    plane = figure.add_subplot(grid[1])
+
+    middle = float(arrays["cut_elevation_deg"])
+    azimuth, horizon, seen = (arrays[f"cut_{of}"] for of in ("azimuth_deg", "horizon_m2", "m2"))
+    top = max(horizon.max(), seen.max())
+    # Deep nulls would leave no room for the rest, and a cross section of 0 has no decibels.
+    floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
+    for sigma, label, style in (
+        (horizon, "at the horizon", LINES[0]),
+        (seen, f"at elevation {middle:.1f} deg, as in the geometry", LINES[1]),
+    ):
+        draw_line(polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label)
+    low, high = decibels(np.array([floor, top]))
+    margin = max(1.0, 0.05 * (high - low))
+    polar.set_ylim(low - margin, high + margin)
+    polar.set_theta_zero_location("N")  # the nose up, as seen from above
+    polar.set_theta_direction(-1)
+    polar.set_rlabel_position(65)
+    polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
+    polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
+    polar.set_ylabel("RCS [dBsm]", labelpad=24)
+
+    azimuth, elevation, sigma = (
+        arrays[f"map_{of}"] for of in ("azimuth_deg", "elevation_deg", "m2")
+    )
+    level = decibels(np.maximum(sigma, 1e-5 * sigma.max()))
+    drawn = plane.pcolormesh(azimuth, elevation, level, shading="nearest", rasterized=True)
+    bar = figure.colorbar(
+        drawn, ax=plane, label="RCS [dBsm]", orientation="horizontal", aspect=40, pad=0.04
+    )
+    if np.ptp(level) > 0.1:
+        contours = plane.contour(
+            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=0.3
+        )
+        bar.add_lines(contours)
+    plane.plot(
+        arrays["geometry_azimuth_deg"],
+        arrays["geometry_elevation_deg"],
+        ".",
+        color=BAND[0],
+        ms=2.5,
+        label="the radar in the geometry",
+    )
+    ends = arrays["table_ends_deg"]
+    if len(ends):
+        plane.hlines(
+            ends, -180, 180, colors="black", linestyles="--", lw=0.8, label="ends of the table"
+        )
+    plane.set(xlim=(-180, 180), ylim=(-90, 90))
+    plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
+    plane.set_xlabel("Azimuth in the body frame [deg]")
+    plane.set_ylabel("Elevation [deg]")
+    draw_legend(figure, polar, plane)
+
+
+@analysis(
+    plot=plot,
+    options=[],
+    examples=[
+        "radar-sense rcs",
+        "radar-sense rcs my.yaml --format png",
+    ],
+)
 def rcs(scenario: Scenario) -> Result:
-    """σ_r over the sphere around the aircraft, in the form of an RCS table."""
+    """The radar cross section by aspect: a polar cut and a map.
+
+    The table that it writes can be read as `rcs: {model: table, file: ...}` again.
+    """
     model = scenario.model.rcs
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
@@ -65,7 +142,7 @@ def rcs(scenario: Scenario) -> Result:
     columns = [a.ravel() for a in np.meshgrid(azimuth, elevation)]
     sigma = pattern(model, *columns)
     horizon = pattern(model, azimuth, np.zeros(1))
-    _, seen_elevation = aspects(scenario)
+    seen_azimuth, seen_elevation = aspects(scenario)
     seen = model.cross_section(_lines_of_sight(scenario))
     summary: dict[str, Any] = {
         "largest": _extreme(sigma, columns, int(np.argmax(sigma))),
@@ -78,7 +155,6 @@ def rcs(scenario: Scenario) -> Result:
     }
     low, high = decibels(np.array([seen.min(), seen.max()]))
     return Result(
-        analysis="rcs",
         scenario=scenario,
         table={"azimuth_deg": columns[0], "elevation_deg": columns[1], "rcs_m2": sigma},
         summary=summary,
@@ -87,8 +163,31 @@ def rcs(scenario: Scenario) -> Result:
             f"the geometry sees {low:.1f} to {high:.1f} dBsm, at elevation "
             f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
         ),
+        arrays={
+            **_cuts(model, float(np.median(seen_elevation))),
+            "geometry_azimuth_deg": seen_azimuth,
+            "geometry_elevation_deg": seen_elevation,
+            "table_ends_deg": np.rad2deg(model.elevation[[0, -1]])
+            if isinstance(model, TableRCS) and model.elevation is not None
+            else np.zeros(0),
+        },
         warnings=_beyond(scenario, model, seen_elevation),
     )
+
+
+def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:
+    """Return σ_r for the figure: around the horizon, at an elevation, and over the sphere."""
+    cut = np.arange(-180.0, 180.25, 0.25)
+    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
+    return {
+        "cut_azimuth_deg": cut,
+        "cut_horizon_m2": pattern(model, cut, np.zeros(())),
+        "cut_elevation_deg": np.array(elevation_deg),
+        "cut_m2": pattern(model, cut, np.array(elevation_deg)),
+        "map_azimuth_deg": azimuth,
+        "map_elevation_deg": elevation,
+        "map_m2": pattern(model, azimuth, elevation[:, np.newaxis]),
+    }
 
 
 def _extreme(sigma: FloatArray, columns: list[FloatArray], index: int) -> dict[str, float]:
@@ -120,61 +219,3 @@ def _beyond(scenario: Scenario, model: RCS, elevation: FloatArray) -> tuple[str,
         f"3 sigma of the attitude, {reach:.3g} deg, reach beyond the elevations of the RCS table, "
         f"{low:g} to {high:g} deg; there its outermost values are used",
     )
-
-
-def _rcs(result: Result) -> Figure:
-    scenario, model = result.scenario, result.scenario.model.rcs
-    figure = Figure(figsize=(_WIDTH, 6.0), layout="constrained")
-    grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
-    polar: Any = figure.add_subplot(grid[0], projection="polar")
-    plane = figure.add_subplot(grid[1])
-
-    seen_azimuth, seen_elevation = aspects(scenario)
-    middle = float(np.median(seen_elevation))
-    azimuth = np.arange(-180.0, 180.25, 0.25)
-    horizon, seen = (pattern(model, azimuth, np.array(e)) for e in (0.0, middle))
-    top = max(horizon.max(), seen.max())
-    # Deep nulls would leave no room for the rest, and a cross section of 0 has no decibels.
-    floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
-    for sigma, label, style in (
-        (horizon, "at the horizon", _LINES[0]),
-        (seen, f"at elevation {middle:.1f} deg, as in the geometry", _LINES[1]),
-    ):
-        _line(polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label)
-    low, high = decibels(np.array([floor, top]))
-    margin = max(1.0, 0.05 * (high - low))
-    polar.set_ylim(low - margin, high + margin)
-    polar.set_theta_zero_location("N")  # the nose up, as seen from above
-    polar.set_theta_direction(-1)
-    polar.set_rlabel_position(65)
-    polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-    polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
-    polar.set_ylabel("RCS [dBsm]", labelpad=24)
-
-    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
-    sigma = pattern(model, azimuth, elevation[:, np.newaxis])
-    level = decibels(np.maximum(sigma, 1e-5 * sigma.max()))
-    drawn = plane.pcolormesh(azimuth, elevation, level, shading="nearest", rasterized=True)
-    bar = figure.colorbar(
-        drawn, ax=plane, label="RCS [dBsm]", orientation="horizontal", aspect=40, pad=0.04
-    )
-    if np.ptp(level) > 0.1:
-        contours = plane.contour(
-            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=0.3
-        )
-        bar.add_lines(contours)
-    plane.plot(
-        seen_azimuth, seen_elevation, ".", color=_BAND[0], ms=2.5, label="the radar in the geometry"
-    )
-    if isinstance(model, TableRCS) and model.elevation is not None:
-        ends = np.rad2deg(model.elevation[[0, -1]])
-        plane.hlines(
-            ends, -180, 180, colors="black", linestyles="--", lw=0.8, label="ends of the table"
-        )
-    plane.set(xlim=(-180, 180), ylim=(-90, 90))
-    plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
-    plane.set_xlabel("Azimuth in the body frame [deg]")
-    plane.set_ylabel("Elevation [deg]")
-    _legend(figure, polar, plane)
-    return figure

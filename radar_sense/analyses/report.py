@@ -7,13 +7,24 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from radar_sense.axis import Axis
+from radar_sense.covariance import factor
+from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import doubts
+from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import TAIL, MonteCarlo
-from radar_sense.propagation import BOUND_CHANGE, STD_CHANGE, Moments, propagate_scenario
+from radar_sense.propagation import (
+    BOUND_CHANGE,
+    METHODS,
+    STD_CHANGE,
+    Moments,
+    nonlinear_in_scenario,
+    propagate_scenario,
+)
 from radar_sense.scenario import Scenario, alone
-from radar_sense.states import FloatArray
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
@@ -38,7 +49,7 @@ def trough(values: FloatArray, axis: Axis) -> dict[str, Any]:
     return {**top, "value": -top["value"]}
 
 
-def at(extreme: Mapping[str, Any], axis: Axis) -> str:
+def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     """Describe a peak or a trough: its value and the places."""
     places = extreme[axis.key]
     if not places:
@@ -51,7 +62,7 @@ def at(extreme: Mapping[str, Any], axis: Axis) -> str:
     return f"{extreme['value']:.4f} at {said}"
 
 
-def where(mask: NDArray[np.bool_], axis: Axis) -> str:
+def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     """Describe the poses of a mask; nothing if there are none."""
     count = int(np.count_nonzero(mask))
     if count == 0:
@@ -67,15 +78,15 @@ def where(mask: NDArray[np.bool_], axis: Axis) -> str:
     return f"at {', '.join(spans)} {axis.unit}"
 
 
-def _largest_by_radar(scenario: Scenario, method: str | None) -> dict[str, dict[str, Any]]:
+def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any]]:
     """Largest 3σ of P_D, and where, of each radar of a network by itself."""
     return {
-        name: peak(3 * propagate_scenario(one, method=_chosen(method)).std, scenario.axis)
+        name: peak(3 * propagate_scenario(one, method=method).std, scenario.axis)
         for name, one in alone(scenario).items()
     }
 
 
-def _by_radar(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
+def radar_lines(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     """Return a line for each radar of a network, under a heading; nothing for a single radar."""
     if not said:
         return ()
@@ -86,21 +97,20 @@ def _by_radar(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     )
 
 
-def _by_radar_summary(found: Mapping[str, Any]) -> dict[str, Any]:
+def radar_summary(found: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entry of the summary for the radars of a network, if there are any."""
     return {"largest_three_sigma_by_itself": dict(found)} if found else {}
 
 
-def _chosen(method: str | None) -> str:
-    return "linear" if method is None else method
-
-
-def _drawn(
+def monte_carlo_columns(
     mean: FloatArray, std: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> dict[str, FloatArray]:
+    """Return the columns of the draws."""
     return {"mc_mean": mean, "mc_std": std, "mc_lower": lower, "mc_upper": upper}
 
 
-def _band(moments: Moments) -> dict[str, FloatArray]:
+def band_columns(moments: Moments) -> dict[str, FloatArray]:
+    """Return the columns of a band."""
     return {
         "p_d": moments.p_d,
         "sigma_pd": moments.std,
@@ -109,49 +119,56 @@ def _band(moments: Moments) -> dict[str, FloatArray]:
     }
 
 
-def _mean(mean: FloatArray, method: str | None, ending: str = "") -> dict[str, FloatArray]:
-    """Return the column for the method's mean; the paper's tables, without a method, have none."""
-    return {} if method is None else {f"mean_pd{ending}": mean}
+def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, FloatArray]:
+    """Return the column of the mean of P_D; the mean by `linear` is P_D itself."""
+    return {} if method == "linear" else {f"mean_pd{ending}": mean}
 
 
-def _by(method: str | None) -> str:
-    return "" if method is None else f" ({method})"
+def in_brackets(method: str) -> str:
+    """Return the method in brackets; nothing for the default."""
+    return "" if method == "linear" else f" ({method})"
 
 
-def _named(level: str, method: str | None) -> str:
-    return level if method is None else f"{level}, {method}"
+def level_and_method(level: str, method: str) -> str:
+    """Return the level of radar uncertainty, and the method where another than the default."""
+    return level if method == "linear" else f"{level}, {method}"
 
 
-def _band_name(method: str | None) -> str:
-    return "linearized" if method in (None, "linear") else str(method)
+def band_name(method: str) -> str:
+    """Return what the band of a method is called."""
+    return "linearized" if method == "linear" else method
 
 
-def _doubts(moments: Moments, method: str | None, axis: Axis) -> tuple[str, ...]:
+def validity_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
     """Say where the band of a method is not to be trusted."""
-    name = _band_name(method)
+    name, axis = band_name(method), scenario.axis
+    nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
     outside = (moments.lower < 0) | (moments.upper > 1)
-    said = (
-        (~moments.settled, f"{name} did not settle, or its gradient is undefined,"),
+    problems = (
+        (~moments.converged, f"{name} did not converge, or its gradient is undefined,"),
         (
-            undefined & moments.settled,
+            undefined & moments.converged,
             "the gradient is undefined, with the radar straight above or below the aircraft,",
         ),
         (outside, f"the {name} 3-sigma band leaves [0, 1]"),
         (
-            moments.curved & ~undefined,
+            nonlinear & ~undefined,
             "effects of higher order would change sigma by over "
             f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
         ),
     )
-    return tuple(f"{words} {place}" for mask, words in said if (place := where(mask, axis)))
+    return tuple(
+        f"{words} {place}" for mask, words in problems if (place := describe_poses(mask, axis))
+    )
 
 
-def _points(mc: MonteCarlo) -> str:
+def points_named(mc: MonteCarlo) -> str:
+    """Return ", Sobol' points" for these; nothing for random draws."""
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
-def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
+def rank_error_lines(mc: MonteCarlo) -> tuple[str, ...]:
     """Say how far the quantiles may be off where not all draws of the tails could be kept."""
     if not mc.rank_error:
         return ()
@@ -159,12 +176,66 @@ def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
     return (f"quantiles at the probability 0.00135 to within {share:.2%} of it",)
 
 
-def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
+def distribution_warnings(scenario: Scenario, method: str) -> tuple[str, ...]:
     """Say so if a radar constant is not distributed as the method takes it to be."""
-    return doubts(scenario.model.names, scenario.parts, _chosen(method))
+    chosen = METHODS[method]
+    return doubts(scenario.model.names, scenario.parts, method, log_normal=chosen.log_normal)
 
 
-def _clipped(count: int) -> tuple[str, ...]:
+def clipping_warnings(count: int) -> tuple[str, ...]:
+    """Return a warning if radar constants were drawn below zero."""
     if not count:
         return ()
     return (f"the radar constant was drawn below zero and set to zero in {count} runs",)
+
+
+def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ...]:
+    """Say where states within 3σ see a radar beyond the elevations of an RCS table.
+
+    The deviation of the elevation is that to first order.
+
+    Args:
+        scenario: The scenario, at its level.
+        runs: Runs of Monte Carlo, to say about how many draws there are beyond too.
+    """
+    table = scenario.model.rcs
+    if not isinstance(table, TableRCS) or table.elevation is None:
+        return ()
+    low, high = table.elevation[[0, -1]]
+    reached, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    of_aircraft = factor(scenario.cov_aircraft)
+    for i in range(len(scenario.model.models)):
+        part = slice(i * len(RADAR), (i + 1) * len(RADAR))
+        radar = scenario.radar[part]
+        of_radar = factor(scenario.cov_radar[scenario.level][part, part])
+        steps: list[tuple[Any, Any]] = [(of_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))]
+        steps += [(0.0, of_radar[:, k]) for k in range(len(RADAR))]
+        variance = np.zeros(len(scenario.aircraft))
+        for by_aircraft, by_radar in steps:
+            ends = [
+                _elevation(scenario.aircraft + sign * by_aircraft, radar + sign * by_radar)
+                for sign in (1, -1)
+            ]
+            variance += (0.5 * (ends[0] - ends[1])) ** 2
+        elevation, std = _elevation(scenario.aircraft, radar), np.sqrt(variance)
+        reached |= (elevation - 3 * std < low) & (low > -POLE)
+        reached |= (elevation + 3 * std > high) & (high < POLE)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
+        share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
+    place = describe_poses(reached, scenario.axis)
+    if not place:
+        return ()
+    counted = "" if runs is None else f"about {runs * share:,.0f} draws, "
+    poses = f"{np.count_nonzero(reached)} of {len(reached)} poses"
+    return (
+        f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
+        f"states within 3 sigma lie beyond ({counted}{poses}), where its outermost values are "
+        f"used, {place}",
+    )
+
+
+def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+    """Elevation (n,) [rad] at which the aircraft sees a radar, positive above."""
+    x, y, z = np.moveaxis(body_vector(aircraft, radar), -1, 0)
+    return np.asarray(np.arctan2(-z, np.hypot(x, y)))

@@ -2,83 +2,116 @@
 
 from __future__ import annotations
 
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
-from radar_sense.analyses.contract import Result
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
+
+from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
-    _by,
-    _by_radar,
-    _by_radar_summary,
-    _chosen,
-    _doubts,
-    _largest_by_radar,
-    _mean,
-    _not_as_taken,
-    at,
+    describe_extreme,
+    distribution_warnings,
+    in_brackets,
+    largest_by_radar,
+    mean_column,
     peak,
+    radar_lines,
+    radar_summary,
+    table_warnings,
+    validity_warnings,
 )
-from radar_sense.plotting import _LINES, _from_zero, _legend, _line, _new, _x
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
 
 
-def _sensitivity(result: Result) -> Figure:
-    figure, (axes,) = _new(1, result)
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import (
+        LINES,
+        draw_legend,
+        draw_line,
+        from_zero,
+        pose_coordinates,
+        pose_panels,
+    )
+
+    (axes,) = pose_panels(figure, 1, result.scenario.axis)
     levels = list(result.scenario.cov_radar)
     for i, level in enumerate(levels):
         values = result.table[f"three_sigma_{level}"]
-        _line(axes, _x(result), values, _LINES[i % len(_LINES)], label=level)
+        draw_line(
+            axes, pose_coordinates(result.scenario.axis), values, LINES[i % len(LINES)], label=level
+        )
     axes.set_ylabel(r"$3\,\sigma_{pd}$")
-    _from_zero(axes)
-    _legend(figure, axes)
-    return figure
+    from_zero(axes)
+    draw_legend(figure, axes)
 
 
-def sensitivity(scenario: Scenario, *, method: str | None = None) -> Result:
-    """3σ of P_D for every level of radar uncertainty."""
+@analysis(
+    plot=plot,
+    options=["radar", "method"],
+    examples=[
+        "radar-sense sensitivity",
+        "radar-sense sensitivity my.yaml --out results",
+        "radar-sense sensitivity network.yaml --radar ridge",
+    ],
+)
+def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
+    """3 sigma of P_D for every level of radar uncertainty.
+
+    Args:
+        scenario: The scenario.
+        method: Method of propagation.
+
+    Raises:
+        InputError: If there is no such method.
+    """
     axis = scenario.axis
     moments = {
-        level: propagate_scenario(scenario.with_analysis(level=level), method=_chosen(method))
+        level: propagate_scenario(scenario.with_analysis(level=level), method=method)
         for level in scenario.cov_radar
     }
     worst = {level: peak(3 * m.std, axis) for level, m in moments.items()}
     width = max(map(len, worst))
     by_itself = {
-        level: _largest_by_radar(scenario.with_analysis(level=level), method)
+        level: largest_by_radar(scenario.with_analysis(level=level), method)
         for level in scenario.cov_radar
     }
     of_radars = {
-        name: ", ".join(f"{level} {at(tops[name], axis)}" for level, tops in by_itself.items())
+        name: ", ".join(
+            f"{level} {describe_extreme(tops[name], axis)}" for level, tops in by_itself.items()
+        )
         for name in by_itself[scenario.level]
     }
     return Result(
-        analysis="sensitivity",
         scenario=scenario,
-        method=_chosen(method),
+        method=method,
         table={
             axis.key: axis.values,
             **{f"three_sigma_{level}": 3 * m.std for level, m in moments.items()},
             **{
                 key: column
                 for level, m in moments.items()
-                for key, column in _mean(m.mean, method, f"_{level}").items()
+                for key, column in mean_column(m.mean, method, f"_{level}").items()
             },
         },
         summary={
             "largest_three_sigma": worst,
-            **_by_radar_summary(by_itself if of_radars else {}),
+            **radar_summary(by_itself if of_radars else {}),
         },
         report=(
-            f"largest 3 sigma of P_D by level{_by(method)}:",
-            *(f"  {level:{width}}  {at(top, axis)}" for level, top in worst.items()),
-            *_by_radar(of_radars),
+            f"largest 3 sigma of P_D by level{in_brackets(method)}:",
+            *(f"  {level:{width}}  {describe_extreme(top, axis)}" for level, top in worst.items()),
+            *radar_lines(of_radars),
         ),
         warnings=tuple(
             f"{level}: {doubt}"
             for level, m in moments.items()
             for doubt in (
-                *_doubts(m, method, axis),
-                *_not_as_taken(scenario.with_analysis(level=level), method),
+                *validity_warnings(scenario.with_analysis(level=level), m, method),
+                *distribution_warnings(scenario.with_analysis(level=level), method),
+                *table_warnings(scenario.with_analysis(level=level)),
             )
         ),
     )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import where
+from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import ScenarioError
 from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.propagation import propagate_scenario
@@ -157,7 +157,11 @@ def require_threshold(result: Result, p_max: float, k: float = 3.0) -> Result:
     }
     said = [
         f"P_D + {k:g} sigma <= {p_max:g} (bound by {result.method}): "
-        + ("holds at every pose" if test.passed else f"VIOLATED {where(test.violated, axis)}")
+        + (
+            "holds at every pose"
+            if test.passed
+            else f"VIOLATED {describe_poses(test.violated, axis)}"
+        )
     ]
     if test.first is not None:
         said += [
@@ -165,7 +169,7 @@ def require_threshold(result: Result, p_max: float, k: float = 3.0) -> Result:
             f"first at {axis.at(test.first)}",
         ]
     if unknown.any():
-        said += [f"  no bound {where(unknown, axis)}: counted as a violation"]
+        said += [f"  no bound {describe_poses(unknown, axis)}: counted as a violation"]
     if not unknown.all():
         least = int(np.nanargmin(test.margin))
         said += [f"  least margin {test.margin[least]:.4f} at {axis.at(least)}"]

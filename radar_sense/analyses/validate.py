@@ -2,73 +2,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from radar_sense.analyses.contract import Result
+from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
-    _band,
-    _band_name,
-    _chosen,
-    _clipped,
-    _doubts,
-    _drawn,
-    _mean,
-    _not_as_taken,
+    band_columns,
+    band_name,
+    clipping_warnings,
+    describe_poses,
+    distribution_warnings,
+    mean_column,
+    monte_carlo_columns,
     peak,
     reached,
-    where,
+    table_warnings,
+    validity_warnings,
 )
-from radar_sense.montecarlo import adaptive as validation
+from radar_sense.montecarlo import adaptive
+from radar_sense.montecarlo.adaptive import DIGITS
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA
-from radar_sense.plotting import _LINES, _fill, _legend, _line, _new, _shade, _x
 from radar_sense.scenario import Scenario
 
 
-def _validate(result: Result) -> Figure:
-    figure, (top, bottom) = _new(2, result)
-    table, x = result.table, _x(result)
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import (
+        LINES,
+        draw_fill,
+        draw_legend,
+        draw_line,
+        draw_shade,
+        pose_coordinates,
+        pose_panels,
+    )
+
+    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
+    table, x = result.table, pose_coordinates(result.scenario.axis)
     for axes in (top, bottom):
         label = f"{result.method} validated" if axes is top else None
-        _shade(axes, table["validated"] > 0, x, label=label)
-    for end, style in zip(("lower", "upper"), _LINES, strict=False):
+        draw_shade(axes, table["validated"] > 0, x, label=label)
+    for end, style in zip(("lower", "upper"), LINES, strict=False):
         with np.errstate(invalid="ignore"):  # 0/0 where a radar sees nothing: a gap in the line
             distance = table[f"distance_{end}"] / table["delta"]
-        _line(top, x, distance, style, label=f"{end} bound")
+        draw_line(top, x, distance, style, label=f"{end} bound")
     top.axhline(1.0, color="black", lw=0.8)
     top.set_yscale("log")
     top.set_ylabel(r"Distance from Monte Carlo [$\delta$]")
     expected = "99.73 %"
     bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=0.8, label=expected)
-    _fill(
+    draw_fill(
         bottom,
         x,
         100 * table["coverage_low"],
         100 * table["coverage_high"],
-        color=_LINES[2][0],
+        color=LINES[2][0],
         lw=0.4,
         label="coverage (95 %)",
     )
     bottom.set_ylabel("Coverage [%]")
-    _legend(figure, top, bottom)
-    return figure
+    draw_legend(figure, top, bottom)
 
 
+_DIGITS = Option(
+    "digits", "Significant digits of the standard deviation that matter.", DIGITS, default=2
+)
+
+
+@analysis(
+    plot=plot,
+    options=["level", "radar", "method", _DIGITS, "seed", "workers"],
+    examples=[
+        "radar-sense validate --digits 1",
+        "radar-sense validate my.yaml --method form --digits 1",
+    ],
+)
 def validate(
     scenario: Scenario,
     *,
-    method: str | None = None,
+    method: str = "linear",
     digits: int = 2,
     workers: int = 1,
-    progress: Callable[[int], None] | None = None,
+    progress: Progress = silent,
 ) -> Result:
-    """Verdict on a method of propagation by adaptive Monte Carlo, pose by pose."""
+    """May a method be trusted here? A verdict by adaptive Monte Carlo.
+
+    Draws until mean, deviation and 3-sigma interval are stable to the digits that matter, and
+    compares the interval of the method with that of the draws (JCGM 101, clauses 7.9 and 8).
+    Ends with exit code 3 if the method is not validated at every pose.
+
+    Args:
+        scenario: The scenario.
+        method: Method of propagation.
+        digits: Significant digits of the standard deviation that matter.
+        workers: Threads to compute with; of no influence on the result.
+        progress: Shows the poses that are done.
+
+    Raises:
+        InputError: If there is no such method, or digits are out of range.
+    """
     axis = scenario.axis
-    found = validation.validate(
-        scenario, method=_chosen(method), digits=digits, workers=workers, progress=progress
-    )
+    with progress(len(axis), "poses") as advance:
+        found = adaptive.validate(
+            scenario, method=method, digits=digits, workers=workers, progress=advance
+        )
     low, high = found.coverage_interval()
     distance = np.fmax(found.distance_lower, found.distance_upper)
     # where a radar sees nothing there is no deviation and no δ, and no distance either
@@ -76,18 +118,18 @@ def validate(
     ratio = np.divide(distance, found.delta, out=without, where=found.delta > 0)
     no_result = ~np.isfinite(found.moments.lower + found.moments.upper)
     count = int(np.count_nonzero(found.validated))
-    name = _band_name(method)
+    name = band_name(method)
     report = [
         f"{name} 3-sigma interval ({scenario.level}), {digits} significant "
         f"digit{'s' if digits > 1 else ''}: "
         + ("validated" if found.verdict == "validated" else "NOT validated"),
         f"  validated at {count} of {len(axis)} poses",
     ]
-    if place := where(no_result, axis):
+    if place := describe_poses(no_result, axis):
         report.append(f"  no result {place}")
-    if place := where(found.refuted & ~no_result, axis):
+    if place := describe_poses(found.refuted & ~no_result, axis):
         report.append(f"  refuted {place}")
-    if place := where(found.undecided, axis):
+    if place := describe_poses(found.undecided, axis):
         report.append(f"  undecided {place}: the draws did not become stable")
     worst = peak(ratio, axis)
     if not no_result.all():
@@ -100,13 +142,12 @@ def validate(
             f"{WITHIN_3_SIGMA:.2%} expected",
         ]
     return Result(
-        analysis="validate",
         scenario=scenario,
-        method=_chosen(method),
+        method=method,
         table={
             axis.key: axis.values,
-            **_band(found.moments),
-            **_drawn(found.mc_mean, found.mc_std, found.mc_lower, found.mc_upper),
+            **band_columns(found.moments),
+            **monte_carlo_columns(found.mc_mean, found.mc_std, found.mc_lower, found.mc_upper),
             "delta": found.delta,
             "distance_lower": found.distance_lower,
             "distance_upper": found.distance_upper,
@@ -116,7 +157,7 @@ def validate(
             "coverage_high": high,
             "stable": found.stable.astype(float),
             "validated": found.validated.astype(float),
-            **_mean(found.moments.mean, method),
+            **mean_column(found.moments.mean, method),
         },
         summary={
             "verdict": found.verdict,
@@ -129,9 +170,10 @@ def validate(
         },
         report=tuple(report),
         warnings=(
-            *_doubts(found.moments, method, axis),
-            *_not_as_taken(scenario, method),
-            *_clipped(found.clipped),
+            *validity_warnings(scenario, found.moments, method),
+            *distribution_warnings(scenario, method),
+            *clipping_warnings(found.clipped),
+            *table_warnings(scenario),
         ),
         passed=found.verdict == "validated",
     )

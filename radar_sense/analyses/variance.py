@@ -1,85 +1,159 @@
-"""The analyses: from a scenario to one table, one summary and a few lines for a person.
-
-They take `method`, a method of propagation. Without it they are the paper's: linear, and with the
-paper's columns alone; a method that is named adds columns of its own, its mean among them.
-"""
+"""P_D along the geometry, its standard deviation and band, and the threshold test."""
 
 from __future__ import annotations
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from typing import TYPE_CHECKING
 
-from radar_sense.analyses.contract import Result
+if TYPE_CHECKING:
+    from radar_sense.plotting import Axes, Figure
+
+import numpy as np
+
+from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.analyses.report import (
-    _band,
-    _by_radar,
-    _by_radar_summary,
-    _chosen,
-    _doubts,
-    _mean,
-    _named,
-    _not_as_taken,
-    at,
+    band_columns,
+    describe_extreme,
+    distribution_warnings,
+    level_and_method,
+    mean_column,
     peak,
+    radar_lines,
+    radar_summary,
+    table_warnings,
     trough,
+    validity_warnings,
 )
+from radar_sense.analyses.threshold import check_threshold, require_threshold
+from radar_sense.errors import ScenarioError
+from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.plotting import (
-    _BAND,
-    _LINES,
-    _draw_band,
-    _fill,
-    _legend,
-    _line,
-    _new,
-    _shade,
-    _styles,
-    _x,
-)
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario, alone
 from radar_sense.states import FloatArray
 
 
-def variance(scenario: Scenario, *, method: str | None = None) -> Result:
-    """P_D along the geometry with its standard deviation and 3σ band; of each radar too."""
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import (
+        BAND,
+        draw_band,
+        draw_fill,
+        draw_legend,
+        draw_line,
+        pose_coordinates,
+        pose_panels,
+        styles,
+    )
+
+    (axes,) = pose_panels(figure, 1, result.scenario.axis)
+    table, x = result.table, pose_coordinates(result.scenario.axis)
+    draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
+    names = result.scenario.model.names
+    if len(names) > 1:  # where one radar is all there is, its line is on that of the network
+        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
+    for name, style in zip(names if len(names) > 1 else (), styles(BAND), strict=False):
+        draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
+        axes.lines[-1].set_linewidth(0.8)
+    draw_fill(
+        axes, x, table["lower_3sigma"], table["upper_3sigma"], color=BAND[0], alpha=0.18, lw=0
+    )
+    draw_band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result.band_label)
+    if "threshold" in result.summary:
+        _draw_threshold(axes, x, result)
+    axes.set_ylabel(r"Probability of detection $P_D$")
+    draw_legend(figure, axes)
+
+
+_THRESHOLD = Option(
+    "threshold",
+    "Test P_D + K sigma <= P_MAX at every pose; exit code 3 if a pose violates the test.",
+    THRESHOLD,
+    metavar="P_MAX",
+)
+_K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="3")
+
+
+@analysis(
+    plot=plot,
+    options=["level", "radar", "method", _THRESHOLD, _K],
+    examples=[
+        "radar-sense variance",
+        "radar-sense variance my.yaml --level high --method form",
+        "radar-sense variance my.yaml --threshold 0.1 --k 2",
+        "radar-sense variance network.yaml --radar ridge",
+    ],
+)
+def variance(
+    scenario: Scenario,
+    *,
+    method: str = "linear",
+    threshold: float | None = None,
+    k: float | None = None,
+) -> Result:
+    """Standard deviation of P_D along the geometry.
+
+    With --threshold also whether the upper bound of the method, at K sigma, stays low enough at
+    every pose, as path planners ask. Exit code 3 says that it does not.
+
+    Args:
+        scenario: The scenario.
+        method: Method of propagation.
+        threshold: P_max of the threshold test; None for no test.
+        k: How many σ below P_max P_D must stay, 3 by default.
+
+    Raises:
+        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
+    """
+    if k is not None and threshold is None:
+        raise ScenarioError("--k belongs to --threshold, which is not given")
+    if threshold is not None:
+        k = 3.0 if k is None else k
+        check_threshold(threshold, k)
+    result = _along_geometry(scenario, method)
+    return result if threshold is None or k is None else require_threshold(result, threshold, k)
+
+
+def _along_geometry(scenario: Scenario, method: str) -> Result:
+    """P_D with its standard deviation and 3σ band at each pose, of each radar too."""
     axis = scenario.axis
-    moments = propagate_scenario(scenario, method=_chosen(method))
+    moments = propagate_scenario(scenario, method=method)
     low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
     worst = peak(3 * moments.std, axis)
     each = {
-        name: (one, propagate_scenario(one, method=_chosen(method)))
-        for name, one in alone(scenario).items()
+        name: (one, propagate_scenario(one, method=method)) for name, one in alone(scenario).items()
     }
     by_itself = {name: peak(3 * found.std, axis) for name, (_, found) in each.items()}
     return Result(
-        analysis="variance",
         scenario=scenario,
-        method=_chosen(method),
+        method=method,
         table={
             axis.key: axis.values,
             **_towards(scenario),
-            **_band(moments),
-            **_mean(moments.mean, method),
+            **band_columns(moments),
+            **mean_column(moments.mean, method),
             **{
                 f"{name}_{radar}": column
                 for radar, (one, found) in each.items()
-                for name, column in {**_towards(one), **_band(found)}.items()
+                for name, column in {**_towards(one), **band_columns(found)}.items()
             },
         },
         summary={
             "lowest_p_d": low,
             "highest_p_d": high,
             "largest_three_sigma": worst,
-            **_by_radar_summary(by_itself),
+            **radar_summary(by_itself),
         },
         report=(
-            f"P_D runs from {at(low, axis)} to {at(high, axis)}",
-            f"largest 3 sigma of P_D ({_named(scenario.level, method)}): {at(worst, axis)}",
-            *_by_radar({name: at(top, axis) for name, top in by_itself.items()}),
+            f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}",
+            f"largest 3 sigma of P_D ({level_and_method(scenario.level, method)}): "
+            f"{describe_extreme(worst, axis)}",
+            *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),
         ),
-        warnings=(*_doubts(moments, method, axis), *_not_as_taken(scenario, method)),
+        warnings=(
+            *validity_warnings(scenario, moments, method),
+            *distribution_warnings(scenario, method),
+            *table_warnings(scenario),
+        ),
     )
 
 
@@ -98,30 +172,13 @@ def _towards(scenario: Scenario) -> dict[str, FloatArray]:
     }
 
 
-def _variance(result: Result) -> Figure:
-    figure, (axes,) = _new(1, result)
-    table, x = result.table, _x(result)
-    _line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
-    names = result.scenario.model.names
-    if len(names) > 1:  # where one radar is all there is, its line is on that of the network
-        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
-    for name, style in zip(names if len(names) > 1 else (), _styles(_BAND), strict=False):
-        _line(axes, x, table[f"p_d_{name}"], style, label=name)
-        axes.lines[-1].set_linewidth(0.8)
-    _fill(axes, x, table["lower_3sigma"], table["upper_3sigma"], color=_BAND[0], alpha=0.18, lw=0)
-    _draw_band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result)
-    if "threshold" in result.summary:
-        _threshold(axes, x, result)
-    axes.set_ylabel(r"Probability of detection $P_D$")
-    _legend(figure, axes)
-    return figure
-
-
-def _threshold(axes: Axes, x: FloatArray, result: Result) -> None:
+def _draw_threshold(axes: Axes, x: FloatArray, result: Result) -> None:
     """Mark the threshold of path planning, and where the bound is above it."""
+    from radar_sense.plotting import LINES, draw_line, draw_shade
+
     test = result.summary["threshold"]
     if test["bound"] != "upper_3sigma":
         bound = rf"bound at ${test['k']:g}\,\sigma$"
-        _line(axes, x, result.table[test["bound"]], _LINES[3], label=bound)
+        draw_line(axes, x, result.table[test["bound"]], LINES[3], label=bound)
     axes.axhline(test["p_max"], color="black", lw=0.8, ls=":", label=f"threshold {test['p_max']:g}")
-    _shade(axes, result.table["violated"] > 0, x, label="violated")
+    draw_shade(axes, result.table["violated"] > 0, x, label="violated")

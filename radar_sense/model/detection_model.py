@@ -16,12 +16,12 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import variance_along
+from radar_sense.covariance import checked, variance_along
 from radar_sense.model.detectors import Detector, North
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import snr
 from radar_sense.model.rcs import RCS
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray, check_finite
 
 #: Poses per block. The arrays in use at a time stay within a third-level cache, and NumPy's calls
 #: are long enough for threads not to wait for each other between them.
@@ -59,11 +59,12 @@ class Linearization:
             σ_pd (...).
 
         Raises:
-            ValueError: If a covariance has another shape.
+            ValueError: If a covariance has another shape, or is not finite, symmetric and positive
+                semidefinite.
         """
         return np.sqrt(
-            variance_along(self.jac_aircraft, cov_aircraft)
-            + variance_along(self.jac_radar, cov_radar)
+            variance_along(self.jac_aircraft, checked("aircraft", cov_aircraft))
+            + variance_along(self.jac_radar, checked("radar", cov_radar))
         )
 
 
@@ -86,6 +87,11 @@ class Model(Protocol):
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the radars, if they have any."""
+        ...
+
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that a radar does not see."""
         ...
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
@@ -160,12 +166,19 @@ class DetectionModel:
         """The names of the radars; a single one needs none."""
         return ()
 
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that the radar does not see: this model knows no limits."""
+        return False
+
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Signal-to-noise ratio (...), a ratio of powers.
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        _check_states(aircraft, radar)
         (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar, BLOCK)
         return snr
 
@@ -173,8 +186,10 @@ class DetectionModel:
         """Probability of detection (...).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        _check_states(aircraft, radar)
         (p_d,) = _in_blocks(
             lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),),
             ((),),
@@ -188,8 +203,10 @@ class DetectionModel:
         """Probability of detection and its partials for all ten states.
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        _check_states(aircraft, radar)
         return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
 
     def linearize_probit(
@@ -201,8 +218,10 @@ class DetectionModel:
             z (...), its partials for the aircraft (..., 6) and for the radar (..., 4).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        _check_states(aircraft, radar)
         return self._partials(self.detector.linearize_probit, aircraft, radar)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
@@ -221,9 +240,14 @@ class DetectionModel:
         the floor last.
         """
         below_zero = np.minimum(radar[:, CONSTANT], 0.0)
-        radar = radar.copy()
+        if not below_zero.any():
+            return self.linearize_probit(aircraft, radar)
+        radar = radar.copy(order="K")
         radar[:, CONSTANT] -= below_zero
-        value, by_aircraft, by_radar = self.linearize_probit(aircraft, radar)
+        # Unchecked: a search that has lost its way has states that are not finite.
+        value, by_aircraft, by_radar = self._partials(
+            self.detector.linearize_probit, aircraft, radar
+        )
         return value + by_radar[:, CONSTANT] * below_zero, by_aircraft, by_radar
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
@@ -357,6 +381,11 @@ def _blocks(shape: tuple[int, ...], size: int) -> Iterator[tuple[slice, ...]]:
 def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArray:
     empty = np.empty(tail + shape)
     return np.moveaxis(empty, range(len(tail)), range(-len(tail), 0))
+
+
+def _check_states(aircraft: ArrayLike, radar: ArrayLike) -> None:
+    check_finite("aircraft", _states("aircraft", AIRCRAFT, aircraft))
+    check_finite("radar", _states("radar", RADAR, radar))
 
 
 def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:

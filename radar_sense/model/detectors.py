@@ -13,8 +13,9 @@ be known to its own digits, and not as a difference from 1.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +42,23 @@ class Detector(Protocol):
         ...
 
 
+D = TypeVar("D", bound=type[Detector])
+
+#: The detectors that a scenario can name.
+DETECTORS: dict[str, type[Detector]] = {}
+
+
+def detector(*names: str) -> Callable[[D], D]:
+    """Register a class under the names that a scenario gives for a `detector`."""
+
+    def register(cls: D) -> D:
+        DETECTORS.update(dict.fromkeys(names, cls))
+        return cls
+
+    return register
+
+
+@detector("north")
 @dataclass(frozen=True)
 class North:
     """North's approximation to the detection of a steady target by one pulse, `eq:pd_approx`.
@@ -69,6 +87,7 @@ class North:
         return np.sqrt(2.0) * (root - np.sqrt(-np.log(p_fa))), np.sqrt(0.5) / root
 
 
+@detector("marcum")
 @dataclass(frozen=True)
 class Marcum:
     """A target that does not fluctuate, exactly: what `North` approximates.
@@ -105,6 +124,7 @@ class Marcum:
         return _probit(q.upper, np.log(q.bessel * q.total) - q.decay, q.slope / q.total)
 
 
+@detector("swerling1", "swerling2")  # the same with a single pulse
 @dataclass(frozen=True)
 class Swerling1:
     """Swerling's cases 1 and 2: a cross section distributed as that of many like scatterers.
@@ -130,6 +150,7 @@ class Swerling1:
         return _probit(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
 
 
+@detector("swerling3", "swerling4")
 @dataclass(frozen=True)
 class Swerling3:
     """Swerling's cases 3 and 4: one large scatterer among many, chi-square with four degrees.

@@ -79,15 +79,7 @@ def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
     """
     ecef = np.asarray(ecef, dtype=float)
     x, y, z = (ecef[..., i] for i in range(3))
-    p = np.hypot(x, y)
-    sin_reduced, cos_reduced = _unit(SEMI_MAJOR * z, SEMI_MINOR * p)
-    for _ in range(_ROUNDS):
-        sin, cos = _unit(
-            z + SECOND_ECCENTRICITY_2 * SEMI_MINOR * sin_reduced**3,
-            p - ECCENTRICITY_2 * SEMI_MAJOR * cos_reduced**3,
-        )
-        sin_reduced, cos_reduced = _unit((1.0 - FLATTENING) * sin, cos)
-    height = p * cos + z * sin - SEMI_MAJOR * np.sqrt(1.0 - ECCENTRICITY_2 * sin * sin)
+    sin, cos, height = _meridian(np.hypot(x, y), z)
     return join((np.arctan2(sin, cos), np.arctan2(y, x), height))
 
 
@@ -138,6 +130,30 @@ def geodetic_from_ned(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
     return geodetic_from_ecef(
         np.asarray(ned, dtype=float) @ ned_axes(origin) + ecef_from_geodetic(origin)
     )
+
+
+def height_from_ned(ned: FloatArray, origin: ArrayLike) -> FloatArray:
+    """Height above the ellipsoid of positions in the north-east-down frame of an origin.
+
+    The result is the third component of `geodetic_from_ned`. It takes a fraction of the time,
+    because no angle is computed.
+
+    Args:
+        ned: (..., 3 or more) [m]; further components are ignored.
+        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
+
+    Returns:
+        (...) [m].
+    """
+    north, east, down = (ned[..., i] for i in range(3))
+    latitude, _, height = np.asarray(origin, dtype=float)
+    sin, cos = np.sin(latitude), np.cos(latitude)
+    # x points from the axis of the earth to the origin, z to the north pole.
+    x, _, z = ecef_from_geodetic((latitude, 0.0, height))
+    x = x - sin * north - cos * down
+    z = z + cos * north - sin * down
+    _, _, above = _meridian(np.sqrt(x * x + east * east), z)
+    return above
 
 
 def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
@@ -245,7 +261,21 @@ def euler_angles(axes: FloatArray) -> FloatArray:
     return join((roll, pitch, yaw))
 
 
+def _meridian(p: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Sine and cosine of the latitude, and height [m], from p and z, as `geodetic_from_ecef`."""
+    # A pair in proportion to sine and cosine of the latitude; that of β is (1 − f) sin φ, cos φ.
+    sin, cos = z / (1.0 - FLATTENING) ** 2, p
+    for _ in range(_ROUNDS):
+        s, c = _unit((1.0 - FLATTENING) * sin, cos)
+        # Products, because a power of an array takes ten times as long.
+        sin = z + SECOND_ECCENTRICITY_2 * SEMI_MINOR * (s * s * s)
+        cos = p - ECCENTRICITY_2 * SEMI_MAJOR * (c * c * c)
+    sin, cos = _unit(sin, cos)
+    height = p * cos + z * sin - SEMI_MAJOR * np.sqrt(1.0 - ECCENTRICITY_2 * sin * sin)
+    return sin, cos, height
+
+
 def _unit(sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Scale a pair to the sine and cosine that it is in proportion to."""
-    length = np.hypot(sin, cos)
+    length = np.sqrt(sin * sin + cos * cos)  # a third of the time of np.hypot
     return sin / length, cos / length

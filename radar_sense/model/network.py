@@ -33,7 +33,7 @@ from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.rcs import RCS
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import RADAR, FloatArray, check_finite
 
 #: z of a radar that does not see the target, in sums that minus infinity would make NaN: no z is
 #: as low as the logarithm of the least number there is, and Φ(−1e6) is 0.
@@ -124,6 +124,11 @@ class NetworkModel:
         """The names of the radars."""
         return tuple(station.name for station in self.stations)
 
+    @property
+    def limited(self) -> bool:
+        """Whether there is anything that a radar does not see."""
+        return any(station.limited for station in self.stations)
+
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Say which radars (..., m) see the aircraft.
 
@@ -138,7 +143,8 @@ class NetworkModel:
         """Signal-to-noise ratio at each radar (..., m), 0 where it does not see the aircraft.
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
         return join(self._each(DetectionModel.snr, aircraft, radar))
 
@@ -146,7 +152,8 @@ class NetworkModel:
         """Probability of detection by each radar (..., m).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
         return join(self._each(DetectionModel.p_d, aircraft, radar))
 
@@ -154,7 +161,8 @@ class NetworkModel:
         """Probability of detection by at least one radar (...).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
         # one radar after the other: no more than two arrays at a time
         each = self._each(DetectionModel.p_d, aircraft, radar)
@@ -169,8 +177,11 @@ class NetworkModel:
         `jac_radar` is (..., 4m). Where no radar sees the aircraft all of it is 0.
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        check_finite("aircraft", aircraft)
+        check_finite("radar", radar)
         if len(self.stations) == 1:
             (station,) = self.stations
             lin = station.model.linearize(aircraft, radar)
@@ -201,8 +212,11 @@ class NetworkModel:
             z (...), its partials for the aircraft (..., 6) and for the radars (..., 4m).
 
         Raises:
-            ValueError: If a shape does not fit or a radar constant is negative.
+            ValueError: If a shape does not fit, a state is not finite or a radar constant is
+                negative.
         """
+        check_finite("aircraft", aircraft)
+        check_finite("radar", radar)
         seen = self.visible(aircraft, radar)
         z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, seen, continued=False)
         return np.where(seen.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
@@ -240,6 +254,7 @@ class NetworkModel:
         radar: ArrayLike,
     ) -> Iterator[FloatArray]:
         """Give a quantity (...) of each radar, 0 where that does not see the aircraft."""
+        check_finite("radar", radar)
         for station, state in zip(self.stations, self._split(radar), strict=True):
             values = quantity(station.model, aircraft, state)
             if station.limited:

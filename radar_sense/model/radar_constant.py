@@ -147,20 +147,19 @@ def shape(parts: Sequence[Tolerance]) -> Shape:
     return _shape(*(math.prod(part.moment(n) for part in parts) for n in (1, 2, 3)))
 
 
-def taken_for(parts: Sequence[Tolerance], method: str) -> Shape:
-    """Shape of what a method of propagation takes c_r for, with σ of first order.
+def taken_for(parts: Sequence[Tolerance], *, log_normal: bool) -> Shape:
+    """Return the shape that a method of propagation takes c_r to have, with σ of first order.
 
-    `linear` takes it for Gaussian. `probit` and `form` take ln c_r for Gaussian, which is exact
-    where all parts are in decibels.
+    Log-normal is exact where all parts are in decibels. The other methods take c_r for Gaussian.
     """
     std = relative_std(parts)
-    if method == "linear":
+    if not log_normal:
         return Shape(1.0, std, 0.0)
     return _shape(*(math.exp(0.5 * (n * std) ** 2) for n in (1, 2, 3)))
 
 
 def doubts(
-    names: Sequence[str], parts: Sequence[Sequence[Tolerance]], method: str
+    names: Sequence[str], parts: Sequence[Sequence[Tolerance]], method: str, *, log_normal: bool
 ) -> tuple[str, ...]:
     """Say so of each radar (m,) whose c_r is not distributed as a method takes it to be.
 
@@ -168,23 +167,26 @@ def doubts(
         names: The radars' names; the constant of a single radar needs none.
         parts: What makes the c_r of each radar uncertain; nothing where that is one number.
         method: Name of the method.
+        log_normal: Whether the method takes c_r for log-normal, and not for Gaussian.
     """
-    found = [doubt(of_radar, method) if of_radar else None for of_radar in parts]
+    found = [
+        doubt(of_radar, method, log_normal=log_normal) if of_radar else None for of_radar in parts
+    ]
     if len(found) == 1:
         return tuple(filter(None, found))
     return tuple(f"{name}: {said}" for name, said in zip(names, found, strict=True) if said)
 
 
-def doubt(parts: Sequence[Tolerance], method: str) -> str | None:
+def doubt(parts: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
     """Say so if c_r is not distributed as a method of propagation takes it to be."""
-    exact, taken = shape(parts), taken_for(parts, method)
+    exact, taken = shape(parts), taken_for(parts, log_normal=log_normal)
     if (
         abs(exact.mean - taken.mean) <= MEAN_CHANGE
         and abs(exact.std - taken.std) <= STD_CHANGE * taken.std
         and abs(exact.skewness - taken.skewness) <= SKEWNESS_CHANGE
     ):
         return None
-    kind = "Gaussian" if method == "linear" else "log-normal"
+    kind = "log-normal" if log_normal else "Gaussian"
     return (
         f"c_r is not {kind}, as {method} takes it to be: of its nominal value its mean is "
         f"{exact.mean:.1%} ({kind}: {taken.mean:.1%}), its standard deviation {exact.std:.1%} "

@@ -16,8 +16,9 @@ RCS gives the mean that it fluctuates about. The RCS from a table is in a module
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
@@ -25,12 +26,29 @@ from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, 
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.states import FloatArray
 
+C = TypeVar("C", bound=type[Any])
+
+#: The RCS models that a scenario can name. Their keys are declared with their fields.
+RCS_MODELS: dict[str, type[Any]] = {}
+
+
+def rcs_model(name: str) -> Callable[[C], C]:
+    """Register a class under the name that a scenario gives for its `model`."""
+
+    def register(cls: C) -> C:
+        RCS_MODELS[name] = cls
+        return cls
+
+    return register
+
 
 class RCS(Protocol):
     """What the rest of the package asks of an RCS model."""
 
     #: Whether it is the same from everywhere, so that nobody need know the attitude.
     isotropic: ClassVar[bool]
+    #: Whether it may have several lobes within a few degrees.
+    lobed: ClassVar[bool]
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -41,6 +59,7 @@ class RCS(Protocol):
         ...
 
 
+@rcs_model("constant")
 @dataclass(frozen=True)
 class ConstantRCS:
     """The same cross section from everywhere.
@@ -50,6 +69,7 @@ class ConstantRCS:
     """
 
     isotropic: ClassVar[bool] = True
+    lobed: ClassVar[bool] = False
 
     rcs: float = parameter("rcs_m2", POSITIVE)
 
@@ -65,6 +85,7 @@ class ConstantRCS:
         return self.cross_section(body_vector), np.zeros(np.shape(body_vector))
 
 
+@rcs_model("ellipsoid")
 @dataclass(frozen=True)
 class EllipsoidRCS:
     """The paper's ellipsoid, `eq:rcs_ellipsoid`, taken literally.
@@ -80,6 +101,7 @@ class EllipsoidRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = False
 
     a: float = parameter("a_m", POSITIVE)
     b: float = parameter("b_m", POSITIVE)
@@ -130,11 +152,12 @@ class EllipsoidRCS:
         """1/D of `eq:rcs_ellipsoid`, with a sum of positive terms so that nothing cancels."""
         # sin²λ cos²φ = (y²/h²)(h²/r²),  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
         times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
-        inverse, aside = hh / times_hh, hh > 0
+        inverse, aside = hh / times_hh, hh != 0  # NaN is not 0 and stays
         # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
         return inverse if aside.all() else np.where(aside, inverse, self.c**-2)
 
 
+@rcs_model("ellipsoid_exact")
 @dataclass(frozen=True)
 class ExactEllipsoidRCS:
     """The ellipsoid itself, which the paper's formula is only near the horizon.
@@ -156,6 +179,7 @@ class ExactEllipsoidRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = False
 
     x: float = parameter("x_m", POSITIVE)
     y: float = parameter("y_m", POSITIVE)
@@ -198,6 +222,7 @@ class ExactEllipsoidRCS:
         return np.pi * ratio * ratio, (xx, yy, zz), weighted
 
 
+@rcs_model("spikeball")
 @dataclass(frozen=True)
 class SpikeballRCS:
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
@@ -213,6 +238,7 @@ class SpikeballRCS:
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = True
 
     lobes: int = parameter("lobes", Limit(at_least=1, at_most=1e6, whole=True))
     amplitude: float = parameter("amplitude_m2", NOT_NEGATIVE)

@@ -11,14 +11,23 @@ it is a row that is missing, and one over 90° is too wide to say anything about
 Between the nodes ln σ_r is a cubic spline (a tensor product of two with elevations): twice
 continuously differentiable, periodic in azimuth, exact at the nodes, and σ_r is positive
 everywhere. Like any cubic spline it overshoots a little where the table jumps. At the lowest and
-highest elevation its slope is zero, so that it goes on beyond them as a constant without a kink.
-Where that is straight above or below, azimuth has no meaning and all values there must be the same.
+highest elevation its slope by elevation is zero. Beyond them σ_r is held constant, without a kink.
+Within a step or two of these ends, σ_r differs by up to 5 % from a spline with free ends
+("not-a-knot"). Straight above and below, azimuth has no meaning and all values must be the same.
+
+With an envelope, σ_r is an upper bound of that spline, and twice continuously differentiable too.
+Each cell between nodes is divided into finer cells. In a finer cell the spline is a polynomial, and
+at most its largest Bézier coefficient (G. Farin, Curves and Surfaces for CAGD, 2002, ch. 6). The
+envelope is a cubic B-spline on the finer nodes. Each control value is the largest bound of all
+finer cells within the angle of anywhere that it affects. The B-spline is a mean of its control
+values, with weights that are positive. So it is nowhere below the largest σ_r within the angle.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import ClassVar
 
 import numpy as np
@@ -26,37 +35,50 @@ from numpy.typing import NDArray
 
 from radar_sense.limits import LARGEST, SMALLEST, Limit
 from radar_sense.model.geometry import join, split
+from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray
 
 #: Each cell between nodes has 16 coefficients of 8 bytes.
 MAX_NODES = 1_000_000
+#: An envelope of w has nodes w over this apart, so that it is nowhere much looser than needed, ...
+ENVELOPE_STEPS = 16
+#: ... or farther apart, so that it has no more cells than this (51 MB) or than the table.
+ENVELOPE_CELLS = 400_000
+#: Elevations of the envelope of a table that has none: one every degree.
+_ROWS = 180
+#: Relative margin of an envelope, larger than the rounding of its evaluation.
+_MARGIN = 1e-12
+
 #: Angles nearer to each other than this are the same, and farther apart than this unrelated.
 MIN_STEP, MAX_STEP = np.deg2rad(1e-3), np.deg2rad(90.0)
 #: A step so many times as wide as both beside it is a gap.
 GAP = 1.5
 ENVELOPE = Limit(above=0, at_most=90)
 TURN = 2.0 * np.pi
-_POLE = np.deg2rad(90.0 - 1e-9)
+#: An elevation of this or more is straight above.
+POLE = np.deg2rad(90.0 - 1e-9)
 
 
+@rcs_model("table")
 @dataclass(frozen=True, eq=False)
 class TableRCS:
     """A cross section that is tabulated over azimuth, or over azimuth and elevation.
 
     Straight above and below, a table with azimuths alone takes λ = 0, and its gradient is NaN; so
-    does one whose elevations do not reach that far.
+    does one whose elevations do not reach that far. An envelope has one value there and gradient 0.
 
     Attributes:
         azimuth: λ of the nodes (n,) [rad], ascending, less than one turn.
         rcs: σ_r at the nodes (n,) or (n, m) [m²], positive.
         elevation: Elevation of the nodes (m,) [rad], ascending, positive above; None if the table
             holds for all elevations.
-        envelope: w [rad]. With it σ_r is nowhere less than any node within ±w in azimuth (and in
-            elevation), nor than the nodes next to it; and nowhere more than the largest node
-            within ±w and four steps.
+        envelope: w [rad]. With it σ_r is nowhere less than the largest σ_r that the table without
+            an envelope has within the angle w of the direction. The same holds for directions
+            within ±w in azimuth and ±w in elevation.
     """
 
     isotropic: ClassVar[bool] = False
+    lobed: ClassVar[bool] = True
 
     azimuth: FloatArray
     rcs: FloatArray
@@ -74,10 +96,15 @@ class TableRCS:
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
         self._check()
-        object.__setattr__(self, "_around", _Axis.closed(self.azimuth))
+        around = _Axis.closed(self.azimuth)
         upward = None if self.elevation is None else _Axis.of(self.elevation, periodic=False)
+        if self.envelope is None:
+            cells = _interpolated(around, upward, np.log(self.rcs))
+        else:
+            around, upward, cells = _enveloped(around, upward, np.log(self.rcs), self.envelope)
+        object.__setattr__(self, "_around", around)
         object.__setattr__(self, "_upward", upward)
-        object.__setattr__(self, "_cells", self._coefficients())
+        object.__setattr__(self, "_cells", cells)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -111,8 +138,9 @@ class TableRCS:
             up = up / (h * (hh + z * z))
             gradient = join((up * x * z - along * y, up * y * z + along * x, -up * hh))
         # Where the table reaches straight above or below, σ_r is flat there.
-        assert self.elevation is not None
-        flat = np.where(z < 0, self.elevation[-1] >= _POLE, self.elevation[0] <= -_POLE)
+        assert self._upward is not None
+        low, high = self._upward.nodes[[0, -1]]
+        flat = np.where(z < 0, high >= POLE, low <= -POLE)
         at_pole = (hh == 0) & (z != 0) & flat
         if np.any(at_pole):
             gradient[at_pole] = 0.0
@@ -155,27 +183,6 @@ class TableRCS:
             raise ValueError(pole[1])
         if self.envelope is not None and not ENVELOPE.allows(np.rad2deg(self.envelope)):
             raise ValueError(f"envelope in degrees must be {ENVELOPE}")
-
-    def _coefficients(self) -> FloatArray:
-        values = np.log(self.rcs)
-        fit: Callable[[_Axis, FloatArray], FloatArray] = _Axis.through
-        if self.envelope is not None:
-            fit = _Axis.with_control
-            values = self._around.highest(values, self.envelope)
-        if self._upward is None:
-            return np.ascontiguousarray(fit(self._around, values).T)
-        if self.envelope is not None:
-            values = self._upward.highest(values.T, self.envelope).T
-            # The two control points that make up the value at a pole
-            for reached, rows in (
-                (self._upward.nodes[0] <= -_POLE, slice(0, 2)),
-                (self._upward.nodes[-1] >= _POLE, slice(-2, None)),
-            ):
-                if reached:
-                    values[:, rows] = values[:, rows].max()
-        by_azimuth = np.moveaxis(fit(self._around, values), 2, 0)  # (m, 4, n)
-        both = fit(self._upward, by_azimuth)  # (4, m − 1, 4, n)
-        return np.ascontiguousarray(both.transpose(3, 1, 2, 0).reshape(-1, 16))
 
     def _place(
         self, azimuth: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray
@@ -265,25 +272,156 @@ class _Axis:
         found: FloatArray = CubicHermiteSpline(nodes, *at_nodes).c[::-1]
         return found
 
-    def highest(self, values: FloatArray, width: float) -> FloatArray:
-        """Control values (n, ...) with which the B-spline is an upper envelope of values (n, ...).
+    def divided(self, step: float) -> _Axis:
+        """Return the axis with every cell divided evenly, into parts no wider than a step."""
+        nodes = [
+            start + (stop - start) * np.arange(parts) / parts
+            for (start, stop), parts in zip(pairwise(self.nodes), self.parts(step), strict=True)
+        ]
+        return _Axis.of(np.append(np.concatenate(nodes), self.nodes[-1]), periodic=self.periodic)
 
-        The control value of a node weighs in up to two nodes away from it. So it is the largest
-        within ±width of anywhere there.
+    def parts(self, step: float) -> NDArray[np.intp]:
+        """Return how many parts no wider than a step each cell has."""
+        return np.ceil(np.diff(self.nodes) / step * (1 - 1e-9)).astype(np.intp)
+
+    def bezier(self, values: FloatArray, finer: _Axis) -> FloatArray:
+        """Bézier coefficients (4, finer cells, ...) of the spline through values (n, ...).
+
+        Args:
+            values: Values at the nodes.
+            finer: This axis, divided.
         """
-        nodes, offset, tiled = self.nodes, 0, values
+        coefficients = self.through(values)
+        cell, start = self.place(finer.nodes[:-1])
+        shape = (-1, *[1] * (values.ndim - 1))
+        start, width = start.reshape(shape), np.diff(finer.nodes).reshape(shape)
+        c0, c1, c2, c3 = coefficients[:, cell]
+        first = ((c3 * start + c2) * start + c1) * start + c0
+        slope = ((3.0 * c3 * start + 2.0 * c2) * start + c1) * width
+        bend = (3.0 * c3 * start + c2) * width**2
+        last = first + slope + bend + c3 * width**3
+        return np.stack([first, first + slope / 3.0, first + (2.0 * slope + bend) / 3.0, last])
+
+    def affected(self) -> tuple[FloatArray, FloatArray]:
+        """First and last angle (n,) that the control value of each node affects."""
+        nodes = self.nodes
         if self.periodic:
-            once = nodes[:-1]
-            nodes = np.concatenate([once - TURN, once, once + TURN])
-            tiled, offset = np.concatenate([values] * 3), len(once)
-        rounding = 1e-9
-        found = np.empty_like(values)
-        for i in range(len(values)):
-            left = nodes[max(i + offset - 2, 0)] - width - rounding
-            right = nodes[min(i + offset + 2, len(nodes) - 1)] + width + rounding
-            start, stop = np.searchsorted(nodes, [left, right])
-            found[i] = tiled[start:stop].max(axis=0)
-        return found
+            nodes = np.concatenate([nodes[-3:-1] - TURN, nodes, nodes[1:2] + TURN])
+            return nodes[:-4], nodes[4:]
+        nodes = np.pad(nodes, 2, mode="edge")
+        return nodes[:-4], nodes[4:]
+
+
+def _interpolated(around: _Axis, upward: _Axis | None, values: FloatArray) -> FloatArray:
+    """Coefficients (cells, 4) or (cells, 16) of the spline through values (n,) or (n, m)."""
+    by_azimuth = around.through(values)
+    if upward is None:
+        return np.ascontiguousarray(by_azimuth.T)
+    return _by_cell(upward.through(np.moveaxis(by_azimuth, 2, 0)))
+
+
+def _by_cell(coefficients: FloatArray) -> FloatArray:
+    """Arrange coefficients (4, cells upward, 4, cells around) by cell (cells, 16)."""
+    return np.ascontiguousarray(coefficients.transpose(3, 1, 2, 0).reshape(-1, 16))
+
+
+def _enveloped(
+    around: _Axis, upward: _Axis | None, values: FloatArray, width: float
+) -> tuple[_Axis, _Axis, FloatArray]:
+    """Return the axes of an envelope, and its coefficients (cells, 16).
+
+    An envelope reaches from straight below to straight above, whatever the table covers.
+
+    Args:
+        around: The azimuths of the table.
+        upward: The elevations of the table, if it has any.
+        values: ln σ_r at the nodes (n,) or (n, m).
+        width: w [rad].
+    """
+    most = max(ENVELOPE_CELLS, values.size)
+    step = max(width / ENVELOPE_STEPS, np.pi * np.sqrt(2.0 / most))
+    rows, columns = int(np.ceil(np.pi / step)), int(np.ceil(TURN / step))
+    if upward is None:
+        rows, columns = _ROWS, int(min(np.ceil(TURN * ENVELOPE_STEPS / width), most // _ROWS))
+    azimuth = _Axis.of(np.linspace(-np.pi, np.pi, columns + 1), periodic=True)
+    elevation = _Axis.of(np.linspace(-np.pi / 2, np.pi / 2, rows + 1), periodic=False)
+
+    edges, edges_upward, bounds = _bounds(around, upward, values, step, most)
+    low, high = elevation.affected()
+    control = _largest_between(bounds.T, edges_upward, low - width, high + width).T
+    # From an elevation ε, the angle w reaches as far in azimuth as arcsin(sin w / cos ε), ...
+    steepest = np.maximum(abs(low), abs(high))
+    polar = steepest + width >= np.pi / 2 - 1e-9  # ... or all around
+    sine = np.sin(width) / np.cos(np.where(polar, 0.0, steepest))
+    reach = np.where(polar, np.pi, np.arcsin(np.minimum(sine, 1.0)))
+    turns = np.concatenate([edges[:-1] - TURN, edges[:-1], edges + TURN])
+    left, right = azimuth.affected()
+    control = np.stack(
+        [
+            np.full(columns, row.max())
+            if all_around
+            else _largest_between(np.tile(row, 3), turns, left - sideways, right + sideways)
+            for row, sideways, all_around in zip(control, reach, polar, strict=True)
+        ]
+    )
+    control += _MARGIN
+    by_azimuth = np.moveaxis(azimuth.with_control(control.T), 2, 0)
+    return azimuth, elevation, _by_cell(elevation.with_control(by_azimuth))
+
+
+def _bounds(
+    around: _Axis, upward: _Axis | None, values: FloatArray, step: float, most: int
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Divide the cells of a table and bound the spline in each part, on all of the sphere.
+
+    The parts are no wider than a step, or as wide as it takes to have no more parts than `most`.
+
+    Returns:
+        Edges of the parts in azimuth (k + 1,) and in elevation (j + 1,), and a bound of the spline
+        in each part (j, k).
+    """
+    axes = [around] if upward is None else [around, upward]
+    while step < MAX_STEP and math.prod(int(axis.parts(step).sum()) for axis in axes) > most:
+        step *= 1.1
+    finer = around.divided(step)
+    by_azimuth = around.bezier(values, finer)
+    ends = by_azimuth.max(axis=0).reshape(len(finer.nodes) - 1, -1).T
+    # The spline is constant below and above the elevations of the table.
+    edges, bounds = np.zeros(1), ends[:0]
+    if upward is not None:
+        finer_upward = upward.divided(step)
+        edges = finer_upward.nodes
+        bounds = upward.bezier(np.moveaxis(by_azimuth, 2, 0), finer_upward).max(axis=(0, 2))
+    edges = np.concatenate([[-np.pi / 2], edges, [np.pi / 2]])
+    return finer.nodes, edges, np.concatenate([ends[:1], bounds, ends[-1:]])
+
+
+def _largest_between(
+    values: FloatArray, edges: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Largest value of the cells that overlap each interval.
+
+    Args:
+        values: A value for each cell (..., cells).
+        edges: Edges of the cells (cells + 1,), ascending.
+        low: Where the intervals begin (k,).
+        high: Where they end (k,).
+
+    Returns:
+        (..., k).
+    """
+    rounding = 1e-9
+    start = np.maximum(np.searchsorted(edges, low - rounding, side="right") - 1, 0)
+    stop = np.minimum(np.searchsorted(edges, high + rounding), values.shape[-1])
+    # Two runs of a power of two cells cover any interval.
+    power = np.frexp(stop - start)[1] - 1
+    found = np.empty((*values.shape[:-1], len(low)))
+    for exponent in range(int(power.max()) + 1):
+        here, length = power == exponent, 1 << exponent
+        found[..., here] = np.maximum(values[..., start[here]], values[..., stop[here] - length])
+        if exponent < power.max():
+            values = np.maximum(values[..., :-length], values[..., length:])
+    return found
 
 
 #: What is wrong with a table: the index of the value that shows it, and the problem.
@@ -335,8 +473,8 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
 def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
     """Find a value straight above or below that is not that of the first azimuth."""
     for j, reached, pole in (
-        (0, elevation[0] <= -_POLE, "below"),
-        (len(elevation) - 1, elevation[-1] >= _POLE, "above"),
+        (0, elevation[0] <= -POLE, "below"),
+        (len(elevation) - 1, elevation[-1] >= POLE, "above"),
     ):
         differ = np.flatnonzero(rcs[:, j] != rcs[0, j])
         if reached and len(differ):

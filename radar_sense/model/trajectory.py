@@ -27,8 +27,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.constants import g as STANDARD_GRAVITY
+from scipy.constants import g as gravity
 
+from radar_sense.covariance import without_rounding
 from radar_sense.errors import ScenarioError, did_you_mean
 from radar_sense.model import geodesy as wgs84
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
@@ -44,6 +45,8 @@ METHODS = ("legs", "smooth")
 _BLOCK = 2**14
 #: Nearer than this [rad] to straight up or down, errors of yaw and roll grow more than 500-fold.
 _STEEP = 0.002
+#: Second differences of the altitude in a row that show the top of a curve.
+_SHOWN = 5
 #: A covariance below this is rounding of nothing, and its square would leave the range of floats.
 _NOTHING = 1e-100
 _ATTITUDE = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
@@ -82,7 +85,9 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
 
     `smooth` is for samples of a flight, near enough to each other to show its turns: the cubic
     spline with continuous acceleration through all of them (C. de Boor, *A Practical Guide to
-    Splines*, 1978, ch. IV, not-a-knot). Course, climb and bank are those of the spline itself.
+    Splines*, 1978, ch. IV, not-a-knot). Course, climb and bank are those of the spline itself. In
+    latitude and longitude the spline is lifted to its altitude, as a leg is. Altitude stays between
+    the altitudes of the two samples, unless the samples show the top of a curve (`_altitude`).
 
     Attitude that is given is turned from pose to pose about one axis at a constant rate (K.
     Shoemake, "Animating rotation with quaternion curves", SIGGRAPH 1985): unlike interpolated
@@ -91,7 +96,8 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
 
     Args:
         route: The route.
-        step_s: Step of time [s] from the first pose on. The last pose is there if a step meets it.
+        step_s: Step of time [s] from the first pose on. The last pose of the route is always there:
+            the last interval may be shorter than a step.
         method: "legs" or "smooth".
 
     Raises:
@@ -103,11 +109,18 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
             f"method must be one of {', '.join(METHODS)}, got {method!r}"
             + did_you_mean(method, METHODS)
         )
-    return interpolated(route, times(route, step_s), method)
+    time, last = times(route, step_s), float(route.time_s[-1])
+    rounding = 1e-6 * min(step_s, last - float(route.time_s[0])) + 2.0 * np.spacing(abs(last))
+    if last - time[-1] > rounding:
+        time = np.append(time, last)
+    time[-1] = last
+    if len(time) > MAX_ROWS:
+        raise _too_many(step_s)
+    return interpolated(route, time, method)
 
 
 def times(route: Route, step_s: float) -> FloatArray:
-    """Times (n,) [s] from the first pose of a route on, as `resample` has them.
+    """Times (n,) [s] at even steps from the first pose of a route on, to the last or before it.
 
     Raises:
         ScenarioError: If the step is not positive or makes too many of them.
@@ -120,9 +133,13 @@ def times(route: Route, step_s: float) -> FloatArray:
     # Rounding must not lose the last pose.
     steps = math.floor((last - first) / step_s * (1 + 1e-12) + 1e-9)
     if steps >= MAX_ROWS:
-        raise ScenarioError(f"step_s makes more than {MAX_ROWS:,} poses, got {step_s:g}")
+        raise _too_many(step_s)
     found: FloatArray = np.minimum(first + step_s * np.arange(steps + 1), last)
     return found
+
+
+def _too_many(step_s: float) -> ScenarioError:
+    return ScenarioError(f"step_s makes more than {MAX_ROWS:,} poses, got {step_s:g}")
 
 
 def interpolated(route: Route, time: FloatArray, method: str = "legs") -> Route:
@@ -133,14 +150,8 @@ def interpolated(route: Route, time: FloatArray, method: str = "legs") -> Route:
     """
     if len(route.time_s) == 1:
         return route
-    waypoints = route.aircraft[:, POSITION]
-    if method == "legs":
-        position, velocity, acceleration = _legs(route, time)
-    else:
-        from scipy.interpolate import CubicSpline  # takes 0.3 s, and only this needs it
-
-        spline = CubicSpline(route.time_s, waypoints)
-        position, velocity, acceleration = (spline(time, order) for order in range(3))
+    motion = _legs if method == "legs" else _smooth
+    position, velocity, acceleration = motion(route, time)
     if route.attitude_given:
         from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s, and only this needs it
 
@@ -163,6 +174,30 @@ def interpolated(route: Route, time: FloatArray, method: str = "legs") -> Route:
             before, after = route.covariance[leg[some]], route.covariance[leg[some] + 1]
             covariance[some] = (1.0 - weight) * before + weight * after
     return _route(time, position, attitude, covariance, route.attitude_given, route.origin)
+
+
+def in_frame(
+    covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
+) -> FloatArray:
+    """C_aa of each pose (n, 6, 6) in the frame, from one relative to the level of the aircraft.
+
+    Args:
+        covariance: (6, 6), relative to north, east and down at the aircraft, wherever it is.
+        time: Time of each pose (n,) [s], for an error.
+        aircraft: States (n, 6) in the frame of the origin.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m].
+
+    Raises:
+        ScenarioError: If the nose points straight up or down as the origin sees it.
+    """
+    place = wgs84.geodetic_from_ned(aircraft[:, POSITION], origin)
+    attitude = np.empty_like(place)
+    for some in _slices(len(place)):
+        to_level = np.swapaxes(wgs84.turn_to_origin(place[some], origin), -1, -2)
+        attitude[some] = wgs84.turned_attitude(aircraft[some, ATTITUDE], to_level)
+    of_each = np.repeat(covariance[np.newaxis], len(place), axis=0)
+    _to_origin("geometry", time, place, attitude, of_each, origin)
+    return without_rounding(of_each)
 
 
 def attitude_from_track(time: FloatArray, position: FloatArray) -> FloatArray:
@@ -221,7 +256,7 @@ def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> Floa
     yaw = np.arctan2(east, north)[known]
     pitch = np.where(np.hypot(speed, down) >= HOVER, np.arctan2(-down, speed), 0.0)
     to_the_right = north * acceleration[:, 1] - east * acceleration[:, 0]
-    roll = np.arctan(to_the_right / (STANDARD_GRAVITY * np.where(moves, speed, np.inf)))
+    roll = np.arctan(to_the_right / (gravity * np.where(moves, speed, np.inf)))
     return np.stack([roll, pitch, yaw], axis=-1)
 
 
@@ -278,7 +313,7 @@ def _to_origin(
     place: FloatArray,
     attitude: FloatArray,
     covariance: FloatArray | None,
-    origin: tuple[float, float, float],
+    origin: tuple[float, ...],
 ) -> FloatArray:
     """Turn attitudes from the level of the aircraft to that of the origin; covariances in place.
 
@@ -345,18 +380,96 @@ def _legs(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatAr
     velocity = np.diff(waypoints, axis=0) / np.diff(route.time_s)[:, np.newaxis]
     velocity = velocity[leg]
     position = waypoints[leg] + velocity * (at - route.time_s[leg])[:, np.newaxis]
+    acceleration = np.zeros_like(velocity)
     if route.origin is not None:
-        # The straight line is a tunnel through the earth: each point is lifted to its altitude.
         height = wgs84.geodetic_from_ned(waypoints, route.origin)[:, 2]
-        place = wgs84.geodetic_from_ned(position, route.origin)
-        place[:, 2] = height[leg] + part * (height[leg + 1] - height[leg])
-        position = wgs84.ned_from_geodetic(place, route.origin)
         climb = (np.diff(height) / np.diff(route.time_s))[leg]
-        for some in _slices(len(at)):
-            down = wgs84.turn_to_origin(place[some], route.origin)[..., 2]
-            sinks = np.sum(velocity[some] * down, axis=-1) + climb[some]
-            velocity[some] -= sinks[:, np.newaxis] * down
-    return position, velocity, np.zeros_like(velocity)
+        height = height[leg] + part * (height[leg + 1] - height[leg])
+        position = _lifted(position, height, climb, velocity, acceleration, route.origin)
+    return position, velocity, acceleration
+
+
+def _smooth(route: Route, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, velocity and horizontal acceleration (n, 3) on the cubic spline."""
+    from scipy.interpolate import CubicSpline  # takes 0.3 s, and only this needs it
+
+    waypoints = route.aircraft[:, POSITION]
+    spline = CubicSpline(route.time_s, waypoints)
+    position, velocity, acceleration = (spline(at, order) for order in range(3))
+    if route.origin is None:
+        height, climb = _altitude(route.time_s, -waypoints[:, 2], at)
+        position[:, 2], velocity[:, 2] = -height, -climb
+    else:
+        height = wgs84.geodetic_from_ned(waypoints, route.origin)[:, 2]
+        height, climb = _altitude(route.time_s, height, at)
+        position = _lifted(position, height, climb, velocity, acceleration, route.origin)
+    return position, velocity, acceleration
+
+
+def _lifted(
+    position: FloatArray,
+    height: FloatArray,
+    climb: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    origin: tuple[float, float, float],
+) -> FloatArray:
+    """Positions (n, 3) at a height above the ellipsoid; changes velocity and acceleration in place.
+
+    A line or a spline between waypoints is a tunnel through the earth. Each of its points keeps its
+    latitude and longitude. Speed over ground grows with the distance from the centre of the earth.
+
+    Args:
+        position: Positions in the tunnel (n, 3) [m].
+        height: Height above the ellipsoid (n,) [m].
+        climb: Its rate of change (n,) [m/s].
+        velocity: Velocity in the tunnel (n, 3) [m/s].
+        acceleration: Acceleration there (n, 3) [m/s²]; only its horizontal part is scaled and used.
+        origin: Of the north-east-down frame.
+    """
+    place = wgs84.geodetic_from_ned(position, origin)
+    grows = (wgs84.SEMI_MAJOR + height) / (wgs84.SEMI_MAJOR + place[:, 2])
+    place[:, 2] = height
+    for some in _slices(len(place)):
+        down = wgs84.turn_to_origin(place[some], origin)[..., 2]
+        sinks = np.sum(velocity[some] * down, axis=-1)
+        level = velocity[some] - sinks[:, np.newaxis] * down
+        velocity[some] = grows[some, np.newaxis] * level - climb[some, np.newaxis] * down
+    acceleration *= grows[:, np.newaxis]
+    return wgs84.ned_from_geodetic(place, origin)
+
+
+def _altitude(
+    time: FloatArray, height: FloatArray, at: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Height [m] and rate of climb [m/s] (n,) between samples of the height.
+
+    The result is a cubic Hermite spline. Its slopes at the samples are those of the cubic spline,
+    limited so that the height is monotone between two samples (F. N. Fritsch and R. E. Carlson,
+    "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980): not more than three
+    times the slope to either neighbour, and 0 where these have different signs.
+
+    A limit of 0 would flatten a top that the samples show. The limits do not apply where five
+    second differences in a row have one sign and are within a factor of two of each other. That
+    takes more than some 15 samples for a period of a wave.
+    """
+    from scipy.interpolate import CubicHermiteSpline, CubicSpline  # takes 0.3 s
+
+    slope = np.diff(height) / np.diff(time)
+    before, after = np.append(slope[0], slope), np.append(slope, slope[-1])
+    rate = CubicSpline(time, height)(time, 1)
+    most = 3.0 * np.minimum(abs(before), abs(after))
+    same = (before * after > 0) & (rate * after > 0)
+    limited = np.where(same, np.clip(rate, -most, most), 0.0)
+    if len(time) > _SHOWN + 1:
+        bend = np.diff(slope) / (time[2:] - time[:-2])
+        near = np.lib.stride_tricks.sliding_window_view(bend, _SHOWN)
+        low, high = near.min(axis=-1), near.max(axis=-1)
+        shown = ((low > 0) & (high <= 2.0 * low)) | ((high < 0) & (low >= 2.0 * high))
+        inner = slice(_SHOWN // 2 + 1, -(_SHOWN // 2 + 1))
+        limited[inner] = np.where(shown, rate[inner], limited[inner])
+    spline = CubicHermiteSpline(time, height, limited)
+    return spline(at), spline(at, 1)
 
 
 def _slices(count: int) -> Iterator[slice]:

@@ -13,6 +13,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.montecarlo.parallel import in_order
@@ -74,15 +75,21 @@ class MonteCarlo:
 
     @property
     def coverage(self) -> FloatArray:
-        """Share of the draws within the method's bounds (n,)."""
-        return self.inside / self.runs
+        """Share of the draws within the method's bounds (n,), NaN where it has none."""
+        return np.where(self.has_band, self.inside / self.runs, np.nan)
+
+    @property
+    def has_band(self) -> NDArray[np.bool_]:
+        """Where the method has bounds (n,)."""
+        return np.isfinite(self.band.lower + self.band.upper)
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-        """Ends of the binomial confidence interval of the coverage, each (n,).
+        """Ends of the binomial confidence interval of the coverage, each (n,); NaN without bounds.
 
         It holds for random draws; those of a Sobol' sequence are spread too evenly for it.
         """
-        return binomial_interval(self.inside, self.runs, confidence)
+        low, high = binomial_interval(self.inside, self.runs, confidence)
+        return np.where(self.has_band, low, np.nan), np.where(self.has_band, high, np.nan)
 
 
 class _Statistics:

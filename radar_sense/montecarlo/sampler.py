@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.covariance import component_first, draws, factor, factor_apart
+from radar_sense.covariance import checked, component_first, draws, factor, factor_apart
 from radar_sense.model.detection_model import Model
 from radar_sense.model.radar_constant import Part, draw
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray
+from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray, check_finite
 
 #: All poses of a scenario.
 EVERY = slice(None)
@@ -64,14 +64,20 @@ class Sampler:
 
     @classmethod
     def of(cls, scenario: Scenario) -> Sampler:
-        """Make the sampler of a scenario at its level of radar uncertainty."""
+        """Make the sampler of a scenario at its level of radar uncertainty.
+
+        Raises:
+            ValueError: If a state is not finite, or a matrix is not a covariance.
+        """
+        check_finite("aircraft", scenario.aircraft)
+        check_finite("radar", scenario.radar)
         return cls(
             model=scenario.model,
             aircraft=scenario.aircraft,
             radar=scenario.radar,
-            factor_aircraft=component_first(factor(scenario.cov_aircraft)),
+            factor_aircraft=component_first(factor(checked("aircraft", scenario.cov_aircraft))),
             factor_radar=factor_apart(
-                scenario.cov_radar[scenario.level], made_of_parts(scenario.parts)
+                checked("radar", scenario.cov_radar[scenario.level]), made_of_parts(scenario.parts)
             ),
             parts=scenario.parts,
         )

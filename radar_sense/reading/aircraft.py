@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from radar_sense import keys
-from radar_sense.model.rcs import RCS
-from radar_sense.model.rcs_models import RCS_MODELS
+from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.provenance import TableFile
 from radar_sense.reading.geometry import is_path
 from radar_sense.reading.rcs_file import read_rcs_table

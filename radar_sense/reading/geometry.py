@@ -9,7 +9,7 @@ import numpy as np
 
 from radar_sense import axis, keys, provenance
 from radar_sense.axis import Axis
-from radar_sense.limits import _DEG
+from radar_sense.limits import DEG
 from radar_sense.model.geometry import orbit
 from radar_sense.model.horizon import Horizon
 from radar_sense.reading.trajectory import read_path
@@ -59,11 +59,7 @@ def read_geometry(entry: Entry, attitude: FloatArray | None) -> Poses:
     """
     if attitude is None:
         along, route, path = read_path(entry)
-        earth = (
-            Horizon()
-            if route.origin is None
-            else Horizon(tangent_plane=True, altitude=route.origin[2])
-        )
+        earth = Horizon(origin=route.origin)
         return Poses(
             along, route.aircraft, path, route.covariance, earth, route.time_s, route.origin
         )
@@ -72,7 +68,7 @@ def read_geometry(entry: Entry, attitude: FloatArray | None) -> Poses:
     radius, down = section.si(keys.RANGE), section.si(keys.DOWN)
     theta_r_deg, sweep = _read_sweep(section["azimuth_deg"])
     azimuth_from = section.value(keys.AZIMUTH_FROM)
-    position = orbit(theta_r_deg * _DEG, radius=radius, down=down, azimuth_from=azimuth_from)
+    position = orbit(theta_r_deg * DEG, radius=radius, down=down, azimuth_from=azimuth_from)
     aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
     source = provenance.Orbit(radius, down, sweep, azimuth_from)
     return Poses(axis.azimuth(theta_r_deg), aircraft, source)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
@@ -11,7 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from radar_sense import covariance, keys
-from radar_sense.limits import _DEG, MIN_RANGE
+from radar_sense.limits import DEG, MIN_RANGE
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs import RCS
@@ -19,7 +18,14 @@ from radar_sense.model.rcs_table import TableRCS
 from radar_sense.provenance import Provenance
 from radar_sense.reading.aircraft import read_aircraft
 from radar_sense.reading.geometry import Poses, read_geometry
-from radar_sense.reading.radars import RadarEntry, network, placed, read_radar, read_radars
+from radar_sense.reading.radars import (
+    RadarEntry,
+    network,
+    placed,
+    read_radar,
+    read_radars,
+    with_levels,
+)
 from radar_sense.reading.uncertainty import read_uncertainty
 from radar_sense.reading.yaml_reader import Entry, parse, read_file
 from radar_sense.scenario import Scenario
@@ -72,7 +78,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         entries["uncertainty"], poses, radars[0].data_sheet, of_radar=not several
     )
     if levels is not None:
-        radars = [dataclasses.replace(radars[0], levels=levels)]
+        radars = [with_levels(radars[0], levels, poses)]
     cov_radar = {
         level: covariance.side_by_side([radar.levels.covariance[level] for radar in radars])
         for level in radars[0].levels.covariance
@@ -135,8 +141,8 @@ def _refuse_uncovered(entry: Entry, rcs: RCS, poses: Poses, radar: RadarEntry) -
         x, y, z = body[pose]
         raise entry.error(
             f"at {poses.axis.name} {poses.axis.at(pose)} the aircraft sees {radar.called} at "
-            f"elevation {np.arctan2(-z, np.hypot(x, y)) / _DEG:.3g} deg, the RCS table covers "
-            f"{rcs.elevation[0] / _DEG:g} to {rcs.elevation[-1] / _DEG:g} deg"
+            f"elevation {np.arctan2(-z, np.hypot(x, y)) / DEG:.3g} deg, the RCS table covers "
+            f"{rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg"
         )
 
 

@@ -9,12 +9,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from radar_sense import keys
+from radar_sense import covariance, keys
 from radar_sense.errors import did_you_mean
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detector_names import DETECTORS
-from radar_sense.model.detectors import Detector
-from radar_sense.model.geodesy import ned_from_geodetic
+from radar_sense.model.detectors import DETECTORS, Detector
+from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.network import NetworkModel, Station, name_problem
 from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.radar_equation import RADARS
@@ -24,7 +23,7 @@ from radar_sense.reading.geometry import Poses
 from radar_sense.reading.trajectory import read_place
 from radar_sense.reading.uncertainty import Levels, read_levels
 from radar_sense.reading.yaml_reader import Entry, Section
-from radar_sense.states import POSITION, FloatArray
+from radar_sense.states import POSITION, RADAR, FloatArray
 
 MAX_RADARS = 64
 
@@ -45,7 +44,8 @@ class RadarEntry:
         name: Its name among several, else "".
         max_range: Slant range beyond which it detects nothing [m].
         horizon: Whether it detects nothing below the horizon.
-        levels: Its uncertainty.
+        levels: Its uncertainty, in the frame of the poses once it is `placed`.
+        stated: Its uncertainty as the file states it.
     """
 
     state: FloatArray
@@ -59,6 +59,7 @@ class RadarEntry:
     max_range: float = math.inf
     horizon: bool = False
     levels: Levels = field(default_factory=Levels)
+    stated: Levels = field(default_factory=Levels)
 
     @property
     def called(self) -> str:
@@ -69,8 +70,8 @@ class RadarEntry:
     def source(self) -> RadarSource:
         """What the record needs beside the arrays."""
         covariances = {
-            level: StatedCovariance(matrix, matrix)
-            for level, matrix in self.levels.covariance.items()
+            level: StatedCovariance(matrix, self.levels.covariance[level])
+            for level, matrix in self.stated.covariance.items()
         }
         return RadarSource(self.state, self.place, self.data_sheet, covariances)
 
@@ -133,7 +134,28 @@ def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:
         )
     state = radar.state.copy()
     state[POSITION] = ned_from_geodetic(radar.place, poses.origin)
-    return dataclasses.replace(radar, state=state)
+    return with_levels(dataclasses.replace(radar, state=state), radar.stated, poses)
+
+
+def with_levels(radar: RadarEntry, levels: Levels, poses: Poses) -> RadarEntry:
+    """Return a radar with its uncertainty.
+
+    C_rr of a radar in latitude and longitude is relative to north, east and down at the radar, and
+    is turned into the frame of the poses.
+    """
+    made = levels
+    if radar.place is not None and poses.origin is not None:
+        turn = np.eye(len(RADAR))
+        turn[POSITION, POSITION] = turn_to_origin(radar.place, poses.origin)
+        turned = {level: turn @ matrix @ turn.T for level, matrix in levels.covariance.items()}
+        made = dataclasses.replace(
+            levels,
+            covariance={
+                level: covariance.without_rounding((matrix + matrix.T) / 2)
+                for level, matrix in turned.items()
+            },
+        )
+    return dataclasses.replace(radar, levels=made, stated=levels)
 
 
 def read_radars(entry: Entry) -> list[RadarEntry]:
@@ -169,7 +191,7 @@ def _read_one_of_several(entry: Entry) -> RadarEntry:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
     levels = read_levels(section[uncertainty], radar.data_sheet)
     return dataclasses.replace(
-        radar, name=name, max_range=max_range, horizon=horizon, levels=levels
+        radar, name=name, max_range=max_range, horizon=horizon, levels=levels, stated=levels
     )
 
 

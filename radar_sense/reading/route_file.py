@@ -14,7 +14,7 @@ import numpy as np
 
 from radar_sense.covariance import first_problem
 from radar_sense.errors import InputError
-from radar_sense.limits import _DEG, Limit
+from radar_sense.limits import DEG, Limit
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.trajectory import (
     _ATTITUDE,
@@ -44,7 +44,7 @@ _COV = tuple(
 )
 #: Index of each entry of the covariance among the 21 columns.
 _ENTRY = np.array([[_UPPER.index((min(i, j), max(i, j))) for j in range(6)] for i in range(6)])
-_COV_UNITS = np.repeat([1.0, _DEG], 3)
+_COV_UNITS = np.repeat([1.0, DEG], 3)
 #: 100 000 km. A larger distance is a mistake in the units.
 _FAR = 1e8
 _TURN = 360.0
@@ -64,12 +64,12 @@ _COLUMNS: dict[str, Column] = {
     "time_s": _within(-1e12, 1e12),
     **{f"{axis}_m": _within(-_FAR, _FAR) for axis in _NED},
     **{f"{axis}_km": _within(-_FAR / 1e3, _FAR / 1e3, 1e3) for axis in _NED},
-    "latitude_deg": _within(-90.0, 90.0, _DEG),
-    "longitude_deg": _within(-180.0, 360.0, _DEG),
+    "latitude_deg": _within(-90.0, 90.0, DEG),
+    "longitude_deg": _within(-180.0, 360.0, DEG),
     "altitude_m": _within(-10e3, _FAR),
-    "roll_deg": _within(-_TURN, _TURN, _DEG),
-    "pitch_deg": _within(-90.0, 90.0, _DEG),
-    "yaw_deg": _within(-_TURN, _TURN, _DEG),
+    "roll_deg": _within(-_TURN, _TURN, DEG),
+    "pitch_deg": _within(-90.0, 90.0, DEG),
+    "yaw_deg": _within(-_TURN, _TURN, DEG),
     **{name: _within(0.0, most) for name, most in zip(_STD, _STD_LIMITS, strict=True)},
     **{
         name: _within(

@@ -16,6 +16,9 @@ In the same frame a radar may have its place in latitude and longitude, too:
     radar:
       position_geodetic: {latitude_deg: 47.1, longitude_deg: 9.2, altitude_m: 1500}
 
+The covariance of its position is then relative to north, east and down at the radar. Errors of the
+aircraft, in the route file or in the scenario, are relative to the level of the aircraft.
+
 The columns of the file are described at the top of `model.trajectory`. Attitude comes from the
 file, or else from the track.
 """

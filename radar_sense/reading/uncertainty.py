@@ -8,10 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from radar_sense import covariance, keys
+from radar_sense.errors import InputError
 from radar_sense.keys import Key
 from radar_sense.limits import NOT_NEGATIVE
 from radar_sense.model.radar_constant import DataSheet, Tolerance, relative_std
 from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.trajectory import in_frame
 from radar_sense.provenance import StatedCovariance
 from radar_sense.reading.data_sheet import read_tolerances
 from radar_sense.reading.geometry import Poses
@@ -48,7 +50,13 @@ def read_uncertainty(
     if poses.covariance is None:
         entries = entry.mapping([aircraft, *radars], [correlation.name])
         stated = _read_covariance(entries[aircraft], keys.COV_AIRCRAFT)[0]
-        cov_aircraft = StatedCovariance(stated, stated)
+        made = stated
+        if poses.origin is not None and poses.time_s is not None:
+            try:
+                made = in_frame(stated, poses.time_s, poses.aircraft, poses.origin)
+            except InputError as error:
+                raise entries[aircraft].error(str(error)) from error
+        cov_aircraft = StatedCovariance(stated, made)
     else:
         entries = entry.mapping(radars, [aircraft, correlation.name])
         if aircraft in entries:

@@ -13,7 +13,7 @@ import yaml
 from scenarios import document, write_path
 
 import radar_sense as rs
-from radar_sense import analyses, axis, covariance, figures
+from radar_sense import analyses, axis, covariance
 from radar_sense.analyses.rcs import rcs
 from radar_sense.analyses.report import at, peak, where
 from radar_sense.error_budget import allowances, error_budget
@@ -290,6 +290,17 @@ def exact_ned(place, origin):
         return [float(v) for v in turn * line]
 
 
+def local_axes(place, origin):
+    """North, east and down at a place in the frame of an origin, by differences of positions."""
+    steps = ({"latitude_deg": 1e-6}, {"longitude_deg": 1e-6}, {"altitude_m": -1})
+    here = np.array(exact_ned(place, origin))
+    lines = (
+        np.array(exact_ned({k: v + step.get(k, 0) for k, v in place.items()}, origin)) - here
+        for step in steps
+    )
+    return [line / np.linalg.norm(line) for line in lines]
+
+
 @pytest.mark.parametrize("several", [False, True])
 def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
     content = {"position_geodetic": ALPS, "constant": 50, "p_fa": 1e-6}
@@ -311,10 +322,15 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
     assert -45e3 < state[1] < -35e3
     if several:
         assert s.radar[:3].tolist() == [9, 8, 7]
-        # metres of the frame, whatever the place is given in
-        assert np.diag(s.cov_radar["medium"])[4:7].tolist() == [100, 400, 900]
+        # metres of the frame where the place is in the frame, else metres north, east, down there
+        assert np.diag(s.cov_radar["medium"])[:3].tolist() == [100, 400, 900]
+        north, east, down = local_axes(ALPS, ORIGIN)
+        of_alps = s.cov_radar["medium"][4:7, 4:7]
+        expected = [100 * np.outer(north, north), 400 * np.outer(east, east)]
+        np.testing.assert_allclose(of_alps, sum(expected) + 900 * np.outer(down, down), atol=1e-5)
+        assert abs(of_alps - np.diag([100, 400, 900])).max() > 1
         horizon = s.model.stations[1].horizon
-        assert horizon.height(state) == pytest.approx(3571, abs=5)
+        assert horizon.height(state) == pytest.approx(3571, abs=1e-6)
     resolved = s.resolved()
     given = resolved["radars"][1] if several else resolved["radar"]
     assert given["position_geodetic"] == ALPS
@@ -577,7 +593,7 @@ LABELS = [
 def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
     values = np.linspace(7.0, 7.0 + span, 4)
     s = dataclasses.replace(load(tmp_path), axis=getattr(axis, kind)(values))
-    figure = figures.draw(analyses.variance(s))
+    figure = analyses.variance(s).plot()
     (axes,) = figure.axes
     assert axes.get_xlabel() == label
     assert axes.lines[0].get_xdata() == pytest.approx(values / unit)
@@ -596,8 +612,7 @@ def test_every_analysis_takes_a_path(tool, tmp_path, name):
     assert "theta_r" not in (tmp_path / f"figures/paper_{name}.csv").read_text()
     if name not in ("detectors", "rcs"):
         assert "Time [min]" in "".join(
-            text.get_text()
-            for text in [ax.xaxis.label for ax in figures.draw(_result(name, file)).axes]
+            text.get_text() for text in [ax.xaxis.label for ax in _result(name, file).plot().axes]
         )
 
 

@@ -429,13 +429,23 @@ def test_legs_are_flown_straight_and_level(load):
     assert not found.attitude_given
 
 
-def test_the_last_pose_is_there_if_a_step_meets_it(load):
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_the_last_pose_is_always_there(load, method):
     path = corner(load)
-    for step, count in ((0.1, 201), (20, 2), (20.1, 1), (7, 3), (1e9, 1)):
-        found = resample(path, step)
+    for step, count in ((0.1, 201), (20, 2), (20.1, 2), (7, 4), (19.9999, 3), (1e9, 2)):
+        found = resample(path, step, method)
         assert len(found.time_s) == count
-        assert found.time_s[-1] <= 20
-    assert resample(path, 0.1).time_s[-1] == 20
+        assert found.time_s[-1] == 20
+        assert np.all(np.diff(found.time_s) > 0)
+        np.testing.assert_allclose(found.aircraft[-1, :3], [1000, 2000, -100], atol=1e-9)
+    # the cases that were reported: 1807 s by 1000 s and by 5 s
+    path = load("time_s,north_m,east_m,down_m\n0,0,0,0\n900,1e5,0,0\n1807,2e5,0,0\n")
+    assert resample(path, 1000, method).time_s.tolist() == [0, 1000, 1807]
+    assert resample(path, 5, method).time_s.tolist() == [*range(0, 1806, 5), 1807]
+    # no second last row by rounding, late on a clock
+    path = load("time_s,north_m,east_m,down_m\n1e9,0,0,0\n1000000000.3,90,0,0\n")
+    found = resample(path, 0.1, method).time_s - 1e9
+    np.testing.assert_allclose(found, [0, 0.1, 0.2, 0.3], atol=1e-6)
     header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
     path = load(f"{header}\n0,0,0,0,0,0,0\n0.3,9,0,0,0,0,0\n")
     assert resample(path, 0.1).time_s[-1] == 0.3  # and not 3 · 0.1 = 0.30000000000000004

@@ -1,0 +1,40 @@
+"""The public names, each once; `__init__.py` finds them here when they are first used."""
+
+from radar_sense import analyses as analyses
+from radar_sense.analyses.budget import budget as budget
+from radar_sense.analyses.compare import compare as compare
+from radar_sense.analyses.contract import Result as Result
+from radar_sense.analyses.detectors import detectors as detectors
+from radar_sense.analyses.sensitivity import sensitivity as sensitivity
+from radar_sense.analyses.validate import validate as validate
+from radar_sense.analyses.variance import variance as variance
+from radar_sense.errors import InputError as InputError
+from radar_sense.errors import ScenarioError as ScenarioError
+from radar_sense.model.detection_model import DetectionModel as DetectionModel
+from radar_sense.model.detection_model import Linearization as Linearization
+from radar_sense.model.detectors import Marcum as Marcum
+from radar_sense.model.detectors import North as North
+from radar_sense.model.detectors import Swerling1 as Swerling1
+from radar_sense.model.detectors import Swerling3 as Swerling3
+from radar_sense.model.horizon import Horizon as Horizon
+from radar_sense.model.network import NetworkModel as NetworkModel
+from radar_sense.model.network import Station as Station
+from radar_sense.model.radar_equation import SurveillanceRadar as SurveillanceRadar
+from radar_sense.model.radar_equation import TrackingRadar as TrackingRadar
+from radar_sense.model.rcs import ConstantRCS as ConstantRCS
+from radar_sense.model.rcs import EllipsoidRCS as EllipsoidRCS
+from radar_sense.model.rcs import ExactEllipsoidRCS as ExactEllipsoidRCS
+from radar_sense.model.rcs import SpikeballRCS as SpikeballRCS
+from radar_sense.model.rcs_table import TableRCS as TableRCS
+from radar_sense.montecarlo.montecarlo import MonteCarlo as MonteCarlo
+from radar_sense.montecarlo.montecarlo import monte_carlo as monte_carlo
+from radar_sense.propagation import Moments as Moments
+from radar_sense.propagation import propagate as propagate
+from radar_sense.reading.parse import load_scenario as load_scenario
+from radar_sense.reading.parse import parse_scenario as parse_scenario
+from radar_sense.reading.rcs_file import load_rcs_table as load_rcs_table
+from radar_sense.reading.route_file import load_route as load_route
+from radar_sense.scenario import Scenario as Scenario
+
+__version__: str
+__all__: list[str]

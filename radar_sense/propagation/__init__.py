@@ -1,0 +1,31 @@
+"""Methods of propagation: from Gaussian states to mean, deviation and bounds of P_D."""
+
+from radar_sense.propagation.checks import BOUND_CHANGE, STD_CHANGE
+from radar_sense.propagation.methods import (
+    METHODS,
+    Method,
+    check_method,
+    nonlinear,
+    nonlinear_in_scenario,
+    propagate,
+    propagate_scenario,
+    std_function,
+    upper_bound,
+)
+from radar_sense.propagation.moments import Moments, probit_moments
+
+__all__ = [
+    "BOUND_CHANGE",
+    "METHODS",
+    "STD_CHANGE",
+    "Method",
+    "Moments",
+    "check_method",
+    "nonlinear",
+    "nonlinear_in_scenario",
+    "probit_moments",
+    "propagate",
+    "propagate_scenario",
+    "std_function",
+    "upper_bound",
+]

@@ -1,0 +1,403 @@
+"""The first-order reliability method (FORM), corrected to second order.
+
+FORM takes for the quantile of z at Φ(β) the greatest z in the ball |u| ≤ β of standard normal
+space, or the least in |u| ≤ |β| where β is negative (A. M. Hasofer and N. C. Lind, J. Eng. Mech.
+Div. ASCE 100(1), 1974). That is exact where z is linear in u, or a monotone function of one
+variable. The extreme does not account for the curvature of z across its gradient. The second-order
+expansion of z has that curvature, an extreme of its own in the same ball, and a quantile that can
+be computed. The difference of these two is added to the extreme of z.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from radar_sense.propagation.lobes import scan
+from radar_sense.propagation.moments import Moments
+from radar_sense.propagation.standard_space import (
+    RelativeProbit,
+    StandardNormalSpace,
+    StdFunction,
+    UncertainStates,
+)
+from radar_sense.states import AIRCRAFT, FloatArray
+
+#: β of the quantiles that mean and standard deviation rest on.
+NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
+#: The search for an extreme has converged when the gradient promises no more to gain within the
+#: ball than this, in standard deviations of z.
+TOLERANCE = 1e-4
+#: Evaluations after which a search is given up. On the paper's scenario one or two are enough.
+ITERATIONS = 60
+#: Another lobe is searched if its scan promises an extreme farther out by this, in standard
+#: deviations of z.
+WORTH = 0.02
+#: A step shows that the curvature is less than at u = 0 if it gains more than this factor times
+#: what that curvature promises. Without any curvature it gains twice as much.
+EASY = 1.2
+
+
+def form(states: UncertainStates, beta: float) -> Moments:
+    """Return bounds by FORM with its correction, and mean and σ as integrals over quantiles."""
+    parts = states.blocks(_numbers(states, len(NODES)))
+    return Moments.concatenated(moments_in(StandardNormalSpace.of(s), beta) for s in parts)
+
+
+def form_upper(states: UncertainStates, beta: float) -> FloatArray:
+    """Return the upper bound (k,) of `form`; NaN where the search has not converged."""
+    bounds = []
+    for part in states.blocks(_numbers(states, 1)):
+        space = StandardNormalSpace.of(part)
+        found = quantiles(space, np.array([beta]), beta)
+        upper = ndtr(np.maximum(found.corrected[0], space.probit.floor))
+        bounds.append(np.where(found.converged, upper, np.nan))
+    return np.concatenate(bounds)
+
+
+def form_std(states: UncertainStates) -> StdFunction:
+    """Return a function from covariances to σ of P_D, which shares the derivatives of z.
+
+    The derivatives are those with all of the states' uncertainty. The searches for the extremes
+    start from them.
+    """
+    blocks = []
+    for part in states.blocks(_numbers(states, len(NODES))):
+        blocks.append((part, RelativeProbit.of(part).derivatives()))
+
+    def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
+        found, start = [], 0
+        for part, derivatives in blocks:
+            changed = part.with_covariances(cov_aircraft, cov_radar, start)
+            space = StandardNormalSpace.expanded(RelativeProbit.of(changed), *derivatives)
+            found.append(moments_in(space, 3.0).std)
+            start += len(part)
+        return np.concatenate(found)
+
+    return std
+
+
+def moments_in(space: StandardNormalSpace, beta: float) -> Moments:
+    """Return the moments of P_D at the poses of a standard normal space."""
+    found = quantiles(space, betas_for(beta), beta)
+    values = spread(space, found.corrected, beta)
+    mean, std, lower, upper = (np.where(found.converged, v, np.nan) for v in values)
+    states = space.probit.states
+    p_d = states.model.p_d(states.aircraft, states.radar) + np.zeros(len(states))
+    return Moments(p_d, mean, std, lower, upper, found.converged)
+
+
+class Quantiles(NamedTuple):
+    """Quantiles of z at n values of β, at each of k poses.
+
+    Attributes:
+        corrected: Quantiles by FORM with its correction (n, k).
+        second_order: Quantiles of the second-order expansion (n, k).
+        converged: Whether the search for the extremes has converged at all β (k,). Elsewhere, and
+            where z has no gradient, the quantiles have no meaning.
+        extreme: u (r, n, k) of the extremes.
+        nearest: u (r, n, k) of the extremes that the search from u = 0 finds.
+    """
+
+    corrected: FloatArray
+    second_order: FloatArray
+    converged: NDArray[np.bool_]
+    extreme: FloatArray
+    nearest: FloatArray
+
+
+def betas_for(beta: float) -> FloatArray:
+    """Return the nodes, and after them −β and β unless they are nodes."""
+    return NODES if beta in NODES else np.append(NODES, (-beta, beta))
+
+
+def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Quantiles:
+    """Return quantiles of z at Φ(β) for each of k poses and n values of β.
+
+    Where the RCS has lobes, those within reach are searched too for β = ± `bound`.
+    """
+    known = np.isfinite(space.value + space.gradient.sum(axis=0) + space.curvature.sum(axis=0))
+    pose = np.flatnonzero(known)
+    shape = (len(betas), len(pose))
+    # One row for each β and pose, with the sign turned so that all look for a maximum.
+    row, beta = np.tile(pose, len(betas)), np.repeat(betas, len(pose))
+    sign, radius = np.where(beta < 0, -1.0, 1.0), np.abs(beta)
+    g, lam = sign * space.gradient[:, row], sign * space.curvature[:, row]
+    start = ball_maximum(g, lam, radius)
+    expanded = space.value[row] + sign * np.sum((g + 0.5 * lam * start) * start, axis=0)
+    first = climb(space, row, sign, radius, g, lam, start)
+    found = first
+    if space.probit.states.model.rcs.lobed:
+        found = _highest_lobes(space, row, sign, radius, g, lam, first, radius == bound)
+
+    second_order = np.zeros((len(betas), len(known)))
+    second_order[:, pose] = space.value[pose] + quadratic_quantile(
+        space.gradient[:, pose], space.curvature[:, pose], betas
+    )
+    corrected = second_order.copy()
+    corrected[:, pose] += (sign * first.value - expanded).reshape(shape)
+    # The expansion is not that of another lobe, and its correction does not apply there.
+    moved = (found.value > first.value).reshape(shape)
+    corrected[:, pose] = np.where(moved, (sign * found.value).reshape(shape), corrected[:, pose])
+    u = np.zeros((len(space.gradient), len(betas), len(known)))
+    u[:, :, pose] = found.u.reshape(len(u), *shape)
+    u_first = np.zeros_like(u)
+    u_first[:, :, pose] = first.u.reshape(len(u), *shape)
+    converged = known & np.isfinite(corrected).all(axis=0)
+    converged[pose] &= found.converged.reshape(shape).all(axis=0)
+    corrected[:, ~converged] = 0.0  # any finite number
+    return Quantiles(corrected, second_order, converged, u, u_first)
+
+
+class Extremes(NamedTuple):
+    """Maxima of sign · z in a ball: u (r, j), sign · z (j,), and convergence of the search (j,)."""
+
+    u: FloatArray
+    value: FloatArray
+    converged: NDArray[np.bool_]
+
+
+def _highest_lobes(
+    space: StandardNormalSpace,
+    row: NDArray[np.intp],
+    sign: FloatArray,
+    radius: FloatArray,
+    g: FloatArray,
+    lam: FloatArray,
+    first: Extremes,
+    searched: NDArray[np.bool_],
+) -> Extremes:
+    """Return the maxima with those of other lobes in their place where these are greater."""
+    rows = np.flatnonzero(searched)
+    if not rows.size:
+        return first
+    found = scan(space.probit, space.sqrt_cov, float(radius[rows[0]]))
+    up = sign[rows] > 0
+    promise = np.where(up, found.promise[:, row[rows]], -found.threat[:, row[rows]])
+    point = np.argmax(promise, axis=0)
+    size = np.sqrt(np.sum(g[:, rows] ** 2 + 0.5 * lam[:, rows] ** 2, axis=0))
+    more = promise[point, np.arange(len(rows))] > first.value[rows] + WORTH * size
+    rows, point, up = rows[more], point[more], up[more]
+    if not rows.size:
+        return first
+    start = np.where(up, found.best[:, point, row[rows]], found.worst[:, point, row[rows]])
+    own = g[:, rows], lam[:, rows]
+    other = climb(space, row[rows], sign[rows], radius[rows], *own, start)
+    better = other.converged & (other.value > first.value[rows] + WORTH * size[more])
+    rows = rows[better]
+    u, value, converged = first.u.copy(), first.value.copy(), first.converged.copy()
+    u[:, rows], value[rows], converged[rows] = other.u[:, better], other.value[better], True
+    return Extremes(u, value, converged)
+
+
+def climb(
+    space: StandardNormalSpace,
+    row: NDArray[np.intp],
+    sign: FloatArray,
+    radius: FloatArray,
+    g: FloatArray,
+    lam: FloatArray,
+    start: FloatArray,
+) -> Extremes:
+    """Return the maxima of sign · z over the ball |u| ≤ radius, from one start each.
+
+    Each step goes to where z would be greatest in the ball with its gradient here and its curvature
+    at u = 0. Without the curvature that is β times the unit vector of the gradient (R. Rackwitz and
+    B. Fiessler, Computers & Structures 9(5), 1978). A step that loses is taken back, and the next
+    one damped as by Levenberg and Marquardt, which turns it towards the gradient. Where a step
+    gains far more than the curvature at u = 0 promises, the next one takes less of that curvature.
+
+    Args:
+        space: Standard normal space.
+        row: Poses (j,).
+        sign: 1 or −1 (j,).
+        radius: Radius of the ball (j,).
+        g: Gradient of sign · z at u = 0 (r, j).
+        lam: Curvatures of sign · z at u = 0 (r, j).
+        start: The first u that is evaluated (r, j): the maximum of the second-order expansion, or
+            a point on another lobe.
+    """
+    count = len(row)
+    best, converged = sign * space.value[row], np.zeros(count, dtype=bool)
+    spread = np.sqrt(np.sum(g * g + 0.5 * lam * lam, axis=0))
+    u, slope = np.zeros_like(g), g.copy()
+    damping, ease = np.zeros(count), np.ones(count)
+    stiffness = spread / np.where(radius > 0, radius, 1.0) + np.max(np.abs(lam), axis=0, initial=0)
+    left, trial = np.arange(count), start
+    model = lam
+    for iteration in range(ITERATIONS):
+        if iteration:
+            model = ease[left] * lam[:, left] - damping[left]
+            trial = ball_maximum(slope[:, left] - model * u[:, left], model, radius[left])
+        step = trial - u[:, left]
+        expected = np.sum((slope[:, left] + 0.5 * model * step) * step, axis=0)
+        value, by_u = space(trial, row[left])
+        value, by_u = sign[left] * value, sign[left] * by_u
+        # Where there is no gradient, as straight above the aircraft, the search cannot go on.
+        gains = (value >= best[left] - 1e-12) & np.isfinite(by_u).all(axis=0)
+        won, lost = left[gains], left[~gains]
+        gain = (value - best[left]) / np.where(expected > 0, expected, np.inf)
+        ease[left[gains & (gain > EASY) & (gain < 2.0)]] *= 0.5
+        by_u, trial = by_u[:, gains], trial[:, gains]
+        u[:, won], best[won], slope[:, won] = trial, value[gains], by_u
+        damping[won] /= 4.0
+        damping[lost] = np.maximum(4.0 * damping[lost], stiffness[lost])
+        promise = radius[won] * np.sqrt(np.sum(by_u * by_u, axis=0)) - np.sum(by_u * trial, axis=0)
+        at_floor = (sign[won] < 0) & (-best[won] <= space.probit.floor[row[won]])
+        converged[won] = (promise <= TOLERANCE * spread[won]) | at_floor
+        left = left[~converged[left]]
+        if not left.size:
+            break
+    return Extremes(u, best, converged)
+
+
+def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArray:
+    """Return the u (r, j) that maximizes Σ (g_i u_i + λ_i u_i²/2) in the ball |u| ≤ radius (j,).
+
+    It is u_i = g_i/(μ − λ_i) with the least μ ≥ max(0, λ_i) for which |u| ≤ radius, found by
+    Newton's iteration for 1/|u| = 1/radius (J. J. Moré and D. C. Sorensen, SIAM J. Sci. Stat.
+    Comput. 4(3), 1983). Where g has no component along the greatest λ, u and its mirror image may
+    be as good as each other, and u goes the positive way.
+    """
+    highest = np.max(lam, axis=0, initial=-np.inf)
+    size = np.sqrt(np.sum(g * g, axis=0)) + radius * np.max(np.abs(lam), axis=0, initial=0.0)
+    least = 1e-6 * size
+    forks = (lam == highest) & (np.abs(g) < least)
+    if forks.any():
+        g = np.where(forks, np.where(g < 0, -least, least), g)
+    low = np.maximum(highest, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # From a μ too low, where |u| is too long, the iteration rises to the solution.
+        mu = low + np.maximum(np.max(np.abs(g) / radius + lam - low, axis=0, initial=0.0), 0.0)
+        left = np.arange(len(mu))
+        for _ in range(12):
+            inverse = 1.0 / (mu[left] - lam[:, left])
+            square = (g[:, left] * inverse) ** 2
+            length = np.sum(square, axis=0)
+            step = (
+                (np.sqrt(length) / radius[left] - 1.0) * length / np.sum(square * inverse, axis=0)
+            )
+            before = mu[left]
+            mu[left] = np.where(np.isfinite(step), np.maximum(before + step, low[left]), before)
+            left = left[np.abs(mu[left] - before) > 1e-14 * before]
+            if not left.size:
+                break
+        u = g / (mu - lam)
+    return np.where(np.isfinite(u), u, 0.0)  # 0/0: nothing to gain, or a ball of radius 0
+
+
+def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> FloatArray:
+    """Return quantiles (n, k) of Σ (g_i u_i + λ_i u_i²/2) at Φ(β) for β (n,); g, λ are (r, k).
+
+    They are by the saddlepoint approximation r* (O. E. Barndorff-Nielsen, Biometrika 73(2), 1986).
+    From the cumulant generating function K(t) = ½ Σ [t² g²/(1 − λt) − ln(1 − λt)],
+
+        x = K'(t) is the quantile at β = r + ln(v/r)/r,  r = sign(t) √(2(tx − K)),  v = t √K''(t).
+
+    β rises with t between the poles 1/λ. With t = w/(1 + λw), λ the curvature of the pole on that
+    side, β is close to linear in w, and is solved for by Newton's method within a bracket.
+    """
+    n, k = len(betas), g.shape[1]
+    spread = np.sqrt(np.sum(g * g + 0.5 * lam * lam, axis=0))
+    unit = np.where(spread > 0, spread, 1.0)
+    g2, lam = (g / unit) ** 2, lam / unit
+    skewness = np.sum((3.0 * g2 + lam * lam) * lam, axis=0)
+    highest = np.max(lam, axis=0, initial=0.0)
+    lowest = np.min(lam, axis=0, initial=0.0)
+    row, beta = np.tile(np.arange(k), n), np.repeat(betas, k)
+    w = np.where(spread[row] > 0, beta - skewness[row] / 6.0, 0.0)
+    low, high = np.full(n * k, -np.sinh(18.0)), np.full(n * k, np.sinh(18.0))
+    x = np.zeros(n * k)
+    left = np.flatnonzero(spread[row] > 0)
+    for _ in range(60):
+        if not left.size:
+            break
+        here, target = w[left], beta[left]
+        pole = np.where(here > 0, highest[row[left]], lowest[row[left]])
+        found, slope, x[left] = _beta_at(g2[:, row[left]], lam[:, row[left]], here, pole)
+        above = found > target
+        high[left[above]], low[left[~above]] = here[above], here[~above]
+        new = here + (target - found) / slope
+        # Newton's step, or the middle in asinh(w) where the step leaves the bracket
+        outside = ~((new > low[left]) & (new < high[left]))
+        if outside.any():
+            ends = np.arcsinh(low[left[outside]]) + np.arcsinh(high[left[outside]])
+            new[outside] = np.sinh(0.5 * ends)
+        w[left] = new
+        left = left[np.abs(found - target) > 1e-9]
+    quantile: FloatArray = spread * x.reshape(n, k)
+    return quantile
+
+
+def _beta_at(
+    g2: FloatArray, lam: FloatArray, w: FloatArray, pole: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return β, ∂β/∂w and x (j,) at t = w/(1 + λw), with λ the curvature of the pole (j,)."""
+    scale = 1.0 / (1.0 + pole * w)
+    t = w * scale
+    lt = lam * t
+    d = 1.0 / (1.0 - lt)
+    g2d = g2 * d
+    k0 = 0.5 * np.sum(t * t * g2d - np.log1p(-lt), axis=0)
+    k1 = np.sum(d * (t * g2d * (1.0 - 0.5 * lt) + 0.5 * lam), axis=0)
+    lamd2 = (lam * d) ** 2
+    g2d3 = g2d * d * d
+    k2 = np.sum(g2d3 + 0.5 * lamd2, axis=0)
+    k3 = np.sum((3.0 * g2d3 + lamd2) * lam * d, axis=0)
+    r = np.sign(t) * np.sqrt(np.maximum(2.0 * (t * k1 - k0), 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logarithm = np.log(t * np.sqrt(k2) / r)
+        beta = r + logarithm / r
+        by_r = t * k2 / r  # ∂r/∂t
+        slope = by_r + (1.0 / t + 0.5 * k3 / k2 - by_r / r - logarithm * by_r / r) / r
+    near = np.abs(r) < 1e-3  # the limit at the mean
+    beta = np.where(near, r + k3 / 6.0 / k2**1.5, beta)
+    slope = np.where(near | ~(slope > 0), np.sqrt(k2), slope)
+    return beta, slope * scale * scale, k1
+
+
+def spread(
+    space: StandardNormalSpace, quantile: FloatArray, beta: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return mean, σ, lower and upper bound (k,) from quantiles of z (n, k) at `betas_for(beta)`.
+
+    P_D at the quantile Φ(β) of z is the quantile of P_D at Φ(β), so mean and variance are integrals
+    over the normal distribution of β. The lesser of P_D and 1 − P_D is integrated, about its
+    median, so that a small deviation beside P_D ≈ 1 is not lost.
+    """
+    weights, curve = _integration()
+    betas = betas_for(beta)
+    floor = space.probit.floor
+    side = np.where(space.value > 0, -1.0, 1.0)
+    lesser = ndtr(side * np.maximum(curve @ quantile[: len(NODES)], floor))
+    median = lesser[len(lesser) // 2].copy()
+    lesser -= median
+    drift = weights @ lesser
+    lesser -= drift
+    variance = weights @ np.square(lesser)
+    mean = median + drift
+    ends = (quantile[int(np.flatnonzero(betas == b)[-1])] for b in (-beta, beta))
+    lower, upper = (ndtr(np.maximum(end, floor)) for end in ends)
+    certain = np.ptp(quantile, axis=0) == 0  # then σ is not the rounding of the spline
+    std = np.where(certain, 0.0, np.sqrt(variance))
+    return np.where(space.value > 0, 1.0 - mean, mean), std, lower, upper
+
+
+@cache
+def _integration() -> tuple[FloatArray, FloatArray]:
+    """Return weights (p,) of the normal distribution, and the spline matrix (p, nodes)."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    beta = np.linspace(-6.0, 6.0, 61)
+    weights = np.exp(-0.5 * beta * beta)
+    return weights / weights.sum(), CubicSpline(NODES, np.eye(len(NODES)), axis=0)(beta)
+
+
+def _numbers(states: UncertainStates, betas: int) -> int:
+    """Return how many numbers the largest array of FORM needs at a pose."""
+    components = len(AIRCRAFT) + int(states.radar.shape[-1])
+    return components * components * max(betas, 2)

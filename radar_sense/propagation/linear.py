@@ -1,0 +1,28 @@
+"""First order in P_D, `eq:pd_var`: the paper's method."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from radar_sense.propagation.moments import Moments
+from radar_sense.propagation.standard_space import StdFunction, UncertainStates
+from radar_sense.states import FloatArray
+
+
+def linear(states: UncertainStates, beta: float) -> Moments:
+    """Return P_D ± β σ with σ from the gradient of P_D. The bounds may leave [0, 1]."""
+    lin = states.model.linearize(states.aircraft, states.radar)
+    std = lin.std(*states.covariances)
+    p_d = np.broadcast_to(lin.p_d, std.shape)
+    converged = np.ones(std.shape, dtype=bool)
+    return Moments(p_d, p_d, std, p_d - beta * std, p_d + beta * std, converged)
+
+
+def linear_std(states: UncertainStates) -> StdFunction:
+    """Return a function from covariances to σ of P_D, which shares the gradient."""
+    return states.model.linearize(states.aircraft, states.radar).std
+
+
+def linear_upper(states: UncertainStates, beta: float) -> FloatArray:
+    """Return the upper bound (k,) of `linear`."""
+    return linear(states, beta).upper

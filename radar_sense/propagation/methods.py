@@ -1,0 +1,250 @@
+"""The methods of propagation by name: from Gaussian states to mean, deviation and bounds of P_D.
+
+To add a method, write a file with its function and add a row to `METHODS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radar_sense.errors import ScenarioError, did_you_mean
+from radar_sense.model.detection_model import Model
+from radar_sense.propagation import checks
+from radar_sense.propagation.form import form, form_std, form_upper
+from radar_sense.propagation.linear import linear, linear_std, linear_upper
+from radar_sense.propagation.moments import Moments
+from radar_sense.propagation.probit import probit, probit_std, probit_upper
+from radar_sense.propagation.standard_space import (
+    StdFunction,
+    UncertainStates,
+    uncertain_states,
+)
+from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
+
+#: From uncertain states of k poses and β to the moments of P_D (k,).
+MomentsFunction: TypeAlias = Callable[[UncertainStates, float], Moments]
+#: From uncertain states and β to the upper bound of P_D (k,).
+UpperFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
+#: From uncertain states, moments and β to where (k,) the moments are not to be trusted.
+Check: TypeAlias = Callable[[UncertainStates, Moments, float], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of propagation and its properties.
+
+    Attributes:
+        name: Its name, as an option or an argument has it.
+        moments: Its function.
+        nonlinear: Its check, which is made on request.
+        log_normal: Whether it takes a radar constant with tolerances for log-normal, and not for
+            Gaussian.
+        upper: The upper bound alone, where that is cheaper than all moments.
+        std: Makes a function from covariances to σ, which costs less than all moments for each of
+            many covariances of the same states.
+    """
+
+    name: str
+    moments: MomentsFunction
+    nonlinear: Check
+    log_normal: bool
+    upper: UpperFunction | None = None
+    std: Callable[[UncertainStates], StdFunction] | None = None
+
+
+METHODS: Mapping[str, Method] = {
+    method.name: method
+    for method in (
+        Method(
+            "linear",
+            linear,
+            checks.second_order_matters,
+            log_normal=False,
+            upper=linear_upper,
+            std=linear_std,
+        ),
+        Method(
+            "probit",
+            probit,
+            checks.second_order_matters,
+            log_normal=True,
+            upper=probit_upper,
+            std=probit_std,
+        ),
+        Method("form", form, checks.form_is_off, log_normal=True, upper=form_upper, std=form_std),
+    )
+}
+
+
+def propagate(
+    model: Model,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    method: str = "linear",
+    beta: float = 3.0,
+    log_constant: ArrayLike = False,
+) -> Moments:
+    """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
+
+    `nonlinear` tells where they are not to be trusted.
+
+    Args:
+        model: The detection model, of a radar or of a network.
+        aircraft: Nominal aircraft states (..., 6).
+        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m.
+        cov_aircraft: C_aa (..., 6, 6), which may be singular.
+        cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), which may be singular. The four broadcast
+            against each other.
+        method: Name of the method.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+        log_constant: Whether ln c_r is Gaussian, with the relative deviation of C_rr, rather than
+            c_r: of all radars, or of each (m,). To first order that is the same.
+
+    Raises:
+        ValueError: If there is no such method, β is not positive or a shape does not fit.
+    """
+    shape, states = _checked(
+        model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
+    )
+    return METHODS[method].moments(states, beta).certain_where_std_is_zero().reshaped(shape)
+
+
+def upper_bound(
+    model: Model,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    method: str = "linear",
+    beta: float = 3.0,
+    log_constant: ArrayLike = False,
+) -> FloatArray:
+    """Return `upper` of `propagate` (...) at less cost. The arguments are the same.
+
+    Where `form` converges at this β alone there is a bound while `propagate` has none.
+    """
+    shape, states = _checked(
+        model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
+    )
+    chosen = METHODS[method]
+    upper = chosen.upper or (lambda states, beta: chosen.moments(states, beta).upper)
+    bound: FloatArray = upper(states, beta).reshape(shape)[()]
+    return bound
+
+
+def nonlinear(
+    model: Model,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    method: str = "linear",
+    beta: float = 3.0,
+    log_constant: ArrayLike = False,
+    moments: Moments | None = None,
+) -> NDArray[np.bool_]:
+    """Return where (...) the moments of a method are not to be trusted, by the method's check.
+
+    A method is nonlinear at a pose where higher orders would change σ by more than 2 %, or a bound
+    by more than 0.005. All methods warn where a limit to what a radar sees is within reach of the
+    states, since none of them accounts for such an edge.
+
+    Args:
+        model: As in `propagate`, with all other arguments but the last.
+        aircraft: Nominal aircraft states.
+        radar: Nominal radar states.
+        cov_aircraft: C_aa.
+        cov_radar: C_rr.
+        method: Name of the method.
+        beta: β.
+        log_constant: Whether ln c_r is Gaussian.
+        moments: What `propagate` returned; computed if None.
+    """
+    shape, states = _checked(
+        model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
+    )
+    chosen = METHODS[method]
+    if moments is None:
+        moments = chosen.moments(states, beta)
+    flat = moments.reshaped((len(states),))
+    found: NDArray[np.bool_] = chosen.nonlinear(states, flat, beta).reshape(shape)[()]
+    return found
+
+
+def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: float = 3.0) -> Moments:
+    """Moments of P_D (n,) at every pose of a scenario, at its level of radar uncertainty.
+
+    Raises:
+        ScenarioError: If there is no such method.
+    """
+    return propagate(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
+
+
+def nonlinear_in_scenario(
+    scenario: Scenario, moments: Moments, *, method: str = "linear", beta: float = 3.0
+) -> NDArray[np.bool_]:
+    """Return where (n,) the moments of a scenario are not to be trusted."""
+    return nonlinear(
+        *_of(scenario),
+        method=method,
+        beta=beta,
+        log_constant=scenario.log_constant,
+        moments=moments,
+    )
+
+
+def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
+    """Return a function from C_aa and C_rr to σ of P_D (n,) at every pose of a scenario.
+
+    For many covariances it costs less than as many calls of `propagate`. An iterative method
+    starts from what it finds with the scenario's own covariances.
+    """
+    _, states = uncertain_states(*_of(scenario), log_constant=scenario.log_constant)
+    chosen = METHODS[method]
+    if chosen.std is not None:
+        return chosen.std(states)
+    return lambda *covariances: chosen.moments(states.with_covariances(*covariances), 3.0).std
+
+
+def check_method(method: str, besides: Sequence[str] = ()) -> None:
+    """Raise ScenarioError, which is a ValueError, unless there is such a method."""
+    allowed = [*METHODS, *besides]
+    if method not in allowed:
+        raise ScenarioError(
+            f"method must be one of {', '.join(allowed)}, got {method!r}"
+            + did_you_mean(method, allowed)
+        )
+
+
+def _of(scenario: Scenario) -> tuple[Model, FloatArray, FloatArray, FloatArray, FloatArray]:
+    cov_radar = scenario.cov_radar[scenario.level]
+    return scenario.model, scenario.aircraft, scenario.radar, scenario.cov_aircraft, cov_radar
+
+
+def _checked(
+    model: Model,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    method: str,
+    beta: float,
+    log_constant: ArrayLike,
+) -> tuple[tuple[int, ...], UncertainStates]:
+    check_method(method)
+    if not 0 < beta < np.inf:
+        raise ValueError(f"beta must be positive, got {beta}")
+    return uncertain_states(
+        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
+    )

@@ -1,0 +1,71 @@
+"""The result of every method of propagation, and the moments of P_D where z is normal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from radar_sense.states import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Mean, standard deviation and bounds of a probability at each pose.
+
+    Attributes:
+        p_d: P_D of the nominal states (...).
+        mean: Mean of P_D (...).
+        std: Standard deviation of P_D (...).
+        lower: Bound that P_D falls below with probability Φ(−β) (...).
+        upper: Bound that P_D stays below with probability Φ(β) (...).
+        converged: Where the method's iteration has converged (...). Elsewhere mean, std and bounds
+            are NaN.
+    """
+
+    p_d: FloatArray
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    converged: NDArray[np.bool_]
+
+    def certain_where_std_is_zero(self) -> Moments:
+        """Return the moments with mean and bounds equal to P_D where σ is 0, without rounding."""
+        certain = self.std == 0
+        mean, lower, upper = (
+            np.where(certain, self.p_d, values) for values in (self.mean, self.lower, self.upper)
+        )
+        return Moments(self.p_d, mean, self.std, lower, upper, self.converged)
+
+    def reshaped(self, shape: tuple[int, ...]) -> Moments:
+        """Return the moments as arrays of this shape, or scalars where it is ()."""
+        return Moments(*(getattr(self, f.name).reshape(shape)[()] for f in fields(self)))
+
+    @classmethod
+    def concatenated(cls, parts: Iterable[Moments]) -> Moments:
+        """Return the moments of all parts (k,), one after the other."""
+        parts = list(parts)
+        return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[FloatArray, FloatArray]:
+    """Mean and standard deviation of Φ(z) for normal z with mean m (k,) and deviation s (k,).
+
+    The mean is Φ(h) with h = m/√(1 + s²), the variance 2 [T(h, 1) − T(h, a)] with a = 1/√(1 + 2s²)
+    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of
+    exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0. The difference is the integral from a to 1. Taken as one
+    integral it is exact to rounding where s is small and the two T would cancel. With 32 points it
+    is exact to rounding for s up to 30, with 8 points for s up to 0.5.
+    """
+    h = m / np.sqrt(1.0 + s * s)
+    a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)
+    width = 2.0 * (s * a) ** 2 / (1.0 + a)  # 1 − a
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    square = 1.0 + (1.0 - 0.5 * width[:, np.newaxis] * (1.0 - nodes)) ** 2
+    integrand = np.exp(-0.5 * (h * h)[:, np.newaxis] * square) / square
+    variance = width * np.sum(weights * integrand, axis=1) / (2.0 * np.pi)
+    return ndtr(h), np.sqrt(variance)

@@ -1,0 +1,335 @@
+"""Uncertain states, and z = Φ⁻¹(P_D) as a function of independent standard normals u (u-space).
+
+P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
+through the radars' positions relative to the aircraft. The relative states y of m radars are
+therefore the aircraft's attitude (3) and the radars' states (4m), with the aircraft's position
+error subtracted from that of each radar. That saves three of 6 + 4m components.
+
+With F Fᵀ the covariance of y, y = F u turns independent standard normals u into errors of y. F is
+free up to a rotation. The rotation taken here makes the second derivatives of z by u a diagonal
+matrix. To second order z is then a sum over components,
+
+    z(u) ≈ z(0) + Σ (g_i u_i + λ_i u_i²/2).
+
+Which radars see the aircraft is held as it is at u = 0, so that z is smooth.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radar_sense.covariance import checked, factor
+from radar_sense.model.detection_model import Model
+from radar_sense.states import (
+    AIRCRAFT,
+    ATTITUDE,
+    CONSTANTS,
+    POSITION,
+    RADAR,
+    FloatArray,
+    check_finite,
+)
+
+#: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
+#: They describe the region where the states are rather than a point.
+STEP = 0.5
+#: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
+MAX_NUMBERS = 2_000_000
+#: Most poses in a block: the arrays of its finite differences stay in the processor's cache.
+BLOCK = 1024
+#: ln of the largest growth of a radar constant, beyond which numbers would overflow. P_D has long
+#: been 1 there.
+MOST_NEPERS = 300.0
+
+_ATTITUDE = slice(0, 3)  # in the relative states
+_RADARS = slice(3, None)
+
+
+#: From C_aa and C_rr, each one for all poses or one for each, to σ of P_D (k,).
+StdFunction: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class UncertainStates:
+    """Nominal states of k poses, their covariances, and the model that detects.
+
+    Arrays that are the same at all poses may have one row instead of k.
+
+    Attributes:
+        model: The detection model, of a radar or of a network of m.
+        log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
+        aircraft: Nominal aircraft states (k, 6).
+        radar: Nominal radar states (k, 4m).
+        cov_aircraft: C_aa (k, 6, 6).
+        cov_radar: C_rr (k, 4m, 4m).
+    """
+
+    model: Model
+    log_constant: NDArray[np.bool_]
+    aircraft: FloatArray
+    radar: FloatArray
+    cov_aircraft: FloatArray
+    cov_radar: FloatArray
+
+    def __len__(self) -> int:
+        """Number of poses."""
+        lengths = {len(array) for array in self._arrays}
+        return 0 if 0 in lengths else max(lengths)
+
+    @property
+    def covariances(self) -> tuple[FloatArray, FloatArray]:
+        """C_aa (6, 6) or (k, 6, 6), and C_rr alike."""
+        aircraft, radar = (c[0] if len(c) == 1 else c for c in (self.cov_aircraft, self.cov_radar))
+        return aircraft, radar
+
+    def blocks(self, numbers: int) -> Iterator[UncertainStates]:
+        """Cut the poses into blocks for an algorithm that needs so many numbers a pose."""
+        size = max(1, min(BLOCK, MAX_NUMBERS // numbers))
+        for start in range(0, max(len(self), 1), size):
+            arrays = (a if len(a) == 1 else a[start : start + size] for a in self._arrays)
+            yield UncertainStates(self.model, self.log_constant, *arrays)
+
+    def with_covariances(
+        self, cov_aircraft: FloatArray, cov_radar: FloatArray, start: int = 0
+    ) -> UncertainStates:
+        """Return the states with other covariances (n, n) or, from row `start` on, (..., n, n)."""
+        poses = slice(start, start + len(self))
+        covariances = (
+            c[np.newaxis] if c.ndim == 2 else c[poses] for c in (cov_aircraft, cov_radar)
+        )
+        return UncertainStates(
+            self.model, self.log_constant, self.aircraft, self.radar, *covariances
+        )
+
+    @property
+    def _arrays(self) -> tuple[FloatArray, ...]:
+        return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
+
+
+def uncertain_states(
+    model: Model,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    log_constant: ArrayLike = False,
+) -> tuple[tuple[int, ...], UncertainStates]:
+    """Broadcast states and covariances against each other, and lay the poses out in one row.
+
+    Returns:
+        The shape (...) of all poses, and the states.
+
+    Raises:
+        ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
+    """
+    radars = len(model.models) * len(RADAR)
+    arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
+    wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
+        ("aircraft states", aircraft, (len(AIRCRAFT),)),
+        ("radar states", radar, (radars,)),
+        ("aircraft covariance", cov_aircraft, 2 * (len(AIRCRAFT),)),
+        ("radar covariance", cov_radar, 2 * (radars,)),
+    )
+    for name, values, tail in wanted:
+        array = np.asarray(values, dtype=float)
+        if array.shape[-len(tail) :] != tail:
+            expected = ", ".join(("...", *map(str, tail)))
+            raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")
+        whose = name.split()[0]
+        if len(tail) == 1:
+            check_finite(whose, array)
+        else:
+            checked(whose, array)
+        arrays.append((array, tail))
+    shape = np.broadcast_shapes(*(array.shape[: -len(tail)] for array, tail in arrays))
+    rows = []
+    for array, tail in arrays:
+        if math.prod(array.shape[: -len(tail)]) != 1:
+            array = np.broadcast_to(array, shape + tail)
+        rows.append(array.reshape(-1, *tail))
+    which = np.broadcast_to(np.asarray(log_constant, dtype=bool), len(model.models))
+    return shape, UncertainStates(model, which, *rows)
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeProbit:
+    """z of k poses as a function of the errors of the relative states y, n = 3 + 4m components.
+
+    Components are the first axis of every array, so that each is contiguous.
+
+    Attributes:
+        states: The uncertain states (k poses).
+        sqrt_cov: F (k, n, r), or (1, n, r) where it is the same at all poses, r ≤ n or 6 + 4m.
+        visible: Radars that see the aircraft at the nominal states (k, m).
+    """
+
+    states: UncertainStates
+    sqrt_cov: FloatArray
+    visible: NDArray[np.bool_]
+
+    @classmethod
+    def of(cls, states: UncertainStates) -> RelativeProbit:
+        """Make the function from uncertain states."""
+        visible = states.model.visible(states.aircraft, states.radar)
+        visible = np.broadcast_to(visible, (len(states), visible.shape[-1]))
+        return cls(states, _sqrt_cov(states), visible)
+
+    @cached_property
+    def std(self) -> FloatArray:
+        """Standard deviations of y (n, k), or (n, 1)."""
+        std: FloatArray = np.sqrt(np.einsum("kij,kij->ik", self.sqrt_cov, self.sqrt_cov))
+        return std
+
+    @cached_property
+    def floor(self) -> FloatArray:
+        """Least z there is (k,), which is z without any signal."""
+        return self.states.model.floor(self.visible)
+
+    def __call__(self, error: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return z (j,) and its gradient by y (n, j) at errors (n, j), each row at its pose (j,).
+
+        The gradient by a component without uncertainty is 0, also where there is none.
+        """
+        states = self.states
+        aircraft, radar, growth = self.shifted(error, pose)
+        visible = self.visible if len(self.visible) == 1 else self.visible[pose]
+        visible = np.broadcast_to(visible, (len(pose), visible.shape[-1]))
+        value, by_aircraft, by_radar = states.model.continued_probit(aircraft, radar, visible)
+        gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
+        if growth is not None:
+            gradient[_RADARS][CONSTANTS] *= growth
+        uncertain = self.std > 0
+        if not uncertain.all():
+            rows = uncertain if uncertain.shape[1] == 1 else uncertain[:, pose]
+            gradient = np.where(rows, gradient, 0.0)
+        return value, gradient
+
+    def shifted(
+        self, error: FloatArray, pose: NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+        """Return states (j, 6) and (j, 4m) with errors (n, j), and ∂c_r/∂Δ (m, j) if any is not 1.
+
+        Positions relative to the aircraft are right, and those of the aircraft are nominal.
+        """
+        states = self.states
+        nominal = [a.T if len(a) == 1 else a.T[:, pose] for a in (states.aircraft, states.radar)]
+        aircraft, radar = (np.empty((len(a), error.shape[1])) for a in nominal)
+        aircraft[:] = nominal[0]
+        aircraft[ATTITUDE] += error[_ATTITUDE]
+        np.add(nominal[1], error[_RADARS], out=radar)
+        if not states.log_constant.any():
+            return aircraft.T, radar.T, None
+        which = np.arange(len(radar))[CONSTANTS][states.log_constant]
+        constant = nominal[1][which]
+        growth = np.ones((len(states.log_constant), error.shape[1]))
+        relative = error[_RADARS][which] / constant
+        growth[states.log_constant] = np.exp(np.minimum(relative, MOST_NEPERS))
+        radar[which] = constant * growth[states.log_constant]
+        return aircraft.T, radar.T, growth
+
+    def derivatives(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return z (k,), its gradient (k, n) and its second derivatives (k, n, n) by y at y = 0.
+
+        The second derivatives are central differences of the gradient, in one call of the model.
+        """
+        k, n = len(self.states), len(self.std)
+        along = np.flatnonzero(np.any(self.std > 0, axis=1))
+        size = STEP * np.broadcast_to(self.std, (n, k))
+        error = np.zeros((n, 2 * len(along) + 1, k))
+        for i, axis in enumerate(along):
+            error[axis, 2 * i + 1], error[axis, 2 * i + 2] = size[axis], -size[axis]
+        pose = np.tile(np.arange(k), 2 * len(along) + 1)
+        value, gradient = self(error.reshape(n, len(pose)), pose)
+        gradient = gradient.reshape(error.shape)
+        second = np.zeros((k, n, n))
+        for i, axis in enumerate(along):
+            width = 2.0 * size[axis]
+            difference = gradient[:, 2 * i + 1] - gradient[:, 2 * i + 2]
+            second[:, axis] = np.divide(
+                difference, width, out=np.zeros_like(difference), where=width > 0
+            ).T
+        symmetric = 0.5 * (second + second.swapaxes(1, 2))
+        return value[:k], np.ascontiguousarray(gradient[:, 0].T), symmetric
+
+
+@dataclass(frozen=True, eq=False)
+class StandardNormalSpace:
+    """z(u) of k poses and its second-order expansion about u = 0, with r components of u.
+
+    Attributes:
+        probit: z as a function of the relative states.
+        sqrt_cov: F (k, n, r), rotated so that second derivatives by u are a diagonal matrix.
+        value: z(0) (k,).
+        gradient: g (r, k), NaN where z has none.
+        curvature: λ (r, k), NaN where it cannot be found.
+    """
+
+    probit: RelativeProbit
+    sqrt_cov: FloatArray
+    value: FloatArray
+    gradient: FloatArray
+    curvature: FloatArray
+
+    @classmethod
+    def of(cls, states: UncertainStates) -> StandardNormalSpace:
+        """Expand z about the nominal states."""
+        probit = RelativeProbit.of(states)
+        return cls.expanded(probit, *probit.derivatives())
+
+    @classmethod
+    def expanded(
+        cls, probit: RelativeProbit, value: FloatArray, gradient: FloatArray, second: FloatArray
+    ) -> StandardNormalSpace:
+        """Make the space from the derivatives of z by the relative states."""
+        root = probit.sqrt_cov
+        known = np.all(np.isfinite(second), axis=(1, 2))
+        second = np.where(known.reshape(-1, 1, 1), second, 0.0)
+        curvature, rotation = np.linalg.eigh(root.swapaxes(1, 2) @ second @ root)
+        curvature[~known] = np.nan
+        rotated = root @ rotation
+        by_u = np.einsum("kij,ki->jk", rotated, gradient)
+        return cls(probit, rotated, value, by_u, np.ascontiguousarray(curvature.T))
+
+    def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return z (j,) and its gradient (r, j) at u (r, j), each row at its pose (j,)."""
+        root = self.sqrt_cov[pose]
+        error = np.einsum("kij,jk->ik", root, u)
+        value, gradient = self.probit(error, pose)
+        return value, np.einsum("kij,ik->jk", root, gradient)
+
+
+def _sqrt_cov(states: UncertainStates) -> FloatArray:
+    """Return F (k or 1, n, r) of the relative states, without columns that are 0 at all poses."""
+    to_relative_aircraft, to_relative_radar = _to_relative(len(states.log_constant))
+    if len(states.log_constant) == 1:
+        cov_aircraft = to_relative_aircraft @ states.cov_aircraft @ to_relative_aircraft.T
+        cov_radar = to_relative_radar @ states.cov_radar @ to_relative_radar.T
+        root = factor(cov_aircraft + cov_radar)
+    else:
+        parts = (
+            to_relative_aircraft @ factor(states.cov_aircraft),
+            to_relative_radar @ factor(states.cov_radar),
+        )
+        k = max(map(len, parts)) if len(states) else 0
+        root = np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=-1)
+    used = np.any(root != 0, axis=(0, 1))
+    return root if used.all() else root[:, :, used]
+
+
+def _to_relative(radars: int) -> tuple[FloatArray, FloatArray]:
+    """Return the matrices from errors of aircraft (6) and radars (4m) to those of y (n)."""
+    radar = np.vstack([np.zeros((3, 4 * radars)), np.eye(4 * radars)])
+    aircraft = np.zeros((3 + 4 * radars, len(AIRCRAFT)))
+    aircraft[_ATTITUDE, ATTITUDE] = np.eye(3)
+    for i in range(radars):
+        first = 3 + len(RADAR) * i
+        aircraft[first : first + 3, POSITION] = -np.eye(3)
+    return aircraft, radar

@@ -1,0 +1,159 @@
+"""Numbers that are none, and matrices that are no covariances, are errors for every method."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scenarios import scenario
+
+import radar_sense as rs
+from radar_sense.covariance import checked
+from radar_sense.cumulative import (
+    cumulative_detection,
+    linearize_looks,
+    mission_monte_carlo,
+    track_initiation,
+)
+from radar_sense.error_budget import error_budget
+from radar_sense.model.network import NetworkModel, Station
+from radar_sense.propagation import METHODS
+from radar_sense.states import check_finite
+
+POSES = 20
+NAN, INF = np.nan, np.inf
+
+
+def states():
+    """Poses and a radar that are well within reach."""
+    aircraft = np.zeros((POSES, 6))
+    aircraft[:, 0] = np.linspace(4e5, 7e5, POSES)
+    return aircraft, np.array([0.0, 0, 0, 167])
+
+
+def model():
+    return rs.DetectionModel(rs.EllipsoidRCS(0.15, 0.13, 0.21), 1.7e-4)
+
+
+def network():
+    stations = tuple(Station(model(), name=name) for name in ("one", "two"))
+    return NetworkModel(stations)
+
+
+CALLS = ("snr", "p_d", "linearize", "linearize_probit")
+
+
+@pytest.mark.parametrize("value", [NAN, INF, -INF])
+@pytest.mark.parametrize("call", CALLS)
+def test_the_models_name_the_value_and_its_place(call, value):
+    for component, name in enumerate(("north", "east", "down", "roll", "pitch", "yaw")):
+        aircraft, radar = states()
+        aircraft[17, component] = value
+        said = rf"^aircraft states must be finite, got {value:g} for {name} at pose 17 "
+        with pytest.raises(ValueError, match=said):
+            getattr(model(), call)(aircraft, radar)
+        with pytest.raises(ValueError, match=said):
+            getattr(network(), call)(aircraft, np.tile(radar, 2))
+        with pytest.raises(ValueError, match=rf"got {value:g} for {name}$"):
+            getattr(model(), call)(aircraft[17], radar)
+    for component, name in enumerate(("north", "east", "down", "constant")):
+        aircraft, radar = states()
+        radar[component] = value
+        said = f"^radar states must be finite, got {value:g} for {name}"
+        with pytest.raises(ValueError, match=said + "$"):
+            getattr(model(), call)(aircraft, radar)
+        with pytest.raises(ValueError, match=said + " of radar 2$"):
+            getattr(network(), call)(aircraft, np.concatenate([states()[1], radar]))
+
+
+def test_sums_that_overflow_are_no_error():
+    check_finite("aircraft", np.full((4, 6), 1e308))
+
+
+def test_the_ellipsoid_gives_nan_for_nan():
+    body = np.array([[NAN, 1, 1], [1, NAN, 1], [1, 1, NAN]])
+    for rcs in (rs.EllipsoidRCS(0.15, 0.13, 0.21), rs.SpikeballRCS(4, 0.2, 0.1)):
+        assert np.isnan(rcs.cross_section(body)[:2]).all()
+
+
+def no_covariances(size):
+    """What is wrong, and a matrix."""
+    diagonal = np.eye(size)
+    for value, said in ((NAN, r"got nan for entry \[2\]\[2\]"), (INF, "got inf"), (-1, "negative")):
+        wrong = diagonal.copy()
+        wrong[1, 1] = value
+        yield said, wrong
+    wrong = diagonal.copy()
+    wrong[0, 1] = 0.5
+    yield "is not symmetric", wrong
+    wrong = diagonal.copy()
+    wrong[0, 1] = wrong[1, 0] = 2.0
+    yield "is not positive semidefinite", wrong
+
+
+def everything(aircraft, radar, cov_aircraft, cov_radar):
+    """Every way from covariances to an uncertainty."""
+    arguments = aircraft, radar, cov_aircraft, cov_radar
+    for method in METHODS:
+        yield lambda method=method: rs.propagate(model(), *arguments, method=method)
+    yield lambda: model().linearize(*states()).std(cov_aircraft, cov_radar)
+    time = np.arange(POSES, dtype=float)
+    looks = linearize_looks(model(), time, *states())
+    covariances = cov_aircraft, cov_radar
+    for method in ("linear", "probit"):
+        yield lambda method=method: cumulative_detection(
+            looks, *covariances, correlation_time=1, method=method
+        )
+    yield lambda: track_initiation(looks, 2, 3, *covariances, correlation_time=1)
+    yield lambda: mission_monte_carlo(
+        model(), time, *arguments, correlation_time=1, runs=10, seed=1
+    )
+    s = dataclasses.replace(
+        scenario(),
+        aircraft=aircraft,
+        radar=radar,
+        cov_aircraft=cov_aircraft,
+        cov_radar={"medium": cov_radar},
+        runs=16,
+        level="medium",
+    )
+    for method in (*METHODS, "montecarlo"):
+        yield lambda method=method: error_budget(s, method)
+    for method in METHODS:
+        yield lambda method=method: rs.monte_carlo(s, method=method)
+
+
+def test_no_covariance_is_an_error_everywhere():
+    good = np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
+    for said, wrong in no_covariances(6):
+        many = np.tile(np.eye(6), (POSES, 1, 1))
+        many[13] = wrong
+        for cov, place in ((wrong, ""), (many, r" at pose 13 \(counted from 0\)")):
+            for call in everything(*states(), cov, good[1]):
+                with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{said}"):
+                    call()
+    for said, wrong in no_covariances(4):
+        for call in everything(*states(), good[0], wrong):
+            with pytest.raises(ValueError, match=f"^radar covariance .*{said}"):
+                call()
+
+
+def test_no_number_is_an_error_everywhere():
+    good = np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
+    aircraft, radar = states()
+    aircraft[17, 5] = NAN
+    calls = list(everything(aircraft, radar, *good))
+    for call in calls[: len(METHODS)] + calls[-2 * len(METHODS) - 2 :]:
+        with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
+            call()
+
+
+def test_what_rounding_does_is_no_error():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        units = 10.0 ** rng.uniform(-6, 6, 6)
+        root = units[:, np.newaxis] * rng.normal(size=(6, int(rng.integers(1, 7))))
+        checked("aircraft", np.einsum("ik,jk->ij", root, root))
+        checked("aircraft", root @ root.T)
+    checked("aircraft", np.zeros((3, 6, 6)))

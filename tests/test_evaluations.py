@@ -1,0 +1,114 @@
+"""How often methods, checks and budgets evaluate the model: counts per pose, not seconds."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from scenarios import scenario
+
+from radar_sense.error_budget import error_budget
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.network import NetworkModel, Station
+from radar_sense.propagation import (
+    METHODS,
+    nonlinear_in_scenario,
+    propagate_scenario,
+    upper_bound,
+)
+
+RADARS = (1, 6)
+
+
+def problem(radars):
+    """The paper's scenario at seven poses, with a network of radars about the origin."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 30})
+    if radars == 1:
+        return s
+    state = np.tile(s.radar, radars)
+    state[0::4] += 2e4 * np.arange(radars)
+    state[3::4] *= 0.4
+    cov = np.kron(np.eye(radars), s.cov_radar[s.level])
+    model = NetworkModel(tuple(Station(s.model, name=f"r{i}") for i in range(radars)))
+    return dataclasses.replace(s, model=model, radar=state, cov_radar={s.level: cov})
+
+
+@pytest.fixture
+def count(monkeypatch):
+    """Return a function that counts evaluations of a radar's model, per pose and radar."""
+    found = {"gradients": 0, "values": 0}
+
+    def counted(name, kind):
+        method = getattr(DetectionModel, name)
+
+        def wrapped(self, aircraft, radar):
+            shape = np.broadcast_shapes(np.shape(aircraft)[:-1], np.shape(radar)[:-1])
+            found[kind] += math.prod(shape)
+            return method(self, aircraft, radar)
+
+        monkeypatch.setattr(DetectionModel, name, wrapped)
+
+    counted("linearize", "gradients")
+    counted("linearize_probit", "gradients")
+    counted("p_d", "values")
+
+    def run(function, s):
+        found.update(gradients=0, values=0)
+        function(s)
+        poses = len(s.aircraft) * len(s.model.models)
+        return found["gradients"] / poses, found["values"] / poses
+
+    return run
+
+
+def expansion(radars):
+    """Gradients behind the second derivatives: two along each of 3 + 4m axes, and one."""
+    return 2 * (3 + 4 * radars) + 1
+
+
+#: Most gradients and values of each method. FORM searches nine extremes, with one or two each.
+METHOD_COUNTS = {"linear": (1, 0), "probit": (1, 1), "form": (19, 1)}
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_method(method, radars, count):
+    gradients, values = count(lambda s: propagate_scenario(s, method=method), problem(radars))
+    more = expansion(radars) if method == "form" else 0
+    assert more + 1 <= gradients <= more + METHOD_COUNTS[method][0]
+    assert values == METHOD_COUNTS[method][1]
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+def test_one_bound(method, radars, count):
+    def bound(s):
+        cov = s.cov_aircraft, s.cov_radar[s.level]
+        return upper_bound(s.model, s.aircraft, s.radar, *cov, method=method)
+
+    gradients, values = count(bound, problem(radars))
+    assert 1 <= gradients <= (expansion(radars) + 2.5 if method == "form" else 1)
+    assert values == 0
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_check(method, radars, count):
+    """No draws are needed on the paper's scenario."""
+    s = problem(radars)
+    found = propagate_scenario(s, method=method)
+    gradients, _ = count(lambda s: nonlinear_in_scenario(s, found, method=method), s)
+    assert gradients <= expansion(radars) + (19 if method == "form" else 2)
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_budget(method, radars, count):
+    """First order takes one gradient beside the total's; FORM takes one expansion beside it."""
+    s = problem(radars)
+    gradients, _ = count(lambda s: error_budget(s, method), s)
+    if method == "form":
+        sources = 4 if radars == 1 else 2 + radars + 1 + 2 * radars
+        assert gradients <= 2 * expansion(radars) + 19 * (1 + sources)
+    else:
+        assert gradients == 2

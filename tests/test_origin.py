@@ -1,0 +1,262 @@
+"""Scenarios in latitude and longitude: the choice of the origin changes nothing.
+
+The oracle has its own WGS-84 formulas and plain loops. It works in earth-fixed coordinates, where
+there is no origin.
+"""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import yaml
+
+import radar_sense as rs
+from radar_sense.analyses import coverage_map as area
+from radar_sense.model import trajectory as route
+from radar_sense.propagation import propagate_scenario
+
+A, F = 6378137.0, 1 / 298.257223563
+DEG = math.pi / 180
+
+
+def ecef(latitude_deg, longitude_deg, height):
+    sin, cos = math.sin(latitude_deg * DEG), math.cos(latitude_deg * DEG)
+    n = A / math.sqrt(1 - F * (2 - F) * sin * sin)
+    lon = longitude_deg * DEG
+    across = (n + height) * cos
+    return across * math.cos(lon), across * math.sin(lon), ((1 - F) ** 2 * n + height) * sin
+
+
+def sees(radar, aircraft):
+    """Whether the slant range is within the 4/3-earth horizon, and by how much [m]."""
+    reach = math.sqrt(2 * 4 / 3 * 6371e3) * (math.sqrt(radar[2]) + math.sqrt(aircraft[2]))
+    return reach - math.dist(ecef(*radar), ecef(*aircraft))
+
+
+def to_ned(place, origin):
+    """North, east, down of a place about an origin, both in degrees and metres."""
+    lat, lon = origin[0] * DEG, origin[1] * DEG
+    x, y, z = (p - o for p, o in zip(ecef(*place), ecef(*origin), strict=True))
+    out = math.cos(lon) * x + math.sin(lon) * y
+    east = math.cos(lon) * y - math.sin(lon) * x
+    return (
+        math.cos(lat) * z - math.sin(lat) * out,
+        east,
+        -math.cos(lat) * out - math.sin(lat) * z,
+    )
+
+
+def height_of(point, origin):
+    """Height above the ellipsoid of a point in the frame, by fixed-point iteration on latitude."""
+    lat, lon = origin[0] * DEG, origin[1] * DEG
+    n, e, d = point
+    out = -math.sin(lat) * n - math.cos(lat) * d
+    x0, y0, z0 = ecef(*origin)
+    x = x0 + math.cos(lon) * out - math.sin(lon) * e
+    y = y0 + math.sin(lon) * out + math.cos(lon) * e
+    z = z0 + math.cos(lat) * n - math.sin(lat) * d
+    p, e2 = math.hypot(x, y), F * (2 - F)
+    latitude = math.atan2(z, p * (1 - e2))
+    for _ in range(30):
+        across = A / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
+        latitude = math.atan2(z + e2 * across * math.sin(latitude), p)
+    across = A / math.sqrt(1 - e2 * math.sin(latitude) ** 2)
+    return p * math.cos(latitude) + z * math.sin(latitude) - A * A / across
+
+
+def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncertainty):
+    """Load a scenario with these radars, (latitude, longitude, altitude) each, and route rows."""
+    header = "time_s,latitude_deg,longitude_deg,altitude_m" + stds
+    lines = [header, *(",".join(repr(float(x)) for x in row) for row in rows)]
+    (folder / "route.csv").write_text("\n".join(lines))
+    keys = ("latitude_deg", "longitude_deg", "altitude_m")
+    content = {
+        "name": "moved",
+        "radars": [
+            {
+                "name": f"r{i}",
+                "position_geodetic": dict(zip(keys, map(float, place), strict=True)),
+                "constant": 1.0,
+                "p_fa": 1e-6,
+                "horizon": True,
+                "uncertainty": {"a": {"position_m": [3000, 900, 30], "constant": 0.1}},
+            }
+            for i, place in enumerate(radars)
+        ],
+        "aircraft": {"rcs": {"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.25, "z_m": 0.1}},
+        "geometry": {
+            "type": "path",
+            "file": "route.csv",
+            "origin": dict(zip(keys, map(float, origin), strict=True)),
+            **({"interpolate": interpolate} if interpolate else {}),
+        },
+        "uncertainty": uncertainty,
+        "analysis": {"level": "a", "runs": 50, "seed": 1},
+    }
+    (folder / "moved.yaml").write_text(yaml.safe_dump(content))
+    return rs.load_scenario(folder / "moved.yaml")
+
+
+AIRCRAFT = {"position_m": [900, 300, 50], "attitude_deg": [1.0, 2.0, 4.0]}
+
+
+def test_the_reported_case_sees_to_its_horizon(tmp_path):
+    """A radar at 4.5 degrees of latitude and 100 m, an aircraft at 200 m: 99.5 km."""
+    radar = (4.5, 0.0, 100.0)
+    rows = [(10.0 * i, 3.5 + 0.01 * i, 0.0, 200.0) for i in range(201)]
+    expected = [sees(radar, row[1:]) >= 0 for row in rows]
+    assert 170 < sum(expected) < 190
+    for origin in ((0, 0, 0), (4.5, 0, 100), (-3, 8, 4000)):
+        s = written(tmp_path, [radar], rows, origin, aircraft=AIRCRAFT)
+        assert s.model.visible(s.aircraft, s.radar)[:, 0].tolist() == expected
+
+
+def test_the_origin_changes_nothing(tmp_path):
+    """Random places, headings and heights; origins up to two thousand kilometres away."""
+    rng = np.random.default_rng(12)
+    poses = hidden = 0
+    for _ in range(6):
+        lat, lon = rng.uniform(-75, 75), rng.uniform(-180, 180)
+        wide = 1 / math.cos(lat * DEG)
+        radars = [
+            (lat + rng.uniform(-2, 2), lon + wide * rng.uniform(-2, 2), rng.uniform(0, 3e3))
+            for _ in range(2)
+        ]
+        toward, speed = rng.uniform(0, 2 * math.pi), 2e-3
+        rows = [
+            (
+                60.0 * i,
+                lat + speed * 60 * (i - 6) * math.cos(toward),
+                lon + wide * speed * 60 * (i - 6) * math.sin(toward),
+                rng.uniform(100, 200) + 10 * i,
+            )
+            for i in range(13)
+        ]
+        moved = [(lat, lon, 0.0)] + [
+            (
+                float(np.clip(lat + rng.uniform(-18, 18), -89, 89)),
+                lon + rng.uniform(-18, 18),
+                rng.uniform(-100, 5e3),
+            )
+            for _ in range(2)
+        ]
+        scenarios = [written(tmp_path, radars, rows, origin, aircraft=AIRCRAFT) for origin in moved]
+        margin = np.array([[sees(radar, row[1:]) for radar in radars] for row in rows])
+        first, *others = [propagate_scenario(s, method="probit") for s in scenarios]
+        for s, origin, found in zip(scenarios, moved, [first, *others], strict=True):
+            seen = s.model.visible(s.aircraft, s.radar)
+            np.testing.assert_array_equal(seen, margin >= 0)
+            heights = s.model.stations[0].horizon.height(s.aircraft)
+            np.testing.assert_allclose(heights, [row[3] for row in rows], atol=1e-6)
+            np.testing.assert_allclose(s.aircraft[3, :3], to_ned(rows[3][1:], origin), atol=1e-6)
+            for quantity in ("std", "lower", "upper"):
+                np.testing.assert_allclose(
+                    getattr(found, quantity), getattr(first, quantity), rtol=1e-6, atol=1e-12
+                )
+            p_d = s.model.p_d(s.aircraft, s.radar)
+            np.testing.assert_allclose(
+                p_d, scenarios[0].model.p_d(scenarios[0].aircraft, scenarios[0].radar), rtol=1e-7
+            )
+        poses, hidden = poses + margin.size, hidden + np.sum(margin < 0)
+    assert 0.1 < hidden / poses < 0.9
+
+
+def test_monte_carlo_draws_have_the_same_horizon(tmp_path):
+    """The horizon lies between the draws: about half of them are hidden, wherever the origin is."""
+    radar, place = (10.0, 20.0, 100.0), [10.9, 20.0, 200.0]
+    place[0] += sees(radar, place) / 111e3
+    rows = [(0.0, *place), (1.0, place[0], place[1] + 1e-3, place[2])]
+    for origin in ((10, 20, 0), (1, 20, 0)):
+        s = written(
+            tmp_path, [radar], rows, origin, aircraft={"position_m": 200, "attitude_deg": 0}
+        )
+        s = dataclasses.replace(s, cov_radar={"a": np.zeros((4, 4))})
+        found = rs.monte_carlo(s, runs=2000, seed=3)
+        clear = rs.DetectionModel(rcs=s.model.rcs, p_fa=1e-6).p_d(s.aircraft[0], s.radar)
+        assert 0.4 < found.mean[0] / clear < 0.6
+
+
+def test_a_map_is_the_same_about_another_origin(tmp_path):
+    """One cell at a place, about origins as far as 5000 km away."""
+    radar, place = (50.0, 10.0, 50.0), (51.0, 11.0, 900.0)
+    rows = [(0.0, 50.5, 10.0, 900.0), (60.0, 50.5, 10.1, 900.0)]
+    values = []
+    for origin in ((50, 10, 0), (42, 16, 700), (10, 20, 0)):
+        s = written(tmp_path, [radar], rows, origin, aircraft=AIRCRAFT)
+        north, east, _ = to_ned(place, origin)
+        cells = area.Grid(np.array([north, north + 1e3]), np.array([east, east + 1e3]))
+        values.append(area.area(s, cells, down=origin[2] - 900.0, course=1.0)[0][0, 0])
+    assert values[0] > 0.01
+    np.testing.assert_allclose(values, values[0], rtol=1e-5)
+    far = area.Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
+    with pytest.raises(rs.ScenarioError, match="edge of the earth"):
+        area.area(s, far)
+
+
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_two_waypoints_fly_over_the_earth(tmp_path, method):
+    """Eighteen degrees apart, where the straight line is 79 km below the ground."""
+    rng = np.random.default_rng(6)
+    for _ in range(10):
+        start = (rng.uniform(-60, 60), rng.uniform(-170, 170), rng.uniform(1e3, 12e3))
+        end = (start[0] + rng.uniform(-18, 18), start[1] + 18, rng.uniform(1e3, 12e3))
+        rows = [(0.0, *start), (8000.0, *end)]
+        way = {"step_s": 130.0, "method": method}
+        radars = [(*start[:2], 0.0)]
+        s = written(tmp_path, radars, rows, start, interpolate=way, aircraft=AIRCRAFT)
+        heights = [height_of(p, start) for p in s.aircraft[:, :3]]
+        expected = [start[2] + t / 8000 * (end[2] - start[2]) for t in s.time_s]
+        np.testing.assert_allclose(heights, expected, atol=1e-5)
+        assert s.time_s[-1] == 8000
+        legs = {"step_s": 130.0, "method": "legs"}
+        other = written(tmp_path, radars, rows, start, interpolate=legs, aircraft=AIRCRAFT)
+        np.testing.assert_allclose(s.aircraft, other.aircraft, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.parametrize("origin", [None, (40 * DEG, -105 * DEG, 1600.0)])
+def test_a_smooth_altitude_stays_between_its_neighbours(tmp_path, origin):
+    rng = np.random.default_rng(7)
+    for altitudes in (
+        [1000, 9000, 9000, 9000, 2000],
+        [500, 9000, 9000, 500],
+        [1000, 1001, 9000, 9001, 9001],
+        *rng.uniform(100, 12e3, (20, 8)),
+    ):
+        time = np.cumsum(rng.uniform(50, 900, len(altitudes)))
+        if origin is None:
+            names, unit = "north_m,east_m,down_m", 111e3
+            rows = [(unit * 1e-3 * t, 2e4 * math.sin(t / 900), -h)
+                    for t, h in zip(time, altitudes, strict=True)]  # fmt: skip
+        else:
+            names = "latitude_deg,longitude_deg,altitude_m"
+            rows = [(40 + 1e-3 * t, -105 + 0.2 * math.sin(t / 900), h)
+                    for t, h in zip(time, altitudes, strict=True)]  # fmt: skip
+        lines = [f"{t!r}," + ",".join(repr(float(x)) for x in row)
+                 for t, row in zip(time.tolist(), rows, strict=True)]  # fmt: skip
+        (tmp_path / "way.csv").write_text("\n".join([f"time_s,{names}", *lines]))
+        path = route.load_route(tmp_path / "way.csv", origin=origin)
+        found = route.resample(path, 7.0, "smooth")
+        degrees = None if origin is None else (40.0, -105.0, 1600.0)
+        for t, point in zip(found.time_s, found.aircraft[:, :3], strict=True):
+            height = -point[2] if degrees is None else height_of(point, degrees)
+            leg = min(int(np.searchsorted(time, t, side="right")) - 1, len(time) - 2)
+            low, high = sorted(altitudes[leg : leg + 2])
+            assert low - 1e-5 <= height <= high + 1e-5
+
+
+def test_a_smooth_altitude_follows_a_wave_that_the_samples_show(tmp_path):
+    """A phugoid of 100 m and 60 s, every 3 s: its tops are higher than the samples."""
+    time = np.arange(1.0, 241.0, 3.0)
+    heights = 5000 + 100 * np.sin(2 * np.pi * time / 60)
+    lines = [f"{t},{0.002 * t},0,{h!r}" for t, h in zip(time, heights.tolist(), strict=True)]
+    (tmp_path / "way.csv").write_text(
+        "\n".join(["time_s,latitude_deg,longitude_deg,altitude_m", *lines])
+    )
+    origin = (0.0, 0.0, 0.0)
+    path = route.load_route(tmp_path / "way.csv", origin=origin)
+    found = route.resample(path, 0.5, "smooth")
+    inner = slice(60, -60)
+    exact = 5000 + 100 * np.sin(2 * np.pi * found.time_s / 60)
+    heights = np.array([height_of(p, origin) for p in found.aircraft[:, :3]])
+    np.testing.assert_allclose(heights[inner], exact[inner], atol=0.05)
