@@ -9,6 +9,7 @@ import pytest
 from scenarios import scenario
 
 import radar_sense as rs
+from radar_sense.analyses.error_budget import error_budget
 from radar_sense.covariance import checked
 from radar_sense.cumulative import (
     cumulative_detection,
@@ -16,7 +17,6 @@ from radar_sense.cumulative import (
     mission_monte_carlo,
     track_initiation,
 )
-from radar_sense.error_budget import error_budget
 from radar_sense.model.network import NetworkModel, Station
 from radar_sense.propagation import METHODS
 from radar_sense.states import check_finite

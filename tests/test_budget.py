@@ -6,8 +6,8 @@ from scenarios import OVERHEAD, scenario
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.analyses.report import where
-from radar_sense.error_budget import allowances, error_budget
 from radar_sense.errors import ScenarioError
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.propagation import METHODS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scenarios import scenario
 
-from radar_sense.error_budget import error_budget
+from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Station
 from radar_sense.propagation import (

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 
 from radar_sense import analyses
+from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.covariance import variance_along
-from radar_sense.error_budget import allowances, error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range

@@ -14,7 +14,7 @@ from scipy.special import erfc
 
 from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
-from radar_sense.error_budget import allowances, error_budget, scaled_moments
+from radar_sense.analyses.error_budget import allowances, error_budget, scaled_moments
 from radar_sense.mission import mission
 from radar_sense.model.network import name_problem
 from radar_sense.model.radar_constant import doubt

@@ -13,7 +13,7 @@ from scenarios import document
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.radar_constant import (

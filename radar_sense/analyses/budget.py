@@ -15,6 +15,14 @@ from typing import Any
 import numpy as np
 
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
+from radar_sense.analyses.error_budget import (
+    MONTE_CARLO,
+    Allowance,
+    allowances,
+    error_budget,
+    parts_of,
+    scaled_moments,
+)
 from radar_sense.analyses.report import (
     describe_extreme,
     describe_poses,
@@ -30,14 +38,6 @@ from radar_sense.analyses.report import (
     validity_warnings,
 )
 from radar_sense.axis import Axis
-from radar_sense.error_budget import (
-    MONTE_CARLO,
-    Allowance,
-    allowances,
-    error_budget,
-    parts_of,
-    scaled_moments,
-)
 from radar_sense.errors import ScenarioError
 from radar_sense.limits import ANY, TARGET
 from radar_sense.propagation import METHODS, check_method

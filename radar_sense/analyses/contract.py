@@ -208,9 +208,11 @@ class Result:
 
     def __repr__(self) -> str:
         rows = max((len(column) for column in self.table.values()), default=0)
+        names = list(self.table)
+        more = f" and {len(names) - 6} more" if len(names) > 6 else ""
         return (
             f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
-            f"{', '.join(self.table)}; .report, .warnings, .table, .plot(), .save(folder)>"
+            f"{', '.join(names[:6])}{more}; .report, .warnings, .table, .plot(), .save(folder)>"
         )
 
     def _repr_html_(self) -> str:

@@ -14,9 +14,9 @@ from scenarios import document, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
+from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.analyses.rcs import rcs
 from radar_sense.analyses.report import at, peak, where
-from radar_sense.error_budget import allowances, error_budget
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.adaptive import validate

@@ -1,0 +1,225 @@
+"""The contract of an analysis, and what a newcomer adds from outside: each reaches everything."""
+
+import ast
+import dataclasses
+import inspect
+import json
+import sys
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scenarios import document, scenario
+
+import radar_sense as rs
+from radar_sense import cli as command_line
+from radar_sense.analyses.contract import OPTIONS, Analysis, Option, Result, analysis
+from radar_sense.limits import POSITIVE, parameter
+from radar_sense.model.detectors import DETECTORS, North
+from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
+from radar_sense.propagation import METHODS, Method
+from radar_sense.propagation.linear import linear
+
+ROOT = Path(__file__).parent.parent
+ALL = {name: command_line.load(name) for name in command_line.ANALYSES}
+#: What keeps an analysis short.
+SHORT = {
+    "montecarlo": {"runs": 32},
+    "compare": {"runs": 32},
+    "convergence": {"runs": 16},
+    "validate": {"digits": 1},
+    "map": {"step_km": 200},
+}
+FEW = {"start": 40, "stop": 60, "step": 20}
+
+
+def inputs(name: str):
+    """Yield a scenario of one radar and one of a network for an analysis."""
+    if name == "mission":
+        yield rs.load_scenario(ROOT / "configs/mission.yaml")
+        return
+    yield scenario(geometry__azimuth_deg=FEW)
+    network = rs.load_scenario(ROOT / "configs/network.yaml")
+    yield network.part(slice(0, None, 120))
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_every_analysis_keeps_the_contract(name, tmp_path):
+    for s in inputs(name):
+        result = ALL[name](s, **SHORT.get(name, {}))
+        assert isinstance(result, Result)
+        columns = [column for column in result.table.values() if column.ndim == 1]
+        if name != "map":
+            assert len({len(column) for column in columns}) == 1
+            assert len(columns) == len(result.table)
+        lines = (*result.report, *result.warnings)
+        assert all(isinstance(line, str) and line.isascii() and "\n" not in line for line in lines)
+        assert len(repr(result)) < 400
+        assert "<pre>" in result._repr_html_()
+        table, figure, record = result.save(tmp_path, ["png"])
+        assert table.stem == figure.stem == record.stem == f"{s.name}_{name}"
+        written = json.loads(record.read_text(encoding="utf-8"))
+        assert written["analysis"] == name
+        assert written["warnings"] == list(result.warnings)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_notebook_gets_what_the_shell_writes(name, tool):
+    s = next(inputs(name))
+    Path("my.yaml").write_text(json.dumps(s.resolved()), encoding="utf-8")
+    options = [f"--{key.replace('_', '-')}={v}" for key, v in SHORT.get(name, {}).items()]
+    assert tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code in (0, 3)
+    again = rs.load_scenario("my.yaml")
+    table, *_ = ALL[name](again, **SHORT.get(name, {})).save("notebook", [])
+    assert table.read_bytes() == Path("shell", table.name).read_bytes()
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_figure_is_drawn_from_the_result_alone(name):
+    """`plot` calls nothing of the model: its source names no physics, and no file is read."""
+    source = inspect.getsource(ALL[name].plot)
+    names = {node.attr for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Attribute)}
+    assert not names & {"model", "p_d", "snr", "linearize", "cross_section", "resolved"} - {"model"}
+    assert "propagate" not in source
+    assert "load_" not in source
+
+
+def test_the_list_of_commands_agrees_with_the_analyses():
+    for name, (_, text) in command_line.ANALYSES.items():
+        assert ALL[name].name == name
+        assert ALL[name].help.splitlines()[0] == text
+        assert ALL[name].examples
+        assert all(example.startswith(f"radar-sense {name}") for example in ALL[name].examples)
+        known = {*ALL[name].keywords, "level", "radar", "runs", "seed", "dask"}
+        assert {option.name for option in ALL[name].options} <= known
+
+
+def test_options_of_an_analysis():
+    with pytest.raises(
+        TypeError, match=r"budget\(\) has no option 'tarket'.*did you mean 'target'"
+    ):
+        rs.budget(scenario(), tarket=0.1)
+    high = rs.analyses.sensitivity(scenario(geometry__azimuth_deg=FEW), level="high")
+    assert high.scenario.level == "high"
+    with pytest.raises(rs.ScenarioError, match="level must be one of"):
+        rs.variance(scenario(), level="hi")
+
+
+# What is added from outside.
+
+
+def test_a_new_rcs_model(tool, monkeypatch):
+    @dataclasses.dataclass(frozen=True)
+    class Halved(EllipsoidRCS):
+        isotropic: ClassVar[bool] = False
+        part: float = parameter("part", POSITIVE)
+
+        def cross_section(self, body_vector):
+            return self.part * super().cross_section(body_vector)
+
+        def linearize(self, body_vector):
+            value, slope = super().linearize(body_vector)
+            return self.part * value, self.part * slope
+
+    monkeypatch.setitem(RCS_MODELS, "halved", Halved)
+    rcs = {"model": "halved", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21, "part": 0.5}
+    text = json.dumps(document(aircraft__rcs=rcs, geometry__azimuth_deg=FEW))
+    Path("my.yaml").write_text(text, encoding="utf-8")
+    for command in ("budget", "map --step-km 200", "rcs", "variance"):
+        assert tool(*command.split(), "my.yaml", "--no-plot").code == 0
+    half = rs.variance(rs.load_scenario("my.yaml"))
+    assert half.scenario.resolved()["aircraft"]["rcs"] == rcs
+    whole = rs.variance(scenario(geometry__azimuth_deg=FEW))
+    ratio = half.table["rcs_m2"] / whole.table["rcs_m2"]
+    np.testing.assert_allclose(ratio, 0.5)
+
+
+def test_a_new_detector(tool, monkeypatch):
+    class Shifted(North):
+        """North's, for a signal twice as strong."""
+
+        def linearize(self, snr, p_fa):
+            value, slope = super().linearize(2.0 * snr, p_fa)
+            return value, 2.0 * slope
+
+        def linearize_probit(self, snr, p_fa):
+            value, slope = super().linearize_probit(2.0 * snr, p_fa)
+            return value, 2.0 * slope
+
+        def p_d(self, snr, p_fa):
+            return super().p_d(2.0 * snr, p_fa)
+
+    monkeypatch.setitem(DETECTORS, "shifted", Shifted)
+    text = json.dumps(document(radar__detector="shifted", geometry__azimuth_deg=FEW))
+    Path("my.yaml").write_text(text, encoding="utf-8")
+    for command in ("budget", "map --step-km 200 --upper --method form", "variance --method form"):
+        assert tool(*command.split(), "my.yaml", "--no-plot").code == 0
+    shifted = rs.load_scenario("my.yaml")
+    assert shifted.resolved()["radar"]["detector"] == "shifted"
+    stronger = scenario(radar__constant=2 * 167, geometry__azimuth_deg=FEW)
+    np.testing.assert_allclose(
+        rs.variance(shifted).table["p_d"], rs.variance(stronger).table["p_d"], rtol=1e-13
+    )
+
+
+def test_a_new_method_of_propagation(tool, monkeypatch):
+    """Its own bound is on the map, its own check warns, its own distribution of c_r is named."""
+
+    def wide(states, beta):
+        moments = linear(states, beta)
+        return dataclasses.replace(moments, upper=np.full_like(moments.upper, 0.875))
+
+    monkeypatch.setitem(
+        METHODS,
+        "wide",
+        Method("wide", wide, lambda states, moments, beta: moments.p_d > 0, log_normal=False),
+    )
+    few = scenario(geometry__azimuth_deg=FEW)
+    variance = rs.variance(few, method="wide")
+    np.testing.assert_array_equal(variance.table["upper_3sigma"], 0.875)
+    assert any("wide" in warning for warning in variance.warnings)
+    chart = rs.analyses.coverage_map(few, step_km=200, upper=True, method="wide")
+    np.testing.assert_array_equal(chart.table["upper_3sigma"], np.float32(0.875))
+    np.testing.assert_array_equal(
+        rs.budget(few, method="wide").table["three_sigma_total"],
+        rs.budget(few).table["three_sigma_total"],
+    )
+    assert "wide" in tool("variance", "--method", "wie").err
+    sheet = rs.load_scenario(ROOT / "configs/s_band_surveillance.yaml").part(slice(0, 3))
+    gaussian = [w for w in rs.variance(sheet).warnings if "c_r is not Gaussian" in w]
+    assert len(gaussian) == len(
+        [w for w in rs.variance(sheet, method="wide").warnings if "Gauss" in w]
+    )
+
+
+def test_a_new_analysis(tool, monkeypatch):
+    def plot(result, figure):
+        figure.subplots().plot(result.table["x"])
+
+    @analysis(
+        plot=plot,
+        options=["level", "radar", Option("twice", "Double it.", flag=True)],
+        examples=["radar-sense ramp"],
+    )
+    def ramp(scenario, *, twice=False):
+        """A straight line."""
+        x = np.arange(3.0) * (2 if twice else 1)
+        return Result(scenario, {"x": x}, {"top": float(x.max())}, (f"up to {x.max():g}",))
+
+    module = type(sys)("ramp_of_a_newcomer")
+    module.ramp = ramp
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    row = (f"{module.__name__}:ramp", "A straight line.")
+    monkeypatch.setitem(command_line.ANALYSES, "ramp", row)
+    assert isinstance(ramp, Analysis)
+    assert "A straight line." in tool("--help").out
+    help_text = tool("ramp", "--help").out
+    assert "radar-sense ramp" in help_text
+    assert OPTIONS["level"].help in help_text
+    code, out, err = tool("ramp", "--twice", "--level", "high", "--format", "png")
+    assert (code, err) == (0, "")
+    assert out.splitlines()[0] == "up to 4"
+    assert Path("figures/paper_ramp.csv").read_text() == "x\n0.0\n2.0\n4.0\n"
+    assert json.loads(Path("figures/paper_ramp.json").read_text())["summary"] == {"top": 4.0}
+    assert Path("figures/paper_ramp.png").exists()

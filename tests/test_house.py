@@ -1,0 +1,114 @@
+"""The house: which module may import which. The rule stands in the docstring of each folder."""
+
+import ast
+import sys
+from pathlib import Path
+
+import pytest
+
+import radar_sense
+
+PACKAGE = Path(radar_sense.__file__).parent
+#: From the top to the bottom. A module imports only from lines below its own, or, in a folder, from
+#: other files of the folder without a circle.
+STOREYS = (
+    ("cli", "__main__", "__init__"),
+    ("reading",),
+    ("analyses",),
+    ("plotting", "files"),
+    ("mission",),
+    ("montecarlo",),
+    ("propagation",),
+    ("scenario",),
+    ("record", "keys", "provenance"),
+    ("model",),
+    ("axis", "covariance"),
+    ("states", "limits", "errors"),
+)
+STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}
+
+
+def modules() -> dict[str, Path]:
+    """Return all modules of the package by their dotted names below it."""
+    paths = sorted(PACKAGE.rglob("*.py"))
+    return {".".join(p.relative_to(PACKAGE).with_suffix("").parts): p for p in paths}
+
+
+def imports(path: Path, known: dict[str, Path]) -> set[str]:
+    """Return the modules of the package that a file imports, wherever in the file."""
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if not isinstance(node, ast.ImportFrom) or not (node.module or "").startswith(
+            "radar_sense"
+        ):
+            continue
+        home = (node.module or "").partition(".")[2]
+        for alias in node.names:
+            inner = f"{home}.{alias.name}".strip(".")
+            folder = f"{home}.__init__".strip(".")
+            found.add(next(m for m in (inner, f"{inner}.__init__", home, folder) if m in known))
+    return found
+
+
+def arrows() -> dict[str, set[str]]:
+    known = modules()
+    return {name: imports(path, known) for name, path in known.items()}
+
+
+def test_no_arrow_goes_up():
+    """`errors` may be reached by all; `radar_sense` itself only for the version."""
+    wrong = []
+    for name, targets in arrows().items():
+        for target in targets - {"__init__"}:
+            own, other = name.split(".")[0], target.split(".")[0]
+            if own != other and STOREY[own] >= STOREY[other]:
+                wrong.append(f"{name} imports {target}")
+    assert not wrong, wrong
+
+
+def test_no_circle():
+    graph = arrows()
+    done: set[str] = set()
+
+    def visit(name: str, above: tuple[str, ...]) -> None:
+        assert name not in above, " -> ".join((*above, name))
+        if name not in done:
+            for target in sorted(graph[name] - {"__init__"}):
+                visit(target, (*above, name))
+            done.add(name)
+
+    for name in graph:
+        visit(name, ())
+
+
+def test_only_the_command_line_reads_files():
+    readers = {
+        name
+        for name, targets in arrows().items()
+        if not name.startswith("reading") and any(t.startswith("reading") for t in targets)
+    }
+    assert readers <= {"cli", "__init__"}
+
+
+def test_matplotlib_is_imported_in_one_place():
+    where = {name for name, path in modules().items() if "import matplotlib" in path.read_text()}
+    where |= {name for name, path in modules().items() if "from matplotlib" in path.read_text()}
+    assert where == {"plotting"}
+
+
+def test_the_help_of_the_tool_needs_no_numpy():
+    import subprocess
+
+    code = (
+        "import sys\nfrom radar_sense.cli import cli\n"
+        "try: cli.main(['--help'])\nexcept SystemExit: pass\n"
+        "print(*{'numpy', 'scipy', 'matplotlib', 'yaml'} & set(sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "budget" in done.stdout
+    assert done.stdout.splitlines()[-1] == ""
+
+
+@pytest.mark.parametrize("name", [n for n in modules() if not n.endswith("__main__")])
+def test_every_module_says_what_it_is(name):
+    assert ast.get_docstring(ast.parse(modules()[name].read_text(encoding="utf-8")))
