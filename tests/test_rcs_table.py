@@ -17,6 +17,7 @@ from scipy.interpolate import CubicSpline
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.rcs import directions, pattern
+from radar_sense.model.geometry import body_vector
 from radar_sense.reading import rcs_file
 
 DEG = np.pi / 180
@@ -787,7 +788,7 @@ def test_draws_beyond_the_table_are_counted(here):
     rng = np.random.default_rng(1)
     for pose in s.aircraft:
         draws = rng.multivariate_normal(pose, s.cov_aircraft, 20_000)
-        x, y, z = np.moveaxis(rs.geometry.body_vector(draws, s.radar), -1, 0)
+        x, y, z = np.moveaxis(body_vector(draws, s.radar), -1, 0)
         beyond.append(np.mean(np.arctan2(-z, np.hypot(x, y)) < -2 * DEG))
     (said,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
     count = float(said.split("about ")[1].split(" draws")[0].replace(",", ""))

@@ -16,7 +16,9 @@ import radar_sense as rs
 from radar_sense import analyses, axis, covariance
 from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.analyses.rcs import rcs
-from radar_sense.analyses.report import at, peak, where
+from radar_sense.analyses.report import describe_extreme as at
+from radar_sense.analyses.report import describe_poses as where
+from radar_sense.analyses.report import peak
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.adaptive import validate
