@@ -499,7 +499,6 @@ class Mission:
         detection: P_c up to each look.
         track: Probability of m-of-n up to each look, if it was asked for.
         clipped: Number of radar constants that were drawn below zero and set to zero.
-        rank_error: By how many of the sorted draws the bounds are off at most; 0 where exact.
     """
 
     runs: int
@@ -507,7 +506,6 @@ class Mission:
     detection: Drawn
     track: Drawn | None
     clipped: int
-    rank_error: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -652,7 +650,6 @@ def mission_monte_carlo(
         detection=found[0],
         track=found[1] if m_of_n else None,
         clipped=clipped,
-        rank_error=max(tails.rank_error for _, tails in total),
     )
 
 

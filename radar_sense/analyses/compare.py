@@ -9,7 +9,15 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import _doubts, _drawn, _not_as_taken, _points, at, peak
+from radar_sense.analyses.report import (
+    _doubts,
+    _drawn,
+    _mixed_rounding,
+    _not_as_taken,
+    _points,
+    at,
+    peak,
+)
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.plotting import _LINES, _fill, _legend, _line, _new, _x
 from radar_sense.propagation import METHODS, propagate_scenario
@@ -75,7 +83,6 @@ def compare(
         summary={
             "runs": mc.runs,
             "sampler": mc.sampler,
-            "quantile_rank_error": mc.rank_error,
             "largest_difference": worst,
         },
         report=(
@@ -88,10 +95,13 @@ def compare(
                 for method, w in worst.items()
             ),
         ),
-        warnings=tuple(
-            doubt
-            for method, m in moments.items()
-            for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
+        warnings=(
+            *(
+                doubt
+                for method, m in moments.items()
+                for doubt in (*_doubts(m, method, axis), *_not_as_taken(scenario, method))
+            ),
+            *_mixed_rounding(mc),
         ),
         monte_carlo=mc,
     )

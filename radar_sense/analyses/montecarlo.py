@@ -21,9 +21,9 @@ from radar_sense.analyses.report import (
     _drawn,
     _largest_by_radar,
     _mean,
+    _mixed_rounding,
     _not_as_taken,
     _points,
-    _rank_error,
     at,
     peak,
     where,
@@ -38,13 +38,13 @@ def _montecarlo(result: Result) -> Figure:
         raise ValueError("a Monte Carlo figure needs the draws")
     mc, x = result.monte_carlo, _x(result)
     figure, (top, bottom) = _new(2, result)
-    shown = len(mc.hairs)
+    shown = len(mc.sample_paths)
     label = f"{mc.runs} runs" if shown == mc.runs else f"{shown} of {mc.runs} runs"
-    _hairs(top, x, mc.hairs, label)
+    _hairs(top, x, mc.sample_paths, label)
     _line(top, x, mc.band.p_d, ("black", "-"), label=r"nominal $\bar P_D$")
     _draw_band(top, x, result.table["lower_3sigma"], result.table["upper_3sigma"], result)
     top.set_ylabel(r"$P_D$")
-    _hairs(bottom, x, mc.hairs - mc.band.p_d, label)
+    _hairs(bottom, x, mc.sample_paths - mc.band.p_d, label)
     _draw_band(bottom, x, mc.band.lower - mc.band.p_d, mc.band.upper - mc.band.p_d, result)
     bottom.set_ylabel(r"Error $P_D - \bar P_D$")
     _legend(figure, top)
@@ -100,7 +100,7 @@ def montecarlo(
                 f"the {name} band does not hold the 99.73 % of the draws that it should "
                 f"{where(off, axis)} (95 % confidence for all poses together)"
             )
-    warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped))
+    warnings += (*_not_as_taken(scenario, method), *_clipped(mc.clipped), *_mixed_rounding(mc))
     by_itself = _largest_by_radar(scenario, method)
     return Result(
         analysis="montecarlo",
@@ -115,7 +115,6 @@ def montecarlo(
         },
         summary={
             **summary,
-            "quantile_rank_error": mc.rank_error,
             "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), axis),
             "radar_constants_set_to_zero": mc.clipped,
             **_by_radar_summary(by_itself),
@@ -124,7 +123,6 @@ def montecarlo(
             f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{_points(mc)}): {overall:.2%} of the "
             f"draws lie in the {name} 3-sigma band, {WITHIN_3_SIGMA:.2%} should",
             lowest,
-            *_rank_error(mc),
             *_by_radar({name: at(top, axis) for name, top in by_itself.items()}, name),
         ),
         warnings=tuple(warnings),

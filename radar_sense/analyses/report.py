@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from radar_sense.axis import Axis
 from radar_sense.model.radar_constant import doubts
-from radar_sense.montecarlo.montecarlo import TAIL, MonteCarlo
+from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.propagation import BOUND_CHANGE, STD_CHANGE, Moments, propagate_scenario
 from radar_sense.scenario import Scenario, alone
 from radar_sense.states import FloatArray
@@ -151,12 +151,14 @@ def _points(mc: MonteCarlo) -> str:
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
-def _rank_error(mc: MonteCarlo) -> tuple[str, ...]:
-    """Say how far the quantiles may be off where not all draws of the tails could be kept."""
-    if not mc.rank_error:
+def _mixed_rounding(mc: MonteCarlo) -> tuple[str, ...]:
+    """Warn if the processes of a cluster rounded differently."""
+    if len(mc.canaries) < 2:
         return ()
-    share = mc.rank_error / (TAIL * mc.runs)
-    return (f"quantiles at the probability 0.00135 to within {share:.2%} of it",)
+    return (
+        f"the workers round in {len(mc.canaries)} different ways, as their CPUs differ: the last "
+        "digits depend on which worker computed which runs",
+    )
 
 
 def _not_as_taken(scenario: Scenario, method: str | None) -> tuple[str, ...]:
