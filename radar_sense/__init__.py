@@ -38,6 +38,7 @@ _HOME = {
     "load_rcs_table": "reading.rcs_file",
     "load_scenario": "reading.parse",
     "monte_carlo": "montecarlo.montecarlo",
+    "monte_carlo_states": "montecarlo.montecarlo",
     "parse_scenario": "reading.parse",
     "propagate": "propagation",
     "sensitivity": "analyses.sensitivity",
@@ -63,7 +64,7 @@ if TYPE_CHECKING:
     from radar_sense.model.radar_equation import SurveillanceRadar, TrackingRadar
     from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
     from radar_sense.model.rcs_table import TableRCS
-    from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
+    from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo, monte_carlo_states
     from radar_sense.propagation import Moments, propagate
     from radar_sense.reading.parse import load_scenario, parse_scenario
     from radar_sense.reading.rcs_file import load_rcs_table
@@ -98,6 +99,7 @@ __all__ = [
     "load_rcs_table",
     "load_scenario",
     "monte_carlo",
+    "monte_carlo_states",
     "parse_scenario",
     "propagate",
     "sensitivity",

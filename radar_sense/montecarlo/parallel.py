@@ -71,7 +71,7 @@ def in_order(
             yield from map(function, range(count))
         else:
             with ThreadPoolExecutor(min(workers, count)) as threads:
-                yield from _submitted(threads, function, count, ahead=2 * workers)
+                yield from _submitted(threads, function, count, ahead=workers)
     except MemoryError as error:
         raise ComputationError(
             "out of memory; use fewer workers, or a scenario with fewer poses"

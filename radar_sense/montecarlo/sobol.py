@@ -86,7 +86,8 @@ def sobol_indices(
         fit = REPLICATES << int(np.log2(MAX_BYTES / row_bytes))
         raise ScenarioError(
             f"Sobol' indices of {samples:,} runs would take "
-            f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than {MAX_BYTES / 1e9:g} GB; at most {fit:,} runs fit"
+            f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than {MAX_BYTES / 1e9:g} GB; "
+            f"at most {fit:,} runs fit"
         )
     # at least 2: SciPy rounds the mean of a single output differently
     block = max(2, MAX_VALUES // ((len(groups) + 2) << exponent))

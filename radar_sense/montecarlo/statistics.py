@@ -76,18 +76,18 @@ class Tails:
     """
 
     def __init__(self, columns: int, count: int, probability: float) -> None:
+        row, capacity = 2 * columns * 8, _capacity(count, probability)
+        if capacity * row > MAX_TAIL_BYTES:
+            fit = math.floor((math.floor(MAX_TAIL_BYTES / row / TAIL_ROOM) - 2) / probability)
+            remedy = f"at most {fit:,} runs fit" if fit >= 2 else "use fewer poses"
+            raise ScenarioError(
+                f"exact quantiles of {count:,} runs of {columns:,} poses would take "
+                f"{capacity * row / 1e9:,.1f} GB of memory, more than "
+                f"{MAX_TAIL_BYTES / 1e9:g} GB; {remedy}"
+            )
         self._low = _Tail(columns, count, probability)
         # The largest rows are the smallest of the negated rows: one rule serves both ends.
         self._high = _Tail(columns, count, probability)
-        row = 2 * columns * 8
-        if self._low.capacity * row > MAX_TAIL_BYTES:
-            fit = math.floor((math.floor(MAX_TAIL_BYTES / row / TAIL_ROOM) - 2) / probability)
-            advice = f"at most {fit:,} runs fit" if fit >= 2 else "use fewer poses"
-            raise ScenarioError(
-                f"exact quantiles of {count:,} runs of {columns:,} poses would take "
-                f"{self._low.capacity * row / 1e9:,.1f} GB of memory, more than "
-                f"{MAX_TAIL_BYTES / 1e9:g} GB; {advice}"
-            )
 
     @property
     def bytes(self) -> int:
@@ -120,8 +120,8 @@ class _Tail:
     def __init__(self, columns: int, count: int, probability: float) -> None:
         self._position = quantile_position(count, probability)
         self._probability = probability
-        self._keep = min(math.floor(self._position) + 2, count)
-        self.capacity = math.ceil(TAIL_ROOM * self._keep)
+        self._keep = _needed(count, probability)
+        self.capacity = _capacity(count, probability)
         self._buffer = np.empty((0, columns))  # grows to the capacity at most
         self._filled = 0
         self._dropped = np.full(columns, np.inf)  # no row that was dropped is smaller
@@ -174,6 +174,16 @@ class _Tail:
     @property
     def _columns(self) -> tuple[int, ...]:
         return self._buffer.shape[1:]
+
+
+def _needed(count: int, probability: float) -> int:
+    """Number of the smallest of `count` rows that determine the quantile."""
+    return min(math.floor(quantile_position(count, probability)) + 2, count)
+
+
+def _capacity(count: int, probability: float) -> int:
+    """Largest number of rows that a tail holds."""
+    return math.ceil(TAIL_ROOM * _needed(count, probability))
 
 
 def quantile_position(count: int, probability: float) -> float:
