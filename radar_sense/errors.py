@@ -1,4 +1,4 @@
-"""What the user can put right: the error, and the suggestion that goes with it."""
+"""Errors that are one line, and suggestions for misspelled words."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ from collections.abc import Iterable
 
 
 class ScenarioError(ValueError):
-    """Bad input, told in one line: where it is, what it says, and what is allowed."""
+    """Bad input, in one line: where it is, what it is, and what is allowed."""
+
+
+class ComputationError(RuntimeError):
+    """A computation that could not be completed, in one line: what happened, and the remedy."""
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:

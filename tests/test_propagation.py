@@ -16,11 +16,13 @@ from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 from warning_study import counts, study
 
-from radar_sense.covariance import factor
+from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.geometry import orbit
 from radar_sense.model.network import NetworkModel, Station
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
+from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import (
     METHODS,
     Moments,

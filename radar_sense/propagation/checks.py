@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.covariance import factor, variance_along
+from radar_sense.covariance import square_root, variance_along
 from radar_sense.propagation import form as _form
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import Moments
@@ -196,9 +196,9 @@ def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDAr
     visible = states.model.visible(aircraft, radar)
     near = np.zeros((k, m), dtype=bool)
     for size in (REACH, -REACH):
-        for error in np.moveaxis(size * factor(states.cov_aircraft), -1, 0):
+        for error in np.moveaxis(size * square_root(states.cov_aircraft), -1, 0):
             near |= states.model.visible(aircraft + error, radar) != visible
-        for error in np.moveaxis(size * factor(states.cov_radar), -1, 0):
+        for error in np.moveaxis(size * square_root(states.cov_radar), -1, 0):
             near |= states.model.visible(aircraft, radar + error) != visible
     allowed = np.minimum(BOUND_CHANGE, np.sqrt(2.0 * STD_CHANGE) * std)
     for i in np.flatnonzero(near.any(axis=0)):
