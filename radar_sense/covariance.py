@@ -1,4 +1,4 @@
-"""Covariance matrices: made from standard deviations, checked, masked, projected, and factored."""
+"""Covariance matrices: construction, checks, blocks, projections, square roots and draws."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike
 
 from radar_sense.states import FloatArray, at_pose
 
-#: How far a correlation matrix may be from symmetric and semidefinite before it is not rounding.
+#: Deviations of a correlation matrix from symmetric and semidefinite up to this are rounding.
 TOLERANCE = 1e-9
-#: Matrices factored at a time; of no influence on the result.
+#: Number of matrices factored at a time; the result does not depend on it.
 BLOCK = 16_384
 
 
@@ -21,7 +21,7 @@ def from_std(std: ArrayLike) -> FloatArray:
 
 
 def problem(covariance: FloatArray) -> str | None:
-    """Say why a matrix (n, n) is not a covariance, or None if it is one."""
+    """Return why a matrix (n, n) is not a covariance, or None if it is one."""
     variances = np.diagonal(covariance)
     if np.any(variances < 0):
         return f"has a negative variance on its diagonal, {variances.min():g}"
@@ -43,13 +43,13 @@ def problem(covariance: FloatArray) -> str | None:
 
 
 def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
-    """Find the first of many matrices (k, n, n) that is not a covariance: `problem`, but fast.
+    """Return the first of many matrices (k, n, n) that is not a covariance, faster than `problem`.
 
     Args:
         covariances: Symmetric matrices.
 
     Returns:
-        Its index and what is wrong with it, or None.
+        Index and problem of that matrix, or None.
     """
     try:
         np.linalg.cholesky(covariances)
@@ -61,9 +61,9 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
         correlation = _correlation(np.where(negative[:, np.newaxis, np.newaxis], unit, covariances))
         lowest = np.linalg.eigvalsh(correlation)[:, 0]
         for index in np.flatnonzero(negative | alone | (lowest < -TOLERANCE)):
-            found = problem(covariances[index])
-            if found:
-                return int(index), found
+            text = problem(covariances[index])
+            if text:
+                return int(index), text
     return None
 
 
@@ -114,7 +114,7 @@ def scaled(covariance: FloatArray, components: slice, factor: float) -> FloatArr
 
 
 def side_by_side(covariances: Sequence[FloatArray]) -> FloatArray:
-    """Return the covariance (mn, mn) of m independent states from that of each (n, n)."""
+    """Return the covariance (mn, mn) of m independent states from their covariances (n, n)."""
     size = len(covariances[0])
     total = np.zeros((len(covariances) * size, len(covariances) * size))
     for i, matrix in enumerate(covariances):
@@ -123,10 +123,10 @@ def side_by_side(covariances: Sequence[FloatArray]) -> FloatArray:
 
 
 def only(covariance: FloatArray, components: slice) -> FloatArray:
-    """Return the covariance (..., n, n) with all but the named components made certain."""
-    alone = np.zeros_like(covariance)
-    alone[..., components, components] = covariance[..., components, components]
-    return alone
+    """Return the covariance (..., n, n) of some components, with all others certain."""
+    masked = np.zeros_like(covariance)
+    masked[..., components, components] = covariance[..., components, components]
+    return masked
 
 
 def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
@@ -164,93 +164,97 @@ def without_rounding(covariance: FloatArray) -> FloatArray:
     return np.where(abs(covariance) > least, covariance, 0.0)
 
 
-def factor(covariance: FloatArray) -> FloatArray:
-    """Return F (..., n, n) with F Fᵀ = C, for a C that may be singular.
+def square_root(covariance: FloatArray) -> FloatArray:
+    """Return F (..., n, n) with F Fᵀ = C; C may be singular.
 
-    The eigenvectors of the correlation matrix are used, so that metres beside radians cost no
-    accuracy; for independent components F is the diagonal of standard deviations.
+    F comes from the eigenvectors of the correlation matrix, so that metres beside radians cost no
+    accuracy. For independent components F is the diagonal matrix of standard deviations.
     """
-    if covariance.ndim > 2 and len(covariance) > BLOCK:  # so as not to need memory several times
-        parts = (covariance[i : i + BLOCK] for i in range(0, len(covariance), BLOCK))
-        return np.concatenate([factor(part) for part in parts])
+    if covariance.ndim > 2 and len(covariance) > BLOCK:  # temporaries of one block at a time
+        sqrt_cov = np.empty_like(covariance)
+        for i in range(0, len(covariance), BLOCK):
+            sqrt_cov[i : i + BLOCK] = square_root(covariance[i : i + BLOCK])
+        return sqrt_cov
     std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     diagonal = std[..., np.newaxis] * np.eye(std.shape[-1])
     independent = np.all((covariance == 0) | np.eye(std.shape[-1], dtype=bool), axis=(-2, -1))
     if independent.all():
         return diagonal
-    values, vectors = np.linalg.eigh(_correlation(covariance))
-    root: FloatArray = std[..., np.newaxis] * vectors
-    root *= np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
-    return np.where(independent[..., np.newaxis, np.newaxis], diagonal, root)
+    eigenvalues, eigenvectors = np.linalg.eigh(_correlation(covariance))
+    coupled: FloatArray = std[..., np.newaxis] * eigenvectors
+    coupled *= np.sqrt(np.maximum(eigenvalues, 0.0))[..., np.newaxis, :]
+    return np.where(independent[..., np.newaxis, np.newaxis], diagonal, coupled)
 
 
-def factor_apart(covariance: FloatArray, apart: Sequence[int]) -> FloatArray:
-    """Return F (n, n) with F Fᵀ = C, in which the normals of some components move nothing else.
+def block_square_root(covariance: FloatArray, independent: Sequence[int]) -> FloatArray:
+    """Return F (n, n) with F Fᵀ = C, in which some components have a unit normal of their own.
 
-    The columns of `factor` are in the order of eigenvalues, so that the one of a component need not
-    be the one of its place.
+    The columns of `square_root` are in the order of eigenvalues. Column i of this F belongs to
+    component i, where the component is independent.
 
     Args:
         covariance: C (n, n).
-        apart: Places of components that are independent of all others.
+        independent: Places of components that are independent of all others.
     """
-    rest = np.setdiff1d(np.arange(len(covariance)), apart)
-    root = np.diag(np.sqrt(np.diagonal(covariance)))
-    root[np.ix_(rest, rest)] = factor(covariance[np.ix_(rest, rest)])
-    return root
+    others = np.setdiff1d(np.arange(len(covariance)), independent)
+    sqrt_cov = np.diag(np.sqrt(np.diagonal(covariance)))
+    sqrt_cov[np.ix_(others, others)] = square_root(covariance[np.ix_(others, others)])
+    return sqrt_cov
 
 
-def symmetric_factor(covariance: FloatArray) -> FloatArray:
-    """Return F (..., n, n) with F Fᵀ = C, for a C that may be singular, that is continuous in C.
+def symmetric_square_root(covariance: FloatArray) -> FloatArray:
+    """Return F (..., n, n) with F Fᵀ = C, continuous in C; C may be singular.
 
     F is D S, with D the standard deviations and S the symmetric square root of the correlation
-    matrix; so it does not depend on units. Unlike the eigenvectors of `factor`, which can change
-    sign and order between nearly equal matrices, it can carry one error from pose to pose.
+    matrix; F does not depend on units. The eigenvectors of `square_root` can change sign and order
+    between nearly equal matrices. This F can carry one error from pose to pose.
     """
     std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    values, vectors = np.linalg.eigh(_correlation(covariance))
-    scaled_vectors = vectors * np.sqrt(np.maximum(values, 0.0))[..., np.newaxis, :]
-    root: FloatArray = std[..., np.newaxis] * (scaled_vectors @ np.swapaxes(vectors, -1, -2))
-    return root
+    eigenvalues, eigenvectors = np.linalg.eigh(_correlation(covariance))
+    scaled_vectors = eigenvectors * np.sqrt(np.maximum(eigenvalues, 0.0))[..., np.newaxis, :]
+    sqrt_cov: FloatArray = std[..., np.newaxis] * (
+        scaled_vectors @ np.swapaxes(eigenvectors, -1, -2)
+    )
+    return sqrt_cov
 
 
 def draws(
-    mean: FloatArray, factor: FloatArray, white: FloatArray, *, overwrite: bool = False
+    mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray, *, overwrite: bool = False
 ) -> FloatArray:
-    """Turn independent unit normals (..., n) into draws (..., n) with covariance F Fᵀ.
+    """Return draws (..., n) with covariance F Fᵀ from independent unit normals (..., n).
 
-    Written out instead of a matrix product, whose rounding depends on the library behind it and on
-    the number of draws multiplied at a time.
+    The sums are written out, because the rounding of a matrix product depends on the library
+    behind it and on the number of draws.
 
     Args:
         mean: Mean of the draws, broadcast against them.
-        factor: F (n, n), or (k, n, n) for draws (..., k, n) that have one each.
-        white: Independent unit normals (..., n).
-        overwrite: Whether the draws may take the place of the normals in memory.
+        sqrt_cov: F (n, n), or (k, n, n) for draws (..., k, n) with one F each.
+        normals: Independent unit normals (..., n).
+        overwrite: Overwrite the unit normals, to save memory.
     """
-    present = np.any(factor, axis=tuple(range(factor.ndim - 2)))
+    present = np.any(sqrt_cov, axis=tuple(range(sqrt_cov.ndim - 2)))
     coupled = np.argwhere(present & ~np.eye(len(present), dtype=bool)).tolist()
-    diagonal, normals = np.diagonal(factor, axis1=-2, axis2=-1), np.moveaxis(white, -1, 0)
+    std, components = np.diagonal(sqrt_cov, axis1=-2, axis2=-1), np.moveaxis(normals, -1, 0)
     drawn = np.multiply(
-        normals,
-        _by_component(diagonal, white.ndim),
-        out=normals if overwrite and not coupled else None,
+        components,
+        _by_component(std, normals.ndim),
+        out=components if overwrite and not coupled else None,
         order="C",
     )
     for i, j in coupled:
-        drawn[i] += factor[..., i, j] * normals[j]
-    drawn += _by_component(mean, white.ndim)
+        drawn[i] += sqrt_cov[..., i, j] * components[j]
+    drawn += _by_component(mean, normals.ndim)
     return np.moveaxis(drawn, 0, -1)
 
 
 def _by_component(vectors: FloatArray, ndim: int) -> FloatArray:
-    """View vectors (..., n) as (n, 1, ..., ...), with so many dimensions."""
+    """View vectors (..., n) as (n, 1, ..., ...) with `ndim` dimensions."""
     first = np.moveaxis(vectors, -1, 0)
     return first.reshape(first.shape[0], *(1,) * (ndim - first.ndim), *first.shape[1:])
 
 
 def component_first(matrices: FloatArray) -> FloatArray:
-    """Return matrices (..., n, n) with every entry [..., i, j] one contiguous run in memory."""
+    """Return matrices (..., n, n) with each entry [..., i, j] contiguous in memory."""
     return np.moveaxis(
         np.ascontiguousarray(np.moveaxis(matrices, (-2, -1), (0, 1))), (0, 1), (-2, -1)
     )

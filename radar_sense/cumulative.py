@@ -28,7 +28,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx, log_ndtr, ndtr, ndtri, ndtri_exp
 
-from radar_sense.covariance import checked, draws, factor, symmetric_factor, variance_along
+from radar_sense.covariance import (
+    checked,
+    draws,
+    square_root,
+    symmetric_square_root,
+    variance_along,
+)
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sequences import random_stream
@@ -501,7 +507,6 @@ class Mission:
         detection: P_c up to each look.
         track: Probability of m-of-n up to each look, if it was asked for.
         clipped: Number of radar constants that were drawn below zero and set to zero.
-        rank_error: By how many of the sorted draws the bounds are off at most; 0 where exact.
     """
 
     runs: int
@@ -509,7 +514,6 @@ class Mission:
     detection: Drawn
     track: Drawn | None
     clipped: int
-    rank_error: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -627,7 +631,7 @@ def mission_monte_carlo(
         aircraft=aircraft,
         radar=radar,
         factors=_factors(cov_aircraft, poses),
-        factor_radar=factor(checked("radar", cov_radar)),
+        factor_radar=square_root(checked("radar", cov_radar)),
         decay=decay,
         fresh=fresh,
         m_of_n=m_of_n,
@@ -656,7 +660,6 @@ def mission_monte_carlo(
         detection=found[0],
         track=found[1] if m_of_n else None,
         clipped=clipped,
-        rank_error=max(tails.rank_error for _, tails in total),
     )
 
 
@@ -694,7 +697,7 @@ def extremes(
     """
     found: list[tuple[FloatArray, FloatArray]] = []
     white = beta * np.eye(_radar_normals(radar, radar_draws))
-    root = factor(checked("radar", cov_radar))
+    root = square_root(checked("radar", cov_radar))
     every = np.stack([_drawn(radar, root, radar_draws, u)[0] for u in (-white, white)], axis=1)
     for states in every:
         p_d = model.p_d(aircraft[:, np.newaxis], states).T
@@ -786,7 +789,7 @@ def _factors(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
         raise ValueError(
             f"aircraft covariance must have shape (6, 6) or ({looks}, 6, 6), got {covariance.shape}"
         )
-    return np.broadcast_to(symmetric_factor(covariance), (looks, n, n))
+    return np.broadcast_to(symmetric_square_root(covariance), (looks, n, n))
 
 
 def _times(time: ArrayLike) -> FloatArray:

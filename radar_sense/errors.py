@@ -1,4 +1,4 @@
-"""Errors that the user can correct: the exception, and the suggestion that goes with it."""
+"""Errors that are one line, and suggestions for misspelled words."""
 
 from __future__ import annotations
 
@@ -31,6 +31,10 @@ def printable(text: str) -> str:
 def shorten(text: str) -> str:
     """Return the text in quotes, with control characters escaped, and at most 40 letters of it."""
     return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+class ComputationError(RuntimeError):
+    """A computation that could not be completed, in one line: what happened, and the remedy."""
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:

@@ -56,7 +56,6 @@ from radar_sense.limits import MIN_RANGE, WINDOW
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
-from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.scenario import Scenario, alone
 from radar_sense.schedule import Schedule, schedule
@@ -188,7 +187,6 @@ def mission(
             if drawn is None
             else {
                 "runs": drawn.runs,
-                "quantile_rank_error": drawn.rank_error,
                 "radar_constants_set_to_zero": drawn.clipped,
                 "largest_difference": off,
             },
@@ -513,9 +511,6 @@ def _drawn_report(
             f"    at the end mean {end.mean[-1]:.4f}, sigma {end.std[-1]:.2g}, "
             f"3-sigma bounds {end.lower[-1]:.4f} to {end.upper[-1]:.4f}",
         ]
-    if drawn.rank_error:
-        share = drawn.rank_error / (TAIL * drawn.runs)
-        lines.append(f"quantiles at the probability 0.00135 to within {share:.2%} of it")
     return lines
 
 

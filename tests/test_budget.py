@@ -9,68 +9,12 @@ from radar_sense import analyses
 from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.analyses.report import where
 from radar_sense.errors import ScenarioError
-from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import load_scenario
 from radar_sense.states import SOURCES
 
 FEW = {"start": 0, "stop": 90, "step": 15}
 NOTHING = {"position_m": 0, "attitude_deg": 0}
-
-
-def several_outputs(u):
-    """Four functions of four unit normals whose variance is known term by term."""
-    a, b, c, d = u.T
-    return np.stack(
-        [
-            1 + 2 * a + 3 * b + 1.5 * a * b + c**2,
-            a * b * c * d,
-            np.full_like(a, 5.0),
-            a + b * c,
-        ]
-    )
-
-
-# Groups {a}, {b, c}, {d}: first-order and total shares of the variance.
-FIRST = [[4 / 17.25, 0, np.nan, 1 / 2], [11 / 17.25, 0, np.nan, 1 / 2], [0, 0, np.nan, 0]]
-TOTAL = [[6.25 / 17.25, 1, np.nan, 1 / 2], [13.25 / 17.25, 1, np.nan, 1 / 2], [0, 1, np.nan, 0]]
-
-
-@pytest.mark.parametrize("samples", [2**12, 2**16])
-def test_indices_known_in_closed_form(samples):
-    found = sobol_indices(several_outputs, [[0], [1, 2], [3]], samples=samples, seed=1)
-    kept = [0, 1, 3]  # of an output without variance there are none
-    for values, errors, exact in (
-        (found.first, found.first_error, FIRST),
-        (found.total, found.total_error, TOTAL),
-    ):
-        assert np.isnan(values[:, 2]).all()
-        # standard errors from 8 replicates: 6 of them are 1 in 2000
-        distance = abs(values - exact)[:, kept]
-        assert np.all(distance <= 6 * errors[:, kept] + 1e-12)
-        assert np.all(errors[:, kept] < 10 / np.sqrt(samples))
-    np.testing.assert_allclose(found.mean, [2, 0, 5, 0], atol=5 / np.sqrt(samples))
-    np.testing.assert_allclose(found.variance, [17.25, 1, 0, 2], rtol=10 / np.sqrt(samples))
-
-
-def test_standard_errors_of_indices_are_what_they_say():
-    found = [
-        sobol_indices(several_outputs, [[0], [1, 2], [3]], samples=1024, seed=seed)
-        for seed in range(40)
-    ]
-    spread = np.std([f.first for f in found], axis=0, ddof=1)[:2, 0]
-    said = np.sqrt(np.mean([f.first_error**2 for f in found], axis=0))[:2, 0]
-    # 39 and 40 · 7 degrees of freedom: the ratio is known to some 12 %
-    np.testing.assert_allclose(said, spread, rtol=0.5)
-
-
-def test_indices_have_a_seed():
-    one, again, other = (
-        sobol_indices(several_outputs, [[0], [1, 2], [3]], samples=64, seed=seed).first
-        for seed in (0, 0, 1)
-    )
-    np.testing.assert_array_equal(one, again)
-    assert not np.array_equal(one, other)
 
 
 @pytest.mark.parametrize("method", [*METHODS, "montecarlo"])
@@ -268,11 +212,6 @@ def test_undefined_gradients_of_what_is_certain_do_not_matter():
     linear, form = error_budget(s), error_budget(s, "form")
     assert 0 < linear.std[0] < 1
     assert form.std[0] == pytest.approx(linear.std[0], rel=0.01)
-
-
-def test_more_sobol_samples_than_fit_into_memory_are_refused():
-    with pytest.raises(ScenarioError, match="more than fit into memory"):
-        error_budget(load_scenario().with_analysis(runs=10**9), "montecarlo")
 
 
 def test_what_has_no_value_dominates_nothing():

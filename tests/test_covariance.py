@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radar_sense.covariance import draws, factor, first_problem, from_std, only, problem
+from radar_sense.covariance import draws, first_problem, from_std, only, problem, square_root
 
 
 def random_covariance(rng, size, rank):
@@ -19,20 +19,20 @@ def test_factors_give_the_covariance_back(size):
         for _ in range(50):
             covariance = random_covariance(rng, size, rank)
             assert problem(covariance) is None
-            root = factor(covariance)
+            root = square_root(covariance)
             scale = np.sqrt(np.outer(np.diagonal(covariance), np.diagonal(covariance)))
             assert np.max(abs(root @ root.T - covariance) / scale) < 1e-14 * size**2
 
 
-def test_independent_components_have_the_diagonal_factor():
+def test_independent_components_have_the_diagonal_square_root():
     std = np.array([10.0, 0.0, 3.0, 1e-9])
-    np.testing.assert_array_equal(factor(from_std(std)), np.diag(std))
+    np.testing.assert_array_equal(square_root(from_std(std)), np.diag(std))
 
 
 def test_a_component_without_variance_stays_certain():
     covariance = np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 9.0]])
     assert problem(covariance) is None
-    root = factor(covariance)
+    root = square_root(covariance)
     np.testing.assert_allclose(root @ root.T, covariance, atol=1e-14)
     assert not root[1].any()
 

@@ -12,7 +12,7 @@ from scipy.stats import binom, multivariate_normal
 
 import radar_sense as rs
 from radar_sense import cumulative as cu
-from radar_sense.covariance import symmetric_factor
+from radar_sense.covariance import symmetric_square_root as symmetric_factor
 
 MODEL = rs.DetectionModel(rcs=rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
 RADAR = np.array([0.0, 0.0, 0.0, 60.0])

@@ -16,10 +16,11 @@ from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 from warning_study import counts, study
 
-from radar_sense.covariance import factor
+from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.geometry import orbit
+from radar_sense.model.network import NetworkModel, Station
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import (
@@ -803,3 +804,16 @@ def test_no_bound_is_off_without_a_warning_in_random_scenarios():
         assert off >= (6 if method == "form" else 9)
         assert missed == 0
         assert false <= (1 if method == "form" else 4)
+
+
+@pytest.mark.parametrize(("constant", "matters"), [(5.0, False), (100.0, True)])
+def test_a_limit_within_reach_is_warned_of_where_the_radar_matters(constant, matters):
+    """The second radar is at the limit of its range everywhere."""
+    limited = Station(DetectionModel(MODEL.rcs, p_fa=1e-8), name="limited", max_range=500e3)
+    model = NetworkModel((Station(MODEL, name="other"), limited))
+    radar = np.concatenate([RADAR, RADAR])
+    radar[7] = constant
+    cov_radar = np.kron(np.eye(2), COV_RADAR["low"])
+    cov_radar[7, 7] *= constant / RADAR[3]
+    states = model, AIRCRAFT[80:121:10], radar, COV_AIRCRAFT, cov_radar
+    assert np.all(nonlinear(*states, method="form") == matters)

@@ -18,6 +18,7 @@ from radar_sense.analyses.report import (
     monte_carlo_columns,
     peak,
     points_named,
+    rounding_warnings,
     table_warnings,
     validity_warnings,
 )
@@ -116,7 +117,6 @@ def compare(
         summary={
             "runs": mc.runs,
             "sampler": mc.sampler,
-            "quantile_rank_error": mc.rank_error,
             "largest_difference": worst,
         },
         report=(
@@ -141,5 +141,6 @@ def compare(
                 )
             ),
             *table_warnings(scenario, runs=mc.runs),
+            *rounding_warnings(mc),
         ),
     )

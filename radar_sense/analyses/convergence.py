@@ -1,39 +1,24 @@
-"""How fast Monte Carlo settles: random draws, Sobol' points, and the linear model as a control.
+"""Errors of Monte Carlo by number of runs: random draws, Sobol' points, and a control variate.
 
-The error of mean, standard deviation and 3σ quantiles is measured by many independent repetitions
-against a reference of many more runs, in units of σ_pd, for two kinds of draws. Of each kind there
-is a variant with the paper's linear model as a control variate (P. Glasserman, *Monte Carlo Methods
-in Financial Engineering*, 2003, section 4.1): on the same draws
+The errors of mean, standard deviation and 3σ quantiles are estimated from many independent
+repetitions, against a reference of many more runs. The unit is σ_pd. For random draws and for
+Sobol' points there is a variant with the paper's linear model as a control variate (P. Glasserman,
+*Monte Carlo Methods in Financial Engineering*, 2003, section 4.1). On the same draws
 
     L = P̄_D + A_a (a − ā) + A_r (r − r̄),    r before c_r is cut off at 0,
 
-is normal with mean P̄_D and standard deviation σ_L exactly, so what the draws make wrong with L is
-known and is taken off what they say of P_D:
+is normal with mean P̄_D and standard deviation σ_L exactly. The error of the draws of L is therefore
+known, and is subtracted from the statistics of P_D:
 
     mean        m_P − (m_L − P̄_D)
     variance    s_P² − (s_L² − σ_L²)
-    quantile    the draw of P_D below which there are as many as there are of L below P̄_D − 3σ_L;
-                the other end alike
+    quantile    the order statistic of P_D whose rank is the number of draws of L below P̄_D − 3σ_L;
+                the upper quantile likewise
 
-The coefficient of the control is 1 throughout, so nothing has to be estimated: the mean is unbiased
-for any number of runs, and so is the variance of random draws. (With Sobol' points n − 1 in the
-denominator makes s² too large by up to σ²/n, a fifth of their error at 16384 runs; the control
-takes that off too.) A coefficient by regression has a bias of the order 1/runs; measured on the
-paper's scenario at Medium and High it does not better the mean, and takes nothing to a fifth off
-the error of σ.
-
-What each is good for, measured on the paper's scenario with 16384 runs at Medium (High):
-
-- Random draws are good for all, slowly: the error falls as runs^−1/2. They are the only ones whose
-  coverage has a binomial confidence interval.
-- Sobol' points are best for mean and σ, whose error falls about as 1/runs: they do what
-  130 000 (60 000) times as many random draws do for the mean, 2100 (560) times as many for σ. Of
-  the quantiles a few of a thousand draws decide: there it is 7 (7) times as many.
-- The control makes random draws worth 150 (46) times their number for the mean and 20 (6) for σ,
-  and takes half (a quarter) off the error of Sobol' points for the mean, a third (a tenth) off that
-  for σ. For the quantiles it needs some 2000 runs, so that draws of L lie beyond; then random draws
-  are about as good with it as Sobol' points, for which it does next to nothing. It needs a gradient
-  of P_D.
+The coefficient of the control is 1, so nothing is estimated: the mean is unbiased for any number of
+runs, and so is the variance of random draws. With Sobol' points n − 1 in the denominator makes s²
+too large by up to σ²/n; the control removes that too. A coefficient by regression would have a bias
+of the order 1/runs. The control needs a gradient of P_D.
 """
 
 from __future__ import annotations
@@ -43,9 +28,9 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,32 +40,36 @@ from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
 from radar_sense.errors import ScenarioError
 from radar_sense.limits import RUNS, Limit
-from radar_sense.montecarlo.montecarlo import TAIL
+from radar_sense.montecarlo.montecarlo import TAIL, Blocks
+from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, columns
 from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
+from radar_sense.montecarlo.statistics import order_statistics, quantile_position
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANTS, FloatArray
 
-#: Largest number of runs unless another is asked for, and the limit of it.
+T = TypeVar("T")
+
+#: Largest number of runs: default and limit.
 DEFAULT_RUNS = 2**14
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
-#: How many numbers of runs, each twice the one before.
+#: Largest count of different numbers of runs; each is twice the one before.
 SIZES = 9
-#: The rate is that of the last so many of them, where the quantiles have draws beyond them.
+#: The rate is fitted to this many of the largest numbers of runs.
 RATE_SIZES = 5
-#: Poses, spread evenly over the scenario's: errors are averaged over them.
+#: Number of poses, spread evenly over the scenario; errors are averaged over them.
 POSES = 19
-#: Independent repetitions. Their number makes the errors uncertain by about an eighth.
+#: Independent repetitions. The relative uncertainty of the errors is about 1/√(2 · 32), an eighth.
 REPLICATIONS = 32
-#: The reference: so many independent Sobol' sequences, each of so many times the largest runs.
+#: The reference: number of independent Sobol' sequences, and their runs over the largest runs.
 REFERENCES, REFERENCE_FACTOR = 8, 8
 #: Runs drawn at a time, a power of two; a part of the result's definition.
 BLOCK = 4096
-#: Below this a standard deviation of P_D is rounding.
+#: A smaller standard deviation of P_D is rounding.
 LEAST_STD = 1e-12
 STATISTICS = ("mean", "std", "quantile")
 ESTIMATORS = ("random", "sobol", "random_control", "sobol_control")
-#: Branch of a seed's streams that gives the seeds of the repetitions.
+#: Number of the random stream that the seeds of the repetitions come from.
 _SEEDS = 2**32 - 3
 
 
@@ -100,15 +89,15 @@ class LinearModel:
     def of(cls, sampler: Sampler) -> LinearModel:
         """Linearize P_D at the nominal states of a sampler; NaN where there is no gradient."""
         lin = sampler.model.linearize(sampler.aircraft, sampler.radar)
-        by_radar = _partials(lin.jac_radar, sampler.factor_radar)
+        by_radar = _partials(lin.jac_radar, sampler.sqrt_cov_radar)
         more = sampler.radar_normals - by_radar.shape[1]
         by_radar = np.hstack([by_radar, np.zeros((len(by_radar), more))])
         by_log_constant = (lin.jac_radar * sampler.radar)[:, CONSTANTS]
-        inputs = columns(len(sampler.radar), sampler.parts)
-        for i, (parts, own) in enumerate(zip(sampler.parts, inputs, strict=True)):
-            for part, column in zip(parts, own, strict=True):  # a normal each, in place of c_r's
+        used = columns(len(sampler.radar), sampler.parts)
+        for i, (parts, part_columns) in enumerate(zip(sampler.parts, used, strict=True)):
+            for part, column in zip(parts, part_columns, strict=True):
                 by_radar[:, column] = by_log_constant[:, i] * part.slope
-        return cls(by_radar, _partials(lin.jac_aircraft, sampler.factor_aircraft))
+        return cls(by_radar, _partials(lin.jac_aircraft, sampler.sqrt_cov_aircraft))
 
     @property
     def std(self) -> FloatArray:
@@ -116,21 +105,21 @@ class LinearModel:
         total: FloatArray = np.sum(self.by_radar**2, axis=1) + np.sum(self.by_aircraft**2, axis=1)
         return np.sqrt(total)
 
-    def deviation(self, white_radar: FloatArray, white_aircraft: FloatArray) -> FloatArray:
+    def deviation(self, radar_normals: FloatArray, aircraft_normals: FloatArray) -> FloatArray:
         """L − P̄_D (runs, n) from unit normals (runs, m) and (runs, n, 6)."""
-        total = np.zeros(white_aircraft.shape[:-1])
-        # Written out: the rounding of a matrix product depends on the library behind it.
+        total = np.zeros(aircraft_normals.shape[:-1])
+        # Written out, as the rounding of a matrix product depends on the library behind it.
         for i in range(self.by_radar.shape[1]):
-            total += white_radar[:, i, np.newaxis] * self.by_radar[:, i]
+            total += radar_normals[:, i, np.newaxis] * self.by_radar[:, i]
         for i in range(self.by_aircraft.shape[1]):
-            total += white_aircraft[..., i] * self.by_aircraft[:, i]
+            total += aircraft_normals[..., i] * self.by_aircraft[:, i]
         return total
 
 
-def _partials(jacobian: FloatArray, factor: FloatArray) -> FloatArray:
+def _partials(jacobian: FloatArray, sqrt_cov: FloatArray) -> FloatArray:
     # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
-    known = np.where(np.any(factor != 0, axis=-1), jacobian, 0.0)
-    partials: FloatArray = np.sum(known[..., np.newaxis] * factor, axis=-2)
+    known = np.where(np.any(sqrt_cov != 0, axis=-1), jacobian, 0.0)
+    partials: FloatArray = np.sum(known[..., np.newaxis] * sqrt_cov, axis=-2)
     return partials
 
 
@@ -140,29 +129,28 @@ def draw(
     """Draw P_D (runs, n) and, on the same draws, L − P̄_D (runs, n)."""
     poses = len(sampler.aircraft)
     source = SAMPLERS[kind](seed, BLOCK, poses, sampler.radar_normals)
+    blocks = Blocks(sampler, source, runs, BLOCK)
     p_d = np.empty((runs, poses))
     deviation = None if linear is None else np.empty((runs, poses))
-    for first in range(0, runs, BLOCK):
-        part = slice(first, min(first + BLOCK, runs))
-        block = source.block(first // BLOCK)
-        white_radar, white_aircraft = (white[: part.stop - first] for white in block)
-        radar, _ = sampler.draw_radar(white_radar)
-        p_d[part] = sampler.draw_p_d(white_aircraft, radar)
+    for block in range(blocks.blocks):
+        part, normals = blocks.part(block), blocks.normals(block)
         if linear is not None and deviation is not None:
-            deviation[part] = linear.deviation(white_radar, white_aircraft)
+            deviation[part] = linear.deviation(*normals)
+        p_d[part], _ = blocks.p_d(*normals)  # overwrites the normals
     return p_d, deviation
 
 
 def plain(p_d: FloatArray) -> FloatArray:
     """Mean, standard deviation, lower and upper quantile (4, n) of draws (runs, n)."""
-    # The quantile is numpy's default, as in `monte_carlo`.
-    position = np.full(p_d.shape[1], (len(p_d) - 1) * TAIL)
-    low, high = _ordered(p_d, position), -_ordered(-p_d, position)
-    return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), low, high])
+    position = np.full(p_d.shape[1], quantile_position(len(p_d), TAIL))
+    lower, upper = order_statistics(p_d, position), -order_statistics(-p_d, position)
+    return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), lower, upper])
 
 
 def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> FloatArray:
-    """The same (4, n) with the linear model as control variate; see the head of this module.
+    """The same statistics (4, n) with the linear model as control variate.
+
+    The formulas are at the top of this module.
 
     Args:
         p_d: Draws of P_D (runs, n).
@@ -170,39 +158,28 @@ def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> Float
         std: σ_L (n,).
 
     Returns:
-        (4, n), NaN where L is.
+        (4, n), NaN where L is NaN.
     """
     runs = len(p_d)
     mean = p_d.mean(axis=0) - deviation.mean(axis=0)
     variance = p_d.var(axis=0, ddof=1) - (deviation.var(axis=0, ddof=1) - std * std)
     beyond = [np.sum(side * deviation < -3.0 * std, axis=0) for side in (1, -1)]
-    low, high = (
-        side * _ordered(side * p_d, (runs - 1) / runs * count)
+    lower, upper = (
+        side * order_statistics(side * p_d, (runs - 1) / runs * count)
         for side, count in zip((1, -1), beyond, strict=True)
     )
-    found = np.stack([mean, np.sqrt(np.maximum(variance, 0.0)), low, high])
-    found[:, np.isnan(std)] = np.nan
-    return found
+    estimates = np.stack([mean, np.sqrt(np.maximum(variance, 0.0)), lower, upper])
+    estimates[:, np.isnan(std)] = np.nan
+    return estimates
 
 
-def _ordered(rows: FloatArray, position: FloatArray) -> FloatArray:
-    """Order statistics (n,) of rows (m, n) at positions (n,) from 0, linear between two."""
-    below = np.floor(position).astype(int)
-    keep = min(len(rows), int(below.max()) + 2)
-    smallest = np.sort(np.partition(rows, keep - 1, axis=0)[:keep], axis=0)
-    column = np.arange(rows.shape[1])
-    low, high = smallest[below, column], smallest[np.minimum(below + 1, keep - 1), column]
-    value: FloatArray = low + (position - below) * (high - low)
-    return value
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Convergence:
-    """Estimates by number of runs, with what they should be.
+    """Estimates by number of runs, and the reference.
 
     Attributes:
         runs: Numbers of runs (k,), each twice the one before.
-        axis: Where the n poses are.
+        axis: The n poses.
         reference: Mean, standard deviation, lower and upper quantile (4, n).
         reference_error: Their standard errors (4, n).
         estimates: By estimator, (repetitions, k, 4, n).
@@ -216,16 +193,16 @@ class Convergence:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Poses with a σ_pd that errors can be measured by (n,)."""
+        """Poses where σ_pd is large enough to be the unit of errors (n,)."""
         usable: NDArray[np.bool_] = self.reference[1] > LEAST_STD
         return usable
 
     def error(self, estimator: str, statistic: str) -> FloatArray:
-        """RMS error (k,) over repetitions and poses, in units of σ_pd; NaN if there is none."""
+        """RMS error (k,) over repetitions and poses, in units of σ_pd; NaN without usable poses."""
         return self._rms(self.estimates[estimator] - self.reference, statistic)
 
-    def own_error(self, statistic: str) -> float:
-        """Standard error of the reference, over poses and in units as the errors."""
+    def reference_rms(self, statistic: str) -> float:
+        """RMS standard error of the reference over poses, in units of σ_pd."""
         return float(self._rms(self.reference_error[np.newaxis, np.newaxis], statistic)[0])
 
     def _rms(self, difference: FloatArray, statistic: str) -> FloatArray:
@@ -246,59 +223,58 @@ def measure(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Convergence:
-    """Estimate again and again with up to `runs` runs, a power of two, and make the reference.
+    """Estimate repeatedly with up to `runs` runs, a power of two, and compute the reference.
 
     Args:
-        scenario: What to draw, at its level; from its seed come those of the repetitions.
+        scenario: The scenario, at its level; its seed gives the seeds of the repetitions.
         runs: Largest number of runs.
-        replications: Independent repetitions.
-        workers: Threads to compute with; of no influence on the result.
-        progress: Called with 1 whenever one of `replications` + REFERENCES parts is done.
+        replications: Number of independent repetitions.
+        workers: Threads to compute with; the result does not depend on them.
+        progress: Called with 1 after each of `replications` + REFERENCES parts.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
-    some = scenario.part(poses)
-    sampler = Sampler.of(some)
+    subset = scenario.part(poses)
+    sampler = Sampler.of(subset)
     linear = LinearModel.of(sampler)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]
     seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + replications)
 
-    def reference(seed: int) -> FloatArray:
+    def reference(number: int) -> FloatArray:
+        seed = int(seeds[number])
         return plain(draw(sampler, None, "sobol", seed, REFERENCE_FACTOR * runs)[0])
 
-    def repetition(seed: int) -> dict[str, FloatArray]:
-        found = {}
+    def repetition(number: int) -> dict[str, FloatArray]:
+        seed = int(seeds[REFERENCES + number])
+        estimates = {}
         for kind in SAMPLERS:
             p_d, deviation = draw(sampler, linear, kind, seed, runs)
             assert deviation is not None
-            found[kind] = np.stack([plain(p_d[:n]) for n in sizes])
-            found[f"{kind}_control"] = np.stack(
+            estimates[kind] = np.stack([plain(p_d[:n]) for n in sizes])
+            estimates[f"{kind}_control"] = np.stack(
                 [controlled(p_d[:n], deviation[:n], linear.std) for n in sizes]
             )
-        return found
+        return estimates
 
-    first, rest = (part.tolist() for part in np.split(seeds, [REFERENCES]))
-    references, repetitions = [], []
-    with ThreadPoolExecutor(workers) as threads:
-        try:
-            for stats in threads.map(reference, first):
-                references.append(stats)
-                if progress:
-                    progress(1)
-            for found in threads.map(repetition, rest):
-                repetitions.append(found)
-                if progress:
-                    progress(1)
-        except BaseException:  # interrupted: what has not begun is not worth waiting for
-            threads.shutdown(wait=False, cancel_futures=True)
-            raise
-    known = np.stack(references)
+    references = _all(in_order(reference, REFERENCES, workers), progress)
+    repetitions = _all(in_order(repetition, replications, workers), progress)
+    statistics = np.stack(references)
     return Convergence(
         runs=np.array(sizes),
-        axis=some.axis,
-        reference=known.mean(axis=0),
-        reference_error=known.std(axis=0, ddof=1) / np.sqrt(REFERENCES),
+        axis=subset.axis,
+        reference=statistics.mean(axis=0),
+        reference_error=statistics.std(axis=0, ddof=1) / np.sqrt(REFERENCES),
         estimates={name: np.stack([r[name] for r in repetitions]) for name in ESTIMATORS},
     )
+
+
+def _all(results: Iterable[T], progress: Callable[[int], None] | None) -> list[T]:
+    """Return all results, with a call of `progress` after each."""
+    collected = []
+    for result in results:
+        collected.append(result)
+        if progress:
+            progress(1)
+    return collected
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -371,13 +347,13 @@ def convergence(
         raise ScenarioError(f"runs must be {LIMIT} to show how Monte Carlo converges, got {runs}")
     runs = 1 << (int(runs).bit_length() - 1)
     with progress(REPLICATIONS + REFERENCES, "repetitions") as advance:
-        found = measure(scenario, runs, workers=workers, progress=advance)
+        measured = measure(scenario, runs, workers=workers, progress=advance)
     errors = {
-        (statistic, estimator): found.error(estimator, statistic)
+        (statistic, estimator): measured.error(estimator, statistic)
         for statistic in STATISTICS
         for estimator in ESTIMATORS
     }
-    rates = {key: rate(found.runs, error) for key, error in errors.items()}
+    rates = {key: rate(measured.runs, error) for key, error in errors.items()}
     equal = {
         (statistic, estimator): _equal_runs(runs, errors[statistic, "random"][-1], error[-1])
         for (statistic, estimator), error in errors.items()
@@ -396,14 +372,14 @@ def convergence(
     return Result(
         scenario=scenario.with_analysis(runs=runs),
         table={
-            "runs": found.runs.astype(float),
+            "runs": measured.runs.astype(float),
             **{f"error_{statistic}_{name}": e for (statistic, name), e in errors.items()},
         },
         summary={
             "runs": runs,
             "repetitions": REPLICATIONS,
-            "poses": {found.axis.key: found.axis.values.tolist()},
-            "reference_error": {s: found.own_error(s) for s in STATISTICS},
+            "poses": {measured.axis.key: measured.axis.values.tolist()},
+            "reference_error": {s: measured.reference_rms(s) for s in STATISTICS},
             "at_largest_runs": last,
         },
         report=(
@@ -419,12 +395,12 @@ def convergence(
                 for name in ESTIMATORS
             ),
         ),
-        warnings=(*_too_few(found), *_doubts(found)),
+        warnings=(*_too_few(measured), *_warnings(measured)),
     )
 
 
 def rate(runs: NDArray[np.int64], error: FloatArray) -> float:
-    """Exponent r of an error that falls as runs^r, by least squares over the last of them."""
+    """Exponent r of an error that falls as runs^r, by least squares over the largest runs."""
     runs, error = runs[-RATE_SIZES:], error[-RATE_SIZES:]
     if len(runs) < 2 or not (error > 0).all():
         return float("nan")
@@ -433,7 +409,7 @@ def rate(runs: NDArray[np.int64], error: FloatArray) -> float:
 
 
 def _equal_runs(runs: int, random: float, error: float) -> float:
-    """How many random runs have this error, where `runs` have the error `random`."""
+    """Number of random runs with this error, where `runs` have the error `random`."""
     return float(runs * (random / error) ** 2) if error > 0 else float("nan")
 
 
@@ -444,25 +420,25 @@ def _cell(error: float, rate: float, equal: float) -> str:
     return f"{error:<9.2g}{slope}" + f"{equal:.1e}".replace("e+0", "e")
 
 
-def _too_few(found: Convergence) -> tuple[str, ...]:
-    """Say so if there are too few runs for the errors to show a rate."""
-    if len(found.runs) >= RATE_SIZES:
+def _too_few(measured: Convergence) -> tuple[str, ...]:
+    """Warn if there are too few runs for the errors to show a rate."""
+    if len(measured.runs) >= RATE_SIZES:
         return ()
     least = 2**RATE_SIZES
-    shown = f"{len(found.runs)} number{'s' if len(found.runs) > 1 else ''} of runs"
+    shown = f"{len(measured.runs)} number{'s' if len(measured.runs) > 1 else ''} of runs"
     return (f"{shown} can hardly show a rate; take {least} runs or more",)
 
 
-def _doubts(found: Convergence) -> tuple[str, ...]:
-    undefined: NDArray[np.bool_] = np.isnan(found.estimates["random_control"][0, 0, 0])
-    said = (
+def _warnings(measured: Convergence) -> tuple[str, ...]:
+    undefined: NDArray[np.bool_] = np.isnan(measured.estimates["random_control"][0, 0, 0])
+    reasons = (
         (undefined, "the gradient is undefined, and there is no control without a linear model,"),
-        (~found.usable, "sigma of P_D is zero, and errors cannot be measured by it,"),
+        (~measured.usable, "sigma of P_D is zero, and errors cannot be measured by it,"),
     )
     return tuple(
         f"{words} {place}" + ("" if mask.all() else "; the errors are those of the other poses")
-        for mask, words in said
-        if (place := describe_poses(mask, found.axis))
+        for mask, words in reasons
+        if (place := describe_poses(mask, measured.axis))
     )
 
 

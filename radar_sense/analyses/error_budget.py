@@ -18,7 +18,7 @@ from radar_sense.analyses.report import reached
 from radar_sense.errors import ScenarioError
 from radar_sense.model.radar_constant import Part, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
-from radar_sense.montecarlo.sobol import REPLICATES, sobol_indices
+from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.propagation import Moments, check_method, propagate_scenario, std_function
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, finer_sources, sources
@@ -28,9 +28,6 @@ MONTE_CARLO = "montecarlo"
 
 #: Scaling a source by a million is as good as any scaling, by a millionth as good as removing it.
 LARGEST_LOG_FACTOR = float(np.log(1e6))
-
-#: Numbers that the Sobol' indices may take at a time (4 GB).
-MAX_NUMBERS = 500_000_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,12 +320,6 @@ def _propagate(scenario: Scenario, method: str, covariances: Mapping[str, FloatA
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)  # refuses what is not a covariance
     parts, every = parts_of(scenario), sources(scenario.model.names)
-    evaluations = (len(every) + len(parts) + 4) * scenario.runs / REPLICATES * 2
-    if evaluations * len(scenario.aircraft) > MAX_NUMBERS:
-        raise ScenarioError(
-            f"{scenario.runs:,} runs of {len(scenario.aircraft):,} poses are more than fit into "
-            "memory for Sobol' indices; use fewer runs"
-        )
     cov_radar = scenario.cov_radar[scenario.level]
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
         blocks = [components for owner, components in every.values() if owner == whose]
@@ -338,22 +329,23 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
                 f"level {scenario.level}: {whose} position and the rest of its state are "
                 "correlated; Sobol' indices need independent sources, use another method"
             )
-    factor_aircraft, factor_radar = np.zeros_like(scenario.cov_aircraft), np.zeros_like(cov_radar)
+    sqrt_cov = {
+        "aircraft": np.zeros_like(scenario.cov_aircraft),
+        "radar": np.zeros_like(cov_radar),
+    }
     for whose, components in every.values():
-        # each source on its own, so that no input serves two of them
-        matrix, root = {
-            "aircraft": (scenario.cov_aircraft, factor_aircraft),
-            "radar": (cov_radar, factor_radar),
-        }[whose]
+        # the square root of each source by itself, so that no input belongs to two of them
         block = (..., components, components)
         if whose == "radar":
-            mine = range(components.start, components.stop)
-            own_place = [mine.index(c) for c in made_of_parts(scenario.parts) if c in mine]
-            root[block] = covariance.factor_apart(matrix[block], own_place)
+            states = range(components.start, components.stop)
+            independent = [states.index(c) for c in made_of_parts(scenario.parts) if c in states]
+            sqrt_cov[whose][block] = covariance.block_square_root(cov_radar[block], independent)
         else:
-            root[block] = covariance.factor(matrix[block])
+            sqrt_cov[whose][block] = covariance.square_root(scenario.cov_aircraft[block])
     sampler = dataclasses.replace(
-        sampler, factor_aircraft=factor_aircraft, factor_radar=factor_radar
+        sampler,
+        sqrt_cov_aircraft=sqrt_cov["aircraft"],
+        sqrt_cov_radar=sqrt_cov["radar"],
     )
     inputs = {
         "aircraft": list(range(len(AIRCRAFT))),
@@ -366,17 +358,23 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         groups[of.name] = [inputs["radar"][column]]
         groups[of.source] = list(dict.fromkeys(groups[of.source] + groups[of.name]))
 
-    def p_d(white: FloatArray) -> FloatArray:
-        errors = _errors(factor_aircraft, white[:, : len(AIRCRAFT)])
-        radar, _ = sampler.draw_radar(white[:, len(AIRCRAFT) :])
+    def p_d(normals: FloatArray, poses: slice) -> FloatArray:
+        errors = _errors(sqrt_cov["aircraft"], normals[:, : len(AIRCRAFT)], poses)
+        radar, _ = sampler.draw_radar(normals[:, len(AIRCRAFT) :])
         return np.stack(
             [
                 scenario.model.p_d(pose + error, radar)
-                for pose, error in zip(scenario.aircraft, errors, strict=False)
+                for pose, error in zip(scenario.aircraft[poses], errors, strict=False)
             ]
         )
 
-    indices = sobol_indices(p_d, list(groups.values()), samples=scenario.runs, seed=scenario.seed)
+    indices = sobol_indices(
+        p_d,
+        list(groups.values()),
+        outputs=len(scenario.aircraft),
+        samples=scenario.runs,
+        seed=scenario.seed,
+    )
     std = np.sqrt(indices.variance)
     first = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
     error = dict(zip(groups, indices.first_error, strict=True))
@@ -396,9 +394,9 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     )
 
 
-def _errors(factor: FloatArray, white: FloatArray) -> Iterable[FloatArray]:
-    """Errors (m, 6) of the aircraft at pose after pose: one and the same, or one for each."""
+def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable[FloatArray]:
+    """Errors (m, 6) of the aircraft at each pose: the same at all poses, or one for each."""
     mean = np.zeros(len(AIRCRAFT))
-    if factor.ndim == 2:
-        return itertools.repeat(covariance.draws(mean, factor, white))
-    return (covariance.draws(mean, root, white) for root in factor)
+    if sqrt_cov.ndim == 2:
+        return itertools.repeat(covariance.draws(mean, sqrt_cov, normals))
+    return (covariance.draws(mean, matrix, normals) for matrix in sqrt_cov[poses])

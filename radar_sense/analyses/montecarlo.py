@@ -27,7 +27,7 @@ from radar_sense.analyses.report import (
     points_named,
     radar_lines,
     radar_summary,
-    rank_error_lines,
+    rounding_warnings,
     table_warnings,
     validity_warnings,
 )
@@ -151,6 +151,7 @@ def montecarlo(
         *distribution_warnings(scenario, method),
         *clipping_warnings(mc.clipped),
         *table_warnings(scenario, runs=mc.runs),
+        *rounding_warnings(mc),
     )
     by_itself = largest_by_radar(scenario, method)
     return Result(
@@ -165,7 +166,6 @@ def montecarlo(
         },
         summary={
             **summary,
-            "quantile_rank_error": mc.rank_error,
             "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), axis),
             "radar_constants_set_to_zero": mc.clipped,
             **radar_summary(by_itself),
@@ -174,11 +174,10 @@ def montecarlo(
             covered,
             *([lowest] if lowest else []),
             *([no_band] if without else []),
-            *rank_error_lines(mc),
             *radar_lines(
                 {name: describe_extreme(top, axis) for name, top in by_itself.items()}, name
             ),
         ),
         warnings=tuple(warnings),
-        arrays={"sample_paths": mc.hairs},
+        arrays={"sample_paths": mc.sample_paths},
     )

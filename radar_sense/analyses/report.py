@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.axis import Axis
-from radar_sense.covariance import factor
+from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import doubts
 from radar_sense.model.rcs_table import POLE, TableRCS
-from radar_sense.montecarlo.montecarlo import TAIL, MonteCarlo
+from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.propagation import (
     BOUND_CHANGE,
     METHODS,
@@ -168,12 +168,14 @@ def points_named(mc: MonteCarlo) -> str:
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
-def rank_error_lines(mc: MonteCarlo) -> tuple[str, ...]:
-    """Say how far the quantiles may be off where not all draws of the tails could be kept."""
-    if not mc.rank_error:
+def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
+    """Warn if the processes of a cluster rounded differently."""
+    if len(mc.canaries) < 2:
         return ()
-    share = mc.rank_error / (TAIL * mc.runs)
-    return (f"quantiles at the probability 0.00135 to within {share:.2%} of it",)
+    return (
+        f"the workers round in {len(mc.canaries)} different ways, as their CPUs differ: the last "
+        "digits depend on which worker computed which runs",
+    )
 
 
 def distribution_warnings(scenario: Scenario, method: str) -> tuple[str, ...]:
@@ -203,11 +205,11 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
         return ()
     low, high = table.elevation[[0, -1]]
     reached, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
-    of_aircraft = factor(scenario.cov_aircraft)
+    of_aircraft = square_root(scenario.cov_aircraft)
     for i in range(len(scenario.model.models)):
         part = slice(i * len(RADAR), (i + 1) * len(RADAR))
         radar = scenario.radar[part]
-        of_radar = factor(scenario.cov_radar[scenario.level][part, part])
+        of_radar = square_root(scenario.cov_radar[scenario.level][part, part])
         steps: list[tuple[Any, Any]] = [(of_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))]
         steps += [(0.0, of_radar[:, k]) for k in range(len(RADAR))]
         variance = np.zeros(len(scenario.aircraft))

@@ -1,25 +1,21 @@
-"""Whether a method of propagation may be trusted: its verdict by Monte Carlo, pose by pose.
+"""Adaptive Monte Carlo, and the verdict on a method of propagation, pose by pose.
 
 The procedure is that of JCGM 101:2008 (Supplement 1 to the "Guide to the expression of uncertainty
-in measurement"). Clause 7.9: draw batch after batch until mean, standard deviation and both ends of
-the coverage interval are stable to a numerical tolerance δ, which follows from the number of digits
-of the standard deviation that matter. Clause 8: the method is validated where both ends of its
-interval are within δ of those of the draws.
+in measurement"). Clause 7.9: batches are drawn until mean, standard deviation and both ends of the
+coverage interval are stable to a numerical tolerance δ. δ follows from the number of significant
+digits of the standard deviation. Clause 8: the method is validated where both ends of its interval
+are within δ of the ends by Monte Carlo.
 
-Every pose has its own δ and stops on its own. A batch at a pose has a random stream of its own, and
-the radar states of a batch, which all poses share, have another; so what is found at a pose depends
-neither on when the others stop nor on who computes what.
+Every pose has its own δ and its own number of batches. A batch at a pose has a random stream of its
+own. The radar states of a batch, shared by all poses, have another. The result at a pose therefore
+depends neither on the other poses nor on who computed what.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,21 +23,26 @@ from scipy.special import ndtr, stdtrit
 
 from radar_sense.errors import ScenarioError
 from radar_sense.limits import RUNS, Limit
+from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
-from radar_sense.montecarlo.statistics import binomial_interval
+from radar_sense.montecarlo.statistics import (
+    binomial_interval,
+    order_statistics,
+    quantile_position,
+)
 from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
 
-#: Keeps the random streams apart from those of `monte_carlo`. Part of the result's definition.
+#: First key of all random streams here; `monte_carlo` has others. Part of the result's definition.
 STREAM = 101
-#: 7.9.4 b): a batch has at least so many draws, and so many outside the interval on average.
+#: 7.9.4 b): least number of draws of a batch, and least expected number outside the interval.
 LEAST_DRAWS = 10_000
 LEAST_OUTSIDE = 100
-#: Rounding of P_D, as a share of it. No tolerance is finer, and a spread below it is none.
+#: Relative rounding of P_D. No tolerance is finer; a smaller standard deviation is rounding.
 ROUNDING = 1e-13
-#: Numbers kept at a time for the quantiles of all draws (256 MB), which limits the poses in work.
+#: Limit of the numbers kept for the quantiles of all draws (256 MB); it limits the active poses.
 MAX_KEPT = 32_000_000
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
 #: At 4 a batch has 1.6 million draws; at 5 it would have 174 million.
@@ -50,31 +51,31 @@ FRACTION = Limit(above=0, at_most=1)
 MAX_RUNS = 20_000_000
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Validation:
-    """What a method says of P_D at each of n poses, what the draws say, and whether they agree.
+    """Moments of P_D at each of n poses by a method and by Monte Carlo, with the verdict.
 
     Attributes:
         method: Name of the method.
-        digits: Significant digits of the standard deviation that matter, n_dig of 7.9.2.
+        digits: Significant digits of the standard deviation, n_dig of 7.9.2.
         beta: The interval reaches from Φ(−β) to Φ(β).
         fraction: Part of δ that the draws had to be stable to.
         seed: Seed of the draws.
         runs: Draws used (n,).
         delta: Numerical tolerance δ of P_D (n,).
-        moments: What the method says.
+        moments: Moments by the method.
         mc_mean: Mean of the draws (n,).
         mc_std: Standard deviation of the draws (n,).
         mc_lower: Quantile of the draws at Φ(−β) (n,).
         mc_upper: Quantile of the draws at Φ(β) (n,).
-        distance_lower: Distance of the method's lower bound from that of the draws (n,).
-        distance_upper: Distance of the method's upper bound from that of the draws (n,).
+        distance_lower: Distance between the lower bounds by the method and the draws (n,).
+        distance_upper: Distance between the upper bounds by the method and the draws (n,).
         stable: Where the draws became stable within the runs allowed (n,).
-        validated: Where they did and both distances are within δ (n,).
-        refuted: Where they did and a distance is beyond δ by more than the draws can explain (n,).
+        validated: Where the draws are stable and both distances are within δ (n,).
+        refuted: Where the draws are stable and a distance exceeds δ significantly (n,).
         inside: Number of draws within the method's bounds (n,); NaN where it has none.
-        clipped: Number of runs whose radar constant was drawn below zero and set to zero, of the
-            runs of the pose that took the most.
+        clipped: Number of runs whose radar constant was drawn below zero and set to zero, among
+            the runs of the pose with the most runs.
     """
 
     method: str
@@ -99,12 +100,12 @@ class Validation:
 
     @property
     def undecided(self) -> NDArray[np.bool_]:
-        """Where the runs allowed were too few to tell (n,)."""
+        """Where the runs allowed were too few for a verdict (n,)."""
         return ~self.validated & ~self.refuted
 
     @property
     def verdict(self) -> str:
-        """One word for all poses: refuted if it is anywhere, else undecided, else validated."""
+        """Verdict for all poses: refuted if any is, else undecided if any is, else validated."""
         if np.any(self.refuted):
             return "refuted"
         return "undecided" if np.any(self.undecided) else "validated"
@@ -115,8 +116,14 @@ class Validation:
         return self.inside / self.runs
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-        """Ends of the binomial confidence interval of the coverage, each (n,)."""
+        """Binomial confidence interval of the coverage, lower and upper ends (n,)."""
         return binomial_interval(self.inside, self.runs, confidence)
+
+    def __repr__(self) -> str:
+        return (
+            f"Validation({self.method}, {self.digits} digits: {self.verdict}; "
+            f"{np.count_nonzero(self.validated)} of {len(self.runs)} poses validated)"
+        )
 
 
 def validate(
@@ -130,30 +137,30 @@ def validate(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Validation:
-    """Compare the interval of a method with that of Monte Carlo, drawn until it is stable.
+    """Compare the interval of a method with the interval by Monte Carlo, drawn until stable.
 
     Stable means that twice the standard error of mean, standard deviation and interval ends is
-    within `fraction` of δ, 7.9.4. With a fraction of 1 the draws themselves may still be off by
-    more than δ: at up to 15 % of the poses, by simulation. Clause 8.2 therefore asks for 1/5 where
-    a method is to be validated, which takes some 25 times as many draws. Less will do here, because
-    a pose where a distance is beyond δ by no more than its standard error can explain is not
-    refuted but drawn at until it is one or the other. What is left is that a method that is off by
-    a little over δ may be validated by luck; the smaller the fraction, the smaller that little.
+    within `fraction` of δ, 7.9.4. With a fraction of 1 the draws can still be off by more than δ.
+    Clause 8.2 therefore asks for 1/5 where a method is to be validated, with some 25 times as many
+    draws. Here a larger fraction is enough: a pose where a distance exceeds δ, but not
+    significantly, is neither validated nor refuted; more batches are drawn there. With a smaller
+    fraction fewer methods are validated by chance whose error is just above δ.
 
     Args:
-        scenario: What to draw, at its level and with its seed.
+        scenario: The scenario, at its level and with its seed.
         method: A name in `propagation.METHODS`.
-        digits: Significant digits of the standard deviation that matter, 1 to 4. Each one more
-            takes some 100 times as many draws.
+        digits: Significant digits of the standard deviation, 1 to 4. One more digit takes some 100
+            times as many draws.
         beta: The interval reaches from Φ(−β) to Φ(β).
-        fraction: Part of δ that the draws are to be stable to, up to 1.
-        max_runs: Draws after which a pose is given up as undecided.
-        workers: Threads to compute with; of no influence on the result.
-        progress: Called after every batch with the number of poses that have come to an end, stable
-            or given up, since the last call; together these are all poses.
+        fraction: Part of δ that the draws have to be stable to, up to 1.
+        max_runs: Draws after which a pose is undecided.
+        workers: Threads to compute with; the result does not depend on them.
+        progress: Called after every batch with the number of poses that have ended, decided or
+            not, since the last call.
 
     Raises:
         ScenarioError: If there is no such method or a number is not allowed.
+        ComputationError: If memory or threads run out.
     """
     check_method(method)
     for name, value, limit in (
@@ -175,61 +182,55 @@ def validate(
     moments = propagate_scenario(scenario, method=method, beta=beta)
     most = max_runs // batches.draws
     together = max(1, MAX_KEPT // (2 * batches.kept * most))
-    found = np.zeros(len(scenario.aircraft), dtype=_FOUND)
+    results = np.zeros(len(scenario.aircraft), dtype=_RESULT)
     clipped: dict[int, int] = {}
-    with _mapping(workers) as mapping:
-        for first in range(0, len(found), together):
-            active = [_Pose(i, moments) for i in range(first, min(first + together, len(found)))]
-            for number in range(most):
-                radar, clipped[number] = batches.radar(number)
-                drawn = mapping(partial(batches.draw, number, radar), active)
-                for pose, batch in zip(active, drawn, strict=True):
-                    pose.batches.append(batch)
-                left = []
-                for pose in active:
-                    delta, errors, stable = pose.stability(batches.draws, digits, fraction)
-                    if not stable and number < most - 1:
-                        left.append(pose)
-                        continue
-                    summary = pose.summary(batches)
-                    verdict = pose.verdict(summary[3:5], delta, errors[2:]) if stable else UNDECIDED
-                    if verdict == UNDECIDED and number < most - 1:
-                        left.append(pose)
-                    else:
-                        found[pose.index] = (*summary, delta, stable, verdict)
-                if progress:
-                    progress(len(active) - len(left))
-                active = left
-                if not active:
-                    break
+    for first in range(0, len(results), together):
+        active = [_Pose(i, moments) for i in range(first, min(first + together, len(results)))]
+        for number in range(most):
+            radar, clipped[number] = batches.radar(number)
+            drawn = in_order(_drawing(batches, number, radar, active), len(active), workers)
+            for pose, batch in zip(active, drawn, strict=True):
+                pose.batches.append(batch)
+            left = []
+            for pose in active:
+                result = pose.result(batches, digits, fraction, last=number == most - 1)
+                if result is None:
+                    left.append(pose)
+                else:
+                    results[pose.index] = result
+            if progress:
+                progress(len(active) - len(left))
+            active = left
+            if not active:
+                break
     return Validation(
         method=method,
         digits=digits,
         beta=float(beta),
         fraction=float(fraction),
         seed=scenario.seed,
-        runs=found["runs"],
-        delta=found["delta"],
+        runs=results["runs"],
+        delta=results["delta"],
         moments=moments,
-        mc_mean=found["mean"],
-        mc_std=found["std"],
-        mc_lower=found["lower"],
-        mc_upper=found["upper"],
-        distance_lower=abs(moments.lower - found["lower"]),
-        distance_upper=abs(moments.upper - found["upper"]),
-        stable=found["stable"],
-        validated=found["verdict"] == VALIDATED,
-        refuted=found["verdict"] == REFUTED,
-        inside=np.where(np.isnan(moments.lower + moments.upper), np.nan, found["inside"]),
+        mc_mean=results["mean"],
+        mc_std=results["std"],
+        mc_lower=results["lower"],
+        mc_upper=results["upper"],
+        distance_lower=abs(moments.lower - results["lower"]),
+        distance_upper=abs(moments.upper - results["upper"]),
+        stable=results["stable"],
+        validated=results["verdict"] == VALIDATED,
+        refuted=results["verdict"] == REFUTED,
+        inside=np.where(np.isnan(moments.lower + moments.upper), np.nan, results["inside"]),
         clipped=sum(clipped.values()),
     )
 
 
 def numerical_tolerance(std: float, digits: int) -> float:
-    """δ of 7.9.2: half a unit in the last of the digits of a standard deviation that matter.
+    """δ of 7.9.2: half a unit in the last significant digit of a standard deviation.
 
     Rounded to n_dig digits the deviation is c · 10^l with a whole number c of n_dig digits; then
-    δ = ½ · 10^l. A deviation of 0 has no digits, and gives 0; NaN gives NaN.
+    δ = ½ · 10^l. A deviation of 0 gives 0; NaN gives NaN.
     """
     if std == 0 or math.isnan(std):
         return std
@@ -240,11 +241,11 @@ def numerical_tolerance(std: float, digits: int) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Batch:
-    """What is kept of a batch of draws at one pose.
+    """Statistics of a batch of draws at one pose.
 
     Attributes:
         estimates: Mean, standard deviation, lower and upper quantile (4,).
-        ends: The smallest and the largest draws, all that the quantiles depend on.
+        ends: The smallest and the largest draws, which determine the quantiles.
         inside: Number of draws within the method's bounds.
     """
 
@@ -255,7 +256,7 @@ class _Batch:
 
 @dataclass(frozen=True, eq=False)
 class _Batches:
-    """All that a batch is drawn from.
+    """Draws batches.
 
     Attributes:
         sampler: Draws states, computes P_D.
@@ -276,25 +277,28 @@ class _Batches:
         tail = float(ndtr(-beta))
         # 7.9.4 b): 1 − p is the probability of both tails together.
         draws = max(LEAST_DRAWS, math.ceil(LEAST_OUTSIDE / (2 * tail)))
-        # Of the draws beyond the quantile of many batches a single one has `expected` on average
-        # and by chance this many once in 10^13 times or less.
+        # A batch has `expected` draws beyond the quantile of all batches on average; more than
+        # `kept` have a probability below 1e-13.
         expected = draws * tail
         kept = math.ceil(expected + 8 * math.sqrt(expected) + 8)
         return cls(Sampler.of(scenario), scenario.seed, tail, draws, min(kept, draws))
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
-        """Radar states of a batch (draws, 4m), and in how many a constant was set to zero."""
-        white = self._stream(number, 0).standard_normal((self.draws, self.sampler.radar_normals))
-        radar, negative = self.sampler.draw_radar(white)
+        """Radar states of a batch (draws, 4m), and the number with a constant set to zero."""
+        normals = self._stream(number, 0).standard_normal((self.draws, self.sampler.radar_normals))
+        radar, negative = self.sampler.draw_radar(normals)
         return radar, int(np.count_nonzero(negative))
 
     def p_d(self, number: int, radar: FloatArray, pose: int) -> FloatArray:
         """P_D of a batch at a pose (draws,)."""
-        white = self._stream(number, 1 + pose).standard_normal((len(AIRCRAFT), self.draws, 1))
-        return self.sampler.draw_p_d(np.moveaxis(white, 0, -1), radar, slice(pose, pose + 1))[:, 0]
+        normals = self._stream(number, 1 + pose).standard_normal((len(AIRCRAFT), self.draws, 1))
+        poses = slice(pose, pose + 1)
+        return self.sampler.draw_p_d(np.moveaxis(normals, 0, -1), radar, poses, overwrite=True)[
+            :, 0
+        ]
 
     def draw(self, number: int, radar: FloatArray, pose: _Pose) -> _Batch:
-        """Draw a batch at a pose and keep what is needed of it."""
+        """Draw a batch at a pose and return its statistics."""
         p_d = self.p_d(number, radar, pose.index)
         ends = p_d
         if 2 * self.kept < self.draws:
@@ -305,25 +309,22 @@ class _Batches:
         return _Batch(np.array([p_d.mean(), p_d.std(ddof=1), low, high]), ends, int(inside))
 
     def quantiles(self, ends: list[FloatArray]) -> tuple[float, float]:
-        """Quantiles of all draws of some batches, from their ends alone."""
-        values = np.sort(np.concatenate(ends))
-        position = (len(ends) * self.draws - 1) * self.tail
-        # the ranks from either end are those among all draws, so far as they are needed here
-        low, high = (
-            float(np.interp(position, np.arange(len(values)), rising))
-            for rising in (values, -values[::-1])
-        )
-        return low, -high
+        """Quantiles of all draws of some batches, from the ends of each."""
+        values = np.concatenate(ends)[:, np.newaxis]
+        # ranks from either end among the ends are ranks among all draws
+        position = np.array([quantile_position(len(ends) * self.draws, self.tail)])
+        lower, upper = order_statistics(values, position), -order_statistics(-values, position)
+        return float(lower[0]), float(upper[0])
 
     def _stream(self, *key: int) -> np.random.Generator:
         return random_stream(self.seed, STREAM, *key)
 
 
-#: Confidence that a distance is beyond δ for a method to be refuted: that of 3 standard errors.
+#: Confidence that a distance exceeds δ, for a method to be refuted: 3 standard errors.
 CONFIDENCE = float(ndtr(3.0))
 UNDECIDED, VALIDATED, REFUTED = range(3)
-#: What is found at a pose, in the order of `_Pose.summary`, `stability` and `verdict`.
-_FOUND = np.dtype(
+#: Result at a pose, in the order of `_Pose.summary`, δ, stability and verdict.
+_RESULT = np.dtype(
     [
         ("runs", np.int64),
         ("mean", np.float64),
@@ -343,12 +344,25 @@ class _Pose:
 
     def __init__(self, index: int, moments: Moments) -> None:
         self.index = index
-        # A method that comes to the same value by another way may differ in its last digit.
+        # A method that computes the same value differently may differ in the last digit.
         self.bounds = np.array([moments.lower[index], moments.upper[index]])
         slack = ROUNDING * abs(moments.p_d[index])
         self.lower = moments.lower[index] - slack
         self.upper = moments.upper[index] + slack
         self.batches: list[_Batch] = []
+
+    def result(
+        self, batches: _Batches, digits: int, fraction: float, *, last: bool
+    ) -> tuple[float, ...] | None:
+        """The result after the batches so far, a row of `_RESULT`; None if more are needed."""
+        delta, errors, stable = self.stability(batches.draws, digits, fraction)
+        if not stable and not last:
+            return None
+        summary = self.summary(batches)
+        verdict = self.verdict(summary[3:5], delta, errors[2:]) if stable else UNDECIDED
+        if verdict == UNDECIDED and not last:
+            return None
+        return (*summary, delta, stable, verdict)
 
     def stability(self, draws: int, digits: int, fraction: float) -> tuple[float, FloatArray, bool]:
         """δ, the standard errors of mean, deviation and quantiles, and whether they are stable."""
@@ -364,24 +378,23 @@ class _Pose:
         return delta, errors, bool(np.all(2 * errors <= fraction * delta))
 
     def verdict(self, ends: tuple[float, float], delta: float, errors: FloatArray) -> int:
-        """Whether the method's bounds are those of the draws, 8.1, once these are stable."""
+        """Compare the method's bounds with those of stable draws, 8.1."""
         distances = abs(self.bounds - ends)
         if np.all(distances <= delta):
             return VALIDATED
-        # Two batches can agree by chance; Student's t knows how little their spread says. But among
-        # hundreds of poses there are two that agree so well that even t is taken in: not so three.
+        # Two batches can agree by chance. Student's t accounts for that at one pose, but not among
+        # hundreds of poses; a third batch is therefore drawn before a method is refuted.
         if len(self.batches) < 3 and np.isfinite(distances).all():
             return UNDECIDED
-        doubt = stdtrit(len(self.batches) - 1, CONFIDENCE)
-        # written so that a method without a result, a NaN, is refuted
-        return UNDECIDED if np.all(distances <= delta + doubt * errors) else REFUTED
+        margin = stdtrit(len(self.batches) - 1, CONFIDENCE) * errors
+        # NaN, of a method without a result, compares as false and is refuted
+        return UNDECIDED if np.all(distances <= delta + margin) else REFUTED
 
     def summary(self, batches: _Batches) -> tuple[int, float, float, float, float, int]:
-        """Runs, mean, standard deviation, quantiles and draws inside, 7.9.4 l): of all draws.
+        """Runs, mean, standard deviation, quantiles and draws inside of all draws, 7.9.4 l).
 
-        The averages of the batches' quantiles would be off by some 0.003 standard deviations, 1/M
-        of what a quantile depends on; those of all draws are off by as much less as there are
-        batches.
+        The average of the batches' quantiles would have a bias of some 0.003 standard deviations.
+        The bias of the quantiles of all draws is smaller by the number of batches.
         """
         return (
             len(self.batches) * batches.draws,
@@ -391,21 +404,15 @@ class _Pose:
         )
 
     def _moments(self, draws: int) -> tuple[float, float]:
-        """Mean and standard deviation of all draws of all batches, which are of one size."""
+        """Mean and standard deviation of all draws of all batches, which have one size."""
         means, stds = np.array([batch.estimates[:2] for batch in self.batches]).T
         mean = float(means.mean())
         squares = (draws - 1) * np.sum(stds**2) + draws * np.sum((means - mean) ** 2)
         return mean, math.sqrt(squares / (draws * len(means) - 1))
 
 
-#: Applies a function to many things, in their order.
-_Mapping: TypeAlias = Callable[[Callable[["_Pose"], _Batch], Iterable["_Pose"]], Iterable[_Batch]]
-
-
-@contextmanager
-def _mapping(workers: int) -> Iterator[_Mapping]:
-    if workers == 1:
-        yield map
-        return
-    with ThreadPoolExecutor(workers) as executor:
-        yield executor.map
+def _drawing(
+    batches: _Batches, number: int, radar: FloatArray, poses: list[_Pose]
+) -> Callable[[int], _Batch]:
+    """Return the function that draws batch `number` at the pose with an index in `poses`."""
+    return lambda index: batches.draw(number, radar, poses[index])

@@ -1,37 +1,63 @@
-"""Computing on an existing Dask cluster; nothing else in the package knows of Dask.
+"""Executor of an existing Dask cluster; the only module that imports Dask.
 
 Needs the extra `radar-sense[dask]`, on the workers as well.
 """
 
 from __future__ import annotations
 
+import asyncio
+import logging
 import socket
-from collections.abc import Iterator
-from concurrent.futures import Executor
-from contextlib import contextmanager
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from importlib.util import find_spec
 from typing import Any
 from urllib.parse import urlsplit
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import ComputationError, ScenarioError
 
 #: Seconds to wait for a scheduler that does not answer.
 TIMEOUT = 5
+#: Seconds without a result after which a line says what is waited for.
+PATIENCE = 8
+#: Seconds without a scheduler, or without workers, after which the computation is given up.
+GIVE_UP = 30
+#: Loggers of Dask that write tracebacks where this module raises an error of one line.
+LOGGERS = (
+    "distributed",
+    "distributed.client",
+    "distributed.core",
+    "distributed.batched",
+    "tornado.application",
+)
+
+
+def _print(line: str) -> None:
+    print(line, file=sys.stderr, flush=True)
 
 
 @contextmanager
-def cluster(address: str) -> Iterator[tuple[Executor, int]]:
+def cluster(
+    address: str, say: Callable[[str], None] = _print
+) -> Iterator[tuple[ClusterExecutor, int]]:
     """Connect to the scheduler of a Dask cluster.
 
-    A worker that is lost makes no difference: the scheduler gives its tasks to another one.
+    The scheduler gives the tasks of a lost worker to another worker.
 
     Args:
-        address: Where it listens, such as tcp://host:8786.
+        address: Address of the scheduler, such as tcp://host:8786.
+        say: Called with a line about what is waited for, when no results come in.
 
     Yields:
-        An executor, and the number of threads that all workers have together.
+        An executor, and the number of threads of all workers.
 
     Raises:
-        ScenarioError: If Dask is not installed, nobody answers, or there are no workers.
+        ScenarioError: If Dask is not installed, no scheduler answers, or there are no workers.
+        ComputationError: If the cluster is lost while it computes.
     """
     try:
         import distributed
@@ -40,18 +66,183 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
             "--dask needs more to be installed: pip install 'radar-sense[dask]'"
         ) from error
     connect: Any = distributed.Client  # which has no types
-    try:
-        # Knock first: a client that finds nobody complains once more when it is cleared away.
-        parts = urlsplit(address)
-        socket.create_connection((parts.hostname, parts.port or 8786), TIMEOUT).close()
-        client = connect(address, timeout=TIMEOUT, set_as_default=False)
-    except (OSError, ValueError, UnicodeError) as error:
+    with _quiet_loggers():
+        try:
+            _knock(address)
+            client = connect(address, timeout=TIMEOUT, set_as_default=False)
+        except (OSError, ValueError, UnicodeError, asyncio.CancelledError) as error:
+            raise ScenarioError(
+                f"--dask: no Dask scheduler answers at {address!r}, an address is like "
+                "tcp://host:8786"
+            ) from error
+        try:
+            threads = sum(client.nthreads().values())
+            if not threads:
+                raise ScenarioError(f"--dask: the scheduler at {address} has no workers")
+            _require_package(client)
+            # pure=False: a task has a name of its own, not a digest of its arguments
+            executor = ClusterExecutor(client, client.get_executor(pure=False), address, say)
+            with executor:
+                yield executor, threads
+        except asyncio.CancelledError as error:  # not an Exception: Dask's, of a lost scheduler
+            raise ComputationError(_lost(address)) from error
+        finally:
+            with suppress(Exception, asyncio.CancelledError):
+                client.close(timeout=TIMEOUT if client.status == "running" else 0)
+
+
+class ClusterExecutor(Executor):
+    """Executor of a Dask client that reports stalls, and loss of the cluster as one line.
+
+    Args:
+        client: The Dask client.
+        inner: Executor of the client.
+        address: Address of the scheduler.
+        say: Called with a line about what is waited for.
+    """
+
+    def __init__(
+        self, client: Any, inner: Executor, address: str, say: Callable[[str], None]
+    ) -> None:
+        self._client, self._inner, self._address, self._say = client, inner, address, say
+        self._pending: set[Future[Any]] = set()
+        self._last_result = time.monotonic()
+        self._said = ""
+        self._closed = threading.Event()
+        self._lock = threading.RLock()
+        self._watch = threading.Thread(target=self._watch_until_closed, daemon=True)
+        self._watch.start()
+
+    def submit(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Future[Any]:
+        """Submit a call to the cluster."""
+        outer: Future[Any] = Future()
+        with self._lock:
+            if not self._pending:
+                self._last_result = time.monotonic()
+            self._pending.add(outer)
+        try:
+            inner = self._inner.submit(function, *args, **options)
+        except Exception as error:
+            raise ComputationError(f"{_lost(self._address)} ({type(error).__name__})") from error
+        inner.add_done_callback(lambda done: self._finish(done, outer))
+        return outer
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Stop watching; calls that have not begun are dropped by closing the client."""
+        self._closed.set()
+
+    def _finish(self, inner: Future[Any], outer: Future[Any]) -> None:
+        """Copy the result or the error of a call to the future that `submit` returned."""
+        with self._lock:
+            self._pending.discard(outer)
+            self._last_result, self._said = time.monotonic(), ""
+            if outer.done():
+                return
+            error: BaseException | None
+            try:
+                error = inner.exception()
+            except (CancelledError, asyncio.CancelledError) as cancelled:
+                error = cancelled
+            if error is None:
+                outer.set_result(inner.result())
+            else:
+                outer.set_exception(_explained(error, self._address))
+
+    def _watch_until_closed(self) -> None:
+        while not self._closed.wait(1.0):
+            self.check(time.monotonic())
+
+    def check(self, now: float) -> None:
+        """Report a stall of PATIENCE, and give up after GIVE_UP without scheduler or workers.
+
+        Args:
+            now: Present time, as by `time.monotonic`.
+        """
+        with self._lock:
+            stalled = now - self._last_result
+            if not self._pending or stalled < PATIENCE:
+                return
+            waiting, hopeless = self._waiting()
+            if hopeless and stalled >= GIVE_UP:
+                for future in list(self._pending):
+                    if not future.done():
+                        future.set_exception(
+                            ComputationError(f"given up after {GIVE_UP} s: {waiting}")
+                        )
+                self._pending.clear()
+            elif waiting != self._said:
+                self._said = waiting
+                self._say(f"No results for {stalled:.0f} s: {waiting}")
+
+    def _waiting(self) -> tuple[str, bool]:
+        """What is waited for, and whether nobody computes."""
+        if self._client.status != "running":
+            return f"the Dask scheduler at {self._address} does not answer", True
+        # the client's own copy, which needs no answer of the scheduler
+        workers = len(self._client.scheduler_info(n_workers=-1)["workers"])
+        if not workers:
+            return f"the Dask scheduler at {self._address} has no workers", True
+        return f"waiting for {len(self._pending)} tasks on {workers} workers", False
+
+
+def _knock(address: str) -> None:
+    """Raise OSError or ValueError unless a Dask scheduler seems to listen at an address.
+
+    A scheduler writes first; a web server waits for a request. A Dask client would wait for a web
+    server for a minute, and prints tracebacks where there is no server.
+    """
+    parts = urlsplit(address)
+    if parts.scheme != "tcp":
+        raise ValueError(f"scheme {parts.scheme!r} is not tcp")
+    with socket.create_connection((parts.hostname, parts.port or 8786), TIMEOUT) as connection:
+        if not connection.recv(1):
+            raise ConnectionError("closed without a word")
+
+
+def _require_package(client: Any) -> None:
+    """Raise ScenarioError if a worker lacks the package; such a worker would die over a task."""
+    specs = client.run(find_spec, "radar_sense", on_error="return")
+    lacking = [worker for worker, spec in specs.items() if spec is None]
+    if lacking:
         raise ScenarioError(
-            f"--dask: no Dask scheduler answers at {address!r}, an address is like tcp://host:8786"
-        ) from error
-    with client:
-        threads = sum(client.nthreads().values())
-        if not threads:
-            raise ScenarioError(f"--dask: the scheduler at {address} has no workers")
-        # pure=False: a task is known by a name of its own, not by a digest of all that it is given
-        yield client.get_executor(pure=False), threads
+            f"--dask: {len(lacking)} of {len(specs)} workers, such as {lacking[0]}, cannot load "
+            "radar_sense; pip install 'radar-sense[dask]' there, the same version as here"
+        )
+
+
+def _lost(address: str) -> str:
+    return f"the Dask scheduler at {address} is gone; start it again, or compute without --dask"
+
+
+def _explained(error: BaseException, address: str) -> BaseException:
+    """Return the error of a call, in one line where the cluster is the cause."""
+    name = type(error).__name__
+    if (
+        isinstance(error, (CancelledError, asyncio.CancelledError))
+        or name == "FutureCancelledError"
+    ):
+        return ComputationError(_lost(address))
+    if isinstance(error, ImportError) or "deserializ" in str(error).lower():
+        return ComputationError(
+            f"a Dask worker or the scheduler cannot load radar_sense ({name}: {error}); "
+            "pip install 'radar-sense[dask]' there, the same version as here"
+        )
+    if name == "KilledWorker":
+        return ComputationError(
+            "several Dask workers died over the same task; their memory may be too small"
+        )
+    return error
+
+
+@contextmanager
+def _quiet_loggers() -> Iterator[None]:
+    """Silence Dask's own messages."""
+    loggers = [logging.getLogger(name) for name in LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)

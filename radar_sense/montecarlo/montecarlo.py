@@ -1,9 +1,9 @@
-"""Monte Carlo: draw the states, compute P_D, gather statistics.
+"""Monte Carlo: draw the states, compute P_D, compute statistics.
 
-As in the paper the radar state is drawn once per run and shared by all poses of that run, the
-aircraft state at every pose of every run. Runs come in blocks. What is drawn in a block depends on
-the seed and its number alone, and the blocks' statistics are merged in an order that is always the
-same; so the result depends on scenario and seed alone, not on who computed which block.
+As in the paper, the radar state is drawn once per run and shared by all poses of the run. The
+aircraft state is drawn at every pose of every run. Runs are computed in blocks. The draws of a
+block depend on the seed and the block's number alone, and statistics are merged in the order of the
+blocks. The result therefore depends on the states and the seed alone, not on who computed a block.
 """
 
 from __future__ import annotations
@@ -13,51 +13,55 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from radar_sense.montecarlo.parallel import in_order
+from radar_sense.errors import ScenarioError
+from radar_sense.limits import RUNS, SEED
+from radar_sense.model.detection_model import Model
+from radar_sense.montecarlo.canary import canary
+from radar_sense.montecarlo.parallel import merged
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
 from radar_sense.montecarlo.statistics import RunningMoments, Tails, binomial_interval
-from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
+from radar_sense.states import RADAR, FloatArray
 
 #: Samples of a block, about. A part of the result's definition: another value, other draws.
 SAMPLES_PER_BLOCK = 131_072
-#: One thread computes so many blocks on end, so that it seldom waits to hand something over; fewer
-#: with several radars, as a task that has begun is not interrupted, and where there would be fewer
-#: tasks than this. Parts of the definition too: the order in which sums are rounded depends on it.
+#: Largest number of blocks of a task, divided by the number of radars. Longer tasks hand over
+#: results less often; a task that has begun is not interrupted. With fewer than LEAST_TASKS tasks
+#: the tasks are shorter. Both are parts of the definition: the order of sums depends on them.
 MOST_BLOCKS = 4
 LEAST_TASKS = 64
-#: Runs kept whole for the hair lines of the figure: so many, and never more numbers than that.
-MAX_HAIRS = 500
-MAX_HAIR_POINTS = 2_000_000
+#: Limits of the runs kept whole for the figure: number of runs, and of values of P_D.
+MAX_SAMPLE_PATHS = 500
+MAX_SAMPLE_PATH_POINTS = 2_000_000
 #: Probability below −3 standard deviations of a normal distribution.
 TAIL = float(ndtr(-3.0))
-#: Share of a normal distribution within 3 standard deviations.
+#: Probability within 3 standard deviations of a normal distribution.
 WITHIN_3_SIGMA = 1.0 - 2.0 * TAIL
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MonteCarlo:
-    """What the draws show at each of n poses, beside what a method of propagation says.
+    """Statistics of the draws at each of n poses, beside the band of a method of propagation.
 
     Attributes:
         runs: Number of runs.
         seed: Seed of the draws.
-        band: What the method says, with bounds at Φ(−3) and Φ(3).
+        band: Moments by the method, with bounds at Φ(−3) and Φ(3).
         mean: Mean of the draws (n,).
         std: Standard deviation of the draws (n,).
-        lower: Quantile of the draws at Φ(−3) (n,).
-        upper: Quantile of the draws at Φ(3) (n,).
+        lower: Quantile of the draws at Φ(−3) (n,), exact.
+        upper: Quantile of the draws at Φ(3) (n,), exact.
         inside: Number of draws within the method's bounds (n,).
         clipped: Number of runs whose radar constant was drawn below zero and set to zero.
-        hairs: P_D of the first runs (h, n), h at most MAX_HAIRS.
-        sampler: Where the draws come from, "random" or "sobol".
-        rank_error: By how many of the sorted draws `lower` and `upper` are off at most; 0, exact,
-            up to some 1.5 million runs of not too many poses.
+        sample_paths: P_D of the first runs (h, n), h at most MAX_SAMPLE_PATHS.
+        sampler: Source of the draws, "random" or "sobol".
+        canaries: Digests of one fixed computation by each process of an executor. With more than
+            one digest, the last digits of the result depend on which process computed which runs.
     """
 
     runs: int
@@ -69,9 +73,9 @@ class MonteCarlo:
     upper: FloatArray
     inside: FloatArray
     clipped: int
-    hairs: FloatArray
+    sample_paths: FloatArray
     sampler: str = "random"
-    rank_error: int = 0
+    canaries: frozenset[str] = frozenset()
 
     @property
     def coverage(self) -> FloatArray:
@@ -84,84 +88,129 @@ class MonteCarlo:
         return np.isfinite(self.band.lower + self.band.upper)
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-        """Ends of the binomial confidence interval of the coverage, each (n,); NaN without bounds.
+        """Binomial confidence interval of the coverage, lower and upper ends (n,).
 
-        It holds for random draws; those of a Sobol' sequence are spread too evenly for it.
+        The interval is valid for random draws. Sobol' points are too even for it.
         """
         low, high = binomial_interval(self.inside, self.runs, confidence)
         return np.where(self.has_band, low, np.nan), np.where(self.has_band, high, np.nan)
 
+    def __repr__(self) -> str:
+        return (
+            f"MonteCarlo({self.runs} runs of {len(self.mean)} poses, seed {self.seed}, "
+            f"{self.sampler}: {self.coverage.mean():.2%} within the 3-sigma band)"
+        )
+
 
 class _Statistics:
-    """What is kept of runs."""
+    """Statistics of runs."""
 
     def __init__(self, poses: int, runs: int) -> None:
         self.moments, self.tails = RunningMoments(poses), Tails(poses, runs, TAIL)
         self.inside = np.zeros(poses)
         self.clipped = 0
-        self.hairs: list[FloatArray] = []
+        self.sample_paths: list[FloatArray] = []
+        self.canaries: set[str] = set()
 
-    def add(self, p_d: FloatArray, clipped: int, hairs: int, band: Moments) -> None:
-        """Take in P_D of runs (m, n), and as hairs the first so many of them."""
+    @property
+    def runs(self) -> int:
+        """Number of runs added."""
+        return self.moments.count
+
+    def add(self, p_d: FloatArray, clipped: int, sample_paths: int, band: Moments) -> None:
+        """Add P_D of runs (m, n), and keep the first `sample_paths` of them whole."""
         self.moments.add(p_d)
         self.tails.add(p_d)
         self.inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
         self.clipped += clipped
-        if hairs:
-            self.hairs.append(p_d[:hairs].copy())  # a view would keep all of the block
+        if sample_paths:
+            self.sample_paths.append(p_d[:sample_paths].copy())  # a view would keep the block
 
     def merge(self, other: _Statistics) -> None:
-        """Take in all that another one has taken in."""
+        """Add all runs of another instance."""
         self.moments.merge(other.moments)
         self.tails.merge(other.tails)
         self.inside += other.inside
         self.clipped += other.clipped
-        self.hairs += other.hairs
+        self.sample_paths += other.sample_paths
+        self.canaries |= other.canaries
 
 
 @dataclass(frozen=True, eq=False)
-class _Blocks:
-    """The runs of a Monte Carlo computation, a block at a time."""
+class Blocks:
+    """The runs of a Monte Carlo computation in blocks.
+
+    Attributes:
+        sampler: Draws states, computes P_D.
+        source: Source of the unit normals.
+        runs: Number of runs.
+        runs_per_block: Runs of a block; the last block may have fewer.
+    """
 
     sampler: Sampler
     source: Source
-    band: Moments
     runs: int
     runs_per_block: int
-    hairs: int
 
     @property
     def blocks(self) -> int:
-        """How many blocks there are; the last one need not be full."""
+        """Number of blocks."""
         return -(-self.runs // self.runs_per_block)
 
-    @property
-    def together(self) -> int:
-        """Blocks of a task."""
-        most = MOST_BLOCKS // len(self.sampler.model.models)
-        return max(min(self.blocks // LEAST_TASKS, most), 1)
+    def part(self, block: int) -> slice:
+        """Return the runs of a block."""
+        first = block * self.runs_per_block
+        return slice(first, min(first + self.runs_per_block, self.runs))
 
-    @property
-    def tasks(self) -> int:
-        """How many tasks there are."""
-        return -(-self.blocks // self.together)
+    def normals(self, block: int) -> tuple[FloatArray, FloatArray]:
+        """Unit normals of a block for the radar (runs, m) and the aircraft (runs, n, 6)."""
+        part = self.part(block)
+        radar, aircraft = self.source.block(block)
+        return radar[: part.stop - part.start], aircraft[: part.stop - part.start]
 
-    def p_d(self, block: int) -> tuple[FloatArray, int]:
-        """P_D (runs of the block, n) and in how many a constant was set to 0."""
-        runs = min(self.runs_per_block, self.runs - block * self.runs_per_block)
-        white_radar, white_aircraft = self.source.block(block)
-        radar, negative = self.sampler.draw_radar(white_radar[:runs])
-        p_d = self.sampler.draw_p_d(white_aircraft[:runs], radar, overwrite=True)
+    def p_d(
+        self, radar_normals: FloatArray, aircraft_normals: FloatArray
+    ) -> tuple[FloatArray, int]:
+        """P_D (runs, n), and the number of runs with a constant set to 0.
+
+        The aircraft's unit normals are overwritten.
+        """
+        radar, negative = self.sampler.draw_radar(radar_normals)
+        p_d = self.sampler.draw_p_d(aircraft_normals, radar, overwrite=True)
         return p_d, int(np.count_nonzero(negative))
 
+
+@dataclass(frozen=True, eq=False)
+class _Tasks:
+    """Tasks of a few blocks each, with their statistics."""
+
+    blocks: Blocks
+    band: Moments
+    sample_paths: int
+    with_canary: bool = False
+
+    @property
+    def blocks_per_task(self) -> int:
+        """Number of blocks of a task."""
+        most = MOST_BLOCKS * len(RADAR) // len(self.blocks.sampler.radar)
+        return max(min(self.blocks.blocks // LEAST_TASKS, most), 1)
+
+    @property
+    def count(self) -> int:
+        """Number of tasks."""
+        return -(-self.blocks.blocks // self.blocks_per_task)
+
     def statistics(self, task: int) -> _Statistics:
-        """Compute the blocks of a task and keep what is needed of them."""
-        found = _Statistics(len(self.sampler.aircraft), self.runs)
-        first = task * self.together
-        for block in range(first, min(first + self.together, self.blocks)):
-            hairs = max(0, self.hairs - block * self.runs_per_block)
-            found.add(*self.p_d(block), hairs, self.band)
-        return found
+        """Compute the blocks of a task and return their statistics."""
+        blocks = self.blocks
+        statistics = _Statistics(len(blocks.sampler.aircraft), blocks.runs)
+        first = task * self.blocks_per_task
+        for block in range(first, min(first + self.blocks_per_task, blocks.blocks)):
+            sample_paths = max(0, self.sample_paths - blocks.part(block).start)
+            statistics.add(*blocks.p_d(*blocks.normals(block)), sample_paths, self.band)
+        if self.with_canary:
+            statistics.canaries.add(canary())
+        return statistics
 
 
 def monte_carlo(
@@ -176,55 +225,138 @@ def monte_carlo(
     executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> MonteCarlo:
-    """Draw aircraft and radar states and compare P_D with what a method of propagation says.
+    """Draw the states of a scenario, and compare P_D with the band of a method of propagation.
 
     Args:
-        scenario: What to draw; also runs, seed and level where these are None.
+        scenario: The scenario; it also has the runs, seed and level where these are None.
         runs: Number of runs, two or more.
         seed: Seed of the draws; the same seed gives the same result.
-        workers: Threads to compute with; of no influence on the result.
+        workers: Threads to compute with; the result does not depend on them.
         level: Level of radar uncertainty.
-        method: Method of propagation that gives the band, the paper's linearization by default.
-        sampler: "random", or "sobol" for draws that fill the space evenly.
-        executor: Computes the blocks, MOST_BLOCKS or fewer in a call, in place of threads; as many
-            as 8 calls for each of `workers` are under way at a time. Of no influence on the result.
-        progress: Called with the number of runs that have come in since the last call.
+        method: Method of propagation of the band; the default is the paper's linearization.
+        sampler: "random", or "sobol" for quasi-random points.
+        executor: Computes in place of threads, with up to 8 calls pending for each of `workers`.
+            The result does not depend on it.
+        progress: Called with the number of runs of each task that has been computed.
 
     Raises:
-        ScenarioError: If runs, seed, level, method or sampler are not allowed.
+        ScenarioError: If runs, seed, level, method or sampler are not allowed, or if the runs and
+            poses take too much memory.
+        ComputationError: If memory, threads or workers run out.
     """
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    check_sampler(sampler, scenario.runs)
-    band = propagate_scenario(scenario, method=method)
-    poses = len(scenario.aircraft)
-    # a power of two, as Sobol' points want it
-    runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
-    states = Sampler.of(scenario)
-    blocks = _Blocks(
-        sampler=states,
-        source=SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals),
-        band=band,
-        runs=scenario.runs,
-        runs_per_block=runs_per_block,
-        hairs=min(MAX_HAIRS, max(1, MAX_HAIR_POINTS // poses), scenario.runs),
-    )
-    total = _Statistics(poses, scenario.runs)
-    for found in in_order(blocks.statistics, blocks.tasks, workers, executor):
-        total.merge(found)
-        if progress:
-            progress(found.moments.count)
-    low, high = total.tails.quantiles()
-    return MonteCarlo(
+    _require_possible(len(scenario.aircraft), scenario.runs, sampler)
+    return _compare(
+        Sampler.of(scenario),
+        propagate_scenario(scenario, method=method),
         runs=scenario.runs,
         seed=scenario.seed,
+        workers=workers,
+        sampler=sampler,
+        executor=executor,
+        progress=progress,
+    )
+
+
+def monte_carlo_states(
+    model: Model,
+    aircraft: ArrayLike,
+    radar: ArrayLike,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    runs: int = 500,
+    seed: int = 1,
+    workers: int = 1,
+    method: str = "linear",
+    sampler: str = "random",
+    executor: Executor | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> MonteCarlo:
+    """Draw Gaussian states, and compare P_D with the band of a method of propagation.
+
+    Args:
+        model: The detection model, of a radar or of a network.
+        aircraft: Nominal aircraft states (n, 6), or one (6,).
+        radar: Nominal radar state (4,), or (4m,) of a network of m; all poses share the draws.
+        cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
+        cov_radar: C_rr (4, 4), or (4m, 4m).
+        runs: Number of runs, two or more.
+        seed: Seed of the draws; the same seed gives the same result.
+        workers: As in `monte_carlo`, like all arguments that follow.
+        method: Method of propagation of the band.
+        sampler: "random" or "sobol".
+        executor: Computes in place of threads.
+        progress: Called with the number of runs of each task that has been computed.
+
+    Raises:
+        ValueError: If a shape does not fit or a number is out of range.
+        ComputationError: If memory, threads or workers run out.
+    """
+    aircraft, radar = np.atleast_2d(np.asarray(aircraft, float)), np.asarray(radar, float)
+    cov_aircraft, cov_radar = np.asarray(cov_aircraft, float), np.asarray(cov_radar, float)
+    for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
+        if not limit.allows(value):
+            raise ScenarioError(f"{name} must be {limit}, got {value}")
+    if aircraft.ndim != 2 or radar.ndim != 1 or cov_radar.ndim != 2:
+        raise ValueError(
+            "needs aircraft (n, 6), and one radar (4m,) with cov_radar (4m, 4m) for all poses; got "
+            f"shapes {aircraft.shape}, {radar.shape} and {cov_radar.shape}"
+        )
+    _require_possible(len(aircraft), int(runs), sampler)
+    return _compare(
+        Sampler.of_states(model, aircraft, radar, cov_aircraft, cov_radar),
+        propagate(model, aircraft, radar, cov_aircraft, cov_radar, method=method),
+        runs=int(runs),
+        seed=int(seed),
+        workers=workers,
+        sampler=sampler,
+        executor=executor,
+        progress=progress,
+    )
+
+
+def _require_possible(poses: int, runs: int, sampler: str) -> None:
+    """Raise ScenarioError, before anything is computed, if the draws are not possible."""
+    check_sampler(sampler, runs)
+    Tails(poses, runs, TAIL)
+
+
+def _compare(
+    states: Sampler,
+    band: Moments,
+    *,
+    runs: int,
+    seed: int,
+    workers: int,
+    sampler: str,
+    executor: Executor | None,
+    progress: Callable[[int], None] | None,
+) -> MonteCarlo:
+    """Draw states and compare P_D with a band."""
+    poses = len(states.aircraft)
+    # a power of two, for Sobol' points
+    runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
+    source = SAMPLERS[sampler](seed, runs_per_block, poses, states.radar_normals)
+    tasks = _Tasks(
+        Blocks(states, source, runs, runs_per_block),
+        band,
+        sample_paths=min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs),
+        with_canary=executor is not None,
+    )
+    total = merged(tasks.statistics, tasks.count, workers, executor, progress)
+    lower, upper = total.tails.quantiles()
+    return MonteCarlo(
+        runs=runs,
+        seed=seed,
         band=band,
         mean=total.moments.mean,
         std=total.moments.std(),
-        lower=low,
-        upper=high,
+        lower=lower,
+        upper=upper,
         inside=total.inside,
         clipped=total.clipped,
-        hairs=np.vstack(total.hairs),
+        sample_paths=np.vstack(total.sample_paths),
         sampler=sampler,
-        rank_error=total.tails.rank_error,
+        canaries=frozenset(total.canaries),
     )

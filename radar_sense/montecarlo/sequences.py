@@ -1,8 +1,8 @@
 """Unit normals for the states of a scenario: random, or from a Sobol' sequence.
 
-A source gives, for each block of runs, one vector for the radar of every run and one for the
-aircraft at every pose of every run. What it gives depends on the seed and the number of the block
-alone: it is always the whole block, also where fewer runs are wanted of it.
+For each block of runs a source gives one vector for the radar of every run, and one for the
+aircraft at every pose of every run. A block depends on the seed and its number alone. A source
+always gives whole blocks, also where fewer runs are needed.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 #: Bits of a coordinate of a Sobol' point, the most that SciPy can skip ahead in (1.17).
 BITS = 32
 _UNIT = 2.0**-BITS
-#: Runs with Sobol' points. SciPy skips to a block by counting up to it, which with more runs than
-#: this would take longer than all the rest.
+#: Limit of the runs with Sobol' points. SciPy skips to a block by counting up to it, which takes
+#: longer than P_D with more runs.
 MAX_SOBOL_RUNS = 2**24
-#: Branch of a seed's streams that randomizes Sobol' points.
+#: Numbers of the random streams that scramble and shift Sobol' points.
 _SCRAMBLE, _SHIFT = 2**32 - 2, 2**32 - 1
 
 
 def random_stream(seed: int, *key: int) -> np.random.Generator:
-    """Make the generator of one of the independent streams that belong to a seed."""
+    """Return the generator of one of the independent streams of a seed."""
     return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 class Source(Protocol):
-    """Where unit normals come from."""
+    """A source of unit normals."""
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
@@ -49,7 +49,7 @@ class Random:
         seed: Seed of all streams.
         runs: Runs of a block.
         poses: Number of poses n.
-        radar: Unit normals that a radar state takes, m.
+        radar: Number of unit normals of a radar state, m.
     """
 
     seed: int
@@ -61,7 +61,7 @@ class Random:
         """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
         generator = random_stream(self.seed, index)
         radar = generator.standard_normal((self.runs, self.radar))
-        # In memory one component after the other, as arithmetic goes by component.
+        # Component first in memory, as P_D is computed component by component.
         aircraft = np.empty((len(AIRCRAFT), self.runs, self.poses))
         _fill_with_normals(generator, aircraft)
         return radar, np.moveaxis(aircraft, 0, -1)
@@ -75,7 +75,7 @@ def _fill_with_normals(generator: np.random.Generator, values: FloatArray) -> No
 
         r cos 2πv = 2r/(1 + t²) − r,  r sin 2πv = t · 2r/(1 + t²).
 
-    For many of them this takes half the time of NumPy's own, which draws one after the other.
+    NumPy's `standard_normal` draws one after the other and takes twice the time.
     """
     generator.random(out=values)
     u, v = values[::2], values[1::2]
@@ -97,22 +97,22 @@ def _fill_with_normals(generator: np.random.Generator, values: FloatArray) -> No
 class Sobol:
     """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
-    These are ten, four more for each further radar of a network, and one more for each part of a
-    radar constant beyond the first. All poses share the sequence, and so the radar's draws. The
-    aircraft's are made different at every pose by a digital shift (an exclusive-or with random
-    bits), under which a Sobol' sequence remains one: at each pose the draws fill all dimensions
-    evenly, while from pose to pose their errors differ. (P. L'Ecuyer and C. Lemieux, "Recent
-    advances in randomized quasi-Monte Carlo methods", 2002.)
+    The sequence has ten dimensions, four more for each further radar of a network, and one more
+    for each parameter of a radar constant beyond the first. All poses share the sequence, and with
+    it the radar's draws. At each pose the aircraft's points have a digital shift of their own (an
+    exclusive-or with random bits), under which a Sobol' sequence remains one: at each pose the
+    points fill all dimensions evenly, and the errors differ from pose to pose. (P. L'Ecuyer and
+    C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002.)
 
-    So what is said of each pose by itself is right. Of two poses together it is not: their draws of
-    the aircraft are shifts of each other, not independent. Over many seeds the correlation is 0 in
-    the mean, but with one seed it is some 0.7, up or down, however many runs there are.
+    Statistics of one pose are valid. Joint statistics of two poses are not: the aircraft's draws
+    at two poses are shifts of each other, and not independent. Over many seeds their correlation
+    has mean 0. With one seed its magnitude is about 0.7, for any number of runs.
 
     Attributes:
         seed: Seed of scrambling and shifts.
         runs: Runs of a block.
         poses: Number of poses n.
-        radar: Unit normals that a radar state takes, m.
+        radar: Number of unit normals of a radar state, m.
     """
 
     seed: int
@@ -138,21 +138,17 @@ class Sobol:
 
 
 def _normal(bits: NDArray[np.uint32]) -> FloatArray:
-    """Turn coordinates given as whole numbers into unit normals; half a bit keeps them finite."""
+    """Unit normals from coordinates as whole numbers; half a bit keeps the normals finite."""
     normal: FloatArray = ndtri((bits + 0.5) * _UNIT)
     return normal
 
 
-#: The samplers that can be named.
+#: The sources by name.
 SAMPLERS: Mapping[str, Any] = {"random": Random, "sobol": Sobol}
 
 
 def check_sampler(name: str, runs: int) -> None:
-    """Refuse a sampler that does not exist, or more runs than it is made for.
-
-    Raises:
-        ScenarioError: If there is none of this name, or runs are too many for it.
-    """
+    """Raise ScenarioError if there is no such sampler, or if it cannot give that many runs."""
     if name not in SAMPLERS:
         raise ScenarioError(
             f"sampler must be one of {', '.join(SAMPLERS)}, got {name!r}"

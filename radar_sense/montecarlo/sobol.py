@@ -1,31 +1,37 @@
 """Sobol' indices: shares of a variance by groups of independent inputs.
 
-The first-order index of a group is the share of the variance that is left when all else is averaged
-out; its total index adds every interaction the group takes part in (I. M. Sobol', Math. Comput.
-Simul. 55, 2001). They need independent groups: a correlation between two groups belongs to neither.
+The first-order index of a group is the share of the variance that remains when all other inputs are
+averaged out. The total index adds every interaction of the group (I. M. Sobol', Math. Comput.
+Simul. 55, 2001). Groups must be independent: a correlation between two groups belongs to neither.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtri
 
+from radar_sense.errors import ScenarioError
 from radar_sense.states import FloatArray
 
 #: Independent scramblings of the same size; their spread gives the standard errors.
 REPLICATES = 8
+#: Limit of the function values at a time (8 MB); the result does not depend on it.
+MAX_VALUES = 1_000_000
+#: Limit of the memory for the sample and the values of one output [bytes].
+MAX_BYTES = 4_000_000_000
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class SobolIndices:
     """Indices of g groups for s outputs, with standard errors.
 
     Attributes:
         mean: Mean of the outputs (s,).
-        variance: Their variance (s,).
+        variance: Variance of the outputs (s,).
         first: First-order indices (g, s).
         total: Total indices (g, s).
         first_error: Standard errors of the first-order indices (g, s).
@@ -41,61 +47,61 @@ class SobolIndices:
 
 
 def sobol_indices(
-    function: Callable[[FloatArray], FloatArray],
+    function: Callable[[FloatArray, slice], FloatArray],
     groups: Sequence[Sequence[int]],
     *,
+    outputs: int,
     samples: int,
     seed: int,
 ) -> SobolIndices:
     """Estimate the indices of groups of independent standard normal inputs.
 
     The sample is a scrambled Sobol' sequence and the estimators are SciPy's (A. Saltelli et al.,
-    Comput. Phys. Commun. 181, 2010), to which a group is one input.
+    Comput. Phys. Commun. 181, 2010), with a group in place of one input. The outputs are computed
+    in blocks, so that memory does not grow with outputs times samples.
 
     Args:
-        function: From inputs (m, d) to outputs (s, m).
+        function: Returns some outputs (k, m) at inputs (m, d); the slice selects the outputs.
         groups: Input numbers of each group; together they are all d inputs. A group may also be
-            listed with groups that are parts of it.
+            listed beside groups that are parts of it.
+        outputs: Number of outputs, s.
         samples: Base samples, rounded up to a power of two for each of the replicates. The function
             is evaluated g + 2 times as often.
         seed: Seed of the scramblings.
 
     Returns:
         The indices; NaN for an output without variance.
+
+    Raises:
+        ScenarioError: If the sample takes more than MAX_BYTES.
     """
-    # scipy.stats takes long to import, and only those who ask for these indices need it
+    # scipy.stats is slow to import
     from scipy.stats import qmc
-    from scipy.stats import sobol_indices as estimate
 
     dimension = len(set().union(*groups))
     exponent = max(1, int(np.ceil(np.log2(samples / REPLICATES))))
-    found = []
+    # normals, their temporaries and states; values at A, B and each mixture, and their temporaries
+    row_bytes = 8 * (10 * dimension + 4 * (len(groups) + 2))
+    if row_bytes << exponent > MAX_BYTES:
+        fit = REPLICATES << int(np.log2(MAX_BYTES / row_bytes))
+        raise ScenarioError(
+            f"Sobol' indices of {samples:,} runs would take "
+            f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than {MAX_BYTES / 1e9:g} GB; "
+            f"at most {fit:,} runs fit"
+        )
+    # at least 2: SciPy rounds the mean of a single output differently
+    block = max(2, MAX_VALUES // ((len(groups) + 2) << exponent))
+    starts = [*range(0, max(outputs - 1, 1), block)]
+    slices = [slice(*ends) for ends in zip(starts, [*starts[1:], outputs], strict=True)]
+    replicates = []
     for stream in np.random.SeedSequence(seed).spawn(REPLICATES):
         points = qmc.Sobol(2 * dimension, rng=np.random.default_rng(stream)).random_base2(exponent)
         # a point of exactly 0 would become an infinite normal
-        white = ndtri(np.clip(points, 2.0**-60, 1 - 2.0**-53))
-        a, b = white[:, :dimension], white[:, dimension:]
-        of_a, of_b = function(a), function(b)
-        swapped = []
-        for group in groups:
-            mixed = a.copy()
-            mixed[:, list(group)] = b[:, list(group)]
-            swapped.append(function(mixed))
-        both = np.concatenate([of_a, of_b], axis=1)
-        with np.errstate(divide="ignore", invalid="ignore"):  # an output without variance
-            indices = estimate(
-                func={"f_A": of_a, "f_B": of_b, "f_AB": np.stack(swapped)}, n=len(points)
-            )
-        # SciPy has the outputs first, the inputs last
-        found.append(
-            (
-                both.mean(axis=1),
-                both.var(axis=1),
-                np.reshape(indices.first_order, (-1, len(groups))).T,
-                np.reshape(indices.total_order, (-1, len(groups))).T,
-            )
-        )
-    means, variances, firsts, totals = (np.stack(values) for values in zip(*found, strict=True))
+        np.clip(points, 2.0**-60, 1 - 2.0**-53, out=points)
+        normals = ndtri(points, out=points)
+        blocks = [_indices(function, groups, normals, part) for part in slices]
+        replicates.append([np.concatenate(parts, axis=-1) for parts in zip(*blocks, strict=True)])
+    means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
     constant = variances.mean(axis=0) == 0
     firsts[..., constant] = totals[..., constant] = np.nan
     error = np.sqrt(REPLICATES)
@@ -107,3 +113,30 @@ def sobol_indices(
         first_error=firsts.std(axis=0, ddof=1) / error,
         total_error=totals.std(axis=0, ddof=1) / error,
     )
+
+
+def _indices(
+    function: Callable[[FloatArray, slice], FloatArray],
+    groups: Sequence[Sequence[int]],
+    normals: FloatArray,
+    outputs: slice,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Mean (k,), variance (k,), first-order and total indices (g, k) of some outputs."""
+    from scipy.stats import sobol_indices as estimate
+
+    a, b = np.hsplit(normals, 2)
+    values: dict[str, Any] = {"f_A": function(a, outputs), "f_B": function(b, outputs)}
+    values["f_AB"] = np.empty((len(groups), *values["f_A"].shape))
+    for group, mixed_values in zip(groups, values["f_AB"], strict=True):
+        mixed = a.copy()
+        mixed[:, list(group)] = b[:, list(group)]
+        mixed_values[:] = function(mixed, outputs)
+    both = np.concatenate([values["f_A"], values["f_B"]], axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):  # an output without variance
+        indices = estimate(func=values, n=len(a))
+    # SciPy has the outputs first, the inputs last
+    first, total = (
+        np.reshape(index, (-1, len(groups))).T
+        for index in (indices.first_order, indices.total_order)
+    )
+    return both.mean(axis=1), both.var(axis=1), first, total

@@ -1,4 +1,4 @@
-"""Statistics of many draws per pose, gathered block by block without keeping the draws."""
+"""Statistics of many draws per pose, computed block by block without keeping the draws."""
 
 from __future__ import annotations
 
@@ -8,18 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
+from radar_sense.errors import ScenarioError
 from radar_sense.states import FloatArray
 
-#: So many rows are sorted faster than they are partitioned twice.
+#: Blocks up to this number of rows are sorted, because two partitions would take longer.
 MAX_SORTED = 512
+#: Limit of the memory for the tails [bytes].
+MAX_TAIL_BYTES = 4_000_000_000
+#: A tail is trimmed when it holds this many times the rows that its quantile needs.
+TAIL_ROOM = 1.5
 
 
 class RunningMoments:
-    """Mean and standard deviation per column of many rows.
+    """Mean and standard deviation of each column of many rows.
 
-    Parts are merged by the update of Chan, Golub and LeVeque ("Updating formulae and a pairwise
-    algorithm for computing sample variances", 1979), which does not lose digits as a sum of squares
-    does when the deviation is small beside the mean.
+    Blocks of rows are merged by the update of Chan, Golub and LeVeque ("Updating formulae and a
+    pairwise algorithm for computing sample variances", 1979). A sum of squares would lose digits
+    where the deviation is small beside the mean.
     """
 
     def __init__(self, columns: int) -> None:
@@ -28,18 +33,18 @@ class RunningMoments:
         self._squares = np.zeros(columns)  # sum of squared deviations from the mean
 
     def add(self, rows: FloatArray) -> None:
-        """Take in rows (m, columns)."""
+        """Add rows (m, columns)."""
         mean = rows.sum(axis=0) / len(rows)
         deviation = rows - mean
-        # The deviations sum to what rounding has made wrong with the mean (the corrected two-pass
-        # algorithm of Chan, Golub and LeVeque, The American Statistician 37(3), 1983).
+        # The deviations sum to the rounding error of the mean (the corrected two-pass algorithm
+        # of Chan, Golub and LeVeque, The American Statistician 37(3), 1983).
         rounding = deviation.sum(axis=0) / len(rows)
         squares = np.square(deviation, out=deviation).sum(axis=0)
         squares -= len(rows) * rounding * rounding
         self._merge(len(rows), mean + rounding, np.maximum(squares, 0.0))
 
     def merge(self, other: RunningMoments) -> None:
-        """Take in all that another one has taken in."""
+        """Add all rows that another instance has."""
         self._merge(other.count, other.mean, other._squares)
 
     def _merge(self, count: int, mean: FloatArray, squares: FloatArray) -> None:
@@ -56,167 +61,174 @@ class RunningMoments:
 
 
 class Tails:
-    """Quantiles near both ends of each column of many rows, in memory that has a bound.
+    """Exact quantiles near both ends of each column of many rows.
 
-    The quantile at probability p of n rows lies between two order statistics, found from the end
-    by counting about p n of them. Up to `capacity` rows are kept of either end; as long as that is
-    enough, the quantiles are exact.
-
-    Where p n is more, the rows are taken in groups whose ends fit, and the ends of two groups are
-    collapsed into one: sorted together, every second row is kept and counts twice; likewise for two
-    that count twice, and so on. (J. I. Munro and M. S. Paterson, "Selection and sorting with
-    limited storage", Theoretical Computer Science 12, 1980; here for the ends alone.) A collapse of
-    rows that count w each moves a rank by w at most; `rank_error` adds that up.
+    The quantile at probability p of n rows lies between two order statistics. The p n + 2 smallest
+    and the p n + 2 largest rows determine both quantiles; only those are kept.
 
     Args:
         columns: Number of columns.
-        count: How many rows there will be in total.
-        probability: p of the lower quantile; the upper one is at 1 − p.
-        capacity: Rows to keep; by default 2048, or as many as take 32 MB, but not below 64.
+        count: Number of rows that will be added in total, n.
+        probability: p of the lower quantile; the upper quantile is at 1 − p.
+
+    Raises:
+        ScenarioError: If the rows to keep take more than MAX_TAIL_BYTES.
     """
 
-    def __init__(
-        self, columns: int, count: int, probability: float, capacity: int | None = None
-    ) -> None:
-        if capacity is None:
-            capacity = min(max(2**21 // columns, 64), 2048)
-        self._low = _Tail(columns, count, probability, capacity)
-        # The largest are the smallest of the negated rows, so that one rule serves both ends.
-        self._high = _Tail(columns, count, probability, capacity)
+    def __init__(self, columns: int, count: int, probability: float) -> None:
+        row, capacity = 2 * columns * 8, _capacity(count, probability)
+        if capacity * row > MAX_TAIL_BYTES:
+            fit = math.floor((math.floor(MAX_TAIL_BYTES / row / TAIL_ROOM) - 2) / probability)
+            remedy = f"at most {fit:,} runs fit" if fit >= 2 else "use fewer poses"
+            raise ScenarioError(
+                f"exact quantiles of {count:,} runs of {columns:,} poses would take "
+                f"{capacity * row / 1e9:,.1f} GB of memory, more than "
+                f"{MAX_TAIL_BYTES / 1e9:g} GB; {remedy}"
+            )
+        self._low = _Tail(columns, count, probability)
+        # The largest rows are the smallest of the negated rows: one rule serves both ends.
+        self._high = _Tail(columns, count, probability)
 
     @property
-    def rank_error(self) -> int:
-        """By how many ranks of `count` the quantiles are off at most; 0 where they are exact."""
-        return self._low.rank_error()
+    def bytes(self) -> int:
+        """Memory in use."""
+        return self._low.bytes + self._high.bytes
 
     def add(self, rows: FloatArray) -> None:
-        """Take in rows (m, columns)."""
-        lowest, highest = _ends(rows, self._low.enough(len(rows)))
+        """Add rows (m, columns)."""
+        lowest, highest = _ends(rows, self._low.share(len(rows)))
         self._low.add(lowest, len(rows))
         self._high.add(-highest, len(rows))
 
     def merge(self, other: Tails) -> None:
-        """Take in all that another one, made for the same columns and count, has taken in."""
+        """Add all rows of another instance, made for the same columns and count."""
         self._low.merge(other._low)
         self._high.merge(other._high)
 
     def quantiles(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper quantile (columns,) of all rows taken in.
+        """Lower and upper quantile (columns,) of all rows.
 
-        NaN where a group had so much more than its share in an end that a part of that was lost;
-        for independent rows the probability of it is below 1e-13.
+        NaN where a block had so much more than its share of a tail that a row of the tail was
+        dropped. For independent rows the probability is below 1e-13.
         """
         return self._low.quantile(), -self._high.quantile()
 
 
 class _Tail:
-    """The lower of the two `Tails`."""
+    """The smallest rows of each column, as many as the lower quantile needs."""
 
-    def __init__(self, columns: int, count: int, probability: float, capacity: int) -> None:
-        # The definition of numpy.quantile's default: linear between the order statistics around
-        # (n − 1) p. (Hyndman and Fan, The American Statistician 50(4), 1996, number 7.)
-        self._position = (count - 1) * probability
+    def __init__(self, columns: int, count: int, probability: float) -> None:
+        self._position = quantile_position(count, probability)
         self._probability = probability
-        self._keep = math.floor(self._position) + 2
-        self._group = math.inf
-        if self._keep > capacity:
-            # at most so many rows that their end is expected to fit, see `enough`
-            self._keep, self._group = capacity, (math.sqrt(capacity + 8) - 4) ** 2 / probability
-        self._rows = np.empty((0, columns))
-        self._waiting: list[FloatArray] = []
-        self._taken = 0  # rows of the group taken in, kept or not
-        self._collapsed: dict[int, FloatArray] = {}  # by the logarithm to base 2 of what they count
-        self._lost = np.full(columns, np.inf)  # no row dropped was smaller than this
-        self._moved = 0
-        self._second: dict[int, bool] = {}
+        self._keep = _needed(count, probability)
+        self.capacity = _capacity(count, probability)
+        self._buffer = np.empty((0, columns))  # grows to the capacity at most
+        self._filled = 0
+        self._dropped = np.full(columns, np.inf)  # no row that was dropped is smaller
 
-    def add(self, smallest: FloatArray, taken: int) -> None:
-        if len(smallest) < taken:
-            self._lost = np.minimum(self._lost, smallest.max(axis=0))
-        self._take([smallest], taken)
+    @property
+    def bytes(self) -> int:
+        return self._buffer.nbytes
 
-    def merge(self, other: _Tail) -> None:
-        self._lost = np.minimum(self._lost, other._lost)
-        self._moved += other._moved
-        for level, rows in other._collapsed.items():
-            self._collapse(rows, level)
-        self._take([other._rows, *other._waiting], other._taken)
-
-    def rank_error(self) -> int:
-        return self._moved + (2 ** max(self._collapsed) if self._collapsed else 0)
-
-    def quantile(self) -> FloatArray:
-        self._settle()
-        parts = [(self._rows, 1), *((rows, 2**level) for level, rows in self._collapsed.items())]
-        rows = np.vstack([rows for rows, _ in parts])
-        counts = np.concatenate([np.full(len(rows), count) for rows, count in parts])
-        order = np.argsort(rows, axis=0, kind="stable")
-        rows = np.take_along_axis(rows, order, axis=0)
-        # A row that counts w stands for w ranks; it is put in the middle of them.
-        rank = np.cumsum(counts[order], axis=0) - (counts[order] + 1) / 2
-        last = len(rows) - 1
-        below = np.clip(np.sum(rank <= self._position, axis=0) - 1, 0, last)
-        above = np.minimum(below + 1, last)
-        column = np.arange(rows.shape[1])
-        step = np.maximum(rank[above, column] - rank[below, column], 1)
-        part = np.clip((self._position - rank[below, column]) / step, 0, 1)
-        low, high = rows[below, column], rows[above, column]
-        quantile = low + part * (high - low)
-        return np.where(quantile > self._lost, np.nan, quantile)
-
-    def enough(self, rows: int) -> int:
-        """How many of so many rows to keep for their end: what is expected, and 8σ to spare."""
+    def share(self, rows: int) -> int:
+        """Number of rows of a block to keep: the expected number in the tail plus 8σ."""
         expected = rows * self._probability
         return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), self._keep, rows)
 
-    def _take(self, parts: list[FloatArray], taken: int) -> None:
-        """Take in the smallest of so many rows; they are dealt with when enough of them wait."""
-        if self._taken and self._taken + taken > self._group:  # its end would not fit
-            self._settle()
-            self._collapse(np.sort(self._rows, axis=0), 0)
-            self._rows, self._taken = self._rows[:0], 0
-        self._waiting += parts
-        self._taken += taken
-        if sum(map(len, self._waiting)) >= self._keep:
-            self._settle()
+    def add(self, smallest: FloatArray, rows: int) -> None:
+        """Add the smallest entries of each column of a block of `rows` rows."""
+        if len(smallest) < min(rows, self._keep):
+            self._dropped = np.minimum(self._dropped, smallest.max(axis=0))
+        while len(smallest):
+            if self._filled == self.capacity:
+                self._buffer.partition(self._keep - 1, axis=0)
+                self._filled = self._keep
+            fits = min(len(smallest), self.capacity - self._filled)
+            self._reserve(self._filled + fits)
+            self._buffer[self._filled : self._filled + fits] = smallest[:fits]
+            self._filled += fits
+            smallest = smallest[fits:]
 
-    def _settle(self) -> None:
-        self._rows = self._smallest(np.vstack([self._rows, *self._waiting]), self._keep)
-        self._waiting = []
+    def merge(self, other: _Tail) -> None:
+        self._dropped = np.minimum(self._dropped, other._dropped)
+        self.add(other._buffer[: other._filled], 0)
 
-    def _smallest(self, rows: FloatArray, keep: int) -> FloatArray:
-        if len(rows) <= keep:
-            return rows
-        smallest = np.partition(rows, keep - 1, axis=0)[:keep]
-        self._lost = np.minimum(self._lost, smallest[-1])
-        return smallest.copy()  # a view would keep all of them in memory
+    def quantile(self) -> FloatArray:
+        rows = self._buffer[: self._filled]
+        below = math.floor(self._position)
+        above = min(below + 1, len(rows) - 1)
+        rows.partition([below, above], axis=0)
+        low, high = rows[below], rows[above]
+        part = self._position - below
+        needed = high if part > 0 else low
+        return np.where(needed > self._dropped, np.nan, low + part * (high - low))
 
-    def _collapse(self, rows: FloatArray, level: int) -> None:
-        """Put away sorted rows that count 2^level, with those that are there already."""
-        while level in self._collapsed:
-            both = np.sort(np.vstack([self._collapsed.pop(level), rows]), axis=0)
-            # Now the first of each pair, now the second: so the errors make up for each other.
-            second = self._second.get(level, bool(level % 2))
-            self._second[level] = not second
-            rows = both[second::2].copy()
-            self._moved += 2**level
-            level += 1
-        self._collapsed[level] = rows
+    def _reserve(self, rows: int) -> None:
+        """Make room for a number of rows, at most the capacity."""
+        if rows <= len(self._buffer):
+            return
+        capacity = min(self.capacity, max(rows, 2 * len(self._buffer)))
+        larger: FloatArray = np.empty((capacity, *self._columns))
+        larger[: self._filled] = self._buffer[: self._filled]
+        self._buffer = larger
+
+    @property
+    def _columns(self) -> tuple[int, ...]:
+        return self._buffer.shape[1:]
+
+
+def _needed(count: int, probability: float) -> int:
+    """Number of the smallest of `count` rows that determine the quantile."""
+    return min(math.floor(quantile_position(count, probability)) + 2, count)
+
+
+def _capacity(count: int, probability: float) -> int:
+    """Largest number of rows that a tail holds."""
+    return math.ceil(TAIL_ROOM * _needed(count, probability))
+
+
+def quantile_position(count: int, probability: float) -> float:
+    """Position, counted from 0, of a quantile among `count` sorted rows.
+
+    The quantile is linear between the order statistics around (n − 1) p, as NumPy's default is.
+    (Hyndman and Fan, The American Statistician 50(4), 1996, number 7.)
+    """
+    return (count - 1) * probability
+
+
+def order_statistics(rows: FloatArray, position: FloatArray) -> FloatArray:
+    """Order statistics (columns,) of rows (m, columns), linear between two positions.
+
+    Args:
+        rows: The rows, or at least the smallest entries of each column up to the positions.
+        position: Position in each column (columns,), counted from 0.
+    """
+    below = np.floor(position).astype(int)
+    keep = min(len(rows), int(below.max()) + 2)
+    smallest = np.sort(_lowest(rows, keep), axis=0)
+    column = np.arange(rows.shape[1])
+    low, high = smallest[below, column], smallest[np.minimum(below + 1, keep - 1), column]
+    values: FloatArray = low + (position - below) * (high - low)
+    return values
+
+
+def _lowest(rows: FloatArray, keep: int) -> FloatArray:
+    """Return the smallest entries of each column (keep, columns), in no order."""
+    return np.partition(rows, keep - 1, axis=0)[:keep]
 
 
 def _ends(rows: FloatArray, keep: int) -> tuple[FloatArray, FloatArray]:
-    """The smallest and the largest entries of each column, (keep, columns) of either."""
+    """Return the smallest and the largest entries of each column, both (keep, columns)."""
     if len(rows) <= MAX_SORTED:
         ordered = np.sort(rows, axis=0)
-        return ordered[:keep].copy(), ordered[len(rows) - keep :]
-    lowest = np.partition(rows, keep - 1, axis=0)[:keep].copy()  # a view would keep all in memory
-    return lowest, np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
+        return ordered[:keep], ordered[len(rows) - keep :]
+    return _lowest(rows, keep), np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
 
 
 def binomial_interval(
     successes: FloatArray, count: int | NDArray[np.int64], confidence: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
-    """Confidence interval of a proportion, exact in that it never covers less than it says.
+    """Confidence interval of a proportion whose coverage is never below the confidence.
 
     C. J. Clopper and E. S. Pearson, Biometrika 26(4), 1934.
 
@@ -226,11 +238,11 @@ def binomial_interval(
         confidence: Probability of the interval.
 
     Returns:
-        Its lower and upper ends (...).
+        Lower and upper ends (...).
     """
     miss = (1.0 - confidence) / 2.0
     failures = count - successes
-    # The beta quantiles have no meaning where a count is 0; the ends are then 0 and 1.
+    # The beta quantiles are undefined where a count is 0; the ends are then 0 and 1.
     low = betaincinv(np.maximum(successes, 1), failures + 1, miss)
     high = betaincinv(successes + 1, np.maximum(failures, 1), 1.0 - miss)
     return np.where(successes == 0, 0.0, low), np.where(failures == 0, 1.0, high)

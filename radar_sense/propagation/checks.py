@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.covariance import factor
+from radar_sense.covariance import square_root, variance_along
 from radar_sense.propagation import form as _form
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import Moments
@@ -22,7 +22,7 @@ from radar_sense.propagation.standard_space import (
     StandardNormalSpace,
     UncertainStates,
 )
-from radar_sense.states import AIRCRAFT, FloatArray
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 #: A method is nonlinear at a pose where higher orders would change σ by more than this part of it,
 STD_CHANGE = 0.02
@@ -66,7 +66,7 @@ def second_order_matters(
         skewness = third / np.where(variance > 0, variance, 1.0) ** 1.5
         better = _skewed(mean, np.sqrt(variance), skewness, beta)
         bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
-        warned = _differ(given, better) | bends | limit_within_reach(part)
+        warned = _differ(given, better) | bends | limit_matters(part, given[0], beta)
         warned |= _expansion_is_off(probit, value, g, h, beta)
         if part.model.rcs.lobed:
             warned |= _lobe_beyond(probit, given, beta)
@@ -126,7 +126,7 @@ def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArr
         ends = [int(np.flatnonzero(betas == b)[-1]) for b in (-beta, beta)]
         moved = np.any(quantiles.extreme != quantiles.nearest, axis=(0, 1))
         suspect = _differ(given, (std, lower, upper)) | bends | moved
-        limit = limit_within_reach(part)
+        limit = limit_matters(part, given[0], beta)
         suspect &= quantiles.converged & ~limit
         off = ~quantiles.converged | limit
         centres = np.concatenate([quantiles.extreme[:, ends], quantiles.nearest[:, ends]], axis=1)
@@ -181,21 +181,33 @@ def _normals(r: int) -> FloatArray:
     return np.asarray(ndtri(points.T))
 
 
-def limit_within_reach(states: UncertainStates) -> NDArray[np.bool_]:
-    """Return where (k,) a limit to what a radar sees is within reach of the states."""
-    near = np.zeros(len(states), dtype=bool)
+def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDArray[np.bool_]:
+    """Return where (k,) a limit to what a radar sees is within reach and matters to P_D.
+
+    A radar that may see or not adds at most p²/4 to the variance of P_D, with p a bound of its P_D.
+    It is left out where that changes σ by less than a quarter of what is allowed, since it may be
+    correlated with the rest, and where p is less than what is allowed for a bound.
+    """
+    k, m = len(states), len(states.log_constant)
+    matters = np.zeros(k, dtype=bool)
     if not states.model.limited:
-        return near
+        return matters
     aircraft, radar = states.aircraft, states.radar
     visible = states.model.visible(aircraft, radar)
+    near = np.zeros((k, m), dtype=bool)
     for size in (REACH, -REACH):
-        for error in np.moveaxis(size * factor(states.cov_aircraft), -1, 0):
-            seen = states.model.visible(aircraft + error, radar)
-            near |= np.any(seen != visible, axis=-1)
-        for error in np.moveaxis(size * factor(states.cov_radar), -1, 0):
-            seen = states.model.visible(aircraft, radar + error)
-            near |= np.any(seen != visible, axis=-1)
-    return near
+        for error in np.moveaxis(size * square_root(states.cov_aircraft), -1, 0):
+            near |= states.model.visible(aircraft + error, radar) != visible
+        for error in np.moveaxis(size * square_root(states.cov_radar), -1, 0):
+            near |= states.model.visible(aircraft, radar + error) != visible
+    allowed = np.minimum(BOUND_CHANGE, np.sqrt(2.0 * STD_CHANGE) * std)
+    for i in np.flatnonzero(near.any(axis=0)):
+        own = slice(len(RADAR) * i, len(RADAR) * (i + 1))
+        z, by_aircraft, by_radar = states.model.models[i].linearize_probit(aircraft, radar[:, own])
+        variance = variance_along(by_aircraft, states.cov_aircraft)
+        variance = variance + variance_along(by_radar, states.cov_radar[:, own, own])
+        matters |= near[:, i] & ~(ndtr(z + beta * np.sqrt(variance)) <= allowed)
+    return matters
 
 
 def _blocks(

@@ -25,7 +25,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import checked, factor
+from radar_sense.covariance import checked, square_root
 from radar_sense.model.detection_model import Model
 from radar_sense.states import (
     AIRCRAFT,
@@ -312,11 +312,11 @@ def _sqrt_cov(states: UncertainStates) -> FloatArray:
     if len(states.log_constant) == 1:
         cov_aircraft = to_relative_aircraft @ states.cov_aircraft @ to_relative_aircraft.T
         cov_radar = to_relative_radar @ states.cov_radar @ to_relative_radar.T
-        root = factor(cov_aircraft + cov_radar)
+        root = square_root(cov_aircraft + cov_radar)
     else:
         parts = (
-            to_relative_aircraft @ factor(states.cov_aircraft),
-            to_relative_radar @ factor(states.cov_radar),
+            to_relative_aircraft @ square_root(states.cov_aircraft),
+            to_relative_radar @ square_root(states.cov_radar),
         )
         k = max(map(len, parts)) if len(states) else 0
         root = np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=-1)

@@ -212,7 +212,7 @@ def test_workers_do_not_change_a_bit(workers):
     s = load_scenario()
     one = monte_carlo(s, runs=700, sampler="sobol")
     other = monte_carlo(s, runs=700, sampler="sobol", workers=workers)
-    for name in ("mean", "std", "lower", "upper", "inside", "hairs"):
+    for name in ("mean", "std", "lower", "upper", "inside", "sample_paths"):
         assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
     assert (one.sampler, one.clipped) == ("sobol", other.clipped)
 
@@ -220,7 +220,7 @@ def test_workers_do_not_change_a_bit(workers):
 def test_more_runs_begin_with_the_same_runs():
     s = load_scenario()
     few, more = (monte_carlo(s, runs=runs, sampler="sobol") for runs in (40, 300))
-    np.testing.assert_array_equal(more.hairs[:40], few.hairs)
+    np.testing.assert_array_equal(more.sample_paths[:40], few.sample_paths)
 
 
 def test_the_monte_carlo_of_a_sampler_without_a_name():

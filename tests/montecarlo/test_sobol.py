@@ -1,0 +1,118 @@
+"""Sobol' indices: values known in closed form, standard errors, blocks of outputs, and memory."""
+
+import re
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from radar_sense.errors import ScenarioError
+from radar_sense.montecarlo import sobol
+from radar_sense.montecarlo.sobol import sobol_indices
+
+GROUPS = [[0], [1, 2], [3]]
+
+
+def several_outputs(u, outputs=slice(None)):
+    """Four functions of four unit normals whose variance is known term by term."""
+    a, b, c, d = u.T
+    return np.stack(
+        [
+            1 + 2 * a + 3 * b + 1.5 * a * b + c**2,
+            a * b * c * d,
+            np.full_like(a, 5.0),
+            a + b * c,
+        ][outputs]
+    )
+
+
+# Groups {a}, {b, c}, {d}: first-order and total shares of the variance.
+FIRST = [[4 / 17.25, 0, np.nan, 1 / 2], [11 / 17.25, 0, np.nan, 1 / 2], [0, 0, np.nan, 0]]
+TOTAL = [[6.25 / 17.25, 1, np.nan, 1 / 2], [13.25 / 17.25, 1, np.nan, 1 / 2], [0, 1, np.nan, 0]]
+
+
+@pytest.mark.parametrize("samples", [2**12, 2**16])
+def test_indices_known_in_closed_form(samples):
+    found = sobol_indices(several_outputs, GROUPS, outputs=4, samples=samples, seed=1)
+    kept = [0, 1, 3]  # of an output without variance there are none
+    for values, errors, exact in (
+        (found.first, found.first_error, FIRST),
+        (found.total, found.total_error, TOTAL),
+    ):
+        assert np.isnan(values[:, 2]).all()
+        # standard errors from 8 replicates: 6 of them are 1 in 2000
+        distance = abs(values - exact)[:, kept]
+        assert np.all(distance <= 6 * errors[:, kept] + 1e-12)
+        assert np.all(errors[:, kept] < 10 / np.sqrt(samples))
+    np.testing.assert_allclose(found.mean, [2, 0, 5, 0], atol=5 / np.sqrt(samples))
+    np.testing.assert_allclose(found.variance, [17.25, 1, 0, 2], rtol=10 / np.sqrt(samples))
+
+
+def test_standard_errors_of_indices_are_what_they_say():
+    indices = [
+        sobol_indices(several_outputs, GROUPS, outputs=4, samples=256, seed=seed)
+        for seed in range(160)
+    ]
+    for output, group in ((0, 0), (0, 1), (3, 0)):
+        spread = np.std([i.first[group, output] for i in indices], ddof=1)
+        mean_error = np.sqrt(np.mean([i.first_error[group, output] ** 2 for i in indices]))
+        # 159 and 160 · 7 degrees of freedom: the ratio is known to 6 %
+        assert mean_error == pytest.approx(spread, rel=4 * 0.06)
+
+
+def test_indices_have_a_seed():
+    one, again, other = (
+        sobol_indices(several_outputs, GROUPS, outputs=4, samples=64, seed=seed).first
+        for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(one, again)
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("values", [1, 1000, 10**7])
+def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
+    """Nine outputs, so that blocks of two do not end with a single one, which SciPy rounds apart."""
+
+    def nine(u, outputs):
+        return np.stack([np.sin((i + 1) * u[:, 0]) + 0.1 * u[:, 1] ** 3 for i in range(9)])[outputs]
+
+    sizes = []
+
+    def counted(u, outputs):
+        sizes.append(outputs.stop - outputs.start)
+        return nine(u, outputs)
+
+    expected = sobol_indices(nine, [[0], [1]], outputs=9, samples=2**11, seed=3)
+    monkeypatch.setattr(sobol, "MAX_VALUES", values)
+    indices = sobol_indices(counted, [[0], [1]], outputs=9, samples=2**11, seed=3)
+    assert sum(sizes) == 9 * 8 * (2 + 2)
+    assert (min(sizes), max(sizes)) == ((2, 3) if values < 10**7 else (9, 9))
+    for field in ("mean", "variance", "first", "total", "first_error", "total_error"):
+        assert getattr(indices, field).tobytes() == getattr(expected, field).tobytes()
+
+
+def test_one_output_is_enough():
+    one = sobol_indices(lambda u, _: u.T[:1] + 0.0, [[0], [1]], outputs=1, samples=64, seed=1)
+    np.testing.assert_allclose(one.total, [[1], [0]], atol=0.1)
+
+
+def test_memory_does_not_grow_with_the_outputs(monkeypatch):
+    monkeypatch.setattr(sobol, "MAX_VALUES", 200_000)
+
+    def peak(outputs):
+        tracemalloc.start()
+        function = lambda u, part: np.outer(np.arange(part.start, part.stop) + 1.0, u[:, 0])  # noqa: E731
+        sobol_indices(function, [[0], [1]], outputs=outputs, samples=2**14, seed=1)
+        peak_bytes = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return peak_bytes
+
+    assert peak(120) < 1.2 * peak(40)
+
+
+def test_samples_that_do_not_fit_are_refused_with_the_number_that_does():
+    with pytest.raises(ScenarioError, match=r"more than 4 GB; at most [\d,]+ runs fit$") as error:
+        sobol_indices(several_outputs, GROUPS, outputs=4, samples=10**9, seed=1)
+    fit = int(re.search(r"most ([\d,]+) runs", str(error.value))[1].replace(",", ""))
+    row = 8 * (10 * 4 + 4 * 5)
+    assert fit / 8 * row <= 4e9 < fit / 4 * row
