@@ -173,7 +173,7 @@ def montecarlo(
             *([lowest] if lowest else []),
             *([no_band] if without else []),
             *radar_lines(
-                {name: describe_extreme(top, axis) for name, top in by_itself.items()}, name
+                {name: describe_extreme(top, axis) for name, top in by_itself.items()}, method
             ),
         ),
         warnings=tuple(warnings),

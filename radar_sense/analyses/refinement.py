@@ -159,7 +159,8 @@ def _bend(time: FloatArray, values: FloatArray) -> FloatArray:
     slope = np.diff(values) / step
     second = np.abs(2.0 * np.diff(slope) / (time[2:] - time[:-2]))
     greater = np.fmax(np.append(second, second[-1]), np.insert(second, 0, second[0]))
-    return np.nan_to_num(0.125 * step**2 * greater)
+    bend: FloatArray = np.nan_to_num(0.125 * step**2 * greater)
+    return bend
 
 
 def _halved(
@@ -172,7 +173,7 @@ def _halved(
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return the moments of old poses, by their numbers in `row`, and of new ones where it is −1."""
+    """Return the moments of old poses, by number in `row`, and of new ones where it is −1."""
     arrays = []
     for field in fields(Moments):
         values, added = getattr(old, field.name), getattr(new, field.name)
