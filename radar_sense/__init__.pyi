@@ -8,6 +8,7 @@ from radar_sense.analyses.detectors import detectors as detectors
 from radar_sense.analyses.sensitivity import sensitivity as sensitivity
 from radar_sense.analyses.validate import validate as validate
 from radar_sense.analyses.variance import variance as variance
+from radar_sense.errors import InputError as InputError
 from radar_sense.errors import ScenarioError as ScenarioError
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization

@@ -52,12 +52,11 @@ from radar_sense.cumulative import (
     track_initiation,
 )
 from radar_sense.errors import ScenarioError, did_you_mean
-from radar_sense.limits import WINDOW
+from radar_sense.limits import MIN_RANGE, WINDOW
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.reading.parse import MIN_RANGE
 from radar_sense.scenario import Scenario, alone
 from radar_sense.schedule import Schedule, schedule
 from radar_sense.states import RADAR, FloatArray
@@ -112,8 +111,7 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
                 f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
                 f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
             )
-    looks = dataclasses.replace(
-        scenario,
+    looks = scenario.along_path(
         axis=along,
         aircraft=poses.aircraft,
         cov_aircraft=covariance if poses.covariance is None else poses.covariance,

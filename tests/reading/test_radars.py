@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import assert_refused, place, refusal, write
 from numpy.testing import assert_array_equal
-from test_input import assert_refused, place, refusal, write
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import rcs
@@ -21,7 +21,7 @@ from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.reading.parse import default_text
 from radar_sense.states import CONSTANTS
 
-CONFIGS = Path(__file__).parent.parent / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def radar(name: str, /, **changes: object) -> dict:
