@@ -331,7 +331,7 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
         expected = [100 * np.outer(north, north), 400 * np.outer(east, east)]
         np.testing.assert_allclose(of_alps, sum(expected) + 900 * np.outer(down, down), atol=1e-5)
         assert abs(of_alps - np.diag([100, 400, 900])).max() > 1
-        horizon = s.model.stations[1].horizon
+        horizon = s.model.radars[1].horizon
         assert horizon.height(state) == pytest.approx(3571, abs=1e-6)
     resolved = s.resolved()
     given = resolved["radars"][1] if several else resolved["radar"]
