@@ -348,11 +348,11 @@ def _scenario(config: Path | None) -> Scenario:
 @contextmanager
 def _refusals() -> Iterator[None]:
     """Turn what the package refuses into an error of the command line."""
-    from radar_sense.errors import ScenarioError
+    from radar_sense.errors import InputError
 
     try:
         yield
-    except ScenarioError as error:
+    except InputError as error:
         raise BadInput(str(error)) from error
 
 

@@ -20,8 +20,7 @@ from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, RUNS, SEED
-from radar_sense.model.detection_model import Model
-from radar_sense.model.network import NetworkModel
+from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
@@ -40,7 +39,8 @@ class Scenario:
                  cov_radar={"medium": (4, 4)})
 
     Attributes:
-        model: RCS, P_fa and detector; a `NetworkModel` for several radars.
+        model: The radars: RCS, P_fa, detector and limits of each. A `DetectionModel` becomes the
+            network of one radar without a name.
         aircraft: Nominal aircraft states (n, 6).
         radar: Nominal radar state (4,), or (4m,) of a network of m.
         cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
@@ -54,7 +54,6 @@ class Scenario:
         constant_parts: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
-        scan_period_s: Time from look to look of the radar [s]; None if it is not known.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
             process: 0 for independent errors at every pose, infinity for one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
@@ -62,7 +61,7 @@ class Scenario:
         provenance: Files, orbit, places and data sheets that the arrays were made from.
     """
 
-    model: Model
+    model: NetworkModel
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
@@ -74,12 +73,12 @@ class Scenario:
     seed: int = SEED_KEY.default
     constant_parts: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
-    scan_period_s: float | None = None
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", as_network(self.model))
         for name in ("aircraft", "radar", "cov_aircraft", "time_s"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))
@@ -177,8 +176,13 @@ class Scenario:
         return f"<table><caption>Scenario {html.escape(self.name)}</caption>{cells}</table>"
 
     @property
+    def scan_period_s(self) -> float | None:
+        """Time from look to look of the first radar [s]; None if it is not known."""
+        return self.model.radars[0].scan_period
+
+    @property
     def _radar_count(self) -> int:
-        return len(self.model.stations) if isinstance(self.model, NetworkModel) else 1
+        return len(self.model.radars)
 
     @property
     def _radars_in_words(self) -> str:
@@ -249,7 +253,7 @@ class Scenario:
             **record.cov_aircraft_block(self.cov_aircraft, self.provenance.cov_aircraft),
             **record.correlation_block(self.correlation_s, has_times=self.time_s is not None),
         }
-        if isinstance(self.model, NetworkModel):
+        if self.model.names:
             document["radars"] = [self._radar_document(i) for i in range(self._radar_count)]
         else:
             document["radar"] = self._radar_document(0)
@@ -267,11 +271,10 @@ class Scenario:
 
     def _radar_document(self, i: int) -> dict[str, Any]:
         state, sources = self.radar[_components(i)], self.provenance.radars
-        if not isinstance(self.model, NetworkModel):
-            (model,) = self.model.models
-            return record.radar_block(model, state, sources.get(""), self.scan_period_s)
-        radar = self.model.stations[i]
+        radar = self.model.radars[i]
         source = sources.get(radar.name)
+        if not radar.name:
+            return record.radar_block(radar.model, state, source, radar.scan_period)
         return {
             "name": radar.name,
             **record.radar_block(radar.model, state, source, radar.scan_period),
@@ -326,7 +329,7 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
     are left out.
     """
     model = scenario.model
-    if not isinstance(model, NetworkModel) or len(model.stations) < 2:
+    if len(model.radars) < 2:
         return {}
     return {
         radar.name: scenario._with(
@@ -341,9 +344,8 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
             constant_parts=MappingProxyType(
                 {level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()}
             ),
-            scan_period_s=radar.scan_period,
         )
-        for i, radar in enumerate(model.stations)
+        for i, radar in enumerate(model.radars)
     }
 
 
@@ -371,7 +373,6 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
 
 
 #: The names that other modules still import; to be removed with their next change.
-alone, only = single_radar_scenarios, for_radar
 
 
 def _components(radar: int) -> slice:

@@ -23,7 +23,7 @@ from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, MAX_WORKERS, RUNS, SEED, Limit
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import Scenario, only
+from radar_sense.scenario import Scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
@@ -267,7 +267,7 @@ class Analysis:
         radar = chosen.pop("radar", None)
         scenario = scenario.with_analysis(**chosen)
         if radar is not None:
-            scenario = only(scenario, radar)
+            scenario = for_radar(scenario, radar)
         result = self.run(scenario, **of_run)
         warnings = (*plausibility_warnings(scenario), *result.warnings)
         return dataclasses.replace(result, warnings=warnings, by=self)

@@ -89,7 +89,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         array.flags.writeable = False
     return Scenario(
         name=name,
-        model=network(radars, models, poses) if several else models[0],
+        model=network(radars, models, poses),
         axis=poses.axis,
         aircraft=poses.aircraft,
         radar=np.concatenate([radar.state for radar in radars]),
@@ -106,7 +106,6 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
             }
         ),
         time_s=poses.time_s,
-        scan_period_s=radars[0].scan_period,
         correlation_s=correlation_s,
         origin=poses.origin,
         provenance=Provenance(

@@ -14,7 +14,7 @@ from radar_sense.errors import did_you_mean
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
-from radar_sense.model.network import NetworkModel, Station, name_problem
+from radar_sense.model.network import NetworkModel, Radar, name_problem
 from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.provenance import RadarSource, StatedCovariance
@@ -215,10 +215,10 @@ def _refuse_other_levels(entry: Entry, radar: RadarEntry, first: RadarEntry) -> 
 def network(
     radars: Sequence[RadarEntry], models: Sequence[DetectionModel], poses: Poses
 ) -> NetworkModel:
-    """Return the network of several radars."""
+    """Return the network of the radars."""
     return NetworkModel(
         tuple(
-            Station(
+            Radar(
                 model,
                 name=radar.name,
                 max_range=radar.max_range,

@@ -156,14 +156,14 @@ def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
     s = load(tmp_path, text)
     sampler = Sampler.of(s)
     white = np.random.default_rng(3).standard_normal((40_000, 4, 6))
-    drawn = covariance.draws(s.aircraft, sampler.factor_aircraft, white)
+    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, white)
     for pose in range(4):
         std = np.sqrt(np.diagonal(s.cov_aircraft[pose]))
         scale = np.where(std > 0, std, 1.0)
         found = np.cov((drawn[:, pose] - s.aircraft[pose]) / scale, rowvar=False)
         # a correlation of 40 000 draws has a standard error of 0.005, a variance of 0.007
         assert found == pytest.approx(s.cov_aircraft[pose] / np.outer(scale, scale), abs=0.035)
-        one = covariance.draws(s.aircraft[pose], sampler.factor_aircraft[pose], white[:, pose])
+        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], white[:, pose])
         assert (one == drawn[:, pose]).all()
 
 
@@ -331,7 +331,7 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
         expected = [100 * np.outer(north, north), 400 * np.outer(east, east)]
         np.testing.assert_allclose(of_alps, sum(expected) + 900 * np.outer(down, down), atol=1e-5)
         assert abs(of_alps - np.diag([100, 400, 900])).max() > 1
-        horizon = s.model.stations[1].horizon
+        horizon = s.model.radars[1].horizon
         assert horizon.height(state) == pytest.approx(3571, abs=1e-6)
     resolved = s.resolved()
     given = resolved["radars"][1] if several else resolved["radar"]
@@ -520,9 +520,7 @@ def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
     with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
         rs.load_scenario(file)
     if Path("/dev/zero").exists():
-        with pytest.raises(
-            ScenarioError, match="/dev/zero: is not a regular file"
-        ):
+        with pytest.raises(ScenarioError, match="/dev/zero: is not a regular file"):
             load(tmp_path, ROUTE, geometry__file="/dev/zero")
 
 
@@ -658,6 +656,6 @@ def test_many_poses_go_through_in_parts(tmp_path):
     linear = model.linearize(s.aircraft, s.radar)
     expected = linear.std(s.cov_aircraft, s.cov_radar[s.level])
     assert found.std == pytest.approx(expected, rel=1e-12)
-    assert Sampler.of(s).factor_aircraft[17_001, 1, 1] == pytest.approx(
+    assert Sampler.of(s).sqrt_cov_aircraft[17_001, 1, 1] == pytest.approx(
         10.0 + 17_001 % 8, rel=1e-15
     )
