@@ -801,15 +801,21 @@ def _method(
 
 
 def _certain(p: FloatArray, found: Spread, std: FloatArray) -> Cumulative:
-    """Where nothing is uncertain, not even the rounding is."""
+    """Return the moments with exact values where no state is uncertain, in time order.
+
+    P never decreases along a mission, whatever the states are. So a lower bound holds at all later
+    looks too, and an upper bound at all earlier ones. Neither do mean and nominal P decrease.
+    """
     mean, deviation, lower, upper = found
     known = std == 0
+    mean, lower, upper = (np.where(known, p, values) for values in (mean, lower, upper))
+    earlier = np.fmin.accumulate(upper[::-1])[::-1]
     return Cumulative(
-        p,
-        np.where(known, p, mean),
-        np.where(known, 0.0, deviation),
-        np.where(known, p, lower),
-        np.where(known, p, upper),
+        p=np.maximum.accumulate(p),
+        mean=np.maximum.accumulate(mean),
+        std=np.where(known, 0.0, deviation),
+        lower=np.maximum.accumulate(lower),
+        upper=np.where(np.isnan(upper), np.nan, earlier),
     )
 
 

@@ -234,9 +234,8 @@ def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
     p, _, _ = brute.gradients()
     expected = brute.std_of(brute.detection_by_p(p))
     np.testing.assert_allclose(found["sigma_cumulative"], expected, rtol=1e-7)
-    np.testing.assert_allclose(
-        found["upper_3sigma"], found["cumulative_p_d"] + 3 * expected, rtol=1e-7
-    )
+    upper = np.minimum.accumulate((found["cumulative_p_d"] + 3 * expected)[::-1])[::-1]
+    np.testing.assert_allclose(found["upper_3sigma"], upper, rtol=1e-7)
     by_p = []
     for j in range(len(p)):  # linear in every P_D, so that a partial is a difference
         sure, never = p.copy(), p.copy()
