@@ -512,7 +512,9 @@ def convergence(
 @_level
 @_radar
 @click.option(
-    "--method", metavar="NAME", help="Method of propagation: probit (the default), or linear."
+    "--method",
+    metavar="NAME",
+    help="importance: importance sampling (the default); or first order, probit or linear.",
 )
 @click.option("--m", type=Number(WINDOW), help="With --n: detections that start a track.")
 @click.option(
@@ -520,7 +522,7 @@ def convergence(
     type=Number(WINDOW),
     help="Looks in a row that they must be within; of radars with one period.",
 )
-@click.option("--runs", type=Number(RUNS), help="Also draw so many missions.  [default: none]")
+@click.option("--runs", type=Number(RUNS), help="Also make so many plain draws.  [default: none]")
 @_seed
 @_workers
 @_output
@@ -542,8 +544,8 @@ def mission(
     """Cumulative P_D over the looks along a path.
 
     The scenario must have a path, whose poses have times. A radar looks every
-    radar.scan_period_s, or at the poses if that is not given. The pose errors are correlated over
-    uncertainty.aircraft_correlation_s, the radar errors the same at all looks.
+    radar.scan_period_s. The pose errors are correlated over uncertainty.aircraft_correlation_s, the
+    radar errors the same at all looks. The last columns are the standard errors of the bounds.
 
     A track is M detections in N looks in a row. Radars of a network that have the same period look
     together, as one; a track that the radars of any one period have started is the network's.
@@ -553,7 +555,7 @@ def mission(
       radar-sense mission my.yaml
       radar-sense mission my.yaml --m 3 --n 5 --runs 10000
     """
-    from radar_sense.mission import mission as analyse
+    from radar_sense.mission_analysis import mission as analyse
 
     if (m is None) != (n is None):
         raise BadInput("--m and --n belong together, as in --m 3 --n 5")

@@ -15,7 +15,7 @@ from test_input import assert_refused, write
 from radar_sense import analyses, figures
 from radar_sense.convergence import LinearModel
 from radar_sense.error_budget import allowances, error_budget, scaled_moments
-from radar_sense.mission import mission
+from radar_sense.mission_analysis import mission
 from radar_sense.montecarlo import Sampler, monte_carlo
 from radar_sense.network import alone, name_problem
 from radar_sense.propagation import METHODS, propagate, propagate_scenario
