@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -21,9 +22,9 @@ ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
 """
 #: Place, J m²/K, period, and standard deviations of the place and of the constant in decibels.
 RADARS = {
-    "one": ((0.0, 0.0, -20.0), 0.25, 8, 2000.0, 2.0),
-    "two": ((10e3, 20e3, -20.0), 0.1, 8, 3000.0, 1.0),
-    "three": ((20e3, -20e3, -20.0), 0.05, 10, 1500.0, 3.0),
+    "one": ((0.0, 0.0, -20.0), 0.006, 8, 2000.0, 2.0),
+    "two": ((10e3, 20e3, -20.0), 0.002, 8, 3000.0, 1.0),
+    "three": ((20e3, -20e3, -20.0), 0.001, 10, 1500.0, 3.0),
 }
 P_FA = 1e-4
 SIGMA = 0.05  # m²
@@ -35,14 +36,14 @@ def load(folder, names, tau, **changes):
         geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
     )
     del content["aircraft"]["attitude_deg"], content["radar"]
-    content["aircraft"]["rcs"] = {"model": "constant", "sigma_m2": SIGMA}
+    content["aircraft"]["rcs"] = {"model": "constant", "rcs_m2": SIGMA}
     content["uncertainty"] = {
         "aircraft": {"position_m": 800, "attitude_deg": 1},
         "aircraft_correlation_s": tau if math.isfinite(tau) else ".inf",
     }
     content["radars"] = []
     for name in names:
-        place, constant, period, std, decibels = RADARS[name]
+        place, _, period, std, decibels = RADARS[name]
         makeup = {
             "peak_power_kw": 1.0, "gain_dbi": 40, "frequency_ghz": 9, "pulse_width_us": 10,
             "temperature_k": 290, "loss_db": 8, "noise_figure_db": 5,
@@ -66,9 +67,7 @@ def load(folder, names, tau, **changes):
 def plain_missions(names, tau, m, n, runs, seed):
     """P_c and T at the end of each drawn mission, look by look, with no code of the package."""
     rng = np.random.default_rng(seed)
-    times = sorted(
-        {k * RADARS[name][2] for name in names for k in range(120 // RADARS[name][2] + 1)}
-    )
+    times = sorted({t for name in names for t in range(0, 121, RADARS[name][2])})
     error = rng.standard_normal((3, runs))
     poses, last = {}, None
     for t in times:
@@ -168,7 +167,7 @@ def test_nodes_between_which_bounds_are_interpolated_change_little(tmp_path, mon
     assert len(schedule.time) > 20
     for a, b in zip(every, some, strict=True):
         np.testing.assert_array_equal(a.p, b.p)
-        assert np.max(abs(a.upper - b.upper)) < 0.05
+        assert np.max(abs(a.upper - b.upper)) < 0.12  # one look raises it by 0.2
         assert a.upper[-1] == pytest.approx(b.upper[-1], abs=0.02)
 
 
@@ -185,13 +184,9 @@ def test_the_same_bytes_for_any_number_of_workers(tmp_path):
 
 @pytest.mark.usefixtures("_fewer_draws")
 def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
-    s = load(tmp_path, ["one", "two"], 60.0)
     certain = {"position_m": 0, "attitude_deg": 0}
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
-    s = rs.parse_scenario(yaml.safe_dump(s.resolved())) if False else s
     cov = {level: 0.0 * c for level, c in s.cov_radar.items()}
-    import dataclasses
-
     parts = dict.fromkeys(cov, ((),) * 2)
     s = dataclasses.replace(s, cov_radar=cov, constant_parts=parts)
     for event in importance_sampling(*with_schedule(s), (2, 3))[0]:
@@ -203,12 +198,10 @@ def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
 
 def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
     """Two radars whose errors are one error act as one radar that looks twice."""
-    import dataclasses
-
     monkeypatch.setattr(importance, "MAX_TRACK_DRAWS", 2048)
     s = load(tmp_path, ["one", "two"], 60.0)
     parts = dict.fromkeys(s.cov_radar, ((),) * 2)
-    std = np.array([2000.0, 2000.0, 2000.0, 0.05, 3000.0, 3000.0, 3000.0, 0.02])
+    std = np.array([2000.0, 2000.0, 2000.0, 0.001, 3000.0, 3000.0, 3000.0, 0.0004])
     same = np.kron(np.ones((2, 2)), np.eye(4)) * np.outer(std, std)
     apart = np.diag(std**2)
     together, independent = (
