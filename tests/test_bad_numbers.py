@@ -6,17 +6,17 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenarios import scenario
-
-import radar_sense as rs
-from radar_sense.analyses.error_budget import error_budget
-from radar_sense.covariance import checked
 from radar_sense.cumulative import (
     cumulative_detection,
     linearize_looks,
     mission_monte_carlo,
     track_initiation,
 )
+from scenarios import scenario
+
+import radar_sense as rs
+from radar_sense.analyses.error_budget import error_budget
+from radar_sense.covariance import checked
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import METHODS
 from radar_sense.states import check_finite
