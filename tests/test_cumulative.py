@@ -11,7 +11,8 @@ from scipy.special import ndtr
 from scipy.stats import binom, multivariate_normal
 
 import radar_sense as rs
-from radar_sense.covariance import factor, symmetric_factor
+from radar_sense.covariance import square_root as factor
+from radar_sense.covariance import symmetric_square_root as symmetric_factor
 from radar_sense.mission import cumulative as cu
 from radar_sense.mission import draws, tracks
 from radar_sense.mission import looks as lk

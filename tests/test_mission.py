@@ -13,7 +13,7 @@ import yaml
 from scenarios import legend_off_data, scenario, write_path
 
 import radar_sense as rs
-from radar_sense import figures, limits, plotting
+from radar_sense import limits, plotting
 from radar_sense.analyses import variance
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
 from radar_sense.analyses.threshold import require_threshold

@@ -541,7 +541,16 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
     attitude = wgs84.turned_attitude(s.aircraft[:, 3:], np.swapaxes(turn, -1, -2))
     attitude[:, 0] = 0
     level = np.hstack([s.aircraft[:, :3], wgs84.turned_attitude(attitude, turn)])
-    banked, flat = (s.model.p_d_each(states, s.radar) for states in (s.aircraft, level))
+    banked, flat = (
+        np.stack(
+            [
+                radar.model.p_d(states, s.radar[4 * i : 4 * i + 4])
+                for i, radar in enumerate(s.model.radars)
+            ],
+            axis=-1,
+        )
+        for states in (s.aircraft, level)
+    )
     for at, radar, expected in ((816, 2, (0.044, 0.009)), (1776, 1, (0.034, 0.006)),
                                 (2688, 0, (0.020, 0.006))):  # fmt: skip
         now = time == at
