@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import erfcx, ndtr, ndtri_exp
 
-from radar_sense.covariance import variance_along
+from radar_sense.covariance import checked, variance_along
 from radar_sense.mission.looks import Looks, pose_variance
 from radar_sense.propagation import Moments, probit_moments
 from radar_sense.states import FloatArray
@@ -103,7 +103,7 @@ def cumulative_detection(
     slope = inverse_mills(looks.probit)
     variance = pose_variance(looks, slope, cov_aircraft, correlation_time)
     by_radar = np.cumsum(slope[:, np.newaxis] * looks.by_radar, axis=0)
-    std = np.sqrt(variance + variance_along(by_radar, cov_radar))
+    std = np.sqrt(variance + variance_along(by_radar, checked("radar", cov_radar)))
     # nothing has been seen yet: z is as low as any, and certain
     z = np.where(hazard == 0, -FAR, -ndtri_exp(-hazard))
     moments = bounds_method(method, beta)(z, std * np.exp(-hazard), std / inverse_mills(z), beta)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.covariance import variance_along
+from radar_sense.covariance import checked, variance_along
 from radar_sense.mission.cumulative import (
     FAR,
     Cumulative,
@@ -69,7 +69,8 @@ def track_initiation(
     slope = any_group_gradient(p_d, miss, m, n, scan_group) * density(looks.probit)
     variance = pose_variance(looks, slope, cov_aircraft, correlation_time)
     # Rows end with their own look: the partials for later ones are 0.
-    std = np.sqrt(variance[..., -1] + variance_along(_sum_over(slope, looks.by_radar), cov_radar))
+    by_radar = variance_along(_sum_over(slope, looks.by_radar), checked("radar", cov_radar))
+    std = np.sqrt(variance[..., -1] + by_radar)
     # Before look m no track is possible, and later it may be so sure that nothing is left of φ(z).
     z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(left)), -FAR, FAR)
     std_z = np.where(abs(z) < FAR, std / density(z), 0.0)
