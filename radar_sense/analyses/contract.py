@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 from radar_sense import files
+from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, MAX_WORKERS, RUNS, SEED, Limit
 from radar_sense.propagation import METHODS
@@ -267,7 +268,9 @@ class Analysis:
         scenario = scenario.with_analysis(**chosen)
         if radar is not None:
             scenario = for_radar(scenario, radar)
-        return dataclasses.replace(self.run(scenario, **of_run), by=self)
+        result = self.run(scenario, **of_run)
+        warnings = (*plausibility_warnings(scenario), *result.warnings)
+        return dataclasses.replace(result, warnings=warnings, by=self)
 
     @property
     def keywords(self) -> tuple[str, ...]:
