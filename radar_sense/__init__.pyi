@@ -8,6 +8,7 @@ from radar_sense.analyses.detectors import detectors as detectors
 from radar_sense.analyses.sensitivity import sensitivity as sensitivity
 from radar_sense.analyses.validate import validate as validate
 from radar_sense.analyses.variance import variance as variance
+from radar_sense.errors import InputError as InputError
 from radar_sense.errors import ScenarioError as ScenarioError
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization
@@ -17,6 +18,7 @@ from radar_sense.model.detectors import Swerling1 as Swerling1
 from radar_sense.model.detectors import Swerling3 as Swerling3
 from radar_sense.model.horizon import Horizon as Horizon
 from radar_sense.model.network import NetworkModel as NetworkModel
+from radar_sense.model.network import Radar as Radar
 from radar_sense.model.network import Station as Station
 from radar_sense.model.radar_equation import SurveillanceRadar as SurveillanceRadar
 from radar_sense.model.radar_equation import TrackingRadar as TrackingRadar
@@ -29,6 +31,7 @@ from radar_sense.montecarlo.montecarlo import MonteCarlo as MonteCarlo
 from radar_sense.montecarlo.montecarlo import monte_carlo as monte_carlo
 from radar_sense.montecarlo.montecarlo import monte_carlo_states as monte_carlo_states
 from radar_sense.propagation import Moments as Moments
+from radar_sense.propagation import nonlinear as nonlinear
 from radar_sense.propagation import propagate as propagate
 from radar_sense.reading.parse import load_scenario as load_scenario
 from radar_sense.reading.parse import parse_scenario as parse_scenario

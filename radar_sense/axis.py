@@ -1,4 +1,4 @@
-"""What poses are laid out along: the azimuth of an orbit, the time or the distance of a path."""
+"""The axis of the poses: azimuth on an orbit, time or distance on a path."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ class Axis:
 
     Attributes:
         key: Its column in tables, and its name in records.
-        name: What to call it in a sentence.
-        unit: Its unit, that of `values` and of what a user gives.
+        name: Its name in a sentence.
+        unit: Unit of `values` and of the values that a user gives.
         values: The coordinate of each pose (n,), never falling on a path.
-        digits: Format of a value in words.
-        tolerance: A user who gives a value this near to a pose means that pose.
+        digits: Format of a value in a sentence.
+        tolerance: Largest distance of a pose from the value that a user gives.
     """
 
     key: str
@@ -34,15 +34,15 @@ class Axis:
         return len(self.values)
 
     def number(self, value: float) -> str:
-        """Put a value in words, without the unit."""
+        """Return a value for a sentence, without the unit."""
         return format(value, self.digits)
 
     def say(self, value: float) -> str:
-        """Put a value in words."""
-        return f"{self.number(value)} {self.unit}"
+        """Return a value for a sentence, with the unit."""
+        return f"{self.number(value)} {self.unit}".strip()
 
     def at(self, pose: int) -> str:
-        """Say where a pose is."""
+        """Return the coordinate of a pose for a sentence."""
         return self.say(float(self.values[pose]))
 
     def part(self, poses: slice | NDArray[np.intp]) -> Axis:
@@ -50,25 +50,30 @@ class Axis:
         return replace(self, values=self.values[poses])
 
     def find(self, value: float) -> int | None:
-        """Find the pose at a value, or None if there is none."""
+        """Return the pose at a value, or None if there is none."""
         nearest = self.nearest(value)
         return nearest if abs(self.values[nearest] - value) <= self.tolerance else None
 
     def nearest(self, value: float) -> int:
-        """Find the pose nearest to a value."""
+        """Return the pose nearest to a value."""
         return int(np.argmin(abs(self.values - value)))
 
 
 def azimuth(values: FloatArray) -> Axis:
-    """θ_r of the paper [deg], for the poses of an orbit."""
+    """Return the axis of azimuth θ_r [deg], for an orbit."""
     return Axis("theta_r_deg", "azimuth", "deg", values, "g", 1e-9)
 
 
 def time(values: FloatArray) -> Axis:
-    """Time along a path [s]."""
+    """Return the axis of time [s], for a path."""
     return Axis("time_s", "time", "s", values, ".13g", 1e-3)
 
 
 def distance(values: FloatArray) -> Axis:
-    """Distance flown along a path [m]."""
+    """Return the axis of distance flown [m], for a path."""
     return Axis("distance_m", "distance", "m", values, ".0f", 1.0)
+
+
+def pose_number(count: int) -> Axis:
+    """Return the axis of poses that have nothing but a number, from 0 on."""
+    return Axis("pose", "pose", "", np.arange(float(count)), "g", 1e-9)

@@ -13,7 +13,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -91,6 +92,19 @@ class BadInput(click.ClickException):
     exit_code = 2
 
 
+@dataclass
+class Run:
+    """A run of the tool.
+
+    Attributes:
+        command: The command line.
+        written: Whether the files of the run are in place.
+    """
+
+    command: tuple[str, ...]
+    written: bool = False
+
+
 class Cli(click.Group):
     """The group of commands, with every error in one line on standard error."""
 
@@ -114,17 +128,16 @@ class Cli(click.Group):
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
         args = list(sys.argv[1:] if args is None else args) or ["--help"]
-        options.update(standalone_mode=False, obj=["radar-sense", *args])
+        run = Run(("radar-sense", *args))
+        options.update(standalone_mode=False, obj=run)
         try:
             with _sigterm_interrupts():
                 code = super().main(args, *rest, **options)
         except click.ClickException as error:
             _complain(f"Error: {error.format_message()}")
             code = error.exit_code
-        except (click.Abort, KeyboardInterrupt) as error:
-            written = isinstance(error.__cause__, _written_interrupt())
-            what = "all files were written" if written else "nothing was written"
-            _complain(f"Interrupted; {what}.")
+        except (click.Abort, KeyboardInterrupt):
+            _complain(f"Interrupted; {'all files were' if run.written else 'nothing was'} written.")
             code = 130
         except BrokenPipeError:
             # The reader of the output is gone; Python must not complain when it flushes.
@@ -150,12 +163,6 @@ def _complain(message: str) -> None:
 
     with suppress(OSError, ValueError):
         click.echo(printable(" ".join(message.split())), err=True)
-
-
-def _written_interrupt() -> type[BaseException]:
-    """Return the interrupt after writing; a class that is never raised if nothing was written."""
-    files = sys.modules.get("radar_sense.files")
-    return files.InterruptedAfterWriting if files else GeneratorExit
 
 
 @contextmanager
@@ -225,7 +232,7 @@ def command_of(analysis: Analysis) -> click.Command:
     examples = "".join(f"\n  {line}" for line in analysis.examples)
     return click.Command(
         analysis.name,
-        callback=click.pass_obj(lambda command, **given: _run(analysis, command, **given)),
+        callback=click.pass_obj(lambda run, **given: _run(analysis, run, **given)),
         params=[_config(), *map(_option, analysis.options), *_output()],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
@@ -279,7 +286,7 @@ def _output() -> list[click.Parameter]:
 
 def _run(
     analysis: Analysis,
-    command: list[str],
+    run: Run,
     *,
     config: Path | None,
     out: Path,
@@ -310,22 +317,24 @@ def _run(
         raise BadInput(f"--out: cannot write to {out}: {reason}") from error
     with _refusals(), _computing(analysis, workers, dask, quiet) as computing:
         result = analysis(scenario, **chosen, **computing)
-    with _plain_matplotlib():
-        written = result.write(out, formats, command=command)
     try:
-        if not quiet:
-            for line in result.report:
-                click.echo(line)
-            for warning in result.warnings:
-                _complain(f"Warning: {warning}")
-            if written.replaced:
-                click.echo(printable(f"replaced the files of: {written.replaced}"))
-            for path in written.removed:
-                click.echo(printable(f"removed {path}: a figure of other numbers"))
-            for path in written.paths:
-                click.echo(printable(click.format_filename(path)))
-    except KeyboardInterrupt as error:
-        raise files.InterruptedAfterWriting from error
+        with _plain_matplotlib():
+            written = result.write(out, formats, command=run.command)
+    except files.InterruptedAfterWriting:
+        run.written = True
+        raise
+    run.written = True
+    if not quiet:
+        for line in result.report:
+            click.echo(line)
+        for warning in result.warnings:
+            _complain(f"Warning: {warning}")
+        if written.replaced:
+            click.echo(printable(f"replaced the files of: {written.replaced}"))
+        for path in written.removed:
+            click.echo(printable(f"removed {path}: a figure of other numbers"))
+        for path in written.paths:
+            click.echo(printable(click.format_filename(path)))
     if written.figure_error is not None:
         raise click.ClickException(str(written.figure_error))
     if not result.passed:
@@ -444,11 +453,11 @@ def _scenario(config: Path | None) -> Scenario:
 @contextmanager
 def _refusals() -> Iterator[None]:
     """Turn the errors of the package into errors of the command line."""
-    from radar_sense.errors import ComputationError, ScenarioError
+    from radar_sense.errors import ComputationError, InputError
 
     try:
         yield
-    except ScenarioError as error:
+    except InputError as error:
         raise BadInput(str(error)) from error
     except ComputationError as error:
         raise click.ClickException(str(error)) from error
@@ -463,23 +472,21 @@ def _computing(
     analysis: Analysis, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
     """Choose threads or a cluster to compute with, and how progress is shown."""
-    shown: dict[str, Any] = {}
-    sign: AbstractContextManager[None] = nullcontext()
-    if not quiet and sys.stderr is not None and sys.stderr.isatty():
-        if "progress" in analysis.keywords:
-            shown["progress"] = _progress
-        else:
-            sign = _computing_line(analysis.name)
-    if dask is not None:
-        from radar_sense.montecarlo.cluster import cluster
+    given: dict[str, Any] = {}
+    with ExitStack() as stack:
+        if not quiet and sys.stderr is not None and sys.stderr.isatty():
+            if "progress" in analysis.keywords:
+                given["progress"] = _progress
+            else:
+                stack.enter_context(_computing_line(analysis.name))
+        if dask is not None:
+            from radar_sense.montecarlo.cluster import cluster
 
-        with cluster(dask) as (executor, threads):
-            yield {**shown, "workers": workers or threads, "executor": executor}
-    elif "workers" in analysis.keywords:
-        yield {**shown, "workers": _threads(workers)}
-    else:
-        with sign:
-            yield shown
+            given["executor"], threads = stack.enter_context(cluster(dask))
+            given["workers"] = workers or threads
+        elif "workers" in analysis.keywords:
+            given["workers"] = _threads(workers)
+        yield given
 
 
 @contextmanager
@@ -541,6 +548,8 @@ def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None]]
                 bar.make_step(steps)
 
     with _delayed(show):
-        yield advance
-        if shown:
-            bar.render_finish()
+        try:
+            yield advance
+        finally:
+            if shown:
+                bar.render_finish()

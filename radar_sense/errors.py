@@ -6,12 +6,19 @@ import difflib
 from collections.abc import Iterable
 
 
-class ScenarioError(ValueError):
-    """Bad input, in one line: where it is, what it is, and what is allowed."""
+class InputError(ValueError):
+    """Bad input, described in one line: place, value, and what is allowed.
+
+    File names and cells in the line may come from anywhere. Control characters in them are escaped,
+    because a terminal would obey them.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(printable(message))
 
 
-class ComputationError(RuntimeError):
-    """A computation that could not be completed, in one line: what happened, and the remedy."""
+#: The name until version 0.1.
+ScenarioError = InputError
 
 
 def printable(text: str) -> str:
@@ -19,6 +26,15 @@ def printable(text: str) -> str:
     return "".join(
         c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode() for c in text
     )
+
+
+def shorten(text: str) -> str:
+    """Return the text in quotes, with control characters escaped, and at most 40 letters of it."""
+    return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+class ComputationError(RuntimeError):
+    """A computation that could not be completed, in one line: what happened, and the remedy."""
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:

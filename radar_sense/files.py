@@ -1,8 +1,8 @@
 """From a result to files: CSV, NPZ and JSON as bytes, written all together or not at all.
 
-A run replaces all of its files or none. The new files are complete under temporary names before the
-first is renamed, Ctrl-C and SIGTERM are held back during the renames, and a failed rename is undone.
-A lock on the folder keeps processes apart, so that the files in a folder are always of one run.
+A run replaces all of its files or none. The new files are complete under temporary names before
+the first is renamed. Ctrl-C and SIGTERM are held back during the renames, and a failed rename is
+undone. A lock on the folder keeps processes apart, so that table and record are of one run.
 """
 
 from __future__ import annotations
@@ -301,9 +301,9 @@ def _interrupts_held() -> Iterator[None]:
     finally:
         for number, handler in handlers.items():
             signal.signal(number, handler)
-    for number in held:
+    for signal_number in held:
         try:
-            signal.raise_signal(number)
+            signal.raise_signal(signal_number)
         except KeyboardInterrupt as error:
             raise InterruptedAfterWriting from error
 

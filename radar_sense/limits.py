@@ -1,4 +1,4 @@
-"""What a parameter may be, said once: for the classes that hold it and for the scenario reader."""
+"""The numbers that a parameter may take, declared once for the classes and for the reader."""
 
 from __future__ import annotations
 
@@ -9,20 +9,22 @@ from typing import Any
 DEG = math.pi / 180.0
 #: Letters that the name of a scenario may have.
 MAX_NAME = 100
-#: Beyond these sizes squares and fourth powers would leave the range of floating point.
+#: Least slant range [m]. The model holds in the far field of the antenna only.
+MIN_RANGE = 1.0
+#: Outside these sizes the fourth power of a number is no floating-point number any more.
 SMALLEST, LARGEST = 1e-20, 1e20
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The numbers that a parameter may take; all of them finite.
+    """An interval of finite numbers.
 
     Attributes:
         above: Exclusive lower end.
         at_least: Inclusive lower end.
         below: Exclusive upper end.
         at_most: Inclusive upper end.
-        whole: Whether only whole numbers will do.
+        whole: Whether the number must be whole.
     """
 
     above: float | None = None
@@ -32,7 +34,7 @@ class Limit:
     whole: bool = False
 
     def allows(self, value: float) -> bool:
-        """Say whether the value is within the limit."""
+        """Return whether the value is within the limit."""
         return (
             (isinstance(value, int) or math.isfinite(value))  # an int may be too large for a float
             and (self.above is None or value > self.above)
@@ -49,21 +51,21 @@ class Limit:
             ("less than", self.below),
             ("not greater than", self.at_most),
         )
-        said = [f"{words} {end:g}" for words, end in ends if end is not None]
+        conditions = [f"{words} {end:g}" for words, end in ends if end is not None]
         kind = "a whole number" if self.whole else "a number"
-        return " ".join([kind, " and ".join(said)]).strip()
+        return " ".join([kind, " and ".join(conditions)]).strip()
 
 
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
 PROBABILITY = Limit(at_least=1e-100, below=1)
-#: Where a map may reach [km], and how far its cells may be apart [km].
+#: Ends of a map [km], and the distance between its cells [km].
 MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)
-#: 3σ of a probability is never more.
+#: 3σ of P_D: the standard deviation of a probability is 0.5 at most.
 TARGET = Limit(above=0, at_most=1.5)
-#: P_max of a threshold test, and how many σ below it P_D must stay.
+#: P_max of a threshold test, and the number of σ that P_D must stay below it.
 THRESHOLD = Limit(above=0, at_most=1)
 SIGMAS = Limit(above=0, at_most=10)
 #: m and n of m-of-n; more than the 12 of `cumulative.MAX_WINDOW` would take too many histories.
@@ -76,13 +78,20 @@ MAX_WORKERS = 256
 FORMATS = ("png", "pdf", "svg")
 
 
-def parameter(key: str, limit: Limit) -> Any:
-    """Declare a dataclass field that a scenario sets under `key` (units in its name)."""
-    return field(metadata={"key": key, "limit": limit})
+def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -> Any:
+    """Declare a dataclass field that a scenario file sets.
+
+    Args:
+        key: Its key in the file, with the unit in the name.
+        limit: The numbers allowed, in the unit of the key.
+        meaning: What the number is, for the reference of the scenario file.
+        unit: SI value of 1 in the unit of the key.
+    """
+    return field(metadata={"key": key, "limit": limit, "help": meaning, "unit": unit})
 
 
 def parameter_keys(cls: Any) -> list[str]:
-    """Return the keys under which a scenario sets the fields declared with `parameter`."""
+    """Return the keys of the fields declared with `parameter`."""
     return [f.metadata["key"] for f in fields(cls) if "key" in f.metadata]
 
 

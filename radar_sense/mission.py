@@ -51,14 +51,13 @@ from radar_sense.cumulative import (
     mission_monte_carlo,
     track_initiation,
 )
-from radar_sense.errors import ScenarioError, did_you_mean
-from radar_sense.limits import WINDOW
+from radar_sense.errors import InputError, did_you_mean
+from radar_sense.limits import MIN_RANGE, WINDOW
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.reading.parse import MIN_RANGE
-from radar_sense.scenario import Scenario, alone
+from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.schedule import Schedule, schedule
 from radar_sense.states import RADAR, FloatArray
 
@@ -80,7 +79,7 @@ def at_looks(scenario: Scenario) -> Scenario:
     """Return the scenario of a path with a pose for each time of a look, laid out along time.
 
     Raises:
-        ScenarioError: If the geometry has no times, a look would be on top of a radar, or of
+        InputError: If the geometry has no times, a look would be on top of a radar, or of
             several radars some have a period and others none.
     """
     return _with_schedule(scenario)[0]
@@ -88,7 +87,7 @@ def at_looks(scenario: Scenario) -> Scenario:
 
 def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
     if scenario.time_s is None:
-        raise ScenarioError(
+        raise InputError(
             "a mission needs times, which an orbit does not have: "
             "give a path, geometry: {type: path, file: my_route.csv}"
         )
@@ -108,12 +107,11 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
         distance = slant_range(poses.aircraft, radar)
         nearest = int(np.argmin(distance))
         if distance[nearest] < MIN_RANGE:
-            raise ScenarioError(
+            raise InputError(
                 f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
                 f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
             )
-    looks = dataclasses.replace(
-        scenario,
+    looks = scenario.along_path(
         axis=along,
         aircraft=poses.aircraft,
         cov_aircraft=covariance if poses.covariance is None else poses.covariance,
@@ -142,11 +140,11 @@ def mission(
         progress: Called with the number of runs that have come in since the last call.
 
     Raises:
-        ScenarioError: If the geometry has no times, or a choice is not allowed.
+        InputError: If the geometry has no times, or a choice is not allowed.
     """
     chosen = method
     if chosen not in METHODS:
-        raise ScenarioError(
+        raise InputError(
             f"method must be one of {', '.join(METHODS)} for a mission, got {chosen!r}"
             + did_you_mean(chosen, METHODS)
         )
@@ -327,7 +325,7 @@ def _each_alone(
     scenario: Scenario, when: Schedule, m_of_n: tuple[int, int] | None, method: str
 ) -> dict[str, _Alone]:
     found = {}
-    for i, (name, radar) in enumerate(alone(scenario).items()):
+    for i, (name, radar) in enumerate(single_radar_scenarios(scenario).items()):
         own, rows = when.of_radar(i)
         looks, events = _events(radar.part(rows), own, m_of_n, method)
         p_d = np.full(len(when.time), np.nan)
@@ -366,12 +364,12 @@ def _each_report(each: dict[str, _Alone]) -> list[str]:
 def _check_window(m: int, n: int, looks: int) -> None:
     for name, value in (("m", m), ("n", n)):
         if not WINDOW.allows(value):
-            raise ScenarioError(f"{name} of m of n must be {WINDOW}, got {value}")
+            raise InputError(f"{name} of m of n must be {WINDOW}, got {value}")
     if m > n:
-        raise ScenarioError(f"m of n needs m not greater than n, got {m} of {n}")
+        raise InputError(f"m of n needs m not greater than n, got {m} of {n}")
     most = min(MAX_TRACK_LOOKS, math.isqrt(int(MAX_TRACK_WORK) >> (n - 1)))
     if looks > most:
-        raise ScenarioError(
+        raise InputError(
             f"{m} of {n} takes at most {most:,} looks, and this path has {looks:,}; "
             "a longer radar.scan_period_s makes fewer"
         )

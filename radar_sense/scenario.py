@@ -1,91 +1,213 @@
-"""The scenario: who flies where, which radar looks, and how uncertain each of them is.
-
-A scenario file has degrees, kilometres and decibels in it. They become radians, metres and ratios
-here and nowhere else.
-"""
+"""The scenario: states of aircraft and radars in SI units, and their covariances."""
 
 from __future__ import annotations
 
+import copy
 import dataclasses
+import html
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense import axis as axes
+from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import ScenarioError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean
+from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, RUNS, SEED
-from radar_sense.model.detection_model import Model
-from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar_constant import Part
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.model.network import NetworkModel, as_network
+from radar_sense.model.radar_constant import Tolerance
+from radar_sense.provenance import Provenance, StatedCovariance
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
+
+#: Covariances checked at a time.
+_BLOCK = 2**14
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Scenario:
-    """A scenario, checked, in SI units and radians.
+    """A scenario, checked, in SI units and radians. Its arrays are read-only.
+
+    `load_scenario` makes one from a file. In Python these are enough:
+
+        Scenario(model=DetectionModel(...), aircraft=(n, 6), radar=(4,), cov_aircraft=(6, 6),
+                 cov_radar={"medium": (4, 4)})
 
     Attributes:
-        name: Stem of the names of the files written.
-        model: RCS, P_fa and detector; a `NetworkModel` if the file has `radars`.
-        axis: What the poses are laid out along: azimuth, time or distance (n,).
+        model: The radars: RCS, P_fa, detector and limits of each. A `DetectionModel` becomes the
+            network of one radar without a name.
         aircraft: Nominal aircraft states (n, 6).
         radar: Nominal radar state (4,), or (4m,) of a network of m.
         cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
-        cov_radar: C_rr (4, 4), or (4m, 4m), for each level of radar uncertainty, in the file's
-            order.
-        level: The level that an analysis of a single one uses.
+        cov_radar: C_rr (4, 4), or (4m, 4m), for each level of radar uncertainty.
+        name: Stem of the names of the files written.
+        axis: Azimuth, time or distance of the poses (n,). The default is time where `time_s` is
+            given, else the number of the pose.
+        level: The level for analyses of one level. The default is the first.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
-        document: The file's content, checked and with defaults filled in, in the file's units.
-        constant_parts: What makes the c_r of each radar (m,) uncertain, for the levels that say so;
-            C_rr has it to first order.
-        time_s: Time of each pose (n,) [s] of a path; None on an orbit, which has no times.
-        scan_period_s: Time from look to look of the radar [s]; None if the file does not say.
+        constant_parts: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
+            has them to first order.
+        time_s: Time of each pose (n,) [s] of a path; None on an orbit.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
-            process: 0 for independent errors at every pose, infinity for the same at all.
+            process: 0 for independent errors at every pose, infinity for one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
             of a route in latitude and longitude; else None.
+        provenance: Files, orbit, places and data sheets that the arrays were made from.
     """
 
-    name: str
-    model: Model
-    axis: Axis
+    model: NetworkModel
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
     cov_radar: Mapping[str, FloatArray]
-    level: str
-    runs: int
-    seed: int
-    document: Mapping[str, Any]
-    constant_parts: Mapping[str, tuple[tuple[Part, ...], ...]] = field(default_factory=dict)
+    name: str = "scenario"
+    axis: Axis = field(default_factory=lambda: axes.pose_number(0))
+    level: str = ""
+    runs: int = RUNS_KEY.default
+    seed: int = SEED_KEY.default
+    constant_parts: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
-    scan_period_s: float | None = None
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
+    provenance: Provenance = field(default_factory=Provenance)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "model", as_network(self.model))
+        for name in ("aircraft", "radar", "cov_aircraft", "time_s"):
+            if getattr(self, name) is not None:
+                object.__setattr__(self, name, _read_only(name, getattr(self, name)))
+        if self.aircraft.ndim == 1:
+            object.__setattr__(self, "aircraft", self.aircraft[np.newaxis])
+        levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
+        object.__setattr__(self, "cov_radar", MappingProxyType(levels))
+        if not len(self.axis):
+            along = axes.pose_number(len(self.aircraft))
+            if self.time_s is not None:
+                along = axes.time(self.time_s)
+            object.__setattr__(self, "axis", along)
+        if not self.level:
+            object.__setattr__(self, "level", next(iter(levels), ""))
+        self._check_states()
+        self._check_covariances()
+        self._check_choices()
+
+    def _check_states(self) -> None:
+        count, size = len(self.aircraft), len(RADAR) * self._radar_count
+        if self.aircraft.shape != (count, len(AIRCRAFT)) or not count:
+            raise InputError(
+                f"aircraft must have shape (n, {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
+                f"got {self.aircraft.shape}"
+            )
+        if self.radar.shape != (size,):
+            raise InputError(
+                f"radar must have shape ({size},) for {', '.join(RADAR)}"
+                + (f" of each of {self._radar_count} radars" if size > len(RADAR) else "")
+                + f", got {self.radar.shape}"
+            )
+        for name, values in (("aircraft", self.aircraft), ("radar", self.radar)):
+            if not np.isfinite(values).all():
+                raise InputError(f"{name} must be finite, got {values[~np.isfinite(values)][0]}")
+        if not (self.radar[CONSTANTS] > 0).all():
+            lowest = self.radar[CONSTANTS].min()
+            raise InputError(f"radar constants must be greater than 0, got {lowest:g}")
+        along = {"axis": self.axis.values}
+        if self.time_s is not None:
+            along["time_s"] = self.time_s
+        for name, values in along.items():
+            if np.shape(values) != (count,):
+                raise InputError(
+                    f"{name} must have one value for each of {count} poses, got {np.shape(values)}"
+                )
+
+    def _check_covariances(self) -> None:
+        stated = self.provenance.cov_aircraft
+        if stated is None or self.cov_aircraft is not stated.made:  # the reader has checked these
+            _check_covariance("cov_aircraft", self.cov_aircraft, len(AIRCRAFT), len(self.aircraft))
+        if not self.cov_radar:
+            raise InputError("cov_radar needs at least one level, {'medium': (4, 4)}")
+        for level, matrix in self.cov_radar.items():
+            _check_covariance(f"cov_radar[{level!r}]", matrix, len(self.radar))
+
+    def _check_choices(self) -> None:
+        if not re.fullmatch(NAME.pattern, self.name):
+            raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
+        self._require_level(self.level)
+        for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
+            if not limit.allows(value):
+                raise InputError(f"{name} must be {limit}, got {value}")
+        if not self.correlation_s >= 0:
+            raise InputError(f"correlation_s must not be less than 0, got {self.correlation_s}")
+
+    def _require_level(self, level: str) -> None:
+        if level not in self.cov_radar:
+            raise InputError(
+                f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
+                + did_you_mean(level, self.cov_radar)
+            )
+
+    def __repr__(self) -> str:
+        return (
+            f"<Scenario {self.name!r}: {len(self.aircraft)} poses by {self.axis.name}, "
+            f"{self._radars_in_words}, level {self.level} of {', '.join(self.cov_radar)}, "
+            f"{self.runs} runs, seed {self.seed}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = {
+            "poses": f"{len(self.aircraft)}, {self.axis.name} {self.axis.at(0)} "
+            f"to {self.axis.at(-1)}",
+            "radars": self._radars_in_words,
+            "c<sub>r</sub> [J m²/K]": ", ".join(f"{c:g}" for c in self.radar[CONSTANTS]),
+            "levels": ", ".join(self.cov_radar),
+            "level": self.level,
+            "runs": str(self.runs),
+            "seed": str(self.seed),
+        }
+        cells = "".join(
+            f"<tr><th style='text-align:left'>{key}</th><td>{html.escape(value)}</td></tr>"
+            for key, value in rows.items()
+        )
+        return f"<table><caption>Scenario {html.escape(self.name)}</caption>{cells}</table>"
 
     @property
-    def parts(self) -> tuple[tuple[Part, ...], ...]:
-        """What makes the c_r of each radar (m,) uncertain at the level; nothing if one number."""
-        return self.constant_parts.get(self.level, ((),) * (len(self.radar) // len(RADAR)))
+    def scan_period_s(self) -> float | None:
+        """Time from look to look of the first radar [s]; None if it is not known."""
+        return self.model.radars[0].scan_period
+
+    @property
+    def _radar_count(self) -> int:
+        return len(self.model.radars)
+
+    @property
+    def _radars_in_words(self) -> str:
+        count = self._radar_count
+        names = f" ({', '.join(self.model.names)})" if self.model.names else ""
+        return f"{count} radar{'s' if count > 1 else ''}{names}"
+
+    @property
+    def parts(self) -> tuple[tuple[Tolerance, ...], ...]:
+        """Tolerances of the c_r of each radar (m,) at the level; none if c_r is Gaussian."""
+        return self.constant_parts.get(self.level, ((),) * self._radar_count)
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:
-        """Which radars (m,) have a c_r to take for log-normal, as parts in decibels make it."""
+        """Which radars (m,) have a log-normal c_r, as tolerances in decibels make it."""
         return np.array([bool(parts) for parts in self.parts])
 
     @property
     def theta_r_deg(self) -> FloatArray:
-        """The place of each pose on the axis (n,): on an orbit θ_r [deg]."""
+        """Coordinate of each pose on the axis (n,): on an orbit θ_r [deg]."""
         return self.axis.values
 
     def part(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with some of its poses."""
-        return dataclasses.replace(
-            self,
+        return self._with(
             axis=self.axis.part(poses),
             aircraft=self.aircraft[poses],
             cov_aircraft=self.cov_aircraft
@@ -94,10 +216,87 @@ class Scenario:
             time_s=None if self.time_s is None else self.time_s[poses],
         )
 
+    def along_path(
+        self, *, axis: Axis, aircraft: FloatArray, cov_aircraft: FloatArray, time_s: FloatArray
+    ) -> Scenario:
+        """Return the scenario with other poses of the same path; the record names the path.
+
+        Args:
+            axis: Axis of the poses (n,).
+            aircraft: States (n, 6).
+            cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
+            time_s: Time of each pose (n,) [s].
+        """
+        source = self.provenance
+        if record.is_as_made(self.aircraft, source):
+            source = dataclasses.replace(source, aircraft=aircraft)
+        stated = source.cov_aircraft
+        if stated is not None and np.array_equal(self.cov_aircraft, stated.made):
+            stated = StatedCovariance(stated.stated, cov_aircraft)
+            source = dataclasses.replace(source, cov_aircraft=stated)
+        return self._with(
+            axis=axis,
+            aircraft=_read_only("aircraft", aircraft),
+            cov_aircraft=_read_only("cov_aircraft", cov_aircraft),
+            time_s=_read_only("time_s", time_s),
+            provenance=source,
+        )
+
     def resolved(self) -> dict[str, Any]:
-        """Return the scenario as a document that reads back as this scenario."""
-        chosen = {"level": self.level, "runs": self.runs, "seed": self.seed}
-        return {**self.document, "analysis": chosen}
+        """Return the scenario with the keys and units of a scenario file, defaults filled in.
+
+        A scenario from a file reads back as the same scenario. `record` says what is written for
+        arrays that no file describes.
+        """
+        document: dict[str, Any] = {"name": self.name}
+        uncertainty = {
+            **record.cov_aircraft_block(self.cov_aircraft, self.provenance.cov_aircraft),
+            **record.correlation_block(self.correlation_s, has_times=self.time_s is not None),
+        }
+        if self.model.names:
+            document["radars"] = [self._radar_document(i) for i in range(self._radar_count)]
+        else:
+            document["radar"] = self._radar_document(0)
+            uncertainty["radar"] = self._levels_document(0)
+        return {
+            **document,
+            "aircraft": {
+                "rcs": record.rcs_block(self.model.rcs, self.provenance.rcs),
+                **record.attitude_block(self.aircraft, self.provenance),
+            },
+            "geometry": record.geometry_block(self.aircraft, self.axis, self.provenance),
+            "uncertainty": uncertainty,
+            "analysis": {"level": self.level, "runs": self.runs, "seed": self.seed},
+        }
+
+    def _radar_document(self, i: int) -> dict[str, Any]:
+        state, sources = self.radar[_components(i)], self.provenance.radars
+        radar = self.model.radars[i]
+        source = sources.get(radar.name)
+        if not radar.name:
+            return record.radar_block(radar.model, state, source, radar.scan_period)
+        return {
+            "name": radar.name,
+            **record.radar_block(radar.model, state, source, radar.scan_period),
+            **record.limits_block(radar.max_range, radar.horizon, self.provenance.earth),
+            "uncertainty": self._levels_document(i),
+        }
+
+    def _levels_document(self, i: int) -> dict[str, Any]:
+        some = _components(i)
+        name = self.model.names[i] if self.model.names else ""
+        source = self.provenance.radars.get(name)
+        none: tuple[tuple[Tolerance, ...], ...] = ((),) * self._radar_count
+        return {
+            level: record.level_block(
+                matrix[some, some],
+                self.constant_parts.get(level, none)[i],
+                source,
+                self.radar[some],
+                level,
+            )
+            for level, matrix in self.cov_radar.items()
+        }
 
     def with_analysis(
         self, *, level: str | None = None, runs: int | None = None, seed: int | None = None
@@ -105,72 +304,116 @@ class Scenario:
         """Return the scenario with other choices of analysis; None leaves one as it is.
 
         Raises:
-            ScenarioError: If there is no such level, or runs or seed are out of range.
+            InputError: If there is no such level, or runs or seed are out of range.
         """
-        if level is not None and level not in self.cov_radar:
-            raise ScenarioError(
-                f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
-                + did_you_mean(level, self.cov_radar)
-            )
-        for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
-            if value is not None and not limit.allows(value):
-                raise ScenarioError(f"{name} must be {limit}, got {value}")
-        return dataclasses.replace(
-            self,
+        chosen = self._with(
             level=self.level if level is None else level,
-            runs=self.runs if runs is None else int(runs),
-            seed=self.seed if seed is None else int(seed),
+            runs=self.runs if runs is None else runs,
+            seed=self.seed if seed is None else seed,
         )
+        chosen._check_choices()
+        return chosen._with(runs=int(chosen.runs), seed=int(chosen.seed))
+
+    def _with(self, **changes: Any) -> Scenario:
+        """Return the scenario with fields that need no new check."""
+        changed = copy.copy(self)
+        for name, value in changes.items():
+            object.__setattr__(changed, name, value)
+        return changed
 
 
-def alone(scenario: Scenario) -> dict[str, Scenario]:
-    """Return the scenario of each radar of a network by itself, by name; none for a single radar.
+def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
+    """Return the scenario of each radar of a network by name, or nothing for a single radar.
 
-    It has the limits, the state and the uncertainty of that radar. What correlates it with the
-    others is of no meaning then.
+    Each has the limits, the state and the covariance of that radar. Correlations with other radars
+    are left out.
     """
-    model, size = scenario.model, len(RADAR)
-    if not isinstance(model, NetworkModel) or len(model.stations) < 2:
+    model = scenario.model
+    if len(model.radars) < 2:
         return {}
-    parts = {s.name: slice(size * i, size * (i + 1)) for i, s in enumerate(model.stations)}
     return {
-        station.name: dataclasses.replace(
-            scenario,
-            model=NetworkModel((station,)),
-            radar=scenario.radar[..., parts[station.name]],
-            cov_radar={
-                level: covariance[..., parts[station.name], parts[station.name]]
-                for level, covariance in scenario.cov_radar.items()
-            },
-            constant_parts={
-                level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()
-            },
-            scan_period_s=station.scan_period,
+        radar.name: scenario._with(
+            model=NetworkModel((radar,)),
+            radar=scenario.radar[_components(i)],
+            cov_radar=MappingProxyType(
+                {
+                    level: matrix[_components(i), _components(i)]
+                    for level, matrix in scenario.cov_radar.items()
+                }
+            ),
+            constant_parts=MappingProxyType(
+                {level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()}
+            ),
         )
-        for i, station in enumerate(model.stations)
+        for i, radar in enumerate(model.radars)
     }
 
 
-def only(scenario: Scenario, name: str) -> Scenario:
-    """Return the scenario of one radar of a network by itself, under a name of its own.
+def for_radar(scenario: Scenario, name: str) -> Scenario:
+    """Return the scenario of one radar of a network, with the radar in its name.
 
     Raises:
-        ScenarioError: If there is no such radar, or a single one that has no name.
+        InputError: If there is no such radar, or a single one without a name.
     """
-    entries = {entry["name"]: entry for entry in scenario.document.get("radars", ())}
-    radars = alone(scenario) or dict.fromkeys(entries, scenario)
-    if not radars:
-        raise ScenarioError(
+    names = scenario.model.names
+    if not names:
+        raise InputError(
             f"radar {name!r} cannot be chosen: this scenario has a single radar, not a network"
         )
-    if name not in radars:
-        raise ScenarioError(
-            f"radar must be one of {', '.join(radars)}, got {name!r}" + did_you_mean(name, radars)
+    if name not in names:
+        raise InputError(
+            f"radar must be one of {', '.join(names)}, got {name!r}" + did_you_mean(name, names)
         )
-    own = f"{scenario.name}_{name}"
-    if len(own) > MAX_NAME:
-        raise ScenarioError(
-            f"the name {own} has more than {MAX_NAME} letters; give the scenario a shorter one"
+    stem = f"{scenario.name}_{name}"
+    if len(stem) > MAX_NAME:
+        raise InputError(
+            f"the name {stem} has more than {MAX_NAME} letters; give the scenario a shorter one"
         )
-    document = {**scenario.document, "name": own, "radars": [entries[name]]}
-    return dataclasses.replace(radars[name], name=own, document=document)
+    return single_radar_scenarios(scenario).get(name, scenario)._with(name=stem)
+
+
+#: The names that other modules still import; to be removed with their next change.
+
+
+def _components(radar: int) -> slice:
+    """Return the components of a radar in the states of several."""
+    return slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
+
+
+def _read_only(name: str, values: Any) -> FloatArray:
+    """Return an array that nobody can write to; a copy unless the array is one already."""
+    if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
+        return values
+    try:
+        array = np.array(values, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be an array of numbers: {error}") from error
+    array.flags.writeable = False
+    return array
+
+
+def _check_covariance(name: str, matrix: FloatArray, size: int, count: int | None = None) -> None:
+    """Raise InputError unless an array is a covariance, or one for each of some poses."""
+    shapes = [(size, size), *([] if count is None else [(count, size, size)])]
+    if matrix.shape not in shapes:
+        allowed = " or ".join(str(shape) for shape in shapes)
+        raise InputError(f"{name} must have shape {allowed}, got {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise InputError(f"{name} must be finite, got {matrix[~np.isfinite(matrix)][0]}")
+    if matrix.ndim == 2:
+        problem = covariance.problem(matrix)
+        if problem:
+            raise InputError(f"{name} {problem}")
+        return
+    for start in range(0, len(matrix), _BLOCK):
+        block = matrix[start : start + _BLOCK]
+        # `first_problem` is for symmetric matrices.
+        transposed = np.swapaxes(block, -1, -2)
+        asymmetric = np.flatnonzero((block != transposed).any(axis=(-2, -1)))
+        for pose in asymmetric:
+            problem = covariance.problem(block[pose])
+            if problem:
+                raise InputError(f"{name}[{start + pose}] {problem}")
+        first = covariance.first_problem(block)
+        if first:
+            raise InputError(f"{name}[{start + first[0]}] {first[1]}")

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.cumulative import Interleaved, Model
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, interpolated, times
 from radar_sense.states import FloatArray
@@ -62,7 +62,7 @@ class Schedule:
         sequence = self.sequence
         if sequence is None or not isinstance(model, NetworkModel):
             return model
-        parts = (NetworkModel(tuple(model.stations[i] for i in some)) for some in self.radars)
+        parts = (NetworkModel(tuple(model.radars[i] for i in some)) for some in self.radars)
         return Interleaved(tuple(parts), sequence, self.radars)
 
     def of_radar(self, radar: int) -> tuple[Schedule, NDArray[np.intp]]:
@@ -73,7 +73,7 @@ class Schedule:
         return Schedule(self.time[own], (self.period[mine],), ((0,),), looks), own
 
 
-def schedule(model: object, period: float | None, poses: Route) -> tuple[Schedule, Route]:
+def schedule(model: NetworkModel, period: float | None, poses: Route) -> tuple[Schedule, Route]:
     """Find when the radars of a model look, and the poses at these times.
 
     Args:
@@ -82,13 +82,12 @@ def schedule(model: object, period: float | None, poses: Route) -> tuple[Schedul
         poses: The poses.
 
     Raises:
-        ScenarioError: If some radars have a period and others none, or one is not possible.
+        InputError: If some radars have a period and others none, or one is not possible.
     """
-    stations = model.stations if isinstance(model, NetworkModel) else ()
-    every = [station.scan_period for station in stations] or [period]
+    every = [radar.scan_period for radar in model.radars]
     if None in every and any(p is not None for p in every):
-        missing = stations[every.index(None)].name
-        raise ScenarioError(
+        missing = model.radars[every.index(None)].name
+        raise InputError(
             f"radar {missing!r} needs a scan_period_s, as other radars have one; "
             "only where none has do all look at the poses of the path"
         )
@@ -105,8 +104,8 @@ def schedule(model: object, period: float | None, poses: Route) -> tuple[Schedul
 def _times(poses: Route, period: float) -> FloatArray:
     try:
         return times(poses, period)
-    except ScenarioError as error:  # it knows the period as its own argument
-        raise ScenarioError(str(error).replace("step_s", "radar.scan_period_s")) from error
+    except InputError as error:  # it knows the period as its own argument
+        raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 
 
 def _together(sequences: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -115,7 +114,7 @@ def _together(sequences: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.b
     Times that differ by rounding alone, as 3 · 0.1 and 0.3, are one.
     """
     if sum(map(len, sequences)) > MAX_ROWS:
-        raise ScenarioError(
+        raise InputError(
             f"the periods radar.scan_period_s make more than {MAX_ROWS:,} looks together"
         )
     every = np.concatenate(sequences)

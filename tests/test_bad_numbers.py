@@ -17,7 +17,7 @@ from radar_sense.cumulative import (
     mission_monte_carlo,
     track_initiation,
 )
-from radar_sense.model.network import NetworkModel, Station
+from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import METHODS
 from radar_sense.states import check_finite
 
@@ -37,7 +37,7 @@ def model():
 
 
 def network():
-    stations = tuple(Station(model(), name=name) for name in ("one", "two"))
+    stations = tuple(Radar(model(), name=name) for name in ("one", "two"))
     return NetworkModel(stations)
 
 

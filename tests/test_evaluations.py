@@ -9,7 +9,7 @@ from scenarios import scenario
 
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.network import NetworkModel, Station
+from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import (
     METHODS,
     nonlinear_in_scenario,
@@ -29,7 +29,7 @@ def problem(radars):
     state[0::4] += 2e4 * np.arange(radars)
     state[3::4] *= 0.4
     cov = np.kron(np.eye(radars), s.cov_radar[s.level])
-    model = NetworkModel(tuple(Station(s.model, name=f"r{i}") for i in range(radars)))
+    model = NetworkModel(tuple(Radar(s.model, name=f"r{i}") for i in range(radars)))
     return dataclasses.replace(s, model=model, radar=state, cov_radar={s.level: cov})
 
 

@@ -15,7 +15,7 @@ from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
-from radar_sense.model.network import NetworkModel, Station, _fuse
+from radar_sense.model.network import NetworkModel, Radar, _fuse
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.adaptive import validate
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -49,7 +49,7 @@ def network(
     return dataclasses.replace(
         PAPER,
         model=NetworkModel(
-            tuple(Station(model, f"r{i}", **limits) for i, model in enumerate(models))
+            tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
         ),
         axis=PAPER.axis.part(poses),
         aircraft=PAPER.aircraft[poses],
@@ -78,7 +78,7 @@ def fields_of(found):
 def test_a_network_of_one_is_the_single_radar_bit_for_bit(limits):
     aircraft = PAPER.aircraft - 30e3 * np.eye(6)[2]  # above the horizon
     radar = np.array([3e3, -2e3, -100.0, 160.0])
-    one = NetworkModel((Station(PAPER.model, **limits),))
+    one = NetworkModel((Radar(PAPER.model, **limits),))
     assert_array_equal(one.p_d(aircraft, radar), PAPER.model.p_d(aircraft, radar))
     assert_array_equal(one.snr(aircraft, radar)[:, 0], PAPER.model.snr(aircraft, radar))
     for name in ("linearize", "linearize_probit"):
@@ -104,7 +104,7 @@ def test_draws_and_budget_of_a_network_of_one_are_those_of_the_single_radar(samp
     single = dataclasses.replace(
         PAPER, axis=PAPER.axis.part(slice(None, None, 90)), aircraft=PAPER.aircraft[::90], runs=256
     )
-    one = dataclasses.replace(single, model=NetworkModel((Station(PAPER.model),)))
+    one = dataclasses.replace(single, model=NetworkModel((Radar(PAPER.model),)))
     for mine, theirs in zip(
         *(fields_of(monte_carlo(s, sampler=sampler)) for s in (one, single)), strict=True
     ):
@@ -164,7 +164,7 @@ def exact_partials(states, models):
 def test_fused_p_d_and_all_partials_against_fifty_digits(kinds, distance):
     rng = np.random.default_rng(int(distance) + len(kinds))
     models = [DetectionModel(RCS, p_fa, kind()) for kind, p_fa in kinds]
-    net = NetworkModel(tuple(Station(model, f"r{i}") for i, model in enumerate(models)))
+    net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
     direction = rng.standard_normal(3) * [1, 1, 0.1]
     aircraft = np.array(
         [*(distance * direction / np.linalg.norm(direction)), *rng.uniform(-1, 1, 3)]
@@ -226,7 +226,7 @@ def test_fusion_far_below_the_least_probability_there_is():
 def test_fused_p_d_rises_with_every_radar_and_never_passes_1():
     rng = np.random.default_rng(4)
     radar = np.concatenate([[*rng.standard_normal(3) * 1e5, 10.0**i] for i in range(6)])
-    net = NetworkModel(tuple(Station(PAPER.model, f"r{i}") for i in range(6)))
+    net = NetworkModel(tuple(Radar(PAPER.model, f"r{i}") for i in range(6)))
     each = net.p_d_each(PAPER.aircraft, radar)
     fused = net.p_d(PAPER.aircraft, radar)
     assert each.shape == (361, 6)
@@ -239,7 +239,7 @@ def test_fused_p_d_rises_with_every_radar_and_never_passes_1():
 
 
 def test_states_broadcast():
-    net = NetworkModel((Station(PAPER.model, "a"), Station(PAPER.model, "b")))
+    net = NetworkModel((Radar(PAPER.model, "a"), Radar(PAPER.model, "b")))
     rng = np.random.default_rng(0)
     radar = rng.standard_normal((7, 1, 8)) * 1e4
     radar[..., CONSTANTS] = 160
@@ -391,12 +391,12 @@ def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
 
 def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
     models = [DetectionModel(RCS, p_fa) for p_fa in (1e-2, 1e-4, 1e-3)]
-    net = NetworkModel(tuple(Station(model, f"r{i}") for i, model in enumerate(models)))
+    net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
     radar = np.tile([0.0, 0, 0, 0, 0, 0, 0, 70, 0, 0, 0, 20], (7, 1))
     radar[:, 3] = 10.0, 1.0, 0.0, -1.0, -30.0, -100.0, -1e6
     aircraft = np.repeat(PAPER.aircraft[90:91], len(radar), axis=0)
     seen = np.ones((len(radar), 3), dtype=bool)
-    z, by_aircraft, by_radar = net.continued_probit(aircraft, radar, seen)
+    z, by_aircraft, by_radar = net.extrapolated_probit(aircraft, radar, seen)
     exact = net.p_d(aircraft, np.maximum(radar, 0))
     # as it is down to zero, smooth there, and falling by less than the first radar's noise alone
     noise = ndtr(models[0].floor(seen[0, :1]))
@@ -405,7 +405,9 @@ def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
     assert np.all(ndtr(z[2]) - ndtr(z[3:]) < noise)
     assert ndtr(z[2]) - ndtr(z[-1]) > 0.5 * noise
     ahead, behind = (
-        net.continued_probit(aircraft[:1], radar[2:3] + sign * 1e-4 * np.eye(12)[3], seen[:1])[0][0]
+        net.extrapolated_probit(aircraft[:1], radar[2:3] + sign * 1e-4 * np.eye(12)[3], seen[:1])[
+            0
+        ][0]
         for sign in (1, -1)
     )
     assert_allclose((ahead - behind) / 2e-4, by_radar[2, 3], rtol=1e-4)
@@ -429,7 +431,7 @@ def test_draws_and_bounds_where_a_constant_may_be_zero():
 @pytest.mark.parametrize("detector", [North, Marcum, Swerling1, Swerling3])
 def test_no_signal_anywhere_is_the_floor(detector):
     models = [DetectionModel(ConstantRCS(1.0), p_fa, detector()) for p_fa in (1e-3, 1e-5)]
-    net = NetworkModel(tuple(Station(m, f"r{i}") for i, m in enumerate(models)))
+    net = NetworkModel(tuple(Radar(m, f"r{i}") for i, m in enumerate(models)))
     radar = np.zeros(8)
     z, _, _ = net.linearize_probit(PAPER.aircraft[:2], radar)
     assert_allclose(net.floor(np.ones((2, 2), dtype=bool)), z, rtol=1e-14)
@@ -470,7 +472,7 @@ def test_height_above_a_tangent_plane():
 
 @pytest.mark.parametrize("tangent_plane", [False, True])
 def test_a_target_below_the_horizon_is_not_seen(tangent_plane):
-    station = Station(PAPER.model, horizon=Horizon(tangent_plane))
+    station = Radar(PAPER.model, horizon=Horizon(tangent_plane))
     radar = np.array([0, 0, -10.0, 167])
     height = np.array([50.0, 1e3, 3e3])
     farthest = horizon_range(np.array(10.0), height)
@@ -488,7 +490,7 @@ def test_a_target_below_the_horizon_is_not_seen(tangent_plane):
 
 
 def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
-    station = Station(PAPER.model, max_range=5e3)
+    station = Radar(PAPER.model, max_range=5e3)
     aircraft = np.zeros((3, 6))
     aircraft[:, 0], aircraft[:, 2] = 3e3, [-4e3, -4e3 - 1e-6, -3.9e3]  # slant: 3, 4, 5
     assert_array_equal(station.visible(aircraft, np.array([0, 0, 0, 1.0])), [True, False, True])
@@ -496,8 +498,8 @@ def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
 
 def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
     scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(None, None, 20))
-    near = Station(PAPER.model, "near", max_range=4.5e5)
-    far, _ = scenario.model.stations
+    near = Radar(PAPER.model, "near", max_range=4.5e5)
+    far, _ = scenario.model.radars
     scenario = dataclasses.replace(scenario, model=NetworkModel((far, near)))
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 1]
     assert 3 < seen.sum() < len(seen) - 3
@@ -506,7 +508,7 @@ def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
 
 def test_a_radar_that_sees_nothing_adds_nothing():
     aircraft, near, far = PAPER.aircraft, [0, 0, 0, 167.0], [-1e5, 0, 0, 167.0]
-    model = NetworkModel((Station(PAPER.model, "near"), Station(PAPER.model, "far", 5.5e5)))
+    model = NetworkModel((Radar(PAPER.model, "near"), Radar(PAPER.model, "far", 5.5e5)))
     radar = np.array([*near, *far])
     hidden = ~model.visible(aircraft, radar)[:, 1]
     assert 50 < hidden.sum() < 300
@@ -688,7 +690,7 @@ def test_variance_table_has_each_radar_and_the_network():
 
 
 def test_networks_that_cannot_be():
-    station = Station(PAPER.model, "a")
+    station = Radar(PAPER.model, "a")
     with pytest.raises(ValueError, match="at least one radar"):
         NetworkModel(())
     for names in (
@@ -700,12 +702,12 @@ def test_networks_that_cannot_be():
     ):
         with pytest.raises(ValueError, match="would mean two things"):
             NetworkModel(tuple(dataclasses.replace(station, name=name) for name in names))
-    other = Station(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
+    other = Radar(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
     with pytest.raises(ValueError, match="RCS"):
         NetworkModel((station, other))
     for limit in (0, -1, np.nan):
         with pytest.raises(ValueError, match="max_range"):
-            Station(PAPER.model, max_range=limit)
+            Radar(PAPER.model, max_range=limit)
     net = NetworkModel((station, dataclasses.replace(station, name="b")))
     for method in (net.p_d, net.snr, net.linearize, net.linearize_probit, net.visible):
         with pytest.raises(ValueError, match=r"radar states must have shape \(..., 8\)"):

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import assert_refused, write
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
-from test_input import assert_refused, write
 
 from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from test_input import assert_refused, write
+from helpers import assert_refused, write
 from test_network_parts import document, network, radars, text
 
 from radar_sense import analyses

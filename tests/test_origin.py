@@ -147,7 +147,7 @@ def test_the_origin_changes_nothing(tmp_path):
         for s, origin, found in zip(scenarios, moved, [first, *others], strict=True):
             seen = s.model.visible(s.aircraft, s.radar)
             np.testing.assert_array_equal(seen, margin >= 0)
-            heights = s.model.stations[0].horizon.height(s.aircraft)
+            heights = s.model.radars[0].horizon.height(s.aircraft)
             np.testing.assert_allclose(heights, [row[3] for row in rows], atol=1e-6)
             np.testing.assert_allclose(s.aircraft[3, :3], to_ned(rows[3][1:], origin), atol=1e-6)
             for quantity in ("std", "lower", "upper"):

@@ -20,7 +20,7 @@ from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.geometry import orbit
-from radar_sense.model.network import NetworkModel, Station
+from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import (
@@ -809,8 +809,8 @@ def test_no_bound_is_off_without_a_warning_in_random_scenarios():
 @pytest.mark.parametrize(("constant", "matters"), [(5.0, False), (100.0, True)])
 def test_a_limit_within_reach_is_warned_of_where_the_radar_matters(constant, matters):
     """The second radar is at the limit of its range everywhere."""
-    limited = Station(DetectionModel(MODEL.rcs, p_fa=1e-8), name="limited", max_range=500e3)
-    model = NetworkModel((Station(MODEL, name="other"), limited))
+    limited = Radar(DetectionModel(MODEL.rcs, p_fa=1e-8), name="limited", max_range=500e3)
+    model = NetworkModel((Radar(MODEL, name="other"), limited))
     radar = np.concatenate([RADAR, RADAR])
     radar[7] = constant
     cov_radar = np.kron(np.eye(2), COV_RADAR["low"])

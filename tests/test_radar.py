@@ -182,7 +182,7 @@ def test_the_search_factor_is_a_key():
     )
     assert none.radar[3] == sixteen.radar[3]
     assert 10 * math.log10(four_pi.radar[3] / none.radar[3]) == pytest.approx(1.0491, abs=5e-5)
-    assert none.document["radar"]["surveillance"]["search_factor"] == 16
+    assert none.resolved()["radar"]["surveillance"]["search_factor"] == 16
     with pytest.raises(ValueError, match="16 or 4π"):
         SurveillanceRadar(1, 1, 1, 1, 1, 0, 0, search_factor=12.0)
     assert SurveillanceRadar(1, 1, 1, 1, 1, 0, 0).search_factor == SEARCH_FACTORS["16"]
@@ -777,7 +777,7 @@ def test_configurations(name):
 
 def test_s_band_configuration_is_as_published():
     """MATLAB's radareqsearchrng: 34 dB at 2.5 GHz, az ±180°, el 0 to 40°, 12.5 rpm."""
-    given = load_scenario("configs/s_band_surveillance.yaml").document["radar"]["surveillance"]
+    given = load_scenario("configs/s_band_surveillance.yaml").resolved()["radar"]["surveillance"]
     aperture = 10**3.4 * (299792458 / 2.5e9) ** 2 / (4 * np.pi)
     assert given["aperture_m2"] == pytest.approx(aperture, abs=5e-4)
     assert given["search_volume_sr"] == pytest.approx(2 * np.pi * np.sin(np.radians(40)), abs=5e-4)

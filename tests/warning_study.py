@@ -16,7 +16,7 @@ from scipy.special import ndtr
 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
-from radar_sense.model.network import NetworkModel, Station
+from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import METHODS, nonlinear, propagate
@@ -97,7 +97,7 @@ def random_case(rng, kind):
     ]
     model = models[0]
     if radars > 1:
-        model = NetworkModel(tuple(Station(m, name=f"r{i}") for i, m in enumerate(models)))
+        model = NetworkModel(tuple(Radar(m, name=f"r{i}") for i, m in enumerate(models)))
     poses = np.zeros((POSES, 6))
     distance = 10.0 ** rng.uniform(4.3, 5.7)
     angle = rng.uniform(0, 2 * np.pi, POSES)

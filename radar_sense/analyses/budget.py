@@ -38,7 +38,7 @@ from radar_sense.analyses.report import (
     validity_warnings,
 )
 from radar_sense.axis import Axis
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import ANY, TARGET
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
@@ -125,13 +125,13 @@ def budget(
             pose if None.
 
     Raises:
-        ScenarioError: If there is no such method or pose, or the two do not go together.
+        InputError: If there is no such method or pose, or the two do not go together.
     """
     check_method(method, [MONTE_CARLO])
     if target is not None and method == MONTE_CARLO:
-        raise ScenarioError(f"a target needs one of the methods {', '.join(METHODS)}")
+        raise InputError(f"a target needs one of the methods {', '.join(METHODS)}")
     if at is not None and target is None:
-        raise ScenarioError("--at says which pose a --target is for, and there is none")
+        raise InputError("--at says which pose a --target is for, and there is none")
     axis = scenario.axis
     found = error_budget(scenario, method)
     three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std

@@ -22,7 +22,7 @@ from radar_sense import files
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, MAX_WORKERS, RUNS, SEED, Limit
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import Scenario, only
+from radar_sense.scenario import Scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
@@ -353,7 +353,7 @@ class Analysis:
         }
         radar = chosen.pop("radar", None)
         scenario = scenario.with_analysis(**chosen)
-        return scenario if radar is None else only(scenario, radar)
+        return scenario if radar is None else for_radar(scenario, radar)
 
     def stem(self, scenario: Scenario) -> str:
         """Return the name of the files of a result, without folder and ending."""

@@ -38,7 +38,7 @@ from numpy.typing import NDArray
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, Limit
 from radar_sense.montecarlo.montecarlo import TAIL, Blocks
 from radar_sense.montecarlo.parallel import in_order
@@ -344,7 +344,7 @@ def convergence(
         InputError: If runs are out of range.
     """
     if not LIMIT.allows(runs):
-        raise ScenarioError(f"runs must be {LIMIT} to show how Monte Carlo converges, got {runs}")
+        raise InputError(f"runs must be {LIMIT} to show how Monte Carlo converges, got {runs}")
     runs = 1 << (int(runs).bit_length() - 1)
     with progress(REPLICATIONS + REFERENCES, "repetitions") as advance:
         measured = measure(scenario, runs, workers=workers, progress=advance)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.grid import DOWN, Grid, blocks, grid, p_d_in_cells, pose_in_cells
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, Limit
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
@@ -171,7 +171,7 @@ def coverage_map(
             area is not allowed.
     """
     if method != "linear" and not upper:
-        raise ScenarioError("a method is for the upper bound; ask for that with --upper")
+        raise InputError("a method is for the upper bound; ask for that with --upper")
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)

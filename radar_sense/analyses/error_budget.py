@@ -15,7 +15,7 @@ import numpy as np
 
 from radar_sense import covariance
 from radar_sense.analyses.report import reached
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Part, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import sobol_indices
@@ -83,7 +83,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         method: A method of propagation, or "montecarlo" for Sobol' indices.
 
     Raises:
-        ScenarioError: If there is no such method, or Sobol' indices are asked for and sources are
+        InputError: If there is no such method, or Sobol' indices are asked for and sources are
             correlated.
     """
     check_method(method, [MONTE_CARLO])
@@ -178,7 +178,7 @@ def allowances(
         constant, as named by `parts_of`, and for "all" sources scaled together.
 
     Raises:
-        ScenarioError: If there is no pose there.
+        InputError: If there is no pose there.
     """
     if at is not None:
         scenario = _only_at(scenario, at)
@@ -250,7 +250,7 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
     axis = scenario.axis
     pose = axis.find(at)
     if pose is None:
-        raise ScenarioError(
+        raise InputError(
             f"there is no pose at {axis.say(at)}, the nearest of {len(axis)} is at "
             f"{axis.at(axis.nearest(at))}"
         )
@@ -325,7 +325,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         blocks = [components for owner, components in every.values() if owner == whose]
         apart = sum(covariance.only(matrix, components) for components in blocks)
         if not np.array_equal(matrix, apart):
-            raise ScenarioError(
+            raise InputError(
                 f"level {scenario.level}: {whose} position and the rest of its state are "
                 "correlated; Sobol' indices need independent sources, use another method"
             )

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM
 from radar_sense.model import geodesy as wgs84
 from radar_sense.propagation import check_method, upper_bound
@@ -78,7 +78,7 @@ def grid(
         step_km: Distance of the cells [km]; if None, a 500th of the longer side.
 
     Raises:
-        ScenarioError: If there is nothing between the ends, a number is out of range or there are
+        InputError: If there is nothing between the ends, a number is out of range or there are
             too many cells.
     """
     radars = scenario.radar.reshape(-1, len(RADAR))[:, :DOWN]
@@ -92,9 +92,9 @@ def grid(
             continue
         for end in given:
             if not MAP_KM.allows(end):
-                raise ScenarioError(f"{name} must be {MAP_KM} of km, got {end:g}")
+                raise InputError(f"{name} must be {MAP_KM} of km, got {end:g}")
         if not given[0] < given[1]:
-            raise ScenarioError(
+            raise InputError(
                 f"{name} must go from a lesser to a greater number of km, "
                 f"got {given[0]:g} to {given[1]:g}"
             )
@@ -102,15 +102,15 @@ def grid(
     longest = max(stop - start for start, stop in ends)
     step = longest / CELLS if step_km is None else step_km * 1e3
     if not MAP_STEP_KM.allows(step / 1e3):
-        raise ScenarioError(f"the step must be {MAP_STEP_KM} of km, got {step / 1e3:g}")
+        raise InputError(f"the step must be {MAP_STEP_KM} of km, got {step / 1e3:g}")
     counts = [math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1 for start, stop in ends]
     if math.prod(counts) > MAX_CELLS:
-        raise ScenarioError(
+        raise InputError(
             f"a step of {step / 1e3:g} km makes {math.prod(counts):,} cells, "
             f"allowed are {MAX_CELLS:,}"
         )
     if min(counts) < 2:
-        raise ScenarioError(
+        raise InputError(
             f"a step of {step / 1e3:g} km is longer than a side of the map; at least two cells "
             "must fit on each"
         )
@@ -149,7 +149,7 @@ def p_d_in_cells(
         radar, or the method does not know.
 
     Raises:
-        ScenarioError: If there is no such method.
+        InputError: If there is no such method.
     """
     if method is not None:
         check_method(method)
@@ -224,7 +224,7 @@ def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
     vertical lines in height.
 
     Raises:
-        ScenarioError: If a cell is so far from the origin that its line down passes the earth.
+        InputError: If a cell is so far from the origin that its line down passes the earth.
     """
     wanted = origin[2] - aircraft[..., DOWN]
     for _ in range(_ROUNDS):
@@ -233,7 +233,7 @@ def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
         wrong = place[..., 2] - wanted
         aircraft[..., DOWN] += wrong / np.maximum(turn[..., DOWN, DOWN], 0.05)
     if not np.all(abs(wrong) < 1e-2):
-        raise ScenarioError(
+        raise InputError(
             "the map reaches too far from the origin, over the edge of the earth as the origin "
             "sees it; choose a smaller map, or a geometry.origin nearer to it"
         )

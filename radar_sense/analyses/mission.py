@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, WINDOW
 from radar_sense.mission import mission as along_path
 from radar_sense.scenario import Scenario
@@ -120,7 +120,7 @@ def mission(
         InputError: If the geometry has no times, or a choice is not allowed.
     """
     if (m is None) != (n is None):
-        raise ScenarioError("--m and --n belong together, as in --m 3 --n 5")
+        raise InputError("--m and --n belong together, as in --m 3 --n 5")
     window = None if m is None or n is None else (m, n)
     if runs is None:
         return along_path(scenario, method=method, m_of_n=window, workers=workers)

@@ -23,7 +23,7 @@ from radar_sense.propagation import (
     nonlinear_in_scenario,
     propagate_scenario,
 )
-from radar_sense.scenario import Scenario, alone
+from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 
@@ -82,7 +82,7 @@ def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any
     """Largest 3σ of P_D, and where, of each radar of a network by itself."""
     return {
         name: peak(3 * propagate_scenario(one, method=method).std, scenario.axis)
-        for name, one in alone(scenario).items()
+        for name, one in single_radar_scenarios(scenario).items()
     }
 
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.propagation import propagate_scenario
 from radar_sense.states import FloatArray
@@ -120,7 +120,7 @@ def require_threshold(result: Result, p_max: float, k: float = 3.0) -> Result:
         k: k, greater than 0.
 
     Raises:
-        ScenarioError: If p_max or k is out of range.
+        InputError: If p_max or k is out of range.
     """
     check_threshold(p_max, k)
     scenario, axis = result.scenario, result.scenario.axis
@@ -188,7 +188,7 @@ def require_threshold(result: Result, p_max: float, k: float = 3.0) -> Result:
 
 
 def check_threshold(p_max: float, k: float) -> None:
-    """Raise ScenarioError unless P_max and k are ones that can be tested."""
+    """Raise InputError unless P_max and k are ones that can be tested."""
     for name, value, limit in (("threshold", p_max, THRESHOLD), ("k", k, SIGMAS)):
         if not limit.allows(value):
-            raise ScenarioError(f"{name} must be {limit}, got {value}")
+            raise InputError(f"{name} must be {limit}, got {value}")

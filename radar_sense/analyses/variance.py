@@ -24,11 +24,11 @@ from radar_sense.analyses.report import (
     validity_warnings,
 )
 from radar_sense.analyses.threshold import check_threshold, require_threshold
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import propagate_scenario
-from radar_sense.scenario import Scenario, alone
+from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
 
@@ -105,7 +105,7 @@ def variance(
         InputError: If there is no such method, P_max or k is out of range, or k is given alone.
     """
     if k is not None and threshold is None:
-        raise ScenarioError("--k belongs to --threshold, which is not given")
+        raise InputError("--k belongs to --threshold, which is not given")
     if threshold is not None:
         k = 3.0 if k is None else k
         check_threshold(threshold, k)
@@ -120,7 +120,8 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
     low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
     worst = peak(3 * moments.std, axis)
     each = {
-        name: (one, propagate_scenario(one, method=method)) for name, one in alone(scenario).items()
+        name: (one, propagate_scenario(one, method=method))
+        for name, one in single_radar_scenarios(scenario).items()
     }
     by_itself = {name: peak(3 * found.std, axis) for name, (_, found) in each.items()}
     return Result(

@@ -11,10 +11,10 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
 from radar_sense.model.detectors import Detector, North
@@ -68,72 +68,6 @@ class Linearization:
         )
 
 
-class Model(Protocol):
-    """What the rest of the package asks of a model: one radar's, or that of a network of m.
-
-    Aircraft states are (..., 6), radar states (..., 4m); they broadcast against each other.
-    """
-
-    @property
-    def rcs(self) -> RCS:
-        """Radar cross section by aspect."""
-        ...
-
-    @property
-    def models(self) -> tuple[DetectionModel, ...]:
-        """The detection model of each radar; as many as there are radars."""
-        ...
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the radars, if they have any."""
-        ...
-
-    @property
-    def limited(self) -> bool:
-        """Whether there is anything that a radar does not see."""
-        ...
-
-    def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Signal-to-noise ratio, (...) at one radar, (..., m) at those of a network."""
-        ...
-
-    def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Probability of detection (...)."""
-        ...
-
-    def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
-        """Probability of detection and its partials."""
-        ...
-
-    def linearize_probit(
-        self, aircraft: ArrayLike, radar: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The probit Φ⁻¹(P_D) (...), its partials for aircraft (..., 6) and radars (..., 4m)."""
-        ...
-
-    def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
-        """Say which radars (..., m) see the aircraft."""
-        ...
-
-    def continued_probit(
-        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As `linearize_probit`, but smooth, so that it can be expanded about a state.
-
-        Args:
-            aircraft: (k, 6).
-            radar: (k, 4m). A radar constant below zero stands for zero, where z has its floor. Here
-                z goes on below it, with the slope that it has at c_r = 0.
-            visible: Which radars (k, m) see the aircraft, wherever the states are.
-        """
-        ...
-
-    def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
-        """The least z (...) there is, that without any signal, of the radars visible (..., m)."""
-        ...
-
-
 @dataclass(frozen=True)
 class DetectionModel:
     """Probability that a radar detects an aircraft with a single pulse.
@@ -155,21 +89,10 @@ class DetectionModel:
     def __post_init__(self) -> None:
         if not 0 < self.p_fa < 1:
             raise ValueError(f"p_fa must lie between 0 and 1, got {self.p_fa}")
-
-    @property
-    def models(self) -> tuple[DetectionModel, ...]:
-        """The detection model of each radar: this one."""
-        return (self,)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The names of the radars; a single one needs none."""
-        return ()
-
-    @property
-    def limited(self) -> bool:
-        """Whether there is anything that the radar does not see: this model knows no limits."""
-        return False
+        if not hasattr(self.rcs, "cross_section"):
+            raise TypeError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
+        if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
+            raise TypeError(f"detector must be an object such as Marcum(), got {self.detector!r}")
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Signal-to-noise ratio (...), a ratio of powers.
@@ -223,37 +146,6 @@ class DetectionModel:
         """
         _check_states(aircraft, radar)
         return self._partials(self.detector.linearize_probit, aircraft, radar)
-
-    def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
-        """Say that the radar sees the aircraft, (..., 1): this model knows no limits."""
-        shape = np.broadcast_shapes(np.shape(aircraft)[:-1], np.shape(radar)[:-1])
-        return np.ones((*shape, 1), dtype=bool)
-
-    def continued_probit(
-        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As `linearize_probit`, of states (k, 6) and (k, 4), but going on below c_r = 0.
-
-        A radar constant below zero stands for zero, where z has its floor. Here z goes on below it,
-        with the slope that it has at c_r = 0. Quantiles of the greater of z and the floor are the
-        greater of the quantile and the floor, so that a method can work with a smooth z and apply
-        the floor last.
-        """
-        below_zero = np.minimum(radar[:, CONSTANT], 0.0)
-        if not below_zero.any():
-            return self.linearize_probit(aircraft, radar)
-        radar = radar.copy(order="K")
-        radar[:, CONSTANT] -= below_zero
-        # Unchecked: a search that has lost its way has states that are not finite.
-        value, by_aircraft, by_radar = self._partials(
-            self.detector.linearize_probit, aircraft, radar
-        )
-        return value + by_radar[:, CONSTANT] * below_zero, by_aircraft, by_radar
-
-    def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
-        """The least z (...) there is, that without any signal."""
-        least = self.detector.linearize_probit(np.zeros(()), self.p_fa)[0]
-        return np.full(visible.shape[:-1], float(least))
 
     def _partials(
         self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike

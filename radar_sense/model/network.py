@@ -33,7 +33,7 @@ from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.rcs import RCS
-from radar_sense.states import RADAR, FloatArray, check_finite
+from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite
 
 #: z of a radar that does not see the target, in sums that minus infinity would make NaN: no z is
 #: as low as the logarithm of the least number there is, and Φ(−1e6) is 0.
@@ -44,21 +44,20 @@ _LOG_HALF = math.log(0.5)
 
 
 @dataclass(frozen=True)
-class Station:
+class Radar:
     """One radar of a network: how it detects, and how far it sees.
 
     Attributes:
         model: RCS, P_fa and detector.
-        name: What to call it.
-        max_range: Slant range beyond which it sees nothing [m].
-        horizon: The horizon that hides what is below it; None to see through the earth, as the
-            paper does.
-        scan_period: Time from one look to the next [s], for what goes along a mission; None if it
-            is not known.
+        name: The name in tables and reports. Only the single radar of a network needs none.
+        max_range: Slant range beyond which the radar sees nothing [m].
+        horizon: The horizon that hides what is below; None for a transparent earth, as in the
+            paper.
+        scan_period: Time from one look to the next [s]; None if unknown.
     """
 
     model: DetectionModel
-    name: str = "radar"
+    name: str = ""
     max_range: float = math.inf
     horizon: Horizon | None = None
     scan_period: float | None = None
@@ -70,7 +69,7 @@ class Station:
             raise ValueError(f"scan_period must be greater than 0, got {self.scan_period}")
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
-        """Say where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
+        """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
         shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
         seen = np.ones(shape, dtype=bool)
@@ -82,8 +81,12 @@ class Station:
 
     @property
     def limited(self) -> bool:
-        """Whether there is anything that it does not see."""
+        """Whether the radar has a limit to what it sees."""
         return self.max_range < math.inf or self.horizon is not None
+
+
+#: The name until version 0.1.
+Station = Radar
 
 
 @dataclass(frozen=True)
@@ -95,16 +98,18 @@ class NetworkModel:
     radar, bit for bit.
 
     Attributes:
-        stations: The radars; all see the same aircraft, and have the same RCS therefore.
+        radars: The radars. All see the same aircraft, so all have the same RCS.
     """
 
-    stations: tuple[Station, ...]
+    radars: tuple[Radar, ...]
 
     def __post_init__(self) -> None:
-        if not self.stations:
+        if not self.radars:
             raise ValueError("a network needs at least one radar")
-        if any(station.model.rcs != self.rcs for station in self.stations):
+        if any(radar.model.rcs != self.rcs for radar in self.radars):
             raise ValueError("the radars of a network must have the RCS of one and the same target")
+        if len(self.radars) > 1 and not all(radar.name for radar in self.radars):
+            raise ValueError("every radar of a network needs a name")
         problem = name_problem(self.names)
         if problem:
             raise ValueError(problem)
@@ -112,31 +117,31 @@ class NetworkModel:
     @property
     def rcs(self) -> RCS:
         """Radar cross section by aspect."""
-        return self.stations[0].model.rcs
+        return self.radars[0].model.rcs
 
     @property
     def models(self) -> tuple[DetectionModel, ...]:
         """The detection model of each radar, without its limits."""
-        return tuple(station.model for station in self.stations)
+        return tuple(station.model for station in self.radars)
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the radars."""
-        return tuple(station.name for station in self.stations)
+        """The names of the radars (m,); () for a single radar without a name."""
+        return tuple(radar.name for radar in self.radars if radar.name)
 
     @property
     def limited(self) -> bool:
-        """Whether there is anything that a radar does not see."""
-        return any(station.limited for station in self.stations)
+        """Whether a radar has a limit to what it sees."""
+        return any(radar.limited for radar in self.radars)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
-        """Say which radars (..., m) see the aircraft.
+        """Return which radars (..., m) see the aircraft.
 
         Raises:
             ValueError: If a shape does not fit.
         """
         states = self._split(radar)
-        seen = [s.visible(aircraft, r) for s, r in zip(self.stations, states, strict=True)]
+        seen = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
         return np.stack(seen, axis=-1)
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
@@ -147,15 +152,6 @@ class NetworkModel:
                 negative.
         """
         return join(self._each(DetectionModel.snr, aircraft, radar))
-
-    def p_d_each(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Probability of detection by each radar (..., m).
-
-        Raises:
-            ValueError: If a shape does not fit, a state is not finite or a radar constant is
-                negative.
-        """
-        return join(self._each(DetectionModel.p_d, aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Probability of detection by at least one radar (...).
@@ -182,10 +178,10 @@ class NetworkModel:
         """
         check_finite("aircraft", aircraft)
         check_finite("radar", radar)
-        if len(self.stations) == 1:
-            (station,) = self.stations
-            lin = station.model.linearize(aircraft, radar)
-            if not station.limited:
+        if len(self.radars) == 1:
+            (single,) = self.radars
+            lin = single.model.linearize(aircraft, radar)
+            if not single.limited:
                 return lin
             seen = self.visible(aircraft, radar)
             return Linearization(
@@ -194,7 +190,7 @@ class NetworkModel:
                 np.where(seen, lin.jac_radar, 0.0),
             )
         seen = self.visible(aircraft, radar)
-        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, seen, continued=False)
+        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, seen, extrapolated=False)
         missed = log_ndtr(-z)
         # ∂P_D/∂z_i = exp(ln Q − ln Q_i) φ(z_i)
         weight = np.exp(_others(missed) - 0.5 * z * z) / math.sqrt(2.0 * math.pi)
@@ -215,37 +211,51 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
+        if len(self.radars) == 1 and not self.limited:
+            return self.radars[0].model.linearize_probit(aircraft, radar)
         check_finite("aircraft", aircraft)
         check_finite("radar", radar)
         seen = self.visible(aircraft, radar)
-        z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, seen, continued=False)
+        z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, seen, extrapolated=False)
         return np.where(seen.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
-    def continued_probit(
+    def extrapolated_probit(
         self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The fused probit as a smooth function, see `Model`; -1e6 where none is `visible`.
+        """As `linearize_probit`, but smooth, so that z can be expanded about a state.
 
-        Each z_i goes on below c_r = 0 on its own, and is fused then. The fused P_D is too low there
-        by less than what those radars detect of noise alone, which is about their P_fa.
+        A radar constant below zero stands for zero, where z has its floor. Each z_i is
+        extrapolated below c_r = 0 with its slope there, and fused then. The fused P_D is too low
+        there by less than what those radars detect of noise alone, about their P_fa. A method can
+        work with the smooth z and apply the floor last: quantiles of the greater of z and the floor
+        are the greater of the quantile and the floor.
+
+        Args:
+            aircraft: (k, 6).
+            radar: (k, 4m); c_r may be negative.
+            visible: Radars (k, m) that are taken to see the aircraft, whatever the states; z is
+                -1e6 where none does.
         """
-        return self._fused_probit(aircraft, radar, visible, continued=True)
+        if len(self.radars) == 1 and visible.all():
+            return _extrapolated(self.radars[0].model, aircraft, radar)
+        return self._fused_probit(aircraft, radar, visible, extrapolated=True)
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
-        """The least fused z (...) there is, that without any signal; -1e6 where none is visible."""
-        floors = [m.floor(visible[..., :1]) for m in self.models]
+        """Return the least fused z (...), without any signal; -1e6 where none is visible."""
+        floors = [m.detector.linearize_probit(np.zeros(()), m.p_fa)[0] for m in self.models]
         lowest = [np.where(visible[..., i], z, _UNSEEN) for i, z in enumerate(floors)]
         return _fuse(np.stack(lowest))
 
     def _split(self, radar: ArrayLike) -> list[FloatArray]:
-        """Take radar states (..., 4m) apart into those of each radar (..., 4)."""
-        states, size = np.asarray(radar, dtype=float), len(RADAR)
-        if states.shape[-1:] != (size * len(self.stations),):
+        """Split radar states (..., 4m) into the state of each radar (..., 4)."""
+        states, size, count = np.asarray(radar, dtype=float), len(RADAR), len(self.radars)
+        if states.shape[-1:] != (size * count,):
+            of_each = f" of each of {count} radars" if count > 1 else ""
             raise ValueError(
-                f"radar states must have shape (..., {size * len(self.stations)}) for "
-                f"{', '.join(RADAR)} of each of {len(self.stations)} radars, got {states.shape}"
+                f"radar states must have shape (..., {size * count}) for {', '.join(RADAR)}"
+                f"{of_each}, got {states.shape}"
             )
-        return [states[..., size * i : size * (i + 1)] for i in range(len(self.stations))]
+        return [states[..., size * i : size * (i + 1)] for i in range(count)]
 
     def _each(
         self,
@@ -253,24 +263,24 @@ class NetworkModel:
         aircraft: ArrayLike,
         radar: ArrayLike,
     ) -> Iterator[FloatArray]:
-        """Give a quantity (...) of each radar, 0 where that does not see the aircraft."""
+        """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
         check_finite("radar", radar)
-        for station, state in zip(self.stations, self._split(radar), strict=True):
-            values = quantity(station.model, aircraft, state)
-            if station.limited:
-                values = np.where(station.visible(aircraft, state), values, 0.0)[()]
+        for single, state in zip(self.radars, self._split(radar), strict=True):
+            values = quantity(single.model, aircraft, state)
+            if single.limited:
+                values = np.where(single.visible(aircraft, state), values, 0.0)[()]
             yield values
 
     def _each_probit(
-        self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, continued: bool
+        self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, extrapolated: bool
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """z_i (m, ...) and the partials of each, (..., 6) and (..., 4)."""
         values, by_aircraft, by_radar = [], [], []
         for i, state in enumerate(self._split(radar)):
             model, one = self.models[i], seen[..., i : i + 1]
             z, by_a, by_r = (
-                model.continued_probit(np.asarray(aircraft), state, one)
-                if continued
+                _extrapolated(model, np.asarray(aircraft), state)
+                if extrapolated
                 else model.linearize_probit(aircraft, state)
             )
             values.append(np.where(one[..., 0], z, _UNSEEN))
@@ -279,9 +289,11 @@ class NetworkModel:
         return np.stack(values), by_aircraft, by_radar
 
     def _fused_probit(
-        self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, continued: bool
+        self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, extrapolated: bool
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, seen, continued=continued)
+        z, by_aircraft, by_radar = self._each_probit(
+            aircraft, radar, seen, extrapolated=extrapolated
+        )
         if len(z) == 1:
             return z[0], by_aircraft[0], by_radar[0]
         fused = _fuse(z)
@@ -291,8 +303,26 @@ class NetworkModel:
         return (fused, *_weighted(weight, by_aircraft, by_radar))
 
 
+def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
+    """Return the network of one radar for a detection model; a network as it is."""
+    return model if isinstance(model, NetworkModel) else NetworkModel((Radar(model),))
+
+
+def _extrapolated(
+    model: DetectionModel, aircraft: FloatArray, radar: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return z of states (k, 6) and (k, 4) and its partials, extrapolated linearly below c_r = 0."""
+    below_zero = np.minimum(radar[:, CONSTANT], 0.0)
+    if not below_zero.any():
+        return model.linearize_probit(aircraft, radar)
+    radar = radar.copy(order="K")
+    radar[:, CONSTANT] -= below_zero
+    value, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
+    return value + by_radar[:, CONSTANT] * below_zero, by_aircraft, by_radar
+
+
 def name_problem(names: Sequence[str]) -> str | None:
-    """Say why radars cannot have these names, or None if they can: a budget has rows for each."""
+    """Return why radars cannot have these names, as names of rows of a budget; None if they can."""
     taken = {"total", "all", "interaction", "aircraft", "aircraft_position", "aircraft_orientation"}
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:

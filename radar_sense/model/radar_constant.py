@@ -8,13 +8,14 @@ That gives σ of c_r to first order, its draws, and its moments.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.limits import Limit
+from radar_sense.model.radar_equation import RADARS
 from radar_sense.states import FloatArray
 
 #: A parameter that divides must stay well away from 0: its standard deviation is at most this part
@@ -29,8 +30,8 @@ _NEPERS = math.log(10.0) / 10.0  # ln of a ratio of powers of 1 dB
 
 
 @dataclass(frozen=True)
-class Part:
-    """An uncertain parameter of a radar constant, Gaussian in the unit of its key.
+class Tolerance:
+    """The tolerance of a parameter of a radar constant, Gaussian in the unit of its key.
 
     Attributes:
         key: Its key in a scenario.
@@ -75,6 +76,42 @@ class Part:
         return float(above + ndtr(lowest) * self.factor(np.array(lowest)) ** order)
 
 
+#: The name that modules still import; to be removed with their next change.
+Part = Tolerance
+
+
+@dataclass(frozen=True)
+class DataSheet:
+    """The parameters that a radar constant is computed from.
+
+    Attributes:
+        kind: A name in `radar_equation.RADARS`.
+        constant: c_r [J m²/K].
+        values: The parameters, by the keys of a scenario file and in their units.
+        search_factor: The search factor as a scenario file writes it, of a surveillance radar.
+    """
+
+    kind: str
+    constant: float
+    values: Mapping[str, float]
+    search_factor: int | str | None = None
+
+    def tolerances(self, std: Mapping[str, float]) -> tuple[Tolerance, ...]:
+        """Return the tolerances of parameters, from their standard deviations by key."""
+        return tuple(
+            Tolerance(
+                key,
+                self.values[key],
+                std[key],
+                f.metadata["power"] * unit.power,
+                f.metadata["decibels"],
+            )
+            for f in fields(RADARS[self.kind])
+            for key, unit in f.metadata.get("units", {}).items()
+            if key in std
+        )
+
+
 @dataclass(frozen=True)
 class Shape:
     """Mean and standard deviation of a positive quantity over its nominal value, and skewness."""
@@ -84,12 +121,12 @@ class Shape:
     skewness: float
 
 
-def relative_std(parts: Sequence[Part]) -> float:
+def relative_std(parts: Sequence[Tolerance]) -> float:
     """σ of c_r over c_r to first order: √Σ (∂ ln c_r/∂x_k σ_k)²."""
     return math.sqrt(sum(part.slope**2 for part in parts))
 
 
-def factors(parts: Sequence[Part], white: FloatArray) -> FloatArray:
+def factors(parts: Sequence[Tolerance], white: FloatArray) -> FloatArray:
     """Draw what c_r is multiplied by, (...), from unit normals (..., parts)."""
     product = parts[0].factor(white[..., 0])
     for i, part in enumerate(parts[1:], start=1):
@@ -97,12 +134,12 @@ def factors(parts: Sequence[Part], white: FloatArray) -> FloatArray:
     return product
 
 
-def draw(constants: FloatArray, parts: Sequence[Part], white: FloatArray) -> FloatArray:
+def draw(constants: FloatArray, parts: Sequence[Tolerance], white: FloatArray) -> FloatArray:
     """Draw radar constants (...) from nominal ones (...) and unit normals (..., parts)."""
     return constants * factors(parts, white)
 
 
-def shape(parts: Sequence[Part]) -> Shape:
+def shape(parts: Sequence[Tolerance]) -> Shape:
     """Mean, standard deviation and skewness of c_r as the parts make it, all factors multiplied.
 
     Means of powers of independent factors multiply: E c^n = Π E f_k^n.
@@ -110,7 +147,7 @@ def shape(parts: Sequence[Part]) -> Shape:
     return _shape(*(math.prod(part.moment(n) for part in parts) for n in (1, 2, 3)))
 
 
-def taken_for(parts: Sequence[Part], *, log_normal: bool) -> Shape:
+def taken_for(parts: Sequence[Tolerance], *, log_normal: bool) -> Shape:
     """Return the shape that a method of propagation takes c_r to have, with σ of first order.
 
     Log-normal is exact where all parts are in decibels. The other methods take c_r for Gaussian.
@@ -122,7 +159,7 @@ def taken_for(parts: Sequence[Part], *, log_normal: bool) -> Shape:
 
 
 def doubts(
-    names: Sequence[str], parts: Sequence[Sequence[Part]], method: str, *, log_normal: bool
+    names: Sequence[str], parts: Sequence[Sequence[Tolerance]], method: str, *, log_normal: bool
 ) -> tuple[str, ...]:
     """Say so of each radar (m,) whose c_r is not distributed as a method takes it to be.
 
@@ -140,7 +177,7 @@ def doubts(
     return tuple(f"{name}: {said}" for name, said in zip(names, found, strict=True) if said)
 
 
-def doubt(parts: Sequence[Part], method: str, *, log_normal: bool) -> str | None:
+def doubt(parts: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
     """Say so if c_r is not distributed as a method of propagation takes it to be."""
     exact, taken = shape(parts), taken_for(parts, log_normal=log_normal)
     if (
@@ -158,7 +195,7 @@ def doubt(parts: Sequence[Part], method: str, *, log_normal: bool) -> str | None
     )
 
 
-def describe(constant: float, parts: Sequence[Part]) -> str:
+def describe(constant: float, parts: Sequence[Tolerance]) -> str:
     """Say in words how c_r is distributed, exactly and to first order."""
     exact, first_order = shape(parts), constant * relative_std(parts)
     return (

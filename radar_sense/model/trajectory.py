@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from scipy.constants import g as gravity
 
 from radar_sense.covariance import without_rounding
-from radar_sense.errors import ScenarioError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean
 from radar_sense.model import geodesy as wgs84
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
 
@@ -101,11 +101,11 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
         method: "legs" or "smooth".
 
     Raises:
-        ScenarioError: If the step is not positive or makes too many poses, there is no such method,
+        InputError: If the step is not positive or makes too many poses, there is no such method,
             or no direction of flight can be found.
     """
     if method not in METHODS:
-        raise ScenarioError(
+        raise InputError(
             f"method must be one of {', '.join(METHODS)}, got {method!r}"
             + did_you_mean(method, METHODS)
         )
@@ -123,13 +123,13 @@ def times(route: Route, step_s: float) -> FloatArray:
     """Times (n,) [s] at even steps from the first pose of a route on, to the last or before it.
 
     Raises:
-        ScenarioError: If the step is not positive or makes too many of them.
+        InputError: If the step is not positive or makes too many of them.
     """
     first, last = float(route.time_s[0]), float(route.time_s[-1])
     # A step must be long enough to move the clock, whose floats are apart by some 1e-16 of it.
     shortest = max(MIN_STEP, 1e-15 * max(abs(first), abs(last)))
     if not (math.isfinite(step_s) and step_s >= shortest):
-        raise ScenarioError(f"step_s must be a number not less than {shortest:g}, got {step_s}")
+        raise InputError(f"step_s must be a number not less than {shortest:g}, got {step_s}")
     # Rounding must not lose the last pose.
     steps = math.floor((last - first) / step_s * (1 + 1e-12) + 1e-9)
     if steps >= MAX_ROWS:
@@ -138,15 +138,15 @@ def times(route: Route, step_s: float) -> FloatArray:
     return found
 
 
-def _too_many(step_s: float) -> ScenarioError:
-    return ScenarioError(f"step_s makes more than {MAX_ROWS:,} poses, got {step_s:g}")
+def _too_many(step_s: float) -> InputError:
+    return InputError(f"step_s makes more than {MAX_ROWS:,} poses, got {step_s:g}")
 
 
 def interpolated(route: Route, time: FloatArray, method: str = "legs") -> Route:
     """Interpolate a route, as `resample` says, at times (n,) [s] within its own, increasing.
 
     Raises:
-        ScenarioError: If no direction of flight can be found.
+        InputError: If no direction of flight can be found.
     """
     if len(route.time_s) == 1:
         return route
@@ -188,7 +188,7 @@ def in_frame(
         origin: Latitude, longitude [rad] and height above the ellipsoid [m].
 
     Raises:
-        ScenarioError: If the nose points straight up or down as the origin sees it.
+        InputError: If the nose points straight up or down as the origin sees it.
     """
     place = wgs84.geodetic_from_ned(aircraft[:, POSITION], origin)
     attitude = np.empty_like(place)
@@ -301,7 +301,7 @@ def _attitude(
     try:
         return attitude_from_motion(velocity, acceleration)
     except ValueError as error:
-        raise ScenarioError(
+        raise InputError(
             f"{source}: the aircraft {error}, attitude cannot be derived from the track; "
             f"give the columns {', '.join(_ATTITUDE)}"
         ) from error
@@ -329,7 +329,7 @@ def _to_origin(
         uncertain = np.any(part[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
         steep = uncertain & (np.abs(turned[some, 1]) > np.pi / 2 - _STEEP)
         if steep.any():
-            raise ScenarioError(
+            raise InputError(
                 f"{source}: at time_s {float(time[some][steep][0])!r} the aircraft's nose points "
                 "straight up or down as the origin sees it, where roll and yaw have no covariance"
             )

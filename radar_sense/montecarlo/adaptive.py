@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, Limit
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
@@ -159,7 +159,7 @@ def validate(
             not, since the last call.
 
     Raises:
-        ScenarioError: If there is no such method or a number is not allowed.
+        InputError: If there is no such method or a number is not allowed.
         ComputationError: If memory or threads run out.
     """
     check_method(method)
@@ -170,12 +170,12 @@ def validate(
         ("max_runs", max_runs, RUNS),
     ):
         if not limit.allows(value):
-            raise ScenarioError(f"{name} must be {limit}, got {value}")
+            raise InputError(f"{name} must be {limit}, got {value}")
     digits, max_runs = int(digits), int(max_runs)  # 2.0 is a whole number too
     batches = _Batches.of(scenario, beta)
     # 7.9.4 f): a single batch does not show how stable it is
     if max_runs < 2 * batches.draws:
-        raise ScenarioError(
+        raise InputError(
             f"max_runs must be at least {2 * batches.draws}, two batches for a beta of {beta:g}, "
             f"got {max_runs}"
         )

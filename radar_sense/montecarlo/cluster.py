@@ -18,7 +18,7 @@ from importlib.util import find_spec
 from typing import Any
 from urllib.parse import urlsplit
 
-from radar_sense.errors import ComputationError, ScenarioError
+from radar_sense.errors import ComputationError, InputError
 
 #: Seconds to wait for a scheduler that does not answer.
 TIMEOUT = 5
@@ -56,13 +56,13 @@ def cluster(
         An executor, and the number of threads of all workers.
 
     Raises:
-        ScenarioError: If Dask is not installed, no scheduler answers, or there are no workers.
+        InputError: If Dask is not installed, no scheduler answers, or there are no workers.
         ComputationError: If the cluster is lost while it computes.
     """
     try:
         import distributed
     except ImportError as error:
-        raise ScenarioError(
+        raise InputError(
             "--dask needs more to be installed: pip install 'radar-sense[dask]'"
         ) from error
     connect: Any = distributed.Client  # which has no types
@@ -71,14 +71,14 @@ def cluster(
             _knock(address)
             client = connect(address, timeout=TIMEOUT, set_as_default=False)
         except (OSError, ValueError, UnicodeError, asyncio.CancelledError) as error:
-            raise ScenarioError(
+            raise InputError(
                 f"--dask: no Dask scheduler answers at {address!r}, an address is like "
                 "tcp://host:8786"
             ) from error
         try:
             threads = sum(client.nthreads().values())
             if not threads:
-                raise ScenarioError(f"--dask: the scheduler at {address} has no workers")
+                raise InputError(f"--dask: the scheduler at {address} has no workers")
             _require_package(client)
             # pure=False: a task has a name of its own, not a digest of its arguments
             executor = ClusterExecutor(client, client.get_executor(pure=False), address, say)
@@ -200,11 +200,11 @@ def _knock(address: str) -> None:
 
 
 def _require_package(client: Any) -> None:
-    """Raise ScenarioError if a worker lacks the package; such a worker would die over a task."""
+    """Raise InputError if a worker lacks the package; such a worker would die over a task."""
     specs = client.run(find_spec, "radar_sense", on_error="return")
     lacking = [worker for worker, spec in specs.items() if spec is None]
     if lacking:
-        raise ScenarioError(
+        raise InputError(
             f"--dask: {len(lacking)} of {len(specs)} workers, such as {lacking[0]}, cannot load "
             "radar_sense; pip install 'radar-sense[dask]' there, the same version as here"
         )

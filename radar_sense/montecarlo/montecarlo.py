@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, SEED
-from radar_sense.model.detection_model import Model
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.canary import canary
 from radar_sense.montecarlo.parallel import merged
 from radar_sense.montecarlo.sampler import Sampler
@@ -240,7 +241,7 @@ def monte_carlo(
         progress: Called with the number of runs of each task that has been computed.
 
     Raises:
-        ScenarioError: If runs, seed, level, method or sampler are not allowed, or if the runs and
+        InputError: If runs, seed, level, method or sampler are not allowed, or if the runs and
             poses take too much memory.
         ComputationError: If memory, threads or workers run out.
     """
@@ -259,7 +260,7 @@ def monte_carlo(
 
 
 def monte_carlo_states(
-    model: Model,
+    model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -297,7 +298,7 @@ def monte_carlo_states(
     cov_aircraft, cov_radar = np.asarray(cov_aircraft, float), np.asarray(cov_radar, float)
     for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
         if not limit.allows(value):
-            raise ScenarioError(f"{name} must be {limit}, got {value}")
+            raise InputError(f"{name} must be {limit}, got {value}")
     if aircraft.ndim != 2 or radar.ndim != 1 or cov_radar.ndim != 2:
         raise ValueError(
             "needs aircraft (n, 6), and one radar (4m,) with cov_radar (4m, 4m) for all poses; got "
@@ -317,7 +318,7 @@ def monte_carlo_states(
 
 
 def _require_possible(poses: int, runs: int, sampler: str) -> None:
-    """Raise ScenarioError, before anything is computed, if the draws are not possible."""
+    """Raise InputError, before anything is computed, if the draws are not possible."""
     check_sampler(sampler, runs)
     Tails(poses, runs, TAIL)
 

@@ -15,7 +15,8 @@ from radar_sense.covariance import (
     draws,
     square_root,
 )
-from radar_sense.model.detection_model import Model
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Part, draw
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray, check_finite
@@ -65,7 +66,7 @@ class Sampler:
             parameters are drawn, and c_r is computed from them.
     """
 
-    model: Model
+    model: NetworkModel
     aircraft: FloatArray
     radar: FloatArray
     sqrt_cov_aircraft: FloatArray
@@ -87,7 +88,7 @@ class Sampler:
     @classmethod
     def of_states(
         cls,
-        model: Model,
+        model: DetectionModel | NetworkModel,
         aircraft: FloatArray,
         radar: FloatArray,
         cov_aircraft: FloatArray,
@@ -102,7 +103,7 @@ class Sampler:
         check_finite("aircraft", aircraft)
         check_finite("radar", radar)
         return cls(
-            model=model,
+            model=as_network(model),
             aircraft=aircraft,
             radar=radar,
             sqrt_cov_aircraft=component_first(square_root(checked("aircraft", cov_aircraft))),

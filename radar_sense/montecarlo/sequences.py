@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense.errors import ScenarioError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 #: Bits of a coordinate of a Sobol' point, the most that SciPy can skip ahead in (1.17).
@@ -148,13 +148,13 @@ SAMPLERS: Mapping[str, Any] = {"random": Random, "sobol": Sobol}
 
 
 def check_sampler(name: str, runs: int) -> None:
-    """Raise ScenarioError if there is no such sampler, or if it cannot give that many runs."""
+    """Raise InputError if there is no such sampler, or if it cannot give that many runs."""
     if name not in SAMPLERS:
-        raise ScenarioError(
+        raise InputError(
             f"sampler must be one of {', '.join(SAMPLERS)}, got {name!r}"
             + did_you_mean(name, SAMPLERS)
         )
     if name == "sobol" and runs > MAX_SOBOL_RUNS:
-        raise ScenarioError(
+        raise InputError(
             f"runs with Sobol' points must be at most {MAX_SOBOL_RUNS:,}, got {runs:,}"
         )

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
 #: Independent scramblings of the same size; their spread gives the standard errors.
@@ -73,7 +73,7 @@ def sobol_indices(
         The indices; NaN for an output without variance.
 
     Raises:
-        ScenarioError: If the sample takes more than MAX_BYTES.
+        InputError: If the sample takes more than MAX_BYTES.
     """
     # scipy.stats is slow to import
     from scipy.stats import qmc
@@ -84,7 +84,7 @@ def sobol_indices(
     row_bytes = 8 * (10 * dimension + 4 * (len(groups) + 2))
     if row_bytes << exponent > MAX_BYTES:
         fit = REPLICATES << int(np.log2(MAX_BYTES / row_bytes))
-        raise ScenarioError(
+        raise InputError(
             f"Sobol' indices of {samples:,} runs would take "
             f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than {MAX_BYTES / 1e9:g} GB; "
             f"at most {fit:,} runs fit"

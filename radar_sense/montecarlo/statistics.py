@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
 #: Blocks up to this number of rows are sorted, because two partitions would take longer.
@@ -72,7 +72,7 @@ class Tails:
         probability: p of the lower quantile; the upper quantile is at 1 − p.
 
     Raises:
-        ScenarioError: If the rows to keep take more than MAX_TAIL_BYTES.
+        InputError: If the rows to keep take more than MAX_TAIL_BYTES.
     """
 
     def __init__(self, columns: int, count: int, probability: float) -> None:
@@ -80,7 +80,7 @@ class Tails:
         if capacity * row > MAX_TAIL_BYTES:
             fit = math.floor((math.floor(MAX_TAIL_BYTES / row / TAIL_ROOM) - 2) / probability)
             remedy = f"at most {fit:,} runs fit" if fit >= 2 else "use fewer poses"
-            raise ScenarioError(
+            raise InputError(
                 f"exact quantiles of {count:,} runs of {columns:,} poses would take "
                 f"{capacity * row / 1e9:,.1f} GB of memory, more than "
                 f"{MAX_TAIL_BYTES / 1e9:g} GB; {remedy}"

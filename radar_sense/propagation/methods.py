@@ -12,8 +12,9 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.errors import ScenarioError, did_you_mean
-from radar_sense.model.detection_model import Model
+from radar_sense.errors import InputError, did_you_mean
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.network import NetworkModel
 from radar_sense.propagation import checks
 from radar_sense.propagation.form import form, form_std, form_upper
 from radar_sense.propagation.linear import linear, linear_std, linear_upper
@@ -83,7 +84,7 @@ METHODS: Mapping[str, Method] = {
 
 
 def propagate(
-    model: Model,
+    model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -119,7 +120,7 @@ def propagate(
 
 
 def upper_bound(
-    model: Model,
+    model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -143,7 +144,7 @@ def upper_bound(
 
 
 def nonlinear(
-    model: Model,
+    model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -186,7 +187,7 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
     """Moments of P_D (n,) at every pose of a scenario, at its level of radar uncertainty.
 
     Raises:
-        ScenarioError: If there is no such method.
+        InputError: If there is no such method.
     """
     return propagate(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
 
@@ -218,22 +219,22 @@ def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
 
 
 def check_method(method: str, besides: Sequence[str] = ()) -> None:
-    """Raise ScenarioError, which is a ValueError, unless there is such a method."""
+    """Raise InputError, which is a ValueError, unless there is such a method."""
     allowed = [*METHODS, *besides]
     if method not in allowed:
-        raise ScenarioError(
+        raise InputError(
             f"method must be one of {', '.join(allowed)}, got {method!r}"
             + did_you_mean(method, allowed)
         )
 
 
-def _of(scenario: Scenario) -> tuple[Model, FloatArray, FloatArray, FloatArray, FloatArray]:
+def _of(scenario: Scenario) -> tuple[NetworkModel, FloatArray, FloatArray, FloatArray, FloatArray]:
     cov_radar = scenario.cov_radar[scenario.level]
     return scenario.model, scenario.aircraft, scenario.radar, scenario.cov_aircraft, cov_radar
 
 
 def _checked(
-    model: Model,
+    model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,

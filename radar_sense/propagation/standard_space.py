@@ -26,7 +26,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import checked, square_root
-from radar_sense.model.detection_model import Model
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
@@ -71,7 +72,7 @@ class UncertainStates:
         cov_radar: C_rr (k, 4m, 4m).
     """
 
-    model: Model
+    model: NetworkModel
     log_constant: NDArray[np.bool_]
     aircraft: FloatArray
     radar: FloatArray
@@ -114,7 +115,7 @@ class UncertainStates:
 
 
 def uncertain_states(
-    model: Model,
+    model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
@@ -130,7 +131,8 @@ def uncertain_states(
     Raises:
         ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
-    radars = len(model.models) * len(RADAR)
+    model = as_network(model)
+    radars = len(model.radars) * len(RADAR)
     arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
     wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
         ("aircraft states", aircraft, (len(AIRCRAFT),)),
@@ -202,7 +204,7 @@ class RelativeProbit:
         aircraft, radar, growth = self.shifted(error, pose)
         visible = self.visible if len(self.visible) == 1 else self.visible[pose]
         visible = np.broadcast_to(visible, (len(pose), visible.shape[-1]))
-        value, by_aircraft, by_radar = states.model.continued_probit(aircraft, radar, visible)
+        value, by_aircraft, by_radar = states.model.extrapolated_probit(aircraft, radar, visible)
         gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
         if growth is not None:
             gradient[_RADARS][CONSTANTS] *= growth

@@ -6,194 +6,197 @@ import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
-from radar_sense import covariance
+from radar_sense import covariance, keys
 from radar_sense.errors import did_you_mean
-from radar_sense.limits import POSITIVE, PROBABILITY
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
-from radar_sense.model.network import NetworkModel, Station, name_problem
+from radar_sense.model.network import NetworkModel, Radar, name_problem
+from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.radar_equation import RADARS
-from radar_sense.reading.data_sheet import Makeup, read_makeup
-from radar_sense.reading.geometry import _Poses
-from radar_sense.reading.trajectory import read_geodetic
-from radar_sense.reading.uncertainty import _Levels, _levels
-from radar_sense.reading.yaml_reader import Entry
+from radar_sense.provenance import RadarSource, StatedCovariance
+from radar_sense.reading.data_sheet import read_data_sheet
+from radar_sense.reading.geometry import Poses
+from radar_sense.reading.trajectory import read_place
+from radar_sense.reading.uncertainty import Levels, read_levels
+from radar_sense.reading.yaml_reader import Entry, Section
 from radar_sense.states import POSITION, RADAR, FloatArray
 
 MAX_RADARS = 64
-_GEODETIC = "position_geodetic"
 
 
 @dataclass(frozen=True, eq=False)
-class _Geodetic:
-    """A place in latitude, longitude [rad] and height [m], and where the file says it."""
+class RadarEntry:
+    """A radar of a scenario file.
 
-    place: tuple[float, float, float]
-    entry: Entry
-
-
-@dataclass(frozen=True, eq=False)
-class _Radar:
-    """What a scenario says of a radar; name, limits and levels are for one of `radars` only.
-
-    Where `geodetic` says its place, `state` has it once it is `_placed`.
+    Attributes:
+        state: North, east, down [m] and c_r (4,). A radar with a `place` has its position once it
+            is `placed`.
+        p_fa: Probability of false alarm.
+        detector: Its detector.
+        data_sheet: What c_r is computed from, or None.
+        place: Latitude, longitude [rad] and height [m], or None.
+        place_entry: The place in the file, for errors.
+        scan_period: Time from one look to the next [s], or None.
+        name: Its name among several, else "".
+        max_range: Slant range beyond which it detects nothing [m].
+        horizon: Whether it detects nothing below the horizon.
+        levels: Its uncertainty, in the frame of the poses once it is `placed`.
+        stated: Its uncertainty as the file states it.
     """
 
     state: FloatArray
-    makeup: Makeup | None
     p_fa: float
     detector: Detector
+    data_sheet: DataSheet | None = None
+    place: tuple[float, float, float] | None = None
+    place_entry: Entry | None = None
+    scan_period: float | None = None
     name: str = ""
     max_range: float = math.inf
     horizon: bool = False
-    scan_period: float | None = None
-    levels: _Levels = field(default_factory=_Levels)
-    geodetic: _Geodetic | None = None
+    levels: Levels = field(default_factory=Levels)
+    stated: Levels = field(default_factory=Levels)
 
     @property
     def called(self) -> str:
-        """What to call it in an error."""
+        """What errors call it."""
         return f"radar {self.name!r}" if self.name else "the radar"
 
+    @property
+    def source(self) -> RadarSource:
+        """What the record needs beside the arrays."""
+        covariances = {
+            level: StatedCovariance(matrix, self.levels.covariance[level])
+            for level, matrix in self.stated.covariance.items()
+        }
+        return RadarSource(self.state, self.place, self.data_sheet, covariances)
 
-def _radar(
+
+def read_radar(
     entry: Entry, required: Sequence[str] = (), optional: Sequence[str] = ()
-) -> tuple[_Radar, dict[str, Any]]:
-    """Read what is said of any radar; other keys, which someone else reads, may stand beside it."""
+) -> RadarEntry:
+    """Read the keys that every radar has.
+
+    Args:
+        entry: The mapping.
+        required: More keys that must be there, but are read elsewhere.
+        optional: More keys that may be there, but are read elsewhere.
+    """
+    position, place = keys.RADAR_POSITION.name, keys.RADAR_PLACE.name
     given = entry.entries()
-    if "position_m" in given and _GEODETIC in given:
-        raise given[_GEODETIC].error(
-            "must be left out, or 'position_m'; allowed is one or the other"
-        )
-    place, other = ("position_m", _GEODETIC) if _GEODETIC not in given else (_GEODETIC, None)
-    found = entry.mapping(
-        [*required, place, "p_fa"],
-        [
-            *filter(None, [other]),
-            "constant",
-            *RADARS,
-            "detector",
-            "scan_period_s",
-            *optional,
-        ],
-    )
-    chosen = [key for key in ("constant", *RADARS) if key in found]
+    if position in given and place in given:
+        raise given[place].error("must be left out, or 'position_m'; allowed is one or the other")
+    first, other = (place, []) if place in given else (position, [place])
+    constants = [keys.CONSTANT.name, *RADARS]
+    optional = [*other, *constants, keys.DETECTOR.name, keys.SCAN_PERIOD.name, *optional]
+    entries = entry.mapping([*required, first, keys.P_FA.name], optional)
+    chosen = [key for key in constants if key in entries]
     if len(chosen) != 1:
-        *others, last = (f"'{key}'" for key in ("constant", *RADARS))
+        *others, last = (f"'{key}'" for key in constants)
         raise entry.error(
             f"needs one of the keys {', '.join(others)} and {last}, and not "
             + ("both" if len(chosen) < 3 else "more")
         )
-    document: dict[str, Any] = {}
-    position, geodetic = [0.0] * 3, None
-    if place == _GEODETIC:
-        where, document[_GEODETIC] = read_geodetic(found[_GEODETIC])
-        geodetic = _Geodetic(where, found[_GEODETIC])
+    section = Section(entries)
+    radar_position, radar_place = [0.0] * 3, None
+    if first == place:
+        radar_place = read_place(entries[place])
     else:
-        document["position_m"] = position = found["position_m"].numbers(3)
-    makeup: Makeup | None = None
-    if "constant" in found:
-        document["constant"] = constant = found["constant"].number(POSITIVE)
-    else:
-        makeup, document[chosen[0]] = read_makeup(found[chosen[0]], chosen[0])
-        constant = makeup.constant
-    document["p_fa"] = found["p_fa"].number(PROBABILITY)
-    document["detector"] = found["detector"].choice(DETECTORS) if "detector" in found else "north"
-    state = np.array([*position, constant])
-    detector = DETECTORS[document["detector"]]()
-    scan_period = None
-    if "scan_period_s" in found:
-        document["scan_period_s"] = scan_period = found["scan_period_s"].number(POSITIVE)
-    radar = _Radar(
-        state, makeup, document["p_fa"], detector, scan_period=scan_period, geodetic=geodetic
+        radar_position = section.value(keys.RADAR_POSITION)
+    sheet: DataSheet | None = None
+    constant = section.value(keys.CONSTANT)
+    if constant is None:
+        sheet = read_data_sheet(entries[chosen[0]], chosen[0])
+        constant = sheet.constant
+    return RadarEntry(
+        state=np.array([*radar_position, constant]),
+        p_fa=section.value(keys.P_FA),
+        detector=DETECTORS[section.value(keys.DETECTOR)](),
+        data_sheet=sheet,
+        place=radar_place,
+        place_entry=entries.get(place),
+        scan_period=section.value(keys.SCAN_PERIOD),
     )
-    return radar, document
 
 
-def _placed(radar: _Radar, poses: _Poses) -> _Radar:
-    """Put a radar whose place is in latitude and longitude into the frame of the poses."""
-    if radar.geodetic is None:
+def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:
+    """Return a radar with its position in the frame of the poses."""
+    if radar.place is None or radar.place_entry is None:
         return radar
     if poses.origin is None:
-        raise radar.geodetic.entry.error(
+        raise radar.place_entry.error(
             "needs a path whose route is in latitude and longitude, with its geometry.origin; "
             "here give position_m"
         )
     state = radar.state.copy()
-    state[POSITION] = ned_from_geodetic(radar.geodetic.place, poses.origin)
-    return dataclasses.replace(radar, state=state, levels=_turned(radar, radar.levels, poses))
+    state[POSITION] = ned_from_geodetic(radar.place, poses.origin)
+    return with_levels(dataclasses.replace(radar, state=state), radar.stated, poses)
 
 
-def _turned(radar: _Radar, levels: _Levels, poses: _Poses) -> _Levels:
-    """Turn C_rr from north, east and down at a radar in latitude and longitude to the frame."""
-    if radar.geodetic is None or poses.origin is None:
-        return levels
-    turn = np.eye(len(RADAR))
-    turn[POSITION, POSITION] = turn_to_origin(radar.geodetic.place, poses.origin)
-    turned = {}
-    for level, matrix in levels.covariance.items():
-        matrix = turn @ matrix @ turn.T
-        turned[level] = covariance.without_rounding((matrix + matrix.T) / 2)
-    return dataclasses.replace(levels, covariance=turned)
+def with_levels(radar: RadarEntry, levels: Levels, poses: Poses) -> RadarEntry:
+    """Return a radar with its uncertainty.
+
+    C_rr of a radar in latitude and longitude is relative to north, east and down at the radar, and
+    is turned into the frame of the poses.
+    """
+    made = levels
+    if radar.place is not None and poses.origin is not None:
+        turn = np.eye(len(RADAR))
+        turn[POSITION, POSITION] = turn_to_origin(radar.place, poses.origin)
+        turned = {level: turn @ matrix @ turn.T for level, matrix in levels.covariance.items()}
+        made = dataclasses.replace(
+            levels,
+            covariance={
+                level: covariance.without_rounding((matrix + matrix.T) / 2)
+                for level, matrix in turned.items()
+            },
+        )
+    return dataclasses.replace(radar, levels=made, stated=levels)
 
 
-def _radars(entry: Entry) -> tuple[list[_Radar], list[dict[str, Any]]]:
+def read_radars(entry: Entry) -> list[RadarEntry]:
     """Read the radars of a network."""
     if not entry.is_list() or not entry.items():
         raise entry.wrong("a list of one radar or more, each with a name")
     entries = entry.items()
     if len(entries) > MAX_RADARS:
         raise entry.error(f"has {len(entries)} radars, allowed are {MAX_RADARS}")
-    radars: list[_Radar] = []
-    documents: list[dict[str, Any]] = []
+    radars: list[RadarEntry] = []
     for radar_entry in entries:
-        radar, document = _one_of_several(radar_entry)
-        name = radar_entry.entries()["name"]
+        radar = _read_one_of_several(radar_entry)
+        name = radar_entry.entries()[keys.RADAR_NAME.name]
         if radar.name in (other.name for other in radars):
             raise name.error(f"must be a name that no other radar has, got {radar.name!r}")
         problem = name_problem([*(other.name for other in radars), radar.name])
         if problem:
             raise name.error(problem)
-        _refuse_other_levels(radar_entry.entries()["uncertainty"], radar, (radars or [radar])[0])
+        levels = radar_entry.entries()[keys.RADAR_UNCERTAINTY.name]
+        _refuse_other_levels(levels, radar, (radars or [radar])[0])
         radars.append(radar)
-        documents.append(document)
-    return radars, documents
+    return radars
 
 
-def _one_of_several(entry: Entry) -> tuple[_Radar, dict[str, Any]]:
-    radar, of_radar = _radar(entry, ["name"], ["max_range_km", "horizon", "uncertainty"])
-    found = entry.entries()
-    name = found["name"].text(
-        "[A-Za-z0-9][A-Za-z0-9_-]{0,39}",
-        "the name of a radar, up to 40 letters A to Z, digits, '_' or '-'",
-    )
-    document: dict[str, Any] = {"name": name, **of_radar}
-    max_range = math.inf
-    if "max_range_km" in found:
-        document["max_range_km"] = found["max_range_km"].number(POSITIVE)
-        max_range = document["max_range_km"] * 1e3
-    horizon = "horizon" in found and found["horizon"].choice(["true", "false"]) == "true"
-    document["horizon"] = horizon
-    if "uncertainty" not in found:
+def _read_one_of_several(entry: Entry) -> RadarEntry:
+    uncertainty = keys.RADAR_UNCERTAINTY.name
+    limits = [keys.MAX_RANGE.name, keys.HORIZON.name]
+    radar = read_radar(entry, [keys.RADAR_NAME.name], [*limits, uncertainty])
+    section = Section(entry.entries())
+    name = section.value(keys.RADAR_NAME)
+    max_range, horizon = section.si(keys.MAX_RANGE), section.value(keys.HORIZON)
+    if uncertainty not in section:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
-    levels, document["uncertainty"] = _levels(found["uncertainty"], radar.makeup)
-    radar = dataclasses.replace(
-        radar,
-        name=name,
-        max_range=max_range,
-        horizon=horizon,
-        levels=levels,
+    levels = read_levels(section[uncertainty], radar.data_sheet)
+    return dataclasses.replace(
+        radar, name=name, max_range=max_range, horizon=horizon, levels=levels, stated=levels
     )
-    return radar, document
 
 
-def _refuse_other_levels(entry: Entry, radar: _Radar, first: _Radar) -> None:
-    """All radars of a network must have the levels of the first."""
+def _refuse_other_levels(entry: Entry, radar: RadarEntry, first: RadarEntry) -> None:
+    """Raise InputError unless a radar has the levels of the first."""
     expected, levels = list(first.levels.covariance), entry.entries()
     for level, level_entry in levels.items():
         if level not in expected:
@@ -209,12 +212,13 @@ def _refuse_other_levels(entry: Entry, radar: _Radar, first: _Radar) -> None:
         )
 
 
-def _network(
-    radars: Sequence[_Radar], models: Sequence[DetectionModel], poses: _Poses
+def network(
+    radars: Sequence[RadarEntry], models: Sequence[DetectionModel], poses: Poses
 ) -> NetworkModel:
+    """Return the network of the radars."""
     return NetworkModel(
         tuple(
-            Station(
+            Radar(
                 model,
                 name=radar.name,
                 max_range=radar.max_range,

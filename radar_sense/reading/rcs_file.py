@@ -1,22 +1,19 @@
-"""Reading an RCS table from a file.
+"""An RCS table from a file.
 
-The file is CSV. Lines that begin with # are comments. The first other line names the columns:
+The file is CSV, in the dialect of `csv_reader`. Its columns:
 
     azimuth_deg                λ = atan2(y, x): 0 off the nose, 90 off the right wing
     elevation_deg (optional)   atan2(−z, √(x² + y²)): 0 at the aircraft's horizon, 90 straight above
     rcs_m2 or rcs_dbsm         σ_r, or 10 log10 of σ_r in m²
 
 Azimuths go once around: −180 to 180, 0 to 360, or half of it (0 to 180, −180 to 0) if it is to be
-mirrored. If both ends of a full circle are given they must agree. Angles ascend. In a table with
-elevations every azimuth is there at each of them, row after row or column after column. A table
-without them holds for all elevations.
+mirrored. If both ends of a full circle are given they must agree. Angles ascend. A table with
+elevations has every azimuth at each of them, row after row or column after column. A table
+without elevations holds for all elevations.
 """
 
 from __future__ import annotations
 
-import csv
-import hashlib
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,10 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import ScenarioError, did_you_mean
-from radar_sense.limits import LARGEST, SMALLEST
+from radar_sense.errors import InputError
+from radar_sense.limits import LARGEST, SMALLEST, Limit
 from radar_sense.model.rcs_table import (
-    ENVELOPE,
     MAX_NODES,
     TURN,
     Problem,
@@ -36,19 +32,16 @@ from radar_sense.model.rcs_table import (
     gap,
     out_of_order,
 )
-from radar_sense.reading.yaml_reader import Entry, recorded
+from radar_sense.reading.csv_reader import Block, Column, Format, Header, read_csv
 from radar_sense.states import FloatArray
 
-#: Keys of a scenario's RCS table, beside `model`.
-KEYS = ("file", "mirror", "envelope_deg", "sha256")
-MAX_BYTES = 50_000_000
-#: Columns of the file, and the least and greatest that each may hold.
 _COLUMNS = {
-    "azimuth_deg": (-180.0, 360.0),
-    "elevation_deg": (-90.0, 90.0),
-    "rcs_m2": (SMALLEST, LARGEST),
-    "rcs_dbsm": (10 * np.log10(SMALLEST), 10 * np.log10(LARGEST)),
+    "azimuth_deg": Column(Limit(at_least=-180, at_most=360)),
+    "elevation_deg": Column(Limit(at_least=-90, at_most=90)),
+    "rcs_m2": Column(Limit(at_least=SMALLEST, at_most=LARGEST)),
+    "rcs_dbsm": Column(Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))),
 }
+_FORMAT = Format("an RCS table", _COLUMNS, ", ".join(_COLUMNS), 50 * 2**20, MAX_NODES)
 
 
 def load_rcs_table(
@@ -58,100 +51,69 @@ def load_rcs_table(
 
     Args:
         path: The file.
-        mirror: Whether the file has one half of an aircraft whose halves are alike.
+        mirror: Whether the file has one half of a symmetric aircraft.
         envelope: As in `TableRCS` [rad].
 
     Raises:
-        ScenarioError: If the file cannot be read, or anything in it is not allowed.
+        InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    try:
-        data = _read(Path(path))
-    except (OSError, ValueError) as error:
-        raise ScenarioError(f"{path}: {_reason(error)}") from error
-    return TableRCS(*_parse(data, str(path), mirror), envelope=envelope)
+    table, _ = read_rcs_table(path, mirror=mirror, envelope=envelope)
+    return table
 
 
-def read_table(entry: Entry) -> tuple[TableRCS, dict[str, Any]]:
-    """Read the RCS table that an entry of a scenario names.
+def read_rcs_table(
+    path: str | Path,
+    *,
+    mirror: bool = False,
+    envelope: float | None = None,
+    sha256: str | None = None,
+) -> tuple[TableRCS, str]:
+    """Read an RCS table as `load_rcs_table` does, and return the SHA-256 of its bytes too.
 
-    The file is looked for from the folder of the scenario file.
-
-    Returns:
-        The table, and the entry as it is to be recorded: with the file as seen from the
-        working folder and its SHA-256, so that it reads back as this table or not at all.
+    Args:
+        path: The file.
+        mirror: As in `load_rcs_table`.
+        envelope: As in `load_rcs_table`.
+        sha256: Digest that the file must have; None allows any.
 
     Raises:
-        ScenarioError: If anything in the entry or the file is not allowed.
+        InputError: If the file cannot be read or anything in the file is not allowed.
     """
-    found = entry.mapping(["model", "file"], ["mirror", "envelope_deg", "sha256"])
-    name = found["file"].text(r"[^\0\r\n]{1,1000}", "the name of a CSV file")
-    mirror = "mirror" in found and found["mirror"].choice(["true", "false"]) == "true"
-    path = Path(entry.source).parent / name
-    try:
-        data = _read(path)
-    except (OSError, ValueError) as error:
-        raise found["file"].error(f"{path} {_reason(error)}") from error
-    digest = hashlib.sha256(data).hexdigest()
-    if "sha256" in found:
-        expected = found["sha256"].text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
-        if expected != digest:
-            raise found["sha256"].error(f"{path} is another file than it was: it has {digest}")
-    document: dict[str, Any] = {"file": recorded(path), "mirror": mirror, "sha256": digest}
-    envelope = None
-    if "envelope_deg" in found:
-        document["envelope_deg"] = found["envelope_deg"].number(ENVELOPE)
-        envelope = float(np.deg2rad(document["envelope_deg"]))
-    return TableRCS(*_parse(data, str(path), mirror), envelope=envelope), document
+    lines: list[NDArray[np.intp]] = []
 
+    def keep_lines(block: Block) -> None:
+        lines.append(block.line_numbers())
 
-def _read(path: Path) -> bytes:
-    with path.open("rb") as file:
-        data = file.read(MAX_BYTES + 1)
-    if len(data) > MAX_BYTES:
-        raise ValueError(f"is larger than {MAX_BYTES // 1_000_000} MB, too large for a table")
-    return data
-
-
-def _reason(error: OSError | ValueError) -> str:
-    if isinstance(error, OSError):
-        return f"cannot be read: {error.strerror or error}"
-    return str(error)
+    table = read_csv(
+        path, _FORMAT, check_header=_check_header, check_block=keep_lines, sha256=sha256
+    )
+    columns = dict(zip(table.header.names, np.concatenate(table.blocks).T.copy(), strict=True))
+    nodes = _nodes(columns, np.concatenate(lines), mirror, _File(str(path)))
+    return TableRCS(*nodes, envelope=envelope), table.sha256
 
 
 @dataclass(frozen=True)
 class _File:
-    """A file in errors."""
+    """The name of a file, for errors."""
 
     source: str
 
-    def error(self, line: int, message: str) -> ScenarioError:
-        return ScenarioError(f"{self.source}:{line}: {message}")
+    def error(self, line: int, message: str) -> InputError:
+        """Return the error to raise about a line."""
+        return InputError(f"{self.source}:{line}: {message}")
 
 
-def _parse(
-    data: bytes, source: str, mirror: bool
+def _check_header(header: Header) -> None:
+    if "azimuth_deg" not in header.names:
+        raise header.error("missing column 'azimuth_deg', which is always required")
+    if ("rcs_m2" in header.names) == ("rcs_dbsm" in header.names):
+        raise header.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
+
+
+def _nodes(
+    columns: dict[str, FloatArray], lines: NDArray[np.intp], mirror: bool, file: _File
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Check the content of a file: azimuths (n,), values (n,) or (n, m), elevations (m,) or None.
-
-    All in radians and m².
-    """
-    file = _File(source)
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        raise file.error(line, f"is not UTF-8 text: byte 0x{data[error.start]:02x}") from error
-    columns, lines = _columns(text, file)
-    for name, values in columns.items():
-        low, high = _COLUMNS[name]
-        wrong = np.flatnonzero(~((values >= low) & (values <= high)))
-        if len(wrong):
-            raise file.error(
-                lines[wrong[0]],
-                f"{name} must be a number from {low:g} to {high:g}, got {values[wrong[0]]:g}",
-            )
-    if len(lines) > MAX_NODES:
-        raise file.error(lines[MAX_NODES], f"has more than the {MAX_NODES:,} rows allowed")
+    """Return azimuths (n,), values (n,) or (n, m), and elevations (m,) or None, in rad and m²."""
     sigma = columns["rcs_m2"] if "rcs_m2" in columns else 10.0 ** (columns["rcs_dbsm"] / 10.0)
     azimuth = np.deg2rad(columns["azimuth_deg"])
     elevation = None
@@ -177,73 +139,10 @@ def _parse(
     return azimuth, sigma, elevation
 
 
-def _columns(text: str, file: _File) -> tuple[dict[str, FloatArray], NDArray[np.intp]]:
-    """Read the columns by name, and the line that each row stands on."""
-    rows = csv.reader(_without_comments(text), skipinitialspace=True, strict=True)
-    header: list[str] = []
-    found: list[list[float]] = []
-    lines: list[int] = []
-    try:
-        for row in rows:
-            line = rows.line_num
-            if not row:
-                continue
-            cells = [cell.strip() for cell in row]
-            if not header:
-                header = cells
-                _check_header(header, line, file)
-                continue
-            if len(cells) != len(header):
-                raise file.error(
-                    line, f"must have {len(header)} values, {', '.join(header)}, "
-                    f"got {len(cells)}"
-                )  # fmt: skip
-            found.append([_number(*pair, line, file) for pair in zip(header, cells, strict=True)])
-            lines.append(rows.line_num)
-    except csv.Error as error:
-        raise file.error(rows.line_num, f"is not valid CSV: {error}") from error
-    if not found:
-        raise file.error(max(rows.line_num, 1), "has no rows of numbers")
-    return dict(zip(header, np.array(found).T.copy(), strict=True)), np.array(lines, dtype=np.intp)
-
-
-def _without_comments(text: str) -> Iterator[str]:
-    """Give line after line; comments as empty lines, so that the numbers of the others stay."""
-    for line in text.split("\n"):
-        yield "" if line.lstrip().startswith("#") else line.rstrip("\r")
-
-
-def _check_header(header: list[str], line: int, file: _File) -> None:
-    for name in header:
-        if name not in _COLUMNS:
-            shown = name if len(name) <= 40 else name[:37] + "..."
-            raise file.error(
-                line,
-                f"unknown column {shown!r}, allowed: {', '.join(_COLUMNS)}"
-                + did_you_mean(name, set(_COLUMNS) - set(header)),
-            )
-        if header.count(name) > 1:
-            raise file.error(line, f"has the column {name} twice")
-    if "azimuth_deg" not in header:
-        raise file.error(line, "has no column azimuth_deg")
-    if ("rcs_m2" in header) == ("rcs_dbsm" in header):
-        raise file.error(line, "needs one of the columns rcs_m2 and rcs_dbsm, and not both")
-
-
-def _number(name: str, cell: str, line: int, file: _File) -> float:
-    try:
-        if "_" not in cell:  # Python's 1_000 is not a number elsewhere
-            return float(cell)
-    except ValueError:
-        pass
-    shown = cell if len(cell) <= 40 else cell[:37] + "..."
-    raise file.error(line, f"{name} must be a number, got {shown!r}")
-
-
 def _grid(
     angles: dict[str, FloatArray], lines: NDArray[np.intp], file: _File
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the two angles of a complete grid, that which changes slowly first, as it is given."""
+    """Return the two angles of a complete grid, the slowly changing one first."""
     names, (slow, fast) = list(angles), angles.values()
     starts = np.flatnonzero(np.diff(slow, prepend=np.nan) != 0)
     _refuse(out_of_order(names[0], slow[starts]), lines[starts], file)
@@ -277,7 +176,7 @@ def _grid(
 def _whole_circle(
     azimuth: FloatArray, sigma: FloatArray, where: NDArray[np.intp], mirror: bool, file: _File
 ) -> tuple[FloatArray, FloatArray, NDArray[np.intp]]:
-    """Mirror half a table, or take the second of two equal ends away."""
+    """Mirror half a table, or remove the second of two equal ends."""
     first_lines = where.reshape(len(azimuth), -1)[:, 0]
     if mirror:
         right = azimuth[-1] > 0

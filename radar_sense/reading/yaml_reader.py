@@ -1,45 +1,53 @@
-"""Reading YAML strictly: every value knows its file, line and key path, and can complain with them.
+"""A strict reader of YAML: every value has its file, line and key path, for errors.
 
-PyYAML parses; the meaning of a scalar is decided here by what the scenario expects at that place.
-That is what lets `1e-6` be a number and `NO` a name, finds duplicate keys, and gives errors a line.
+PyYAML parses. The key decides what a scalar means: `1e-6` is a number and `NO` is a name. Duplicate
+keys, tags and unknown keys are errors.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 
-from radar_sense.errors import ScenarioError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean, shorten
+from radar_sense.keys import FILE, SHA256, YES_NO, Key, declared
 from radar_sense.limits import ANY, LARGEST, SMALLEST, Limit
+from radar_sense.reading.text_file import (
+    NOT_FINITE,
+    NUMBER,
+    DigestError,
+    FileError,
+    decoded,
+    open_text,
+)
 
 #: A scenario is a page of text; more than this is some other file.
 MAX_BYTES = 64 * 1024
-_NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _INFINITE = re.compile(r"\+?\.?inf(inity)?", re.IGNORECASE)
-_NOT_FINITE = re.compile(r"[-+]?\.?(inf|infinity|nan)", re.IGNORECASE)
 T = TypeVar("T")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One value of a YAML document, with where it stands."""
+    """One value of a YAML document, with its place."""
 
     node: yaml.Node
     path: str
     source: str
 
-    def error(self, message: str) -> ScenarioError:
+    def error(self, message: str) -> InputError:
         """Return the error to raise about this value."""
         place = f"{self.source}:{self.node.start_mark.line + 1}"
-        return ScenarioError(": ".join(filter(None, (place, self.path, message))))
+        return InputError(": ".join(filter(None, (place, self.path, message))))
 
-    def wrong(self, allowed: object) -> ScenarioError:
+    def wrong(self, allowed: object) -> InputError:
         """Return the error for a value that is not what is allowed here."""
         return self.error(f"must be {allowed}, got {self._description()}")
 
@@ -47,45 +55,45 @@ class Entry:
         """Read a mapping with any keys."""
         if not self.is_mapping():
             raise self.wrong("a mapping (key: value)")
-        found: dict[str, Entry] = {}
+        entries: dict[str, Entry] = {}
         lines: dict[str, int] = {}
         for key_node, value_node in self.node.value:
             key_entry = Entry(key_node, self.path, self.source)
             if not isinstance(key_node, yaml.ScalarNode):
                 raise key_entry.error("keys must be plain words")
             key = key_node.value
-            if key in found:
-                raise key_entry.error(f"duplicate key {_shorten(key)}, first on line {lines[key]}")
+            if key in entries:
+                raise key_entry.error(f"duplicate key {shorten(key)}, first on line {lines[key]}")
             lines[key] = key_node.start_mark.line + 1
-            found[key] = Entry(value_node, f"{self.path}.{key}".lstrip("."), self.source)
-        return found
+            entries[key] = Entry(value_node, f"{self.path}.{key}".lstrip("."), self.source)
+        return entries
 
     def mapping(self, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Entry]:
         """Read a mapping that has the required keys, may have the optional ones, and no other."""
-        found = self.entries()
+        entries = self.entries()
         allowed = [*required, *optional]
         for key_node, _ in self.node.value:
             if key_node.value not in allowed:
                 raise Entry(key_node, self.path, self.source).error(
-                    f"unknown key {_shorten(key_node.value)}, allowed: {', '.join(allowed)}"
-                    + did_you_mean(key_node.value, set(allowed) - set(found))
+                    f"unknown key {shorten(key_node.value)}, allowed: {', '.join(allowed)}"
+                    + did_you_mean(key_node.value, set(allowed) - set(entries))
                 )
-        missing = [key for key in required if key not in found]
+        missing = [key for key in required if key not in entries]
         if missing:
             raise self.error(f"missing key '{missing[0]}', required: {', '.join(required)}")
-        return found
+        return entries
 
-    def named(self, pattern: str, allowed: str) -> dict[str, Entry]:
+    def named(self, key: Key) -> dict[str, Entry]:
         """Read a mapping whose keys are names that the user chooses."""
         for key_node, _ in self.node.value if self.is_mapping() else ():
-            Entry(key_node, self.path, self.source).text(pattern, allowed)
+            Entry(key_node, self.path, self.source).text(key.pattern, key.allowed)
         return self.entries()
 
     def number(self, limit: Limit = ANY) -> float:
         """Read a number."""
         text = self._plain_text()
-        if text is None or not _NUMBER.fullmatch(text):
-            if text is not None and _NOT_FINITE.fullmatch(text):
+        if text is None or not NUMBER.fullmatch(text):
+            if text is not None and NOT_FINITE.fullmatch(text):
                 raise self.error(f"must be finite, got {text}")
             raise self.wrong(limit)
         value = float(text)
@@ -100,7 +108,7 @@ class Entry:
         text = self.node.value if isinstance(self.node, yaml.ScalarNode) else ""
         if _INFINITE.fullmatch(text):
             return math.inf
-        if not _NUMBER.fullmatch(text):
+        if not NUMBER.fullmatch(text):
             raise self.wrong(f"{limit}, or .inf")
         return self.number(limit)
 
@@ -130,21 +138,21 @@ class Entry:
         ]
 
     def is_mapping(self) -> bool:
-        """Say whether this is a mapping."""
+        """Return whether this is a mapping."""
         return isinstance(self.node, yaml.MappingNode)
 
     def is_list(self) -> bool:
-        """Say whether this is a list."""
+        """Return whether this is a list."""
         return isinstance(self.node, yaml.SequenceNode)
 
     def is_matrix(self) -> bool:
-        """Say whether this is a list of lists."""
+        """Return whether this is a list of lists."""
         return self.is_list() and any(
             isinstance(item, yaml.SequenceNode) for item in self.node.value
         )
 
     def text(self, pattern: str, allowed: str) -> str:
-        """Read text that matches the pattern; `allowed` says it in words."""
+        """Read text that matches the pattern; `allowed` is the pattern in words."""
         value = self.node.value if isinstance(self.node, yaml.ScalarNode) else None
         if value is None or not re.fullmatch(pattern, value):
             raise self.wrong(allowed)
@@ -161,26 +169,45 @@ class Entry:
             )
         return str(value)
 
-    def instance(self, cls: type[T], *, besides: Sequence[str] = ()) -> tuple[T, dict[str, Any]]:
+    def section(self, keys: Sequence[Key], *besides: str) -> Section:
+        """Read a mapping that has the required ones of some keys, may have the others, and no more.
+
+        Args:
+            keys: The keys.
+            besides: More keys that are allowed.
+        """
+        required = [key.name for key in keys if key.required]
+        optional = [key.name for key in keys if not key.required]
+        return Section(self.mapping(required, [*optional, *besides]))
+
+    def value(self, key: Key) -> Any:
+        """Read the value of a key, in the unit of the key."""
+        if key.choices == YES_NO:
+            return self.choice(YES_NO) == "true"
+        if key.choices:
+            return self.choice(key.choices)
+        if key.pattern:
+            return self.text(key.pattern, key.allowed)
+        limit = key.limit or ANY
+        if key.infinite:
+            return self.number_or_infinity(limit)
+        if key.size > 1:
+            return self.numbers(key.size, limit)
+        return self.integer(limit) if limit.whole else self.number(limit)
+
+    def instance(self, cls: type[T], *, besides: Sequence[str] = ()) -> T:
         """Read a mapping into a dataclass whose fields are declared with `limits.parameter`.
 
         Args:
             cls: The dataclass.
-            besides: Keys that are required too but that someone else reads.
-
-        Returns:
-            The instance, and its numbers by key.
+            besides: Keys that are required too, but are read elsewhere.
         """
-        declared = {f.metadata["key"]: f for f in fields(cls)}  # type: ignore[arg-type]
-        found = self.mapping([*besides, *declared])
-        values = {
-            key: found[key].integer(f.metadata["limit"])
-            if f.metadata["limit"].whole
-            else found[key].number(f.metadata["limit"])
-            for key, f in declared.items()
-        }
+        attributes = {f.metadata["key"]: f.name for f in fields(cls)}  # type: ignore[arg-type]
+        keys = declared(cls)
+        entries = self.mapping([*besides, *attributes])
+        values = {key.name: entries[key.name].value(key) for key in keys}
         try:
-            return cls(**{f.name: values[key] for key, f in declared.items()}), values
+            return cls(**{attributes[key.name]: in_si(values[key.name], key) for key in keys})
         except ValueError as error:
             raise self.error(str(error)) from error
 
@@ -203,68 +230,87 @@ class Entry:
         if self.node.value == "":
             return "nothing"
         text = self._plain_text()
-        if text is not None and _NUMBER.fullmatch(text) and len(text) <= 40:
+        if text is not None and NUMBER.fullmatch(text) and len(text) <= 40:
             return text
-        return _shorten(self.node.value)
+        return shorten(self.node.value)
 
 
-def recorded(path: Path) -> str:
-    """How a resolved scenario names another file: from the working folder if it is in there.
+@dataclass(frozen=True)
+class Section:
+    """The entries of a mapping, by key."""
 
-    A record then says nothing of the machine that it was made on.
+    entries: Mapping[str, Entry]
+
+    def __contains__(self, key: Key | str) -> bool:
+        return (key if isinstance(key, str) else key.name) in self.entries
+
+    def __getitem__(self, key: Key | str) -> Entry:
+        return self.entries[key if isinstance(key, str) else key.name]
+
+    def value(self, key: Key) -> Any:
+        """Return the value of a key in the unit of the key, or its default."""
+        return self[key].value(key) if key in self else key.default
+
+    def si(self, key: Key) -> Any:
+        """Return the value of a key in SI units, or its default."""
+        return in_si(self[key].value(key), key) if key in self else key.default
+
+
+def in_si(value: Any, key: Key) -> Any:
+    """Return the value of a key in SI units."""
+    if key.unit == 1.0:
+        return value
+    return [number * key.unit for number in value] if key.size > 1 else value * key.unit
+
+
+@contextmanager
+def file_errors(section: Section) -> Iterator[None]:
+    """Raise errors of a file that a section names with the place of the key.
+
+    Errors with a line of the file stay as they are.
     """
-    absolute, here = path.absolute(), Path.cwd()
-    return (absolute.relative_to(here) if absolute.is_relative_to(here) else absolute).as_posix()
+    try:
+        yield
+    except DigestError as error:
+        raise section[SHA256].error(str(error)) from error
+    except FileError as error:
+        raise section[FILE].error(str(error)) from error
 
 
 def read_file(path: str | Path) -> str:
-    """Read a text file that is not too large to be a scenario.
+    """Return the text of a scenario file.
 
     Raises:
-        ScenarioError: If it cannot be read, is too large, or is not UTF-8 text.
+        InputError: If the file cannot be read, is too large, or is not UTF-8 text.
     """
-    try:
-        with Path(path).open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except IsADirectoryError as error:
-        raise ScenarioError(f"{path}: is a directory, not a scenario file") from error
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
-        reason = getattr(error, "strerror", None) or error
-        raise ScenarioError(f"{path}: cannot be read: {reason}") from error
-    if len(data) > MAX_BYTES:
-        raise ScenarioError(
-            f"{path}: is larger than {MAX_BYTES // 1024} KiB, too large for a scenario"
-        )
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = data[: error.start].count(b"\n") + 1
-        raise ScenarioError(
-            f"{path}:{line}: is not UTF-8 text: byte 0x{data[error.start]:02x}"
-        ) from error
+    with open_text(path, "a scenario file", MAX_BYTES) as file:
+        pieces = []
+        while data := file.read(MAX_BYTES):
+            pieces.append(data)
+    return decoded(b"".join(pieces), str(path)).removeprefix("\ufeff")
 
 
 def parse(text: str, source: str) -> Entry:
     """Parse one YAML document.
 
     Raises:
-        ScenarioError: If it is empty or not valid YAML.
+        InputError: If it is empty or not valid YAML.
     """
     try:
         node = yaml.compose(text, Loader=yaml.SafeLoader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         line = mark.line + 1 if mark else 1
-        raise ScenarioError(f"{source}:{line}: is not valid YAML: {error.problem}") from error
+        raise InputError(f"{source}:{line}: is not valid YAML: {error.problem}") from error
     except yaml.reader.ReaderError as error:
         line = text[: int(error.position)].count("\n") + 1
-        raise ScenarioError(
+        raise InputError(
             f"{source}:{line}: is not a text file: character {ord(text[error.position]):#x}"
         ) from error
     except RecursionError as error:
-        raise ScenarioError(f"{source}: is nested too deeply for a scenario") from error
+        raise InputError(f"{source}: is nested too deeply for a scenario") from error
     if node is None:
-        raise ScenarioError(f"{source}: is empty; `radar-sense init` writes one to start from")
+        raise InputError(f"{source}: is empty; `radar-sense init` writes one to start from")
     root = Entry(node, "", source)
     _refuse_tags(root)
     return root
@@ -282,7 +328,7 @@ def _refuse_tags(root: Entry) -> None:
             continue
         seen.add(id(node))
         if node.tag != _implicit_tag(node):
-            raise entry.error(f"tags are not supported, got {_shorten(node.tag)}")
+            raise entry.error(f"tags are not supported, got {shorten(node.tag)}")
         if isinstance(node, yaml.SequenceNode):
             waiting += entry.items()
         elif isinstance(node, yaml.MappingNode):
@@ -300,7 +346,3 @@ def _implicit_tag(node: yaml.Node) -> str:
     plain = getattr(node, "style", None) is None
     resolver: Any = yaml.resolver.Resolver()  # which has no types
     return str(resolver.resolve(type(node), node.value, (plain, not plain)))
-
-
-def _shorten(text: str) -> str:
-    return repr(text if len(text) <= 40 else text[:37] + "...")

@@ -71,7 +71,7 @@ def test_the_linear_model_is_that_of_the_paper_before_the_cut():
     found = linear.deviation(radar_normals, aircraft_normals)
     radar = draws(np.zeros(4), sampler.sqrt_cov_radar, radar_normals)
     aircraft = draws(np.zeros((len(s.aircraft), 6)), sampler.sqrt_cov_aircraft, aircraft_normals)
-    rcs = s.document["aircraft"]["rcs"]
+    rcs = s.resolved()["aircraft"]["rcs"]
     assert rcs["model"] == "ellipsoid"
     _, by_aircraft, by_radar = chain_rule.linearize(
         s.aircraft,

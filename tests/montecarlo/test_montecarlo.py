@@ -20,7 +20,7 @@ from radar_sense import analyses
 from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
-from radar_sense.model.network import NetworkModel, Station
+from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.montecarlo import canary as canary_module
 from radar_sense.montecarlo import montecarlo
 from radar_sense.montecarlo.montecarlo import (
@@ -277,7 +277,7 @@ def test_a_task_of_many_radars_is_a_block():
     s = scenario()
     sampler = montecarlo.Sampler.of(s)
     for radars, together in ((1, 4), (2, 2), (3, 1), (16, 1)):
-        several = NetworkModel(tuple(Station(s.model, f"r{i}") for i in range(radars)))
+        several = NetworkModel(tuple(Radar(s.model, f"r{i}") for i in range(radars)))
         states = dataclasses.replace(sampler, model=several, radar=np.tile(sampler.radar, radars))
         tasks = montecarlo._Tasks(montecarlo.Blocks(states, None, 10**6, 256), None, 0)
         assert tasks.blocks_per_task == together

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import assert_refused, place, refusal, write
 from numpy.testing import assert_array_equal
-from test_input import assert_refused, place, refusal, write
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import rcs
@@ -21,7 +21,7 @@ from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.reading.parse import default_text
 from radar_sense.states import CONSTANTS
 
-CONFIGS = Path(__file__).parent.parent / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def radar(name: str, /, **changes: object) -> dict:
@@ -83,7 +83,7 @@ def test_everything_that_can_be_said_of_a_radar_is_read():
         ),
     )
     assert isinstance(s.model, rs.NetworkModel)
-    east, west = s.model.stations
+    east, west = s.model.radars
     assert s.model.names == (east.name, west.name) == ("east", "West-2")
     assert (east.max_range, east.horizon, east.scan_period) == (450_500.0, rs.Horizon(), 10.0)
     assert (west.max_range, west.horizon, west.scan_period) == (np.inf, None, None)
@@ -145,9 +145,9 @@ def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
     path = tmp_path / "my.yaml"
     path.write_text(text_of(content))
     model = rs.load_scenario(path).model
-    horizon = model.stations[0].horizon
+    horizon = model.radars[0].horizon
     assert horizon == rs.Horizon(origin=(*np.deg2rad([46.0, 8.0]), 430.0))
-    assert model.stations[1].horizon is None
+    assert model.radars[1].horizon is None
     # one kilometre up, and 100 km away, where the surface is d²/2R lower, with R that of the place
     up, away = horizon.height(np.array([[0.0, 0, -1e3], [0, 1e5, -1e3]]))
     assert up == pytest.approx(1430, abs=1e-6)

@@ -16,16 +16,18 @@ import radar_sense as rs
 from radar_sense import analyses, axis, covariance
 from radar_sense.analyses.error_budget import allowances, error_budget
 from radar_sense.analyses.rcs import rcs
-from radar_sense.analyses.report import at, peak, where
+from radar_sense.analyses.report import describe_extreme as at
+from radar_sense.analyses.report import describe_poses as where
+from radar_sense.analyses.report import peak
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.adaptive import validate
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reading import trajectory as path
+from radar_sense.reading import route_file
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 HEADER = "time_s,north_m,east_m,down_m"
 #: Three legs past the radar, with a climb and two turns.
@@ -329,7 +331,7 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
         expected = [100 * np.outer(north, north), 400 * np.outer(east, east)]
         np.testing.assert_allclose(of_alps, sum(expected) + 900 * np.outer(down, down), atol=1e-5)
         assert abs(of_alps - np.diag([100, 400, 900])).max() > 1
-        horizon = s.model.stations[1].horizon
+        horizon = s.model.radars[1].horizon
         assert horizon.height(state) == pytest.approx(3571, abs=1e-6)
     resolved = s.resolved()
     given = resolved["radars"][1] if several else resolved["radar"]
@@ -445,8 +447,8 @@ REFUSED = [
     (ROUTE, {"geometry__type": "paths"}, "geometry.type: must be one of orbit, path, got 'paths'"),
     (ROUTE, {"geometry__range_km": 500}, "geometry: unknown key 'range_km', allowed: type, file"),
     (ROUTE, {"geometry": {"type": "path"}}, "geometry: missing key 'file'"),
-    (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv cannot be read: No such"),
-    (ROUTE, {"geometry__file": "."}, "geometry.file: .* cannot be read: Is a directory"),
+    (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv: cannot be read: No such"),
+    (ROUTE, {"geometry__file": "."}, "geometry.file: .* is a directory, not a route file"),
     (ROUTE, {"geometry__axis": "times"}, "geometry.axis: .*; did you mean 'time'?"),
     (ROUTE, {"geometry__interpolate": {}}, "interpolate: missing key 'step_s'"),
     (ROUTE, {"geometry__interpolate": {"step_s": 0}}, "interpolate.step_s: .*greater than 0"),
@@ -467,7 +469,7 @@ REFUSED = [
     (
         ROUTE,
         {"geometry__origin": {"latitude_deg": 9, "longitude_deg": 0, "altitude_m": 0}},
-        "route.csv:1: north, east and down are about an origin already",
+        "route.csv:1: north, east and down have an origin already",
     ),
     (ROUTE, {"geometry__sha256": "0" * 64}, "geometry.sha256: .* is another file than it was"),
     (ROUTE.replace("500,400e3", "0,400e3"), {}, "route.csv:3: time_s: must be later than 0.0"),
@@ -512,12 +514,13 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
 
 
 def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
-    monkeypatch.setattr(path, "MAX_BYTES", 2**20)
+    smaller = dataclasses.replace(route_file._FORMAT, max_bytes=2**20)
+    monkeypatch.setattr(route_file, "_FORMAT", smaller)
     file = write_path(tmp_path, ROUTE + "#" * 2**20)
-    with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv is larger than 1 MiB"):
+    with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
         rs.load_scenario(file)
     if Path("/dev/zero").exists():
-        with pytest.raises(ScenarioError, match="/dev/zero is larger than 1 MiB"):
+        with pytest.raises(ScenarioError, match="/dev/zero: is not a regular file"):
             load(tmp_path, ROUTE, geometry__file="/dev/zero")
 
 

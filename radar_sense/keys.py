@@ -1,0 +1,329 @@
+"""The keys of a scenario file: what each means, its unit, its limits, and its default.
+
+The reader reads by these declarations and `Scenario.resolved` writes by them. Keys of the RCS
+models and of the data sheets are declared with the fields of their classes (`declared`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+from radar_sense.limits import (
+    ANY,
+    DEG,
+    MAX_NAME,
+    NOT_NEGATIVE,
+    POSITIVE,
+    PROBABILITY,
+    RUNS,
+    SEED,
+    Limit,
+)
+from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
+from radar_sense.model.rcs import RCS_MODELS
+from radar_sense.model.rcs_table import ENVELOPE
+from radar_sense.model.trajectory import METHODS
+
+REQUIRED = object()
+YES_NO = ("true", "false")
+#: Names that become parts of the names of columns.
+_LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
+
+
+@dataclass(frozen=True)
+class Key:
+    """A key of a scenario file.
+
+    Attributes:
+        name: The key, with the unit in the name.
+        help: What the value is.
+        limit: The numbers allowed, in the unit of the key; None if the value is no number.
+        unit: SI value of 1 in the unit of the key.
+        size: How many numbers the value has.
+        choices: The words allowed; empty if any.
+        pattern: Regular expression of text.
+        allowed: The pattern in words.
+        default: Value of a key that is left out; `REQUIRED` if the key must be there.
+        infinite: Whether `.inf` is allowed.
+    """
+
+    name: str
+    help: str
+    limit: Limit | None = None
+    unit: float = 1.0
+    size: int = 1
+    choices: Collection[str] = ()
+    pattern: str = ""
+    allowed: str = ""
+    default: Any = REQUIRED
+    infinite: bool = False
+
+    @property
+    def required(self) -> bool:
+        """Whether the key must be in the file."""
+        return self.default is REQUIRED
+
+
+def declared(cls: Any) -> tuple[Key, ...]:
+    """Return the keys that are declared with the fields of a dataclass by `limits.parameter`."""
+    return tuple(
+        Key(
+            f.metadata["key"],
+            f.metadata["help"] or _attribute_help(cls, f.name),
+            f.metadata["limit"],
+            f.metadata["unit"],
+        )
+        for f in fields(cls)
+        if "key" in f.metadata
+    )
+
+
+def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
+    """Return the keys of a data sheet, for each parameter the keys of its units."""
+    return tuple(
+        tuple(
+            Key(key, _attribute_help(cls, f.name), f.metadata["limit"])
+            for key in f.metadata["units"]
+        )
+        for f in fields(cls)
+        if "units" in f.metadata
+    )
+
+
+def _attribute_help(cls: Any, name: str) -> str:
+    """Return what the docstring of a class says of an attribute."""
+    lines = (cls.__doc__ or "").splitlines()
+    for i, line in enumerate(lines):
+        if line.strip().startswith(f"{name}: "):
+            text = [line.strip().removeprefix(f"{name}: ")]
+            indent = len(line) - len(line.lstrip())
+            for more in lines[i + 1 :]:
+                if not more.strip() or len(more) - len(more.lstrip()) <= indent:
+                    break
+                text.append(more.strip())
+            return " ".join(text)
+    return ""
+
+
+def in_unit(value: float, unit: float) -> float:
+    """Return a number in a unit, the shortest decimal that reads back as the SI value.
+
+    Args:
+        value: The number in SI.
+        unit: SI value of 1 in the unit.
+    """
+    exact = shortest(value, value / unit, lambda number: number * unit)
+    return value / unit if exact is None else exact
+
+
+def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> float | None:
+    """Return the shortest decimal near a guess that `to_si` turns into a value; None if none does.
+
+    The inverse of a product or of a square rounds, so neighbours of the guess are tried too.
+    """
+    near = [guess]
+    for end in (math.inf, -math.inf):
+        step = guess
+        for _ in range(2):
+            step = math.nextafter(step, end)
+            near.append(step)
+    for digits in range(1, 18):
+        for number in near:
+            decimal = float(f"{number:.{digits}g}")
+            if to_si(decimal) == value:
+                return decimal
+    return None
+
+
+NAME = Key(
+    "name",
+    "Stem of the names of the files written.",
+    pattern=f"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}",
+    allowed=f"a name of up to {MAX_NAME} letters A to Z, digits, '_', '-' or '.'",
+)
+SCENARIO = (
+    NAME,
+    Key("radar", "The radar.", default=None),
+    Key("radars", "Several radars in place of one, each with a name.", default=None),
+    Key("aircraft", "RCS and attitude of the aircraft."),
+    Key("geometry", "The poses of the aircraft: an orbit or a path."),
+    Key("uncertainty", "Covariances of the states."),
+    Key("analysis", "Choices for the analyses."),
+)
+PLACE = (
+    Key("latitude_deg", "WGS-84 latitude.", Limit(at_least=-90, at_most=90), DEG),
+    Key("longitude_deg", "WGS-84 longitude.", Limit(at_least=-180, at_most=360), DEG),
+    Key("altitude_m", "Height above the ellipsoid.", Limit(at_least=-10e3, at_most=100e3)),
+)
+RADAR_POSITION = Key("position_m", "North, east, down of the radar.", ANY, size=3)
+RADAR_PLACE = Key(
+    "position_geodetic", "Place of the radar, with a route in latitude and longitude."
+)
+CONSTANT = Key("constant", "Radar constant c_r [J m²/K].", POSITIVE, default=None)
+P_FA = Key("p_fa", "Probability of false alarm.", PROBABILITY)
+DETECTOR = Key(
+    "detector", "Detector and fluctuation of the target.", choices=DETECTORS, default="north"
+)
+SCAN_PERIOD = Key(
+    "scan_period_s",
+    "Time from one look to the next; without it each pose is a look.",
+    POSITIVE,
+    default=None,
+)
+RADAR_NAME = Key(
+    "name",
+    "Name of the radar in columns and figures.",
+    pattern=_LABEL,
+    allowed="the name of a radar, up to 40 letters A to Z, digits, '_' or '-'",
+)
+MAX_RANGE = Key(
+    "max_range_km", "Slant range beyond which P_D is 0.", POSITIVE, 1e3, default=math.inf
+)
+HORIZON = Key("horizon", "Whether P_D is 0 below the horizon.", choices=YES_NO, default=False)
+RADAR_UNCERTAINTY = Key("uncertainty", "Levels of uncertainty of this radar.")
+DATA_SHEETS = tuple(
+    Key(kind, f"Parameters of a {kind} radar, in place of the constant.", default=None)
+    for kind in RADARS
+)
+RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
+RADARS_ENTRY = (RADAR_NAME, *RADAR, MAX_RANGE, HORIZON, RADAR_UNCERTAINTY)
+SEARCH_FACTOR = Key(
+    "search_factor",
+    "Number below the power-aperture product of c_r.",
+    choices=SEARCH_FACTORS,
+    default="16",
+)
+ATTITUDE = Key(
+    "attitude_deg",
+    "Roll, pitch, yaw on an orbit.",
+    Limit(at_least=-360, at_most=360),
+    DEG,
+    size=3,
+)
+AIRCRAFT = (Key("rcs", "Radar cross section."), ATTITUDE)
+RCS_MODEL = Key("model", "RCS model.", choices=RCS_MODELS)
+FILE = Key(
+    "file",
+    "Name of a CSV file, from the folder of the scenario file.",
+    pattern=r"[^\0\r\n]{1,1000}",
+    allowed="the name of a CSV file",
+)
+SHA256 = Key(
+    "sha256",
+    "Digest that the file must have.",
+    pattern="[0-9a-f]{64}",
+    allowed="64 digits 0 to 9 and a to f",
+    default=None,
+)
+MIRROR = Key(
+    "mirror",
+    "Whether the file has one half of a symmetric aircraft.",
+    choices=YES_NO,
+    default=False,
+)
+ENVELOPE_WIDTH = Key(
+    "envelope_deg", "Half width of the envelope of the table.", ENVELOPE, DEG, default=None
+)
+TABLE = (RCS_MODEL, FILE, MIRROR, ENVELOPE_WIDTH, SHA256)
+GEOMETRY_TYPE = Key("type", "Kind of geometry.", choices=("orbit", "path"))
+RANGE = Key("range_km", "Horizontal radius of the orbit.", NOT_NEGATIVE, 1e3)
+DOWN = Key("down_km", "Down coordinate of the orbit.", ANY, 1e3)
+AZIMUTH_FROM = Key(
+    "azimuth_from",
+    "Direction of azimuth 0: east as in the paper, or north as on a compass.",
+    choices=("east", "north"),
+    default="east",
+)
+ORBIT = (GEOMETRY_TYPE, RANGE, DOWN, Key("azimuth_deg", "Azimuths of the poses."), AZIMUTH_FROM)
+SWEEP = (
+    Key("start", "First azimuth [deg].", Limit(at_least=-360, at_most=720)),
+    Key("stop", "Last azimuth [deg].", Limit(at_least=-360, at_most=720)),
+    Key("step", "Step of azimuth [deg].", ANY),
+)
+AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), default="time")
+MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
+PATH = (
+    GEOMETRY_TYPE,
+    FILE,
+    AXIS,
+    Key("origin", "Origin of the frame of a route in latitude and longitude.", default=None),
+    Key("interpolate", "Poses at equal steps of time.", default=None),
+    MAX_GAP,
+    SHA256,
+)
+STEP = Key("step_s", "Step of time.", POSITIVE)
+METHOD = Key("method", "Interpolation in time.", choices=METHODS, default="legs")
+INTERPOLATE = (STEP, METHOD)
+CORRELATION = Key(
+    "aircraft_correlation_s",
+    "Correlation time of errors of the pose, for missions.",
+    NOT_NEGATIVE,
+    default=0.0,
+    infinite=True,
+)
+UNCERTAINTY = (
+    Key("aircraft", "Covariance of the pose; left out where the route file has it."),
+    CORRELATION,
+    Key("radar", "Levels of uncertainty of the radar, by name."),
+)
+LEVEL_NAME = Key(
+    "level",
+    "Name of a level of uncertainty.",
+    pattern=_LABEL,
+    allowed="the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
+)
+COVARIANCE = Key("covariance", "Covariance of the whole state.", ANY, default=None)
+#: Parts of a covariance: a standard deviation for all components, for each, or a matrix.
+COV_AIRCRAFT = (
+    Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),
+    Key("attitude_deg", "Uncertainty of roll, pitch, yaw.", NOT_NEGATIVE, DEG, size=3),
+)
+COV_RADAR = (
+    Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),
+    Key(
+        "constant",
+        "Standard deviation of c_r, or standard deviations by parameter of its data sheet.",
+        NOT_NEGATIVE,
+    ),
+)
+LEVEL = Key("level", "Level of uncertainty of the radar.")
+RUNS_KEY = Key("runs", "Monte Carlo runs.", RUNS, default=500)
+SEED_KEY = Key("seed", "Seed of the random numbers.", SEED, default=1)
+ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)
+
+
+def sections() -> Mapping[str, tuple[Key, ...]]:
+    """Return all keys of a scenario file by the section that they stand in."""
+    models = {
+        f"aircraft.rcs (model: {name})": (RCS_MODEL, *declared(cls))
+        for name, cls in RCS_MODELS.items()
+        if name != "table"
+    }
+    sheets = {
+        f"radar.{kind}": tuple(key for units in declared_units(cls) for key in units)
+        + ((SEARCH_FACTOR,) if kind == "surveillance" else ())
+        for kind, cls in RADARS.items()
+    }
+    return {
+        "": SCENARIO,
+        "radar": RADAR,
+        "radars[]": RADARS_ENTRY,
+        "radar.position_geodetic": PLACE,
+        **sheets,
+        "aircraft": AIRCRAFT,
+        **models,
+        "aircraft.rcs (model: table)": TABLE,
+        "geometry (type: orbit)": ORBIT,
+        "geometry.azimuth_deg": SWEEP,
+        "geometry (type: path)": PATH,
+        "geometry.origin": PLACE,
+        "geometry.interpolate": INTERPOLATE,
+        "uncertainty": UNCERTAINTY,
+        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE),
+        "uncertainty.radar.LEVEL": (*COV_RADAR, COVARIANCE),
+        "analysis": ANALYSIS,
+    }

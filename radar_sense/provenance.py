@@ -1,0 +1,121 @@
+"""What a scenario file says that arrays cannot say: files, orbits, places and data sheets.
+
+Each object keeps the arrays that were made from it. A record repeats the object only if the
+scenario still has these arrays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from radar_sense.model.horizon import Horizon
+from radar_sense.model.radar_constant import DataSheet
+from radar_sense.model.rcs_table import TableRCS
+from radar_sense.states import FloatArray
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A level circle.
+
+    Attributes:
+        radius: Horizontal radius [m].
+        down: Down coordinate [m].
+        sweep: First and last azimuth, and step [deg].
+        azimuth_from: Direction of azimuth 0, "east" or "north".
+    """
+
+    radius: float
+    down: float
+    sweep: tuple[float, float, float]
+    azimuth_from: str
+
+
+@dataclass(frozen=True)
+class Path:
+    """A path from a route file.
+
+    Attributes:
+        file: Name of the file, relative to the working folder if it is inside.
+        sha256: Digest of the file.
+        origin: Latitude, longitude [rad] and height [m] of the origin of the frame, or None.
+        step_s: Step of the interpolation [s]; None if the rows of the file are the poses.
+        method: Interpolation in time.
+        max_gap_s: Longest step of time allowed in the file [s], or None.
+    """
+
+    file: str
+    sha256: str
+    origin: tuple[float, float, float] | None = None
+    step_s: float | None = None
+    method: str = "legs"
+    max_gap_s: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TableFile:
+    """An RCS table from a file.
+
+    Attributes:
+        file: Name of the file, relative to the working folder if it is inside.
+        sha256: Digest of the file.
+        mirror: Whether the file has one half of a symmetric aircraft.
+        table: The table made from the file.
+    """
+
+    file: str
+    sha256: str
+    mirror: bool
+    table: TableRCS
+
+
+@dataclass(frozen=True, eq=False)
+class StatedCovariance:
+    """A covariance as a scenario file states it.
+
+    Attributes:
+        stated: The covariance in SI units, in the frame of the file; None if a route file has it.
+        made: The covariance in the frame of the scenario.
+    """
+
+    stated: FloatArray | None
+    made: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class RadarSource:
+    """What a scenario file says of one radar.
+
+    Attributes:
+        state: The state made from it (4,).
+        place: Latitude, longitude [rad] and height [m]; None if it has north, east, down.
+        data_sheet: What the radar constant is computed from, or None.
+        covariances: C_rr of each level.
+    """
+
+    state: FloatArray
+    place: tuple[float, float, float] | None = None
+    data_sheet: DataSheet | None = None
+    covariances: Mapping[str, StatedCovariance] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Provenance:
+    """Where the arrays of a scenario come from; nothing for a scenario made in Python.
+
+    Attributes:
+        geometry: The orbit or the path.
+        aircraft: The states made from it (n, 6).
+        cov_aircraft: C_aa.
+        rcs: The file of an RCS table.
+        radars: The radars, by name; the name of a single radar is "".
+        earth: The horizon of radars that have one.
+    """
+
+    geometry: Orbit | Path | None = None
+    aircraft: FloatArray | None = None
+    cov_aircraft: StatedCovariance | None = None
+    rcs: TableFile | None = None
+    radars: Mapping[str, RadarSource] = field(default_factory=dict)
+    earth: Horizon = field(default_factory=Horizon)

@@ -1,0 +1,317 @@
+"""Tables of comma-separated numbers (CSV), for routes and RCS tables.
+
+The first line names the columns. Empty lines, and text after a `#`, are ignored. A cell may stand
+in double quotes. All numbers are finite and have ASCII digits.
+
+A file is read once, some megabytes at a time. Only the numbers of all blocks stay in memory.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.errors import InputError, did_you_mean, shorten
+from radar_sense.limits import Limit
+from radar_sense.reading.text_file import (
+    NOT_FINITE,
+    NUMBER,
+    FileError,
+    TextFile,
+    decoded,
+    open_text,
+)
+from radar_sense.states import FloatArray
+
+_READ_BYTES = 2**22
+_MAX_LINE_BYTES = 2**16
+_PLAIN_BYTES = b"0123456789+-.eE, \t\n"
+
+
+@dataclass(frozen=True)
+class Column:
+    """The numbers that a column may hold, and its unit in SI."""
+
+    limit: Limit
+    unit: float = 1.0
+
+
+@dataclass(frozen=True)
+class Format:
+    """A kind of CSV file.
+
+    Attributes:
+        kind: What a file of this format is, for errors.
+        columns: The columns that it may have, by name.
+        allowed: The columns in words.
+        max_bytes: Largest file.
+        max_rows: Most rows.
+    """
+
+    kind: str
+    columns: Mapping[str, Column]
+    allowed: str
+    max_bytes: int
+    max_rows: int
+
+
+@dataclass(frozen=True)
+class Header:
+    """The names of the columns, and where they stand."""
+
+    source: str
+    line: int
+    names: tuple[str, ...]
+
+    def error(self, message: str) -> InputError:
+        """Return the error to raise about the names of the columns."""
+        return InputError(f"{self.source}:{self.line}: {message}")
+
+
+@dataclass(frozen=True, eq=False)
+class Block:
+    """Whole lines of a file without comments, and the numbers in them.
+
+    Attributes:
+        header: The columns.
+        first_line: Number of the first line.
+        content: The lines.
+        rows: Numbers (rows, columns), in the units of the file.
+    """
+
+    header: Header
+    first_line: int
+    content: bytes
+    rows: FloatArray
+
+    def lines(self) -> Iterator[tuple[int, str]]:
+        """Return the lines that are not empty, with their numbers."""
+        return _lines(self.content, self.first_line)
+
+    def line_numbers(self) -> NDArray[np.intp]:
+        """Return the line of each row."""
+        return np.array([line for line, _ in self.lines()], dtype=np.intp)
+
+    def error(self, row: int, message: str) -> InputError:
+        """Return the error to raise about a row."""
+        return InputError(f"{self.header.source}:{self.line_numbers()[row]}: {message}")
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """All numbers of a file, in the units of the file.
+
+    Attributes:
+        header: The columns.
+        blocks: Numbers (rows, columns), block after block.
+        sha256: Digest of the bytes that the numbers were read from.
+    """
+
+    header: Header
+    blocks: list[FloatArray]
+    sha256: str
+
+
+def read_csv(
+    path: str | Path,
+    layout: Format,
+    *,
+    check_header: Callable[[Header], None],
+    check_block: Callable[[Block], None],
+    sha256: str | None = None,
+) -> Table:
+    """Read and check a CSV file.
+
+    Args:
+        path: The file.
+        layout: Its format.
+        check_header: Called with the columns, and raises InputError if some are missing.
+        check_block: Called with each block of rows in turn, to check or keep what it holds.
+        sha256: Digest that the file must have; None allows any.
+
+    Raises:
+        InputError: If the file cannot be read or anything in the file is not allowed.
+    """
+    with open_text(path, layout.kind, layout.max_bytes) as file:
+        try:
+            header, blocks = _read(file, layout, check_header, check_block)
+        except FileError:
+            raise
+        except InputError:
+            file.sha256(sha256)  # another file than the recorded one explains all other errors
+            raise
+        return Table(header, blocks, file.sha256(sha256))
+
+
+def _read(
+    file: TextFile,
+    layout: Format,
+    check_header: Callable[[Header], None],
+    check_block: Callable[[Block], None],
+) -> tuple[Header, list[FloatArray]]:
+    header: Header | None = None
+    blocks: list[FloatArray] = []
+    count = 0
+    for first_line, content in _pieces(file):
+        content = _without_comments(content, file.source, first_line)
+        if header is None:
+            header = _header(content, first_line, file.source, layout)
+            if header is None:
+                continue
+            check_header(header)
+            content, first_line = _below(content, first_line, header.line)
+        block = Block(header, first_line, content, np.empty((0, len(header.names))))
+        block = replace(block, rows=_numbers(block, layout))
+        if not len(block.rows):
+            continue
+        _check_limits(block, layout)
+        if count + len(block.rows) > layout.max_rows:
+            raise block.error(layout.max_rows - count, f"has more than {layout.max_rows:,} rows")
+        count += len(block.rows)
+        check_block(block)
+        blocks.append(block.rows)
+    if header is None:
+        raise InputError(
+            f"{file.source}: is empty; the first line must name the columns: {layout.allowed}"
+        )
+    if not blocks:
+        raise InputError(f"{file.source}: has no rows below the names of its columns")
+    return header, blocks
+
+
+def _pieces(file: TextFile) -> Iterator[tuple[int, bytes]]:
+    """Return whole lines, some megabytes at a time, with the number of the first."""
+    line, rest = 1, b""
+    while data := file.read(_READ_BYTES):
+        data = rest + data
+        if line == 1:
+            data = data.removeprefix(b"\xef\xbb\xbf")  # a byte order mark
+        cut = data.rfind(b"\n") + 1
+        data, rest = data[:cut], data[cut:]
+        if data:
+            yield line, data
+            line += data.count(b"\n")
+        if len(rest) > _MAX_LINE_BYTES:
+            raise InputError(f"{file.source}:{line}: is longer than {_MAX_LINE_BYTES} bytes")
+    if rest:
+        yield line, rest
+
+
+def _without_comments(content: bytes, source: str, first_line: int) -> bytes:
+    if not content.isascii():
+        decoded(content, source, first_line)
+    content = content.replace(b"\r\n", b"\n")
+    return re.sub(rb"#[^\n]*", b"", content) if b"#" in content else content
+
+
+def _lines(content: bytes, first_line: int) -> Iterator[tuple[int, str]]:
+    for line, text in enumerate(content.split(b"\n"), start=first_line):
+        if text.strip():
+            yield line, text.decode("utf-8").strip()
+
+
+def _below(content: bytes, first_line: int, line: int) -> tuple[bytes, int]:
+    """Return the text below a line, and the number of its first line."""
+    above = line + 1 - first_line
+    pieces = content.split(b"\n", above)
+    return b"".join(pieces[above:]), line + 1
+
+
+def _cells(text: str, source: str, line: int) -> list[str]:
+    if '"' not in text:
+        return [cell.strip() for cell in text.split(",")]
+    try:
+        (cells,) = csv.reader([text], skipinitialspace=True, strict=True)
+    except csv.Error as error:
+        raise InputError(f"{source}:{line}: is not valid CSV: {error}") from error
+    return [cell.strip() for cell in cells]
+
+
+def _header(content: bytes, first_line: int, source: str, layout: Format) -> Header | None:
+    """Return the columns that the first line names, or None if all lines are empty."""
+    line, text = next(_lines(content, first_line), (0, ""))
+    if not line:
+        return None
+    header = Header(source, line, tuple(_cells(text, source, line)))
+    for i, name in enumerate(header.names):
+        if name not in layout.columns:
+            raise _unknown_column(header, name, layout)
+        if name in header.names[:i]:
+            raise header.error(f"duplicate column '{name}'")
+    return header
+
+
+def _unknown_column(header: Header, name: str, layout: Format) -> InputError:
+    """Return the error for a column that is not allowed.
+
+    A file that names no column of the format may be any file, and hold what nobody may see. Its
+    text is not repeated.
+    """
+    suggestion = did_you_mean(name[:100], set(layout.columns) - set(header.names))
+    separated = re.split("[,;\t]", ",".join(header.names))
+    named = suggestion or any(part.strip().strip('"') in layout.columns for part in separated)
+    return header.error(
+        (f"unknown column {shorten(name)}" if named else "names none of the columns")
+        + f", allowed: {layout.allowed}"
+        + suggestion
+        + ("; columns are separated by commas" if re.search("[;\t]", name) else "")
+        + ("; the first line must name the columns" if NUMBER.fullmatch(header.names[0]) else "")
+    )
+
+
+def _numbers(block: Block, layout: Format) -> FloatArray:
+    """Return all numbers of a block (rows, columns).
+
+    NumPy reads them at once. Where NumPy cannot, they are read one by one, to name the cell.
+    """
+    names, content = block.header.names, block.content
+    # NumPy takes more than plain numbers for numbers, and never sees anything else.
+    if content.strip() and not content.translate(None, delete=_PLAIN_BYTES):
+        try:
+            rows = np.loadtxt(
+                content.decode("ascii").split("\n"), delimiter=",", comments=None, ndmin=2
+            )
+        except ValueError:
+            rows = np.empty((0, 0))
+        if rows.shape[-1] == len(names):
+            return rows
+    numbers = []
+    for line, text in block.lines():
+        place = f"{block.header.source}:{line}"
+        cells = _cells(text, block.header.source, line)
+        if len(cells) != len(names):
+            raise InputError(
+                f"{place}: must have {len(names)} values, one for each column, got {len(cells)}"
+            )
+        for name, cell in zip(names, cells, strict=True):
+            if NOT_FINITE.fullmatch(cell):
+                raise InputError(f"{place}: {name}: must be finite, got {cell}")
+            if not NUMBER.fullmatch(cell):
+                raise _wrong(place, name, cell, layout)
+        numbers.append([float(cell) for cell in cells])
+    return np.array(numbers, dtype=float).reshape(-1, len(names))
+
+
+def _check_limits(block: Block, layout: Format) -> None:
+    names, rows = block.header.names, block.rows
+    limits = [layout.columns[name].limit for name in names]
+    low, high = (
+        np.array([getattr(limit, end) for limit in limits]) for end in ("at_least", "at_most")
+    )
+    if not (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):
+        row, column = np.argwhere((rows < low) | (rows > high))[0]
+        line, text = next(pair for i, pair in enumerate(block.lines()) if i == row)
+        cell = _cells(text, block.header.source, line)[column]
+        raise _wrong(f"{block.header.source}:{line}", names[column], cell, layout)
+
+
+def _wrong(place: str, name: str, cell: str, layout: Format) -> InputError:
+    plain = NUMBER.fullmatch(cell) and len(cell) <= 40
+    got = "nothing" if not cell else cell if plain else shorten(cell)
+    return InputError(f"{place}: {name}: must be {layout.columns[name].limit}, got {got}")

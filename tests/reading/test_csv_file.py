@@ -1,0 +1,145 @@
+"""What holds for every CSV file: read once, refused in one line, nothing shown that is secret."""
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scenarios import document, write_path
+
+import radar_sense as rs
+from radar_sense.errors import InputError
+from radar_sense.reading import csv_reader
+from radar_sense.reading.route_file import load_route
+
+ROUTE = "time_s,north_m,east_m,down_m\n" + "".join(f"{i},{100 * i},0,-1000\n" for i in range(9))
+TABLE = "azimuth_deg,rcs_m2\n" + "".join(f"{a},0.5\n" for a in range(-180, 180, 30))
+LOADERS = {"route": (load_route, ROUTE), "table": (rs.load_rcs_table, TABLE)}
+
+
+@pytest.fixture(params=LOADERS)
+def kind(request, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return LOADERS[request.param]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_is_refused_and_not_waited_for(kind):
+    load, _ = kind
+    os.mkfifo("pipe.csv")
+    with pytest.raises(InputError, match=r"^pipe\.csv: is not a regular file"):
+        load("pipe.csv")
+    with pytest.raises(InputError, match=r"^pipe\.csv: is not a regular file"):
+        rs.load_scenario("pipe.csv")
+
+
+def test_digits_are_ascii(kind):
+    load, text = kind
+    for digits in ("١", "1_0", "0x1", "１"):
+        Path("a.csv").write_text(text.replace("\n0,", f"\n{digits},", 1), encoding="utf-8")
+        with pytest.raises(InputError, match=r"^a\.csv:\d: \w+: must be a number .*, got '"):
+            load("a.csv")
+
+
+def test_quoted_cells_are_cells(kind):
+    load, text = kind
+    Path("a.csv").write_text(text)
+    plain = load("a.csv")
+    Path("a.csv").write_text(
+        "\n".join(",".join(f' "{cell}"' for cell in line.split(",")) for line in text.splitlines())
+    )
+    quoted = load("a.csv")
+    for name, values in vars(plain).items():
+        if isinstance(values, np.ndarray):
+            np.testing.assert_array_equal(values, vars(quoted)[name])
+
+
+def test_another_file_is_not_shown(kind):
+    load, text = kind
+    for secret in ("root:$6$abcdef:19000:0\n", "-----BEGIN KEY-----\nx\n", "hunter2, swordfish\n"):
+        Path("secret").write_text(secret)
+        with pytest.raises(InputError, match=r"^secret:1: names none of the columns") as refused:
+            load("secret")
+        assert secret[:7] not in str(refused.value)
+    Path("a.csv").write_text(text.replace("_", "-", 1))
+    with pytest.raises(InputError, match=r"unknown column '\w+-\w+', .* did you mean"):
+        load("a.csv")
+
+
+def test_control_characters_are_escaped(kind):
+    load, text = kind
+    name = "a\x1b[31m\n\u202e.csv"
+    first = text.split(",")[0]
+    Path(name).write_text(text.replace(first, f"{first},x\x1b[2J\x07", 1))
+    with pytest.raises(InputError) as refused:
+        load(name)
+    message = str(refused.value)
+    assert message.isprintable()
+    assert message.startswith(r"a\x1b[31m\n\u202e.csv:1: unknown column 'x\x1b[2J\x07'")
+    with pytest.raises(InputError) as refused:
+        load("no\x1b.csv")
+    assert str(refused.value) == r"no\x1b.csv: cannot be read: No such file or directory"
+
+
+def scenario_with(loader):
+    """Write a scenario that names `route.csv` or `table.csv`; return its path and the file."""
+    if loader is load_route:
+        return write_path(Path(), ROUTE), Path("route.csv")
+    Path("table.csv").write_text(TABLE)
+    content = document(aircraft__rcs={"model": "table", "file": "table.csv"})
+    Path("scenario.yaml").write_text(yaml.safe_dump(content))
+    return Path("scenario.yaml"), Path("table.csv")
+
+
+def digest_of(scenario):
+    resolved = scenario.resolved()
+    block = resolved["aircraft"]["rcs"]
+    return (block if "sha256" in block else resolved["geometry"])["sha256"]
+
+
+def test_the_digest_is_that_of_the_bytes_that_were_used(kind, monkeypatch):
+    """The file is replaced while it is read, at every moment that there is."""
+    load, text = kind
+    config, file = scenario_with(load)
+    other = text.replace("-180,0.5", "-180,0.25").replace("0,-1000", "5,-1000")
+    assert other != text
+    numbers = {}
+    for content in (text, other):
+        file.write_text(content)
+        scenario = rs.load_scenario(config)
+        numbers[hashlib.sha256(content.encode()).hexdigest()] = scenario
+        assert digest_of(scenario) in numbers
+    monkeypatch.setattr(csv_reader, "_READ_BYTES", 16)
+    original = csv_reader._numbers
+    for moment in range(5):
+        file.write_text(text)
+        calls = []
+
+        def replaced(block, layout, calls=calls, moment=moment):
+            calls.append(block)
+            if len(calls) == moment + 1:
+                Path("new.csv").write_text(other)
+                shutil.move("new.csv", file)  # a new file under the old name
+            return original(block, layout)
+
+        monkeypatch.setattr(csv_reader, "_numbers", replaced)
+        scenario = rs.load_scenario(config)
+        assert file.read_text() == other
+        expected = numbers[digest_of(scenario)]
+        np.testing.assert_array_equal(scenario.aircraft, expected.aircraft)
+        towards = np.array([-1.0, 0.0, 0.0])
+        found, wanted = (s.model.rcs.cross_section(towards) for s in (scenario, expected))
+        assert found == wanted
+
+
+def test_another_file_than_the_recorded_one_is_said_first(kind):
+    load, text = kind
+    config, file = scenario_with(load)
+    record = rs.load_scenario(config).resolved()
+    for content in (text + "# more\n", "nonsense\n", text + "1,2,3,4,5,6\n"):
+        file.write_text(content)
+        with pytest.raises(InputError, match=r"sha256: \w+\.csv is another file than it was"):
+            rs.parse_scenario(yaml.safe_dump(record))

@@ -1,0 +1,260 @@
+"""A scenario made in Python, and the record that it leaves."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenarios import scenario
+
+import radar_sense as rs
+from radar_sense import keys
+from radar_sense.errors import InputError, ScenarioError
+from radar_sense.keys import in_unit
+from radar_sense.limits import DEG
+from radar_sense.scenario import for_radar
+
+ROOT = Path(__file__).parent.parent
+CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+MODEL = rs.DetectionModel(rcs=rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
+ARGUMENTS = {
+    "model": MODEL,
+    "aircraft": [[0, 500e3, -3e3, 0, 0, math.pi / 2], [1e3, 500e3, -3e3, 0, 0, 1.0]],
+    "radar": [0, 0, 0, 167],
+    "cov_aircraft": np.diag([100.0, 100, 100, 3e-4, 3e-4, 3e-4]),
+    "cov_radar": {"medium": np.diag([1e4, 1e4, 1e4, 25])},
+}
+
+
+def assert_same(a, b):
+    for name in ("aircraft", "radar", "cov_aircraft"):
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
+    assert list(a.cov_radar) == list(b.cov_radar)
+    for level, matrix in a.cov_radar.items():
+        np.testing.assert_array_equal(matrix, b.cov_radar[level])
+    assert a.constant_parts == b.constant_parts
+    assert (a.level, a.runs, a.seed, a.correlation_s) == (b.level, b.runs, b.seed, b.correlation_s)
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
+def test_records_read_back_and_are_those_of_the_figures(config, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    s = rs.load_scenario(config.relative_to(ROOT))
+    again = rs.parse_scenario(json.dumps(s.resolved()))
+    assert_same(again, s)
+    assert again.resolved() == s.resolved()
+    for file in (ROOT / "figures").glob(f"{s.name}_*.json"):
+        recorded = json.loads(file.read_text())["scenario"]
+        if recorded["name"] == s.name:
+            assert s.with_analysis(**recorded["analysis"]).resolved() == recorded, file
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    sizes=st.lists(st.floats(1e-6, 1e6), min_size=9, max_size=9),
+    angles=st.lists(st.floats(-360, 360).map(lambda x: round(x, 7)), min_size=3, max_size=3),
+    km=st.floats(2, 1e5),
+)
+def test_any_numbers_read_back_exactly(sizes, angles, km):
+    s = scenario(
+        uncertainty__aircraft={"position_m": sizes[:3], "attitude_deg": sizes[3:6]},
+        uncertainty__radar={"a": {"position_m": sizes[6], "constant": sizes[7]}},
+        analysis__level="a",
+        aircraft__attitude_deg=angles,
+        geometry__range_km=km,
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+    )
+    record = s.resolved()
+    again = rs.parse_scenario(json.dumps(record))
+    assert_same(again, s)
+    # no digit more than was written
+    assert len(repr(record["geometry"]["range_km"])) <= len(repr(km))
+    for short, given_angle in zip(record["aircraft"]["attitude_deg"], angles, strict=True):
+        assert len(repr(short)) <= len(repr(given_angle))
+
+
+def test_the_shortest_decimal_is_chosen():
+    for number in (0.1, 1.0, 3.0, 47.3, 359.9, 1e-3):
+        assert in_unit(number * DEG, DEG) == number
+        assert in_unit(number * 1e3, 1e3) == number
+
+
+def test_the_record_is_that_of_what_was_replaced():
+    s = rs.load_scenario(ROOT / "configs/paper.yaml")
+    plain = s.resolved()
+
+    def changed(**changes):
+        record = dataclasses.replace(s, **changes).resolved()
+        return {key: value for key, value in record.items() if value != plain[key]}
+
+    assert changed() == {}
+    doubled = changed(radar=s.radar * [1, 1, 1, 2])
+    assert doubled == {"radar": {**plain["radar"], "constant": 334.0}}
+    moved = changed(cov_radar={"new": 4 * s.cov_radar["high"]}, level="new")
+    assert moved["uncertainty"]["radar"] == {"new": {"position_m": 2000.0, "constant": 20.0}}
+    assert moved["analysis"]["level"] == "new"
+    correlated = s.cov_aircraft + 1e-3
+    (block,) = changed(cov_aircraft=correlated)["uncertainty"]["aircraft"].values()
+    assert len(block) == 6
+    other = rs.DetectionModel(rs.ConstantRCS(0.5), 1e-6, rs.Swerling1())
+    record = changed(model=other)
+    assert record["radar"] == {**plain["radar"], "p_fa": 1e-6, "detector": "swerling1"}
+    assert record["aircraft"]["rcs"] == {"model": "constant", "rcs_m2": 0.5}
+    higher = changed(aircraft=s.aircraft - [0, 0, 1, 0, 0, 0])
+    assert higher["geometry"]["type"] == "states"
+    assert higher["geometry"]["poses"] == 361
+    assert higher["geometry"]["sha256"] != s.part(slice(0, 5)).resolved()["geometry"]["sha256"]
+    with pytest.raises(InputError, match="geometry"):  # no file can say this
+        rs.parse_scenario(json.dumps({**plain, **higher}))
+
+
+def test_tolerances_are_recorded_with_their_data_sheet_only():
+    s = rs.load_scenario(ROOT / "configs/x_band_tracking.yaml")
+    record = dataclasses.replace(s, radar=s.radar * [1, 1, 1, 2]).resolved()
+    assert "tracking" not in record["radar"]
+    assert record["radar"]["constant"] == 2 * s.radar[3]
+    level = record["uncertainty"]["radar"]["data_sheet"]
+    std = math.sqrt(s.cov_radar["data_sheet"][3, 3])
+    assert level["constant"] == pytest.approx(std, rel=1e-15)
+    assert level["constant_tolerances"]["gain_dbi"] == 0.5
+    with pytest.raises(InputError, match="unknown key 'constant_tolerances'"):
+        rs.parse_scenario(json.dumps(record))
+    record = dataclasses.replace(s, cov_radar={k: 4 * c for k, c in s.cov_radar.items()}).resolved()
+    assert "tracking" in record["radar"]
+    level = record["uncertainty"]["radar"]["data_sheet"]
+    assert level["constant"] == pytest.approx(2 * std, rel=1e-15)
+    gaussian = dataclasses.replace(s, constant_parts={})
+    again = rs.parse_scenario(json.dumps(gaussian.resolved()))
+    assert not any(again.log_constant)
+    assert_same(again, gaussian)
+
+
+def test_a_radar_of_a_network_that_moved_has_no_place_on_a_map(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    s = rs.load_scenario("configs/corridor.yaml")
+    moved = s.radar.copy()
+    moved[4] += 1.0  # the second radar, northwards
+    places = [
+        "position_geodetic" in r for r in dataclasses.replace(s, radar=moved).resolved()["radars"]
+    ]
+    assert places == [True, False, *[True] * (len(places) - 2)]
+    one = for_radar(s, "west").resolved()
+    (entry,) = one["radars"]
+    assert entry == s.resolved()["radars"][2]
+
+
+def test_a_scenario_made_in_python():
+    s = rs.Scenario(**ARGUMENTS)
+    assert (s.name, s.level, s.runs, s.seed) == ("scenario", "medium", 500, 1)
+    assert s.axis.at(1) == "1"
+    result = rs.variance(s)
+    assert result.table["pose"].tolist() == [0, 1]
+    std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, s.cov_radar["medium"])
+    np.testing.assert_allclose(result.table["sigma_pd"], std, rtol=1e-12)
+    record = json.loads(json.dumps(s.resolved()))
+    assert record["radar"]["constant"] == 167
+    assert record["uncertainty"]["aircraft"]["position_m"] == 10
+    timed = rs.Scenario(**ARGUMENTS, time_s=[0.0, 5.0])
+    assert timed.axis.key == "time_s"
+    assert rs.Scenario(**{**ARGUMENTS, "aircraft": ARGUMENTS["aircraft"][0]}).axis.at(0) == "0"
+
+
+def test_arrays_are_copies_that_nobody_can_change():
+    aircraft = np.array(ARGUMENTS["aircraft"])
+    s = rs.Scenario(**{**ARGUMENTS, "aircraft": aircraft})
+    aircraft[:] = 0
+    assert s.aircraft[0, 1] == 500e3
+    for array in (s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"]):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+    with pytest.raises(TypeError):
+        s.cov_radar["new"] = np.eye(4)
+
+
+PER_POSE = np.stack([np.eye(6), np.eye(6)])
+WRONG = {
+    "columns": ({"aircraft": np.zeros((2, 5))}, r"aircraft must have shape \(n, 6\) .* \(2, 5\)"),
+    "no poses": ({"aircraft": np.zeros((0, 6))}, "aircraft must have shape"),
+    "text": ({"aircraft": [["a"] * 6]}, "aircraft must be an array of numbers"),
+    "NaN": ({"aircraft": [[0, 0, math.nan, 0, 0, 0]]}, "aircraft must be finite, got nan"),
+    "radar": ({"radar": [0, 0, 0]}, r"radar must have shape \(4,\) for north, .* got \(3,\)"),
+    "infinite": ({"radar": [0, 0, math.inf, 1]}, "radar must be finite, got inf"),
+    "constant": ({"radar": [0, 0, 0, -1]}, "radar constants must be greater than 0, got -1"),
+    "matrix": ({"cov_aircraft": np.eye(5)}, r"cov_aircraft must have shape \(6, 6\) or \(2, 6, 6"),
+    "poses": ({"cov_aircraft": np.ones((3, 6, 6))}, "cov_aircraft must have shape"),
+    "not PSD": ({"cov_aircraft": np.eye(6) - 0.5}, "cov_aircraft is not positive semidefinite"),
+    "one not PSD": (
+        {"cov_aircraft": PER_POSE - np.array([0, 0.5])[:, None, None]},
+        r"cov_aircraft\[1\] is not positive semidefinite",
+    ),
+    "one not symmetric": (
+        {"cov_aircraft": PER_POSE + np.triu(np.full((6, 6), 0.1), 1)},
+        r"cov_aircraft\[0\] is not symmetric",
+    ),
+    "NaN in C": ({"cov_aircraft": np.full((6, 6), math.nan)}, "cov_aircraft must be finite"),
+    "no level": ({"cov_radar": {}}, "cov_radar needs at least one level"),
+    "a level": ({"cov_radar": {"x": -np.eye(4)}}, r"cov_radar\['x'\] has a negative variance"),
+    "level": ({"level": "medum"}, "level must be one of medium, got 'medum'; did you mean"),
+    "runs": ({"runs": 1}, "runs must be a whole number not less than 2"),
+    "seed": ({"seed": -1}, "seed must be"),
+    "name": ({"name": "../x"}, "name must be a name of up to 100 letters"),
+    "times": ({"time_s": [0.0]}, r"must have one value for each of 2 poses, got \(1,\)"),
+    "correlation": ({"correlation_s": math.nan}, "correlation_s must not be less than 0"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_wrong_arguments_fail_where_they_are_made(case):
+    changes, words = WRONG[case]
+    with pytest.raises(InputError, match=words) as refused:
+        rs.Scenario(**{**ARGUMENTS, **changes})
+    assert "\n" not in str(refused.value)
+    with pytest.raises(InputError, match=words):
+        dataclasses.replace(rs.Scenario(**ARGUMENTS), **changes)
+
+
+def test_a_scenario_in_a_notebook():
+    s = rs.Scenario(**ARGUMENTS)
+    assert repr(s) == (
+        "<Scenario 'scenario': 2 poses by pose, 1 radar, level medium of medium, 500 runs, seed 1>"
+    )
+    network = rs.load_scenario(ROOT / "configs/network.yaml")
+    assert len(repr(network)) < 200
+    assert "3 radars (search, ridge, mobile)" in network._repr_html_()
+
+
+def test_the_old_name_of_the_error():
+    assert ScenarioError is InputError is rs.ScenarioError
+    assert issubclass(InputError, ValueError)
+
+
+def test_every_key_is_declared_with_its_meaning():
+    sections = keys.sections()
+    assert len(sections) >= 15
+    for name, section in sections.items():
+        for key in section:
+            assert key.help, (name, key.name)
+            assert key.help.endswith("."), (name, key.name)
+    # and every key of every example is a declared one
+    names = {key.name for section in sections.values() for key in section}
+    for config in CONFIGS:
+        waiting = [yaml.safe_load(config.read_text())]
+        while waiting:
+            block = waiting.pop()
+            if isinstance(block, list):
+                waiting += block
+            elif isinstance(block, dict):
+                for key in set(block) - names:  # the names of levels
+                    assert "position_m" in block[key] or "covariance" in block[key], (config, key)
+                waiting += block.values()
+
+
+def test_the_embedded_scenario_is_the_one_in_configs():
+    file = ROOT / "configs/paper.yaml"
+    assert not file.is_symlink()
+    assert file.read_bytes() == (ROOT / "radar_sense/paper.yaml").read_bytes()
