@@ -274,7 +274,7 @@ def _output() -> list[click.Parameter]:
         click.Option(
             ["--format", "formats"],
             multiple=True,
-            default=["pdf"],
+            default=["png"],
             show_default=True,
             type=click.Choice(FORMATS),
             help="Format of the figure; may be given several times.",
