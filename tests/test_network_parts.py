@@ -218,7 +218,7 @@ def test_a_part_moves_its_constant_and_nothing_else():
             assert_array_equal(np.delete(moved[of_radar], 4 * i + 3, axis=1), 0.0)
             others = np.setdiff1d(np.arange(len(moved)), of_radar) if of_radar else []
             assert_array_equal(moved[others, 4 * i + 3], 0.0)
-        root = sampler.factor_radar
+        root = sampler.sqrt_cov_radar
         assert_allclose(root @ root.T, s.cov_radar["sheet"], rtol=1e-12, atol=1e-10)
 
 
@@ -358,7 +358,7 @@ def test_a_network_of_one_is_the_single_radar_bit_for_bit(sampler):
             for name, std in getattr(mine, group).items():
                 assert_array_equal(std, getattr(theirs, group)[name])
     mine, theirs = (monte_carlo(s, sampler=sampler) for s in (one, single))
-    assert_array_equal(mine.hairs, theirs.hairs)
+    assert_array_equal(mine.sample_paths, theirs.sample_paths)
     mine, theirs = (LinearModel.of(Sampler.of(s)) for s in (one, single))
     assert_array_equal(mine.by_radar, theirs.by_radar)
     assert analyses.budget(one).report == analyses.budget(single).report

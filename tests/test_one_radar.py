@@ -101,7 +101,7 @@ def test_only_is_alone_under_another_name():
         found, same = (propagate_scenario(x, method=method) for x in (one, expected))
         np.testing.assert_array_equal(found.std, same.std)
     again = parse_scenario(yaml.safe_dump(one.resolved()))
-    np.testing.assert_array_equal(monte_carlo(again).hairs, monte_carlo(one).hairs)
+    np.testing.assert_array_equal(monte_carlo(again).sample_paths, monte_carlo(one).sample_paths)
     assert again.resolved() == one.resolved()
     with pytest.raises(ScenarioError, match="single radar"):
         only(load_scenario(), "radar")

@@ -122,7 +122,7 @@ class _Tail:
         self._probability = probability
         self._keep = _needed(count, probability)
         self.capacity = _capacity(count, probability)
-        self._buffer = np.empty((0, columns))  # grows to the capacity at most
+        self._buffer: FloatArray = np.empty((0, columns))  # grows to the capacity at most
         self._filled = 0
         self._dropped = np.full(columns, np.inf)  # no row that was dropped is smaller
 

@@ -156,14 +156,14 @@ def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
     s = load(tmp_path, text)
     sampler = Sampler.of(s)
     white = np.random.default_rng(3).standard_normal((40_000, 4, 6))
-    drawn = covariance.draws(s.aircraft, sampler.factor_aircraft, white)
+    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, white)
     for pose in range(4):
         std = np.sqrt(np.diagonal(s.cov_aircraft[pose]))
         scale = np.where(std > 0, std, 1.0)
         found = np.cov((drawn[:, pose] - s.aircraft[pose]) / scale, rowvar=False)
         # a correlation of 40 000 draws has a standard error of 0.005, a variance of 0.007
         assert found == pytest.approx(s.cov_aircraft[pose] / np.outer(scale, scale), abs=0.035)
-        one = covariance.draws(s.aircraft[pose], sampler.factor_aircraft[pose], white[:, pose])
+        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], white[:, pose])
         assert (one == drawn[:, pose]).all()
 
 
@@ -656,6 +656,6 @@ def test_many_poses_go_through_in_parts(tmp_path):
     linear = model.linearize(s.aircraft, s.radar)
     expected = linear.std(s.cov_aircraft, s.cov_radar[s.level])
     assert found.std == pytest.approx(expected, rel=1e-12)
-    assert Sampler.of(s).factor_aircraft[17_001, 1, 1] == pytest.approx(
+    assert Sampler.of(s).sqrt_cov_aircraft[17_001, 1, 1] == pytest.approx(
         10.0 + 17_001 % 8, rel=1e-15
     )
