@@ -620,4 +620,4 @@ def test_the_threshold_is_drawn(k):
     assert labels.count("violated") == 1
     assert "threshold 0.5" in labels
     assert len(labels) == (4 if k == 3 else 5)
-    figures.render(figures.draw(result), "pdf")
+    assert plotting.render(result.plot(), "pdf")

@@ -362,7 +362,7 @@ def test_what_runs_out_is_one_line_with_what_to_reduce(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(montecarlo.Blocks, "p_d", no_memory)
         for workers in (1, 3):
-            with pytest.raises(ComputationError, match="^out of memory; use fewer workers"):
+            with pytest.raises(ComputationError, match=r"^out of memory; use fewer workers"):
                 monte_carlo(s, runs=100, workers=workers)
     monkeypatch.setattr(threading.Thread, "start", no_thread)
     with pytest.raises(ComputationError, match=r"no more threads .* use fewer workers$"):
