@@ -15,7 +15,7 @@ from scipy.special import erfc
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
-from radar_sense.analyses.error_budget import allowances, error_budget, scaled_moments
+from radar_sense.analyses.error_budget import error_budget, required_accuracies, value_function
 from radar_sense.model.network import name_problem
 from radar_sense.model.radar_constant import doubt
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -314,8 +314,8 @@ def test_form_settles_where_one_radar_fades_and_the_others_do_not():
 def test_tolerances_beyond_all_reason_overflow_nothing(method):
     s = network(radars({"loss_db": 20}, {"gain_dbi": 20}))
     assert nonlinear_in_scenario(s, propagate_scenario(s, method=method), method=method).all()
-    found = scaled_moments(network(), method, ["a_constant_loss_db"], 1e6)
-    assert np.all((found.std <= 0.5) | (method == "linear") | ~found.converged)
+    three_sigma = value_function(network(), method)(["a_constant_loss_db"], 1e6)
+    assert np.all((three_sigma <= 1.5) | (method == "linear") | np.isnan(three_sigma))
 
 
 def test_which_constants_are_log_normal():
@@ -455,10 +455,9 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
 
     s, half = known_to(0.5), known_to(0.25)
     target = 3 * propagate_scenario(half).std.max()
-    assert 3 * scaled_moments(s, "linear", ["b_constant_gain_dbi"], 0.5).std == pytest.approx(
-        target, rel=1e-12
-    )
-    allowed = allowances(s, target)
+    three_sigma = value_function(s, "linear")
+    assert three_sigma(["b_constant_gain_dbi"], 0.5) == pytest.approx(target, rel=1e-12)
+    allowed = required_accuracies(s, target)
     assert list(allowed) == [*error_budget(s).alone, *ROWS, "all"]
     assert allowed["b_constant_gain_dbi"].factor == pytest.approx(0.5, rel=1e-6)
     found = error_budget(s)
@@ -468,8 +467,8 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
         del rest[name]
     # of the radar that it is a part of there is the rest, not the whole
     assert max(rest, key=lambda n: rest[n][0]) == "b_position"
-    assert allowed["b_constant_gain_dbi"].remains_from == "b_position"
-    both = scaled_moments(s, "linear", ["a_constant_loss_db", "b_constant_gain_dbi"], 0.0).std ** 2
+    assert allowed["b_constant_gain_dbi"].residual_from == "b_position"
+    both = three_sigma(["a_constant_loss_db", "b_constant_gain_dbi"], 0.0) ** 2 / 9
     gone = found.parts["a_constant_loss_db"] ** 2 + found.parts["b_constant_gain_dbi"] ** 2
     assert_allclose(both, found.std**2 - gone, rtol=1e-12)
 
