@@ -387,6 +387,7 @@ def check(config: Path | None, quiet: bool) -> None:
     """
     import yaml
 
+    from radar_sense.analyses.plausibility import plausibility_warnings
     from radar_sense.model.radar_constant import describe
     from radar_sense.states import CONSTANTS
 
@@ -412,6 +413,8 @@ def check(config: Path | None, quiet: bool) -> None:
             scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True
         )
         click.echo(resolved, nl=False)
+        for warning in plausibility_warnings(scenario):
+            click.echo(f"Warning: {warning}", err=True)
 
 
 @cli.command()

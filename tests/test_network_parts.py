@@ -12,10 +12,10 @@ from helpers import assert_refused, write
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 
+import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
 from radar_sense.analyses.error_budget import allowances, error_budget, scaled_moments
-from radar_sense.mission import mission
 from radar_sense.model.network import name_problem
 from radar_sense.model.radar_constant import doubt
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -28,8 +28,15 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
 from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
-from radar_sense.scenario import alone
+from radar_sense.scenario import single_radar_scenarios
 from radar_sense.states import CONSTANTS
+
+
+def mission(scenario, *, m_of_n=None, **options):
+    """Call the analysis with m and n as a pair."""
+    m, n = m_of_n or (None, None)
+    return rs.analyses.mission(scenario, m=m, n=n, **options)
+
 
 #: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.
 SEARCH = {
@@ -138,7 +145,8 @@ def test_a_network_drawn_by_hand(azimuth):
     draws = 200_000
     drawn = brute_force(draws, azimuth, seed=4)
     s = network(sweep=(azimuth, azimuth, 1), runs=100_000)
-    assert len(set(s.model.p_d_each(s.aircraft, s.radar)[0].round(2))) == 3
+    each = [m.p_d(s.aircraft, s.radar[4 * i : 4 * i + 4])[0] for i, m in enumerate(s.model.models)]
+    assert len(set(np.round(each, 2))) == 3
     found = monte_carlo(s)
     noise = drawn.std() * math.sqrt(1 / draws + 1 / found.runs)
     assert found.mean[0] == pytest.approx(drawn.mean(), abs=4.5 * noise)
@@ -325,7 +333,7 @@ def test_which_constants_are_log_normal():
 
 def test_each_radar_by_itself_has_its_parts():
     s = network()
-    parts = alone(s)
+    parts = single_radar_scenarios(s)
     for i, (name, one) in enumerate(parts.items()):
         assert one.parts == (s.parts[i],)
         assert one.with_analysis(level="plain").parts == ((),)
@@ -350,13 +358,15 @@ def test_a_network_of_one_is_the_single_radar_bit_for_bit(sampler):
     content["uncertainty"]["radar"] = of_a.pop("uncertainty")
     single = parse_scenario(text(content | {"radar": of_a}))
     for mine, theirs in (
-        (error_budget(one, "montecarlo"), error_budget(single, "montecarlo")),
-        (error_budget(one, "form"), error_budget(single, "form")),
+        (error_budget(one, method), error_budget(single, method))
+        for method in ("linear", "form", "montecarlo")
     ):
+        assert mine.finer == theirs.finer == {}
         assert list(mine.parts) == list(theirs.parts) == [f"radar_constant_{k}" for k in SEARCH_STD]
         for group in ("alone", "parts"):
             for name, std in getattr(mine, group).items():
                 assert_array_equal(std, getattr(theirs, group)[name])
+    assert single_radar_scenarios(one) == single_radar_scenarios(single) == {}
     mine, theirs = (monte_carlo(s, sampler=sampler) for s in (one, single))
     assert_array_equal(mine.sample_paths, theirs.sample_paths)
     mine, theirs = (LinearModel.of(Sampler.of(s)) for s in (one, single))

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from radar_sense import files
+from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, MAX_WORKERS, RUNS, SEED, Limit
 from radar_sense.propagation import METHODS
@@ -338,7 +339,9 @@ class Analysis:
                 )
         of_run = {name: value for name, value in options.items() if name in self.keywords}
         selected = self.selected(scenario, **options)
-        return dataclasses.replace(self.run(selected, **of_run), by=self)
+        result = self.run(selected, **of_run)
+        warnings = (*plausibility_warnings(selected), *result.warnings)
+        return dataclasses.replace(result, warnings=warnings, by=self)
 
     def selected(self, scenario: Scenario, **options: Any) -> Scenario:
         """Return the scenario at the level, with the runs and seed, and of the radar chosen.
