@@ -430,6 +430,7 @@ def init(file: Path, quiet: bool) -> None:
       radar-sense init
       radar-sense init my.yaml
     """
+    from radar_sense.errors import printable
     from radar_sense.files import write
     from radar_sense.reading.parse import default_text
 
@@ -444,7 +445,7 @@ def init(file: Path, quiet: bool) -> None:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
-        click.echo(f"{file} written; next: radar-sense check {file}")
+        click.echo(printable(f"{file} written; next: radar-sense check {file}"))
 
 
 def _scenario(config: Path | None) -> Scenario:
