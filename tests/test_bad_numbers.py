@@ -171,7 +171,7 @@ def test_no_number_is_an_error_everywhere():
     for call in (*calls[: len(METHODS)], *calls[-len(METHODS) - 1 :]):
         with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
             call()
-    with pytest.raises(rs.InputError, match="^aircraft must be finite, got nan"):
+    with pytest.raises(rs.InputError, match=r"^aircraft must be finite, got nan"):
         made(aircraft, radar, *good_covariances())
     for value in (NAN, INF, -INF):
         for component in range(4):
