@@ -9,13 +9,12 @@ import pytest
 
 import radar_sense as rs
 from radar_sense.covariance import checked
-from radar_sense.cumulative import (
-    cumulative_detection,
-    linearize_looks,
-    mission_monte_carlo,
-    track_initiation,
-)
+from radar_sense.mission.cumulative import cumulative_detection
+from radar_sense.mission.draws import mission_monte_carlo
+from radar_sense.mission.looks import linearize_looks
+from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS
 from radar_sense.states import check_finite
 
@@ -105,7 +104,14 @@ def everything(aircraft, radar, cov_aircraft, cov_radar):
         )
     yield lambda: track_initiation(looks, 2, 3, *covariances, correlation_time=1)
     yield lambda: mission_monte_carlo(
-        model(), time, *arguments, correlation_time=1, runs=10, seed=1
+        model(),
+        time,
+        aircraft,
+        cov_aircraft,
+        Sampler.of_states(model(), *arguments),
+        correlation_time=1,
+        runs=10,
+        seed=1,
     )
     for method in METHODS:
         yield lambda method=method: rs.monte_carlo_states(

@@ -12,10 +12,10 @@ from helpers import assert_refused, write
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 
+import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
 from radar_sense.analyses.error_budget import allowances, error_budget, scaled_moments
-from radar_sense.mission import mission
 from radar_sense.model.network import name_problem
 from radar_sense.model.radar_constant import doubt
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -30,6 +30,13 @@ from radar_sense.propagation.standard_space import StandardNormalSpace, uncertai
 from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.states import CONSTANTS
+
+
+def mission(scenario, *, m_of_n=None, **options):
+    """Call the analysis with m and n as a pair."""
+    m, n = m_of_n or (None, None)
+    return rs.analyses.mission(scenario, m=m, n=n, **options)
+
 
 #: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.
 SEARCH = {

@@ -159,26 +159,28 @@ def taken_for(parts: Sequence[Tolerance], *, log_normal: bool) -> Shape:
 
 
 def doubts(
-    names: Sequence[str], parts: Sequence[Sequence[Tolerance]], method: str, *, log_normal: bool
+    names: Sequence[str],
+    parts: Sequence[Sequence[Tolerance]],
+    method: str,
+    *,
+    log_normal: bool,
 ) -> tuple[str, ...]:
-    """Say so of each radar (m,) whose c_r is not distributed as a method takes it to be.
+    """Return the radars (m,) whose c_r has another distribution than a method assumes.
 
     Args:
-        names: The radars' names; the constant of a single radar needs none.
-        parts: What makes the c_r of each radar uncertain; nothing where that is one number.
+        names: Names of the radars; a single radar needs none.
+        parts: Tolerances of the c_r of each radar; nothing for a Gaussian c_r.
         method: Name of the method.
-        log_normal: Whether the method takes c_r for log-normal, and not for Gaussian.
+        log_normal: Whether the method assumes a log-normal c_r, and not a Gaussian one.
     """
-    found = [
-        doubt(of_radar, method, log_normal=log_normal) if of_radar else None for of_radar in parts
-    ]
-    if len(found) == 1:
-        return tuple(filter(None, found))
-    return tuple(f"{name}: {said}" for name, said in zip(names, found, strict=True) if said)
+    texts = [doubt(some, method, log_normal=log_normal) if some else None for some in parts]
+    if len(texts) == 1:
+        return tuple(filter(None, texts))
+    return tuple(f"{name}: {text}" for name, text in zip(names, texts, strict=True) if text)
 
 
 def doubt(parts: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
-    """Say so if c_r is not distributed as a method of propagation takes it to be."""
+    """Return how the distribution of c_r differs from the one that a method assumes, or None."""
     exact, taken = shape(parts), taken_for(parts, log_normal=log_normal)
     if (
         abs(exact.mean - taken.mean) <= MEAN_CHANGE
@@ -188,10 +190,10 @@ def doubt(parts: Sequence[Tolerance], method: str, *, log_normal: bool) -> str |
         return None
     kind = "log-normal" if log_normal else "Gaussian"
     return (
-        f"c_r is not {kind}, as {method} takes it to be: of its nominal value its mean is "
+        f"c_r is not {kind}, the assumption of {method}: of its nominal value its mean is "
         f"{exact.mean:.1%} ({kind}: {taken.mean:.1%}), its standard deviation {exact.std:.1%} "
         f"({taken.std:.1%}), its skewness {exact.skewness:.2f} ({taken.skewness:.2f}); "
-        "Monte Carlo draws it as it is"
+        "use montecarlo, which draws c_r from its tolerances"
     )
 
 
