@@ -54,7 +54,7 @@ from radar_sense.cumulative import (
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import MIN_RANGE, WINDOW
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.radar_constant import doubts
+from radar_sense.model.radar_constant import shape_warnings
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.scenario import Scenario, single_radar_scenarios
@@ -614,9 +614,9 @@ def _warnings(
             )
         if place := where((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
-    said += doubts(
+    said += shape_warnings(
         scenario.model.names,
-        scenario.parts,
+        scenario.tolerances_at_level,
         method,
         log_normal=propagation.METHODS[method].log_normal,
     )

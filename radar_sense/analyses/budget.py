@@ -285,7 +285,7 @@ def _measure_better(
     """Say which part of a radar constant is worth measuring better, and what that would bring."""
     if not ranked or not total > 0:
         return ()
-    several = "s" if len(scenario.parts) > 1 else ""
+    several = "s" if len(scenario.tolerances_at_level) > 1 else ""
     said = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (said,)

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from radar_sense.axis import Axis
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
-from radar_sense.model.radar_constant import doubts
+from radar_sense.model.radar_constant import shape_warnings
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.propagation import (
@@ -179,9 +179,14 @@ def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
 
 
 def distribution_warnings(scenario: Scenario, method: str) -> tuple[str, ...]:
-    """Say so if a radar constant is not distributed as the method takes it to be."""
+    """Return a warning for each radar constant that is not distributed as the method assumes."""
     chosen = METHODS[method]
-    return doubts(scenario.model.names, scenario.parts, method, log_normal=chosen.log_normal)
+    return shape_warnings(
+        scenario.model.names,
+        scenario.tolerances_at_level,
+        method,
+        log_normal=chosen.log_normal,
+    )
 
 
 def clipping_warnings(count: int) -> tuple[str, ...]:
