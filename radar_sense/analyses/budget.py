@@ -25,6 +25,7 @@ from radar_sense.analyses.error_budget import (
     value_function,
 )
 from radar_sense.analyses.report import (
+    NAMED,
     describe_extreme,
     describe_poses,
     distribution_warnings,
@@ -49,8 +50,6 @@ from radar_sense.states import FloatArray, sources
 #: The gradient for a source vanishes where its share of the total is smaller than its largest share
 #: by this factor.
 VANISHING = 1e-3
-#: Sources named in one warning; more are counted.
-NAMED = 4
 
 
 def plot(result: Result, figure: Figure) -> None:
