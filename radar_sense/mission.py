@@ -96,7 +96,6 @@ def _with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
         time_s=scenario.time_s,
         aircraft=scenario.aircraft,
         covariance=covariance if covariance.ndim == 3 else None,
-        distance_m=np.zeros(len(scenario.time_s)),
         attitude_given=True,  # as it is by now
         origin=scenario.origin,  # legs then follow the curve of the earth
     )

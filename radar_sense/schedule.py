@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense.cumulative import Interleaved, Model
 from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
-from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, interpolated, times
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times, interpolate
 from radar_sense.states import FloatArray
 
 
@@ -97,13 +97,13 @@ def schedule(model: NetworkModel, period: float | None, poses: Route) -> tuple[S
         time, looks = poses.time_s, np.ones((len(poses.time_s), 1), dtype=bool)
     else:
         time, looks = _together([_times(poses, p) for p in periods if p is not None])
-        poses = interpolated(poses, time)
+        poses = interpolate(poses, time)
     return Schedule(time, periods, radars, looks), poses
 
 
 def _times(poses: Route, period: float) -> FloatArray:
     try:
-        return times(poses, period)
+        return even_times(poses, period)
     except InputError as error:  # it knows the period as its own argument
         raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 
