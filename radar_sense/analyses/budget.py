@@ -386,7 +386,7 @@ def _measure_better(
     """Return the part of a radar constant to measure better, and the total with half its σ."""
     if not ranked or not total > 0:
         return ()
-    several = "s" if len(scenario.parts) > 1 else ""
+    several = "s" if len(scenario.tolerances_at_level) > 1 else ""
     advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (advice,)

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from radar_sense.axis import Axis
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
-from radar_sense.model.radar_constant import doubt
+from radar_sense.model.radar_constant import shape_warning
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.propagation import (
@@ -227,8 +227,10 @@ def distribution_warnings(scenario: Scenario, *methods: str) -> tuple[str, ...]:
         if not assuming:
             continue
         texts = [
-            doubt(tolerances, listed(assuming), log_normal=log_normal) if tolerances else None
-            for tolerances in scenario.parts
+            shape_warning(tolerances, listed(assuming), log_normal=log_normal)
+            if tolerances
+            else None
+            for tolerances in scenario.tolerances_at_level
         ]
         if len(texts) == 1:
             warnings += [text for text in texts if text]

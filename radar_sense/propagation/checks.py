@@ -82,6 +82,7 @@ def _expansion_is_off(
     root = np.broadcast_to(probit.sqrt_cov, (k, *probit.sqrt_cov.shape[1:]))
     length = np.sqrt(np.sum(g * g, axis=1))
     u = (beta / np.where(length > 0, length, np.inf))[:, np.newaxis] * g
+    u = np.where(np.isfinite(u), u, 0.0)  # the model refuses NaN; no gradient is warned of anyway
     bend = 0.5 * np.sum(u * np.einsum("kij,kj->ki", h, u), axis=1)
     error = np.einsum("kij,kj->ik", root, u)
     exact, _ = probit(np.hstack([error, -error]), np.tile(np.arange(k), 2))

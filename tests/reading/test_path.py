@@ -88,7 +88,7 @@ def orbit_route(aircraft, theta, std=None):
         (1, analyses.variance),
         (1, analyses.sensitivity),
         (1, analyses.budget),
-        (31, lambda s: analyses.budget(s, target=0.05, only_at=46.5)),
+        (31, lambda s: analyses.budget(s, target=0.05, at=46.5)),
         (60, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
         (1, lambda s: analyses.montecarlo(s.with_analysis(runs=40))),
         (60, lambda s: analyses.variance(s, method="form")),
@@ -171,11 +171,11 @@ def test_factors_do_not_depend_on_how_many_are_made_at_a_time(monkeypatch):
     root = rng.standard_normal((7, 6, 6))
     matrices = root @ np.swapaxes(root, -1, -2)
     matrices[2] = np.diag(np.arange(6.0))
-    whole = covariance.factor(matrices)
+    whole = covariance.square_root(matrices)
     assert whole @ np.swapaxes(whole, -1, -2) == pytest.approx(matrices, abs=1e-12)
     assert (whole[2] == np.diag(np.sqrt(np.arange(6.0)))).all()
     monkeypatch.setattr(covariance, "BLOCK", 3)
-    assert (covariance.factor(matrices) == whole).all()
+    assert (covariance.square_root(matrices) == whole).all()
     first = covariance.component_first(whole)
     assert (first == whole).all()
     assert first[:, 2, 3].flags.c_contiguous
