@@ -367,7 +367,7 @@ def test_columns(tool, options, method):
     cumulated = 1 - np.cumprod(1 - found["p_d"])
     assert found["cumulative_p_d"] == pytest.approx(cumulated, rel=1e-12)
     assert sorted(p.name for p in Path("figures").iterdir()) == [
-        "flight_mission.csv", "flight_mission.json", "flight_mission.pdf",
+        "flight_mission.csv", "flight_mission.json", "flight_mission.png",
     ]  # fmt: skip
     summary = record("figures/flight_mission.json")["summary"]
     assert summary["looks"] == 4

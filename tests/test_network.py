@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
@@ -593,7 +593,9 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
         parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
         assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
         assert_allclose(found.finer[f"r{i}_constant"], 5 * lin.jac_radar[:, 4 * i + 3])
-    allowed = allowances(network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05)
+    allowed = required_accuracies(
+        network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
+    )
     assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
 
 

@@ -25,6 +25,7 @@ from radar_sense.analyses.error_budget import (
     value_function,
 )
 from radar_sense.analyses.report import (
+    NAMED,
     describe_extreme,
     describe_poses,
     distribution_warnings,
@@ -49,8 +50,6 @@ from radar_sense.states import FloatArray, sources
 #: The gradient for a source vanishes where its share of the total is smaller than its largest share
 #: by this factor.
 VANISHING = 1e-3
-#: Sources named in one warning; more are counted.
-NAMED = 4
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -382,7 +381,7 @@ def _measure_better(
     """Return the part of a radar constant to measure better, and the total with half its σ."""
     if not ranked or not total > 0:
         return ()
-    several = "s" if len(scenario.parts) > 1 else ""
+    several = "s" if len(scenario.tolerances_at_level) > 1 else ""
     advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (advice,)

@@ -16,7 +16,7 @@ import numpy as np
 from radar_sense import covariance
 from radar_sense.analyses.report import reached
 from radar_sense.errors import InputError
-from radar_sense.model.radar_constant import Part, relative_std
+from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.propagation import (
@@ -123,7 +123,7 @@ class OfConstant:
         constant: Name of the radar constant, in a network one of `states.finer_sources`.
     """
 
-    part: Part
+    part: Tolerance
     radar: int
     source: str
     constant: str
@@ -140,7 +140,7 @@ def parts_of(scenario: Scenario) -> dict[str, OfConstant]:
     constants = constant_names(names)
     members = [
         OfConstant(part, i, names[i] if len(names) > 1 else constants[i], constants[i])
-        for i, parts in enumerate(scenario.parts)
+        for i, parts in enumerate(scenario.tolerances_at_level)
         for part in parts
     ]
     return {of.name: of for of in members}
@@ -329,7 +329,7 @@ def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
         if whose != owner:  # one matrix of zeros for all poses
             covariances[whose] = np.zeros(matrix.shape[-2:])
         else:
-            covariances[whose] = covariance.only(matrix, components)
+            covariances[whose] = covariance.keep_components(matrix, components)
     return covariances["aircraft"], covariances["radar"]
 
 
@@ -345,13 +345,16 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
     scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
     changed = [of_parts[name] for name in of_parts if name in names]
     for radar, constant in dict.fromkeys((of.radar, of.constant) for of in changed):
-        every, parts = scenario.parts[radar], [of.part for of in changed if of.radar == radar]
+        every, parts = (
+            scenario.tolerances_at_level[radar],
+            [of.part for of in changed if of.radar == radar],
+        )
         whole = relative_std(every)
         others = relative_std([part for part in every if part not in parts])
         remains = np.hypot(others, factor * relative_std(parts))
         scaled.append((_source(scenario, constant), remains / whole if whole else 1.0))
     for (whose, components), by in scaled:
-        covariances[whose] = covariance.scaled(covariances[whose], components, by)
+        covariances[whose] = covariance.scale_std(covariances[whose], components, by)
     return covariances
 
 
@@ -361,7 +364,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     cov_radar = scenario.cov_radar[scenario.level]
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
         blocks = [components for owner, components in every.values() if owner == whose]
-        apart = sum(covariance.only(matrix, components) for components in blocks)
+        apart = sum(covariance.keep_components(matrix, components) for components in blocks)
         if not np.array_equal(matrix, apart):
             raise InputError(
                 f"level {scenario.level}: {whose} position and the rest of its state are "
@@ -376,7 +379,9 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         block = (..., components, components)
         if whose == "radar":
             states = range(components.start, components.stop)
-            independent = [states.index(c) for c in made_of_parts(scenario.parts) if c in states]
+            independent = [
+                states.index(c) for c in made_of_parts(scenario.tolerances_at_level) if c in states
+            ]
             sqrt_cov[whose][block] = covariance.block_square_root(cov_radar[block], independent)
         else:
             sqrt_cov[whose][block] = covariance.square_root(scenario.cov_aircraft[block])
@@ -390,7 +395,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "radar": list(range(len(AIRCRAFT), len(AIRCRAFT) + sampler.radar_normals)),
     }
     groups = {name: inputs[whose][components] for name, (whose, components) in every.items()}
-    own = columns(len(cov_radar), scenario.parts)
+    own = columns(len(cov_radar), scenario.tolerances_at_level)
     for of, column in zip(parts.values(), itertools.chain(*own), strict=True):
         # a constant is all of its parts, and then each of them is a group by itself
         groups[of.name] = [inputs["radar"][column]]

@@ -32,7 +32,7 @@ MAX_CELLS = 25_000_000
 #: Cells on the longer side if nothing is said of their size.
 CELLS = 500
 #: Cells computed at a time.
-BLOCK = 65_536
+BLOCK = 16_384
 #: k of the upper bound.
 BETA = 3.0
 DOWN = 2

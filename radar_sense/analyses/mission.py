@@ -33,7 +33,13 @@ import numpy as np
 
 from radar_sense import axis
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
-from radar_sense.analyses.report import describe_extreme, describe_poses, peak
+from radar_sense.analyses.report import (
+    clipping_warnings,
+    describe_extreme,
+    describe_poses,
+    distribution_warnings,
+    peak,
+)
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
@@ -45,10 +51,8 @@ from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.radar_constant import doubts
 from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.propagation import METHODS as PROPAGATION
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
 
@@ -620,14 +624,7 @@ def _warnings(
         if place := describe_poses((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
     if method != IMPORTANCE:  # first order takes c_r to have a distribution that it may not have
-        said += doubts(
-            scenario.model.names,
-            scenario.parts,
-            method,
-            log_normal=PROPAGATION[method].log_normal,
-        )
+        said += distribution_warnings(scenario, method)
     if drawn is not None and drawn.clipped:
-        said.append(
-            f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"
-        )
+        said += clipping_warnings(drawn.clipped)
     return tuple(said)

@@ -16,7 +16,7 @@ from numpy.testing import assert_array_equal
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import rcs
-from radar_sense.covariance import side_by_side
+from radar_sense.covariance import block_diagonal
 from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.reading.parse import default_text
 from radar_sense.states import CONSTANTS
@@ -128,7 +128,7 @@ def test_a_network_reads_back(tool, count):
 def test_covariances_stand_side_by_side():
     a, b = np.arange(4.0).reshape(2, 2), 10 + np.arange(4.0).reshape(2, 2)
     wanted = [[0, 1, 0, 0], [2, 3, 0, 0], [0, 0, 10, 11], [0, 0, 12, 13]]
-    assert_array_equal(side_by_side([a, b]), wanted)
+    assert_array_equal(block_diagonal([a, b]), wanted)
 
 
 def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
@@ -302,7 +302,7 @@ def made_radar(name: str) -> dict:
 
 def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
     two = parsed(radar("a"), made_radar("b")).with_analysis(level="high")
-    assert [[part.key for part in parts] for parts in two.parts] == [
+    assert [[part.key for part in parts] for parts in two.tolerances_at_level] == [
         [],
         ["loss_db", "noise_figure_db"],
     ]
