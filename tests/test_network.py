@@ -449,31 +449,12 @@ def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
         assert_allclose(horizon_range(np.array(0.0), np.array(height)), exact, rtol=1e-3)
 
 
-<<<<<<< HEAD
-def test_height_above_a_tangent_plane():
-    horizon = Horizon(tangent_plane=True)
-    assert_allclose(horizon.height(np.array([0.0, 0, -123])), 123, atol=1e-8)
-    # a point on the surface at an angle from the origin
-    for angle in (0.01, 0.05):
-        drop = EARTH_RADIUS * (1 - np.cos(angle))
-        there = EARTH_RADIUS * np.sin(angle) * np.array([0.6, 0.8])
-        assert_allclose(horizon.height(np.array([*there, drop])), 0, atol=1e-8)
-        assert_allclose(Horizon().height(np.array([*there, drop])), -drop)
-        # d²/2R
-        assert_allclose(drop, np.sum(there**2) / 2 / EARTH_RADIUS, rtol=1e-3)
-
-
-@pytest.mark.parametrize("tangent_plane", [False, True])
-def test_a_target_below_the_horizon_is_not_seen(tangent_plane):
-    station = Radar(RADAR_MODEL, horizon=Horizon(tangent_plane))
-=======
 @pytest.mark.parametrize("curved", [False, True])
 def test_a_target_below_the_horizon_is_not_seen(curved):
     # where the ellipsoid's radius of curvature to the north is the mean radius of the earth
     sine = np.sqrt((1 - (SEMI_MAJOR * (1 - ECCENTRICITY_2) / EARTH_RADIUS) ** (2 / 3)))
     place = (float(np.arcsin(sine / np.sqrt(ECCENTRICITY_2))), 0.0, 0.0)
-    station = Radar(PAPER.model, horizon=Horizon(place if curved else None))
->>>>>>> plain
+    station = Radar(RADAR_MODEL, horizon=Horizon(place if curved else None))
     radar = np.array([0, 0, -10.0, 167])
     height = np.array([50.0, 1e3, 3e3])
     farthest = horizon_range(np.array(10.0), height)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.model.trajectory import Route, interpolated
+from radar_sense.model.trajectory import interpolate
 from radar_sense.propagation import Moments
 from radar_sense.provenance import Path
 from radar_sense.scenario import Scenario
@@ -112,23 +112,13 @@ def refined(
 
 def along(scenario: Scenario, time: FloatArray) -> Scenario:
     """Return the scenario of a path with its poses at other times (k,) [s]."""
-    rows = scenario.time_s
-    assert rows is not None
-    covariance = scenario.cov_aircraft
-    route = Route(
-        time_s=rows,
-        aircraft=scenario.aircraft,
-        covariance=covariance if covariance.ndim == 3 else None,
-        distance_m=np.zeros(len(rows)),
-        attitude_given=True,
-        origin=scenario.origin,
-    )
-    poses = interpolated(route, time)
-    values = np.interp(time, rows, scenario.axis.values)
+    route = scenario.route()
+    poses = interpolate(route, time)
+    values = np.interp(time, route.time_s, scenario.axis.values)
     return scenario.along_path(
         axis=dataclasses.replace(scenario.axis, values=values),
         aircraft=poses.aircraft,
-        cov_aircraft=covariance if poses.covariance is None else poses.covariance,
+        cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
         time_s=time,
     )
 
