@@ -461,7 +461,7 @@ def test_doubt_says_what_the_distribution_is():
     )
     power = [Tolerance("average_power_kw", 10, 3, 1, decibels=False)]
     assert shape_warning(power, "linear", log_normal=False) is None
-    assert "log-normal, as form assumes" in shape_warning(power, "form", log_normal=True)
+    assert "c_r is not log-normal, the assumption of form" in shape_warning(power, "form", log_normal=True)
     assert (
         shape_warning([Tolerance("loss_db", 8, 0, -1, decibels=True)], "linear", log_normal=False)
         is None
@@ -472,7 +472,7 @@ def test_doubt_says_what_the_distribution_is():
     "analyse", [analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity]
 )
 def test_every_analysis_says_so(analyse):
-    said = "c_r is not Gaussian, as linear assumes"
+    said = "c_r is not Gaussian, the assumption of linear"
     warnings = [w for w in analyse(scenario()).warnings if said in w]
     assert len(warnings) == 1
     assert warnings[0].startswith("sheet: ") == (analyse is analyses.sensitivity)

@@ -16,7 +16,7 @@ import radar_sense as rs
 from radar_sense import files as output
 from radar_sense import plotting
 from radar_sense.analyses import coverage_map
-from radar_sense.analyses.variance import grid as area
+from radar_sense.analyses import grid as area
 from radar_sense.propagation import METHODS
 
 #: Losses of both radars given by a data sheet [dB].
