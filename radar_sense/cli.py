@@ -5,12 +5,16 @@
 
 from __future__ import annotations
 
+import logging
 import math
 import os
+import signal
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -74,7 +78,11 @@ ANALYSES: dict[str, tuple[str, str]] = {
 
 #: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
 MOST_THREADS = 8
-#: Exit code that says: all was done as asked, and the answer is no.
+#: Seconds after which a computation shows a sign of life.
+PATIENCE = 1.0
+#: Options that choose a part of the scenario, and so the names of the files.
+OF_SCENARIO = ("level", "radar", "runs", "seed")
+#: Exit code of a run that did everything, and whose answer is no.
 ANSWER_IS_NO = 3
 
 
@@ -82,6 +90,19 @@ class BadInput(click.ClickException):
     """Input that the user can put right; one line and exit code 2."""
 
     exit_code = 2
+
+
+@dataclass
+class Run:
+    """A run of the tool.
+
+    Attributes:
+        command: The command line.
+        written: Whether the files of the run are in place.
+    """
+
+    command: tuple[str, ...]
+    written: bool = False
 
 
 class Cli(click.Group):
@@ -107,24 +128,59 @@ class Cli(click.Group):
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
         args = list(sys.argv[1:] if args is None else args) or ["--help"]
-        options.update(standalone_mode=False, obj=["radar-sense", *args])
+        run = Run(("radar-sense", *args))
+        options.update(standalone_mode=False, obj=run)
         try:
-            code = super().main(args, *rest, **options)
+            with _sigterm_interrupts():
+                code = super().main(args, *rest, **options)
         except click.ClickException as error:
-            message = " ".join(error.format_message().split())
-            click.echo(f"Error: {message}", err=True)
+            _complain(f"Error: {error.format_message()}")
             code = error.exit_code
         except (click.Abort, KeyboardInterrupt):
-            click.echo("Interrupted; nothing was written.", err=True)
+            _complain(f"Interrupted; {'all files were' if run.written else 'nothing was'} written.")
             code = 130
         except BrokenPipeError:
-            # The reader of our output went away; Python must not complain when it flushes.
+            # The reader of the output is gone; Python must not complain when it flushes.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = 1
         except OSError as error:
-            click.echo(f"Error: {error}", err=True)
+            _complain(f"Error: {error}")
+            code = 1
+        except MemoryError:
+            _complain("Error: out of memory; use fewer poses, runs, cells or --workers")
+            code = 1
+        except RuntimeError as error:
+            if "start new thread" not in str(error):
+                raise
+            _complain("Error: no more threads can be started; use fewer --workers")
             code = 1
         sys.exit(code)
+
+
+def _complain(message: str) -> None:
+    """Print one line on standard error, if that is open."""
+    from radar_sense.errors import printable
+
+    with suppress(OSError, ValueError):
+        click.echo(printable(" ".join(message.split())), err=True)
+
+
+@contextmanager
+def _sigterm_interrupts() -> Iterator[None]:
+    """Let SIGTERM do what Ctrl-C does."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+
+    def interrupt(number: int, frame: object) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -176,7 +232,7 @@ def command_of(analysis: Analysis) -> click.Command:
     examples = "".join(f"\n  {line}" for line in analysis.examples)
     return click.Command(
         analysis.name,
-        callback=click.pass_obj(lambda command, **given: _run(analysis, command, **given)),
+        callback=click.pass_obj(lambda run, **given: _run(analysis, run, **given)),
         params=[_config(), *map(_option, analysis.options), *_output()],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
@@ -218,7 +274,7 @@ def _output() -> list[click.Parameter]:
         click.Option(
             ["--format", "formats"],
             multiple=True,
-            default=["pdf"],
+            default=["png"],
             show_default=True,
             type=click.Choice(FORMATS),
             help="Format of the figure; may be given several times.",
@@ -230,7 +286,7 @@ def _output() -> list[click.Parameter]:
 
 def _run(
     analysis: Analysis,
-    command: list[str],
+    run: Run,
     *,
     config: Path | None,
     out: Path,
@@ -241,29 +297,81 @@ def _run(
     workers: int | None = None,
     **options: Any,
 ) -> None:
-    """Read the scenario, analyse, write all files, print what was found and written."""
+    """Read the scenario, analyse it, write all files, print the report and the file names."""
     from radar_sense import files
+    from radar_sense.errors import printable
 
     chosen = {name: value for name, value in options.items() if value is not None}
+    formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
         scenario = _scenario(config)
+        selected = analysis.selected(
+            scenario, **{name: value for name, value in chosen.items() if name in OF_SCENARIO}
+        )
+    stem = analysis.stem(selected)
+    paths = [out / f"{stem}.{ending}" for ending in ("csv", "npz", *formats, "json")]
     try:
-        files.require_folder(out)
+        files.require_writable(paths, _inputs(config, scenario))
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"--out: cannot write to {out}: {reason}") from error
-    with _refusals(), _computing(analysis, workers, dask) as computing:
+    with _refusals(), _computing(analysis, workers, dask, quiet) as computing:
         result = analysis(scenario, **chosen, **computing)
-    paths = result.save(out, () if no_plot else formats, command=command)
+    try:
+        with _plain_matplotlib():
+            written = result.write(out, formats, command=run.command)
+    except files.InterruptedAfterWriting:
+        run.written = True
+        raise
+    run.written = True
     if not quiet:
         for line in result.report:
             click.echo(line)
         for warning in result.warnings:
-            click.echo(f"Warning: {warning}", err=True)
-        for path in paths:
-            click.echo(click.format_filename(path))
+            _complain(f"Warning: {warning}")
+        if written.replaced:
+            click.echo(printable(f"replaced the files of: {written.replaced}"))
+        for path in written.removed:
+            click.echo(printable(f"removed {path}: a figure of other numbers"))
+        for path in written.paths:
+            click.echo(printable(click.format_filename(path)))
+    if written.figure_error is not None:
+        raise click.ClickException(str(written.figure_error))
     if not result.passed:
         raise click.exceptions.Exit(ANSWER_IS_NO)
+
+
+def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
+    """Return the files that were read."""
+
+    def named(content: object) -> Iterator[Path]:
+        if isinstance(content, Mapping):
+            for key, value in content.items():
+                if key == "file":
+                    yield Path(value)
+                else:
+                    yield from named(value)
+
+    return [*([] if config is None else [config]), *named(scenario.resolved())]
+
+
+@contextmanager
+def _plain_matplotlib() -> Iterator[None]:
+    """Load Matplotlib without the user's settings, and without its messages."""
+    logger, level = logging.getLogger("matplotlib"), logging.getLogger("matplotlib").level
+    settings = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
+    before = {name: os.environ.get(name) for name in settings}
+    logger.setLevel(logging.CRITICAL)
+    os.environ.update(settings)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
 
 
 @cli.command(params=[_config(), _quiet()])
@@ -279,6 +387,7 @@ def check(config: Path | None, quiet: bool) -> None:
     """
     import yaml
 
+    from radar_sense.analyses.plausibility import plausibility_warnings
     from radar_sense.model.radar_constant import describe
     from radar_sense.states import CONSTANTS
 
@@ -304,6 +413,8 @@ def check(config: Path | None, quiet: bool) -> None:
             scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True
         )
         click.echo(resolved, nl=False)
+        for warning in plausibility_warnings(scenario):
+            click.echo(f"Warning: {warning}", err=True)
 
 
 @cli.command()
@@ -319,6 +430,7 @@ def init(file: Path, quiet: bool) -> None:
       radar-sense init
       radar-sense init my.yaml
     """
+    from radar_sense.errors import printable
     from radar_sense.files import write
     from radar_sense.reading.parse import default_text
 
@@ -328,12 +440,12 @@ def init(file: Path, quiet: bool) -> None:
     try:
         if file.exists() or file.is_symlink():
             raise BadInput(f"{file}: exists already; choose another name")
-        write({file: default_text().encode()})
+        write(file.parent, {file.name: default_text().encode()})
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
-        click.echo(f"{file} written; next: radar-sense check {file}")
+        click.echo(printable(f"{file} written; next: radar-sense check {file}"))
 
 
 def _scenario(config: Path | None) -> Scenario:
@@ -344,13 +456,15 @@ def _scenario(config: Path | None) -> Scenario:
 
 @contextmanager
 def _refusals() -> Iterator[None]:
-    """Turn what the package refuses into an error of the command line."""
-    from radar_sense.errors import InputError
+    """Turn the errors of the package into errors of the command line."""
+    from radar_sense.errors import ComputationError, InputError
 
     try:
         yield
     except InputError as error:
         raise BadInput(str(error)) from error
+    except ComputationError as error:
+        raise click.ClickException(str(error)) from error
 
 
 def _threads(workers: int | None) -> int:
@@ -359,28 +473,62 @@ def _threads(workers: int | None) -> int:
 
 @contextmanager
 def _computing(
-    analysis: Analysis, workers: int | None, dask: str | None
+    analysis: Analysis, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
-    """Choose what computes, threads of this process or a cluster, and what shows progress."""
-    shown = {"progress": _progress} if "progress" in analysis.keywords else {}
-    if dask is not None:
-        from radar_sense.montecarlo.cluster import cluster
+    """Choose threads or a cluster to compute with, and how progress is shown."""
+    given: dict[str, Any] = {}
+    with ExitStack() as stack:
+        if not quiet and sys.stderr is not None and sys.stderr.isatty():
+            if "progress" in analysis.keywords:
+                given["progress"] = _progress
+            else:
+                stack.enter_context(_computing_line(analysis.name))
+        if dask is not None:
+            from radar_sense.montecarlo.cluster import cluster
 
-        with cluster(dask) as (executor, threads):
-            yield {**shown, "workers": workers or threads, "executor": executor}
-    elif "workers" in analysis.keywords:
-        yield {**shown, "workers": _threads(workers)}
-    else:
-        yield shown
+            given["executor"], threads = stack.enter_context(cluster(dask))
+            given["workers"] = workers or threads
+        elif "workers" in analysis.keywords:
+            given["workers"] = _threads(workers)
+        yield given
 
 
 @contextmanager
-def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None] | None]:
-    """Show progress on standard error, if that is a terminal."""
-    if sys.stderr is None or not sys.stderr.isatty():
-        yield None
-        return
+def _delayed(show: Callable[[], None]) -> Iterator[threading.Timer]:
+    """Call a function in a thread after PATIENCE seconds, if the context is not over by then."""
+    timer = threading.Timer(PATIENCE, show)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield timer
+    finally:
+        timer.cancel()
+        timer.join()
+
+
+@contextmanager
+def _computing_line(name: str) -> Iterator[None]:
+    """Show on the terminal that an analysis without progress is computing."""
+    line = f"{name}: computing ..."
+    shown = threading.Event()
+
+    def show() -> None:
+        shown.set()
+        click.echo(line, nl=False, err=True)
+
+    with _delayed(show):
+        try:
+            yield
+        finally:
+            if shown.is_set():
+                click.echo("\r" + " " * len(line) + "\r", nl=False, err=True)
+
+
+@contextmanager
+def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None]]:
+    """Show progress on standard error, once a computation has taken PATIENCE seconds."""
     started = time.monotonic()
+    lock = threading.Lock()
 
     def rate(_: object) -> str:
         return f"{bar.pos / max(time.monotonic() - started, 1e-3):,.0f} {what}/s"
@@ -388,5 +536,24 @@ def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None] 
     bar: Any = click.progressbar(
         length=total, label=what, show_pos=True, item_show_func=rate, file=sys.stderr
     )
-    with bar:
-        yield bar.update
+    shown = False
+
+    def show() -> None:
+        nonlocal shown
+        with lock:
+            shown = True
+            bar.render_progress()
+
+    def advance(steps: int) -> None:
+        with lock:
+            if shown:
+                bar.update(steps)
+            else:  # counted, and drawn later if at all
+                bar.make_step(steps)
+
+    with _delayed(show):
+        try:
+            yield advance
+        finally:
+            if shown:
+                bar.render_finish()

@@ -1,4 +1,9 @@
-"""From a result to files: CSV and JSON as bytes, and writing that is whole or not at all."""
+"""From a result to files: CSV, NPZ and JSON as bytes, written all together or not at all.
+
+A run replaces all of its files or none. The new files are complete under temporary names before
+the first is renamed. Ctrl-C and SIGTERM are held back during the renames, and a failed rename is
+undone. A lock on the folder keeps processes apart, so that table and record are of one run.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +13,14 @@ import json
 import math
 import os
 import platform
+import shutil
+import signal
 import tempfile
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -19,7 +28,30 @@ import numpy as np
 from radar_sense import __version__
 from radar_sense.states import FloatArray
 
+try:
+    import fcntl
+except ImportError:  # Windows has no locks on folders
+    fcntl = None  # type: ignore[assignment]
+
 _PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
+#: Endings of the temporary names: the new content, and the old file until all are renamed.
+_NEW, _OLD = ".radar-sense-new", ".radar-sense-old"
+#: Bytes that must fit on the disk before anything is computed.
+_ROOM = 65_536
+#: Options that choose where and how files are written, with the number of their values.
+_OUTPUT_OPTIONS = {
+    "--out": 1,
+    "--format": 1,
+    "--workers": 1,
+    "--dask": 1,
+    "--no-plot": 0,
+    "--quiet": 0,
+    "-q": 0,
+}
+
+
+class InterruptedAfterWriting(KeyboardInterrupt):
+    """Ctrl-C or SIGTERM arrived during the renames; all files are in place."""
 
 
 def data(table: Mapping[str, FloatArray]) -> tuple[str, bytes]:
@@ -30,14 +62,14 @@ def data(table: Mapping[str, FloatArray]) -> tuple[str, bytes]:
 
 
 def npz(table: Mapping[str, FloatArray]) -> bytes:
-    """Arrays by name, as `numpy.load` reads them; the same arrays give the same bytes."""
+    """Return arrays by name for `numpy.load`; the same arrays give the same bytes."""
     buffer = io.BytesIO()
     np.savez_compressed(buffer, **dict[str, Any](table))
     return buffer.getvalue()
 
 
 def csv(table: Mapping[str, FloatArray]) -> bytes:
-    """Header and numbers, each with as many digits as it takes to read the same number back."""
+    """Return header and numbers, each with as many digits as identify the same float."""
     rows = zip(*(column.tolist() for column in table.values()), strict=True)
     lines = [",".join(table), *(",".join(map(repr, row)) for row in rows), ""]
     return "\n".join(lines).encode()
@@ -52,7 +84,7 @@ def record(
     warnings: Sequence[str],
     summary: Mapping[str, Any],
 ) -> bytes:
-    """Return the JSON record of how a result was made and what it says."""
+    """Return the JSON record: the inputs of a result, its warnings and its summary."""
     content = {
         "analysis": analysis,
         "command": list(command),
@@ -69,71 +101,215 @@ def record(
     return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
 
 
-def require_folder(folder: Path) -> None:
-    """Make sure, before anything is computed, that files can be written to the folder.
+def same_result(one: bytes, other: bytes) -> bool:
+    """Return whether two records are of the same result, whatever files were written of it."""
+    first, second = _parsed(one), _parsed(other)
+    if not first or not second:
+        return False
+    for content in (first, second):
+        content.pop("versions", None)
+        content["command"] = _computed(content.get("command"))
+    return first == second
 
-    The folder need not exist yet; it is made when there is something to write to it.
+
+def replaced_command(old: bytes, new: bytes) -> str | None:
+    """Return the command in an old record if it differs from the command in a new record.
+
+    Options that only choose where and how files are written make no difference.
+    """
+    first, second = _parsed(old), _parsed(new)
+    before = _computed(first.get("command"))
+    level = _level(first)
+    if before == _computed(second.get("command")) and level == _level(second):
+        return None
+    return " ".join(before) or f"a run from Python at level {level}"
+
+
+def _parsed(content: bytes) -> dict[str, Any]:
+    try:
+        found = json.loads(content)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def _level(content: Mapping[str, Any]) -> Any:
+    scenario = content.get("scenario")
+    analysis = scenario.get("analysis") if isinstance(scenario, Mapping) else None
+    return analysis.get("level") if isinstance(analysis, Mapping) else None
+
+
+def _computed(command: Any) -> list[str]:
+    """Return a recorded command line without the options that do not change the numbers."""
+    words = iter(map(str, command) if isinstance(command, list) else ())
+    kept = []
+    for word in words:
+        name, _, value = word.partition("=")
+        if name not in _OUTPUT_OPTIONS:
+            kept.append(word)
+        elif _OUTPUT_OPTIONS[name] and not value:
+            next(words, None)
+    return kept
+
+
+def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:
+    """Check, before anything is computed, that files can be written.
+
+    The folder need not exist. It is made when the files are written.
+
+    Args:
+        paths: The files, all in one folder.
+        inputs: Files that must not be overwritten.
 
     Raises:
-        OSError: If they cannot.
+        OSError: If a file cannot be written, or is an input.
     """
-    folder = folder.absolute()
+    folder = paths[0].parent.absolute()
     with contextlib.suppress(FileNotFoundError):
-        folder.stat()  # complains of names that no folder can have
-    # lexists: a link that leads nowhere is in the way too
+        folder.stat()  # raises for names that no folder can have
+    # lexists: a link to nowhere is in the way too
     existing = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
-    with tempfile.TemporaryFile(dir=existing):
-        pass
+    with tempfile.TemporaryFile(dir=existing) as file:
+        file.write(bytes(_ROOM))
+    _require_no_folder(paths)
+    read = {path.resolve() for path in inputs}
+    for path in paths:
+        if path.resolve() in read:
+            raise FileExistsError(f"{path} is an input of this run and would be overwritten")
 
 
-def write(files: Mapping[Path, bytes]) -> None:
-    """Write files; each appears under its name only when it is complete.
-
-    All are complete before the first appears. If one cannot appear then, those that are new are
-    taken away again.
-
-    Raises:
-        OSError: If one of them cannot be written.
-    """
-    for path in files:
+def _require_no_folder(paths: Iterable[Path]) -> None:
+    for path in paths:
         if path.is_dir():
             raise IsADirectoryError(f"{path} is a folder, and in the way of a file")
-    finished: dict[Path, Path] = {}
-    new: list[Path] = []
+
+
+def write(folder: Path, contents: Mapping[str, bytes | None]) -> None:
+    """Write, replace and remove files of a folder: all of them, or none.
+
+    Args:
+        folder: The folder; made if it does not exist.
+        contents: Content of each file by its name; None removes the file.
+
+    Raises:
+        OSError: If a file cannot be written. The folder is then as before.
+        InterruptedAfterWriting: If an interrupt arrived when it was too late for it.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    _require_no_folder(folder / name for name in contents)
+    with _locked(folder) as alone:
+        _remove_temporary(folder, contents, everything=alone)
+        try:
+            for name, content in contents.items():
+                if content is not None:
+                    _write_new(_temporary(folder, name, _NEW), content)
+            with _interrupts_held():
+                _replace_all(folder, contents)
+        finally:
+            _remove_temporary(folder, contents, everything=alone)
+
+
+def _replace_all(folder: Path, contents: Mapping[str, bytes | None]) -> None:
+    """Rename the new files to their names; undo all renames if one of them fails."""
+    existing = [name for name in contents if os.path.lexists(folder / name)]
     try:
-        for path, content in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-            finished[path] = Path(name)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(content)
-                file.flush()
-                os.fsync(file.fileno())
-            # mkstemp makes files private; these are to be as readable as any other.
-            finished[path].chmod(0o666 & ~_umask())
-        for path, temporary in finished.items():
-            existed = path.exists()
-            temporary.replace(path)
-            if not existed:
-                new.append(path)
+        for name in existing:
+            _keep(folder / name, _temporary(folder, name, _OLD))
+        for name, content in contents.items():
+            if content is not None:
+                _temporary(folder, name, _NEW).replace(folder / name)
+            elif name in existing:
+                (folder / name).unlink()
     except BaseException:
-        for path in new:
-            path.unlink()
-        raise
-    finally:
-        for temporary in finished.values():
+        for name in contents:
             with contextlib.suppress(OSError):
-                temporary.unlink()
+                if name not in existing:
+                    (folder / name).unlink()
+                elif os.path.lexists(old := _temporary(folder, name, _OLD)):
+                    old.replace(folder / name)
+        raise
 
 
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+def _keep(path: Path, copy: Path) -> None:
+    """Give a file a second name; copy it where the file system has no hard links."""
+    try:
+        os.link(path, copy, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(path, copy, follow_symlinks=False)
+
+
+def _temporary(folder: Path, name: str, ending: str) -> Path:
+    return folder / f".{name}{ending}"
+
+
+def _write_new(path: Path, content: bytes) -> None:
+    # O_EXCL: never through a link that somebody else has put there
+    with path.open("xb") as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _remove_temporary(folder: Path, names: Iterable[str], *, everything: bool) -> None:
+    """Remove temporary files: of these names, or everything that killed runs have left."""
+    found = {_temporary(folder, name, ending) for name in names for ending in (_NEW, _OLD)}
+    if everything:
+        found.update(p for p in folder.glob(".*.radar-sense-*") if p.name.endswith((_NEW, _OLD)))
+    for path in found:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[bool]:
+    """Lock a folder against other runs; the value tells whether that was possible.
+
+    The lock ends with the process, however the process ends.
+    """
+    with contextlib.ExitStack() as stack:
+        locked = False
+        if fcntl is not None:
+            with contextlib.suppress(OSError):  # some network file systems have no locks
+                descriptor = os.open(folder, os.O_RDONLY)
+                stack.callback(os.close, descriptor)
+                fcntl.flock(descriptor, fcntl.LOCK_EX)
+                locked = True
+        yield locked
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold SIGINT and SIGTERM back; they are delivered at the end.
+
+    The mask of a thread would not do: another thread could receive the signal.
+
+    Raises:
+        InterruptedAfterWriting: If there was one, and its handler raises KeyboardInterrupt.
+    """
+    held: list[int] = []
+
+    def hold(number: int, frame: FrameType | None) -> None:
+        held.append(number)
+
+    handlers = {}
+    try:
+        if threading.current_thread() is threading.main_thread():  # no other is interrupted
+            for number in (signal.SIGINT, signal.SIGTERM):
+                if signal.getsignal(number) not in (signal.SIG_IGN, None):
+                    handlers[number] = signal.signal(number, hold)
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+    for signal_number in held:
+        try:
+            signal.raise_signal(signal_number)
+        except KeyboardInterrupt as error:
+            raise InterruptedAfterWriting from error
 
 
 def _finite(value: Any) -> Any:
-    """JSON has no NaN and no infinity; null stands for them."""
+    """Replace NaN and infinity, which JSON does not have, by null."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, Mapping):

@@ -68,7 +68,7 @@ TARGET = Limit(above=0, at_most=1.5)
 #: P_max of a threshold test, and the number of σ that P_D must stay below it.
 THRESHOLD = Limit(above=0, at_most=1)
 SIGMAS = Limit(above=0, at_most=10)
-#: m and n of m-of-n; more than the 12 of `cumulative.MAX_WINDOW` would take too many histories.
+#: m and n of m-of-n; more than the 12 of `mission.tracks.MAX_WINDOW` would take too many histories.
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)

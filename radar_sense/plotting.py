@@ -199,6 +199,33 @@ def draw_line(
     )
 
 
+def coloured_line(
+    axes: Axes, x: FloatArray, y: FloatArray, values: FloatArray, colours: str, label: str
+) -> None:
+    """Draw a line whose colour shows a value from 0 to 1 at each point; a single point as a dot.
+
+    A black edge with a white rim keeps the line visible on a map of the same colours.
+    """
+    few = thinned(x, y)
+    points = np.column_stack([x, y])[few]
+    middles = 0.5 * (values[few][1:] + values[few][:-1])
+    rims = [withStroke(linewidth=4.2, foreground="white"), withStroke(linewidth=3.2)]
+    if len(points) == 1:
+        axes.scatter(x, y, c=values, cmap=colours, vmin=0, vmax=1, s=16, ec="black", label=label)
+        return
+    line = LineCollection(
+        list(np.stack([points[:-1], points[1:]], axis=1)),
+        array=middles,
+        cmap=colours,
+        clim=(0, 1),
+        linewidths=1.8,
+        capstyle="round",
+        rasterized=len(points) > COLUMNS,
+    )
+    axes.plot(points[:, 0], points[:, 1], color="black", lw=1.8, path_effects=rims, label=label)
+    axes.add_collection(line)
+
+
 def draw_fill(
     axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any
 ) -> None:

@@ -6,18 +6,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from scenarios import scenario
 
 import radar_sense as rs
-from radar_sense.analyses.error_budget import error_budget
 from radar_sense.covariance import checked
-from radar_sense.cumulative import (
-    cumulative_detection,
-    linearize_looks,
-    mission_monte_carlo,
-    track_initiation,
-)
+from radar_sense.mission.cumulative import cumulative_detection
+from radar_sense.mission.draws import mission_monte_carlo
+from radar_sense.mission.looks import linearize_looks
+from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS
 from radar_sense.states import check_finite
 
@@ -107,46 +104,87 @@ def everything(aircraft, radar, cov_aircraft, cov_radar):
         )
     yield lambda: track_initiation(looks, 2, 3, *covariances, correlation_time=1)
     yield lambda: mission_monte_carlo(
-        model(), time, *arguments, correlation_time=1, runs=10, seed=1
+        model(),
+        time,
+        aircraft,
+        cov_aircraft,
+        Sampler.of_states(model(), *arguments),
+        correlation_time=1,
+        runs=10,
+        seed=1,
     )
-    s = dataclasses.replace(
-        scenario(),
+    for method in METHODS:
+        yield lambda method=method: rs.monte_carlo_states(
+            model(), *arguments, runs=16, method=method
+        )
+
+
+def made(aircraft, radar, cov_aircraft, cov_radar):
+    """A scenario of arrays, which every analysis of a scenario starts from."""
+    return rs.Scenario(
+        model=model(),
         aircraft=aircraft,
         radar=radar,
         cov_aircraft=cov_aircraft,
         cov_radar={"medium": cov_radar},
-        runs=16,
-        level="medium",
     )
-    for method in (*METHODS, "montecarlo"):
-        yield lambda method=method: error_budget(s, method)
-    for method in METHODS:
-        yield lambda method=method: rs.monte_carlo(s, method=method)
+
+
+def good_covariances():
+    return np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
 
 
 def test_no_covariance_is_an_error_everywhere():
-    good = np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
+    cov_aircraft, cov_radar = good_covariances()
     for said, wrong in no_covariances(6):
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov, place in ((wrong, ""), (many, r" at pose 13 \(counted from 0\)")):
-            for call in everything(*states(), cov, good[1]):
+            for call in everything(*states(), cov, cov_radar):
                 with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{said}"):
                     call()
     for said, wrong in no_covariances(4):
-        for call in everything(*states(), good[0], wrong):
+        for call in everything(*states(), cov_aircraft, wrong):
             with pytest.raises(ValueError, match=f"^radar covariance .*{said}"):
                 call()
 
 
+def test_no_covariance_makes_no_scenario():
+    cov_aircraft, cov_radar = good_covariances()
+    good = made(*states(), cov_aircraft, cov_radar)
+    for said, wrong in no_covariances(6):
+        said = said.removesuffix(r" for entry \[2\]\[2\]")
+        many = np.tile(np.eye(6), (POSES, 1, 1))
+        many[13] = wrong
+        for cov in (wrong, many):
+            place = r"\[13\]" if cov is many and np.isfinite(cov).all() else ""
+            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{said}"):
+                made(*states(), cov, cov_radar)
+            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{said}"):
+                dataclasses.replace(good, cov_aircraft=cov)
+    for said, wrong in no_covariances(4):
+        said = said.removesuffix(r" for entry \[2\]\[2\]")
+        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{said}"):
+            made(*states(), cov_aircraft, wrong)
+        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{said}"):
+            dataclasses.replace(good, cov_radar={"medium": wrong})
+
+
 def test_no_number_is_an_error_everywhere():
-    good = np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
     aircraft, radar = states()
     aircraft[17, 5] = NAN
-    calls = list(everything(aircraft, radar, *good))
-    for call in calls[: len(METHODS)] + calls[-2 * len(METHODS) - 2 :]:
+    calls = list(everything(aircraft, radar, *good_covariances()))
+    for call in (*calls[: len(METHODS)], *calls[-len(METHODS) - 1 :]):
         with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
             call()
+    with pytest.raises(rs.InputError, match=r"^aircraft must be finite, got nan"):
+        made(aircraft, radar, *good_covariances())
+    for value in (NAN, INF, -INF):
+        for component in range(4):
+            wrong = radar.copy()
+            wrong[component] = value
+            with pytest.raises(rs.InputError, match=f"^radar must be finite, got {value:g}"):
+                made(states()[0], wrong, *good_covariances())
 
 
 def test_what_rounding_does_is_no_error():

@@ -29,7 +29,7 @@ def problem(radars):
     state[0::4] += 2e4 * np.arange(radars)
     state[3::4] *= 0.4
     cov = np.kron(np.eye(radars), s.cov_radar[s.level])
-    model = NetworkModel(tuple(Radar(s.model, name=f"r{i}") for i in range(radars)))
+    model = NetworkModel(tuple(Radar(s.model.radars[0].model, name=f"r{i}") for i in range(radars)))
     return dataclasses.replace(s, model=model, radar=state, cov_radar={s.level: cov})
 
 

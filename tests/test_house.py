@@ -12,7 +12,8 @@ PACKAGE = Path(radar_sense.__file__).parent
 #: From the top to the bottom. A module imports only from lines below its own, or, in a folder, from
 #: other files of the folder without a circle.
 STOREYS = (
-    ("cli", "__main__", "__init__"),
+    ("__main__", "__init__"),
+    ("cli",),
     ("reading",),
     ("analyses",),
     ("plotting", "files"),
@@ -20,7 +21,8 @@ STOREYS = (
     ("montecarlo",),
     ("propagation",),
     ("scenario",),
-    ("record", "keys", "provenance"),
+    ("record",),
+    ("keys", "provenance"),
     ("model",),
     ("axis", "covariance"),
     ("states", "limits", "errors"),

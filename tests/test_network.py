@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
@@ -21,7 +21,6 @@ from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.adaptive import validate
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import (
     METHODS,
     nonlinear,
@@ -31,10 +30,11 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
 from radar_sense.reading.parse import load_scenario
-from radar_sense.scenario import alone
+from radar_sense.scenario import single_radar_scenarios
 from radar_sense.states import CONSTANTS
 
 PAPER = load_scenario()
+RADAR_MODEL = PAPER.model.radars[0].model
 RCS = EllipsoidRCS(0.15, 0.13, 0.21)
 ELLIPSOID = ("ellipsoid", 0.15, 0.13, 0.21)
 
@@ -44,7 +44,7 @@ def network(
 ):
     """The paper's aircraft seen by several radars, each with the paper's uncertainty."""
     m = len(positions)
-    models = models or [PAPER.model] * m
+    models = models or [RADAR_MODEL] * m
     cov_aircraft = PAPER.cov_aircraft.copy()
     cov_aircraft[3:, 3:] = np.eye(3) * np.radians(attitude_deg) ** 2
     return dataclasses.replace(
@@ -57,6 +57,18 @@ def network(
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,
         cov_radar={name: np.kron(np.eye(m), c) for name, c in PAPER.cov_radar.items()},
+    )
+
+
+def p_d_each(network, aircraft, radar):
+    """P_D (..., m) of each radar of a network by its own model and limits."""
+    states = np.split(np.asarray(radar), len(network.radars), axis=-1)
+    return np.stack(
+        [
+            np.where(r.visible(aircraft, state), r.model.p_d(aircraft, state), 0)
+            for r, state in zip(network.radars, states, strict=True)
+        ],
+        axis=-1,
     )
 
 
@@ -79,11 +91,11 @@ def fields_of(found):
 def test_a_network_of_one_is_the_single_radar_bit_for_bit(limits):
     aircraft = PAPER.aircraft - 30e3 * np.eye(6)[2]  # above the horizon
     radar = np.array([3e3, -2e3, -100.0, 160.0])
-    one = NetworkModel((Radar(PAPER.model, **limits),))
-    assert_array_equal(one.p_d(aircraft, radar), PAPER.model.p_d(aircraft, radar))
-    assert_array_equal(one.snr(aircraft, radar)[:, 0], PAPER.model.snr(aircraft, radar))
+    one = NetworkModel((Radar(RADAR_MODEL, **limits),))
+    assert_array_equal(one.p_d(aircraft, radar), RADAR_MODEL.p_d(aircraft, radar))
+    assert_array_equal(one.snr(aircraft, radar)[:, 0], RADAR_MODEL.snr(aircraft, radar))
     for name in ("linearize", "linearize_probit"):
-        mine, theirs = (getattr(model, name)(aircraft, radar) for model in (one, PAPER.model))
+        mine, theirs = (getattr(model, name)(aircraft, radar) for model in (one, RADAR_MODEL))
         if name == "linearize":
             mine, theirs = fields_of(mine), fields_of(theirs)
         for a, b in zip(mine, theirs, strict=True):
@@ -92,32 +104,12 @@ def test_a_network_of_one_is_the_single_radar_bit_for_bit(limits):
     for method in METHODS:
         mine, theirs = (
             propagate(model, aircraft[::20], radar, *cov, method=method)
-            for model in (one, PAPER.model)
+            for model in (one, RADAR_MODEL)
         )
         for a, b in zip(fields_of(mine), fields_of(theirs), strict=True):
             if a.dtype == bool and limits.get("horizon"):
                 continue  # a horizon within reach is a doubt of its own
             assert_array_equal(a, b)
-
-
-@pytest.mark.parametrize("sampler", SAMPLERS)
-def test_draws_and_budget_of_a_network_of_one_are_those_of_the_single_radar(sampler):
-    single = dataclasses.replace(
-        PAPER, axis=PAPER.axis.part(slice(None, None, 90)), aircraft=PAPER.aircraft[::90], runs=256
-    )
-    one = dataclasses.replace(single, model=NetworkModel((Radar(PAPER.model),)))
-    for mine, theirs in zip(
-        *(fields_of(monte_carlo(s, sampler=sampler)) for s in (one, single)), strict=True
-    ):
-        if isinstance(mine, np.ndarray):
-            assert_array_equal(mine, theirs)
-    for method in ("linear", "montecarlo"):
-        mine, theirs = error_budget(one, method), error_budget(single, method)
-        assert list(mine.alone) == list(theirs.alone)
-        assert mine.finer == theirs.finer == {}
-        for source, std in mine.alone.items():
-            assert_array_equal(std, theirs.alone[source])
-    assert alone(one) == alone(single) == {}
 
 
 # The fused P_D and its partials.
@@ -227,20 +219,20 @@ def test_fusion_far_below_the_least_probability_there_is():
 def test_fused_p_d_rises_with_every_radar_and_never_passes_1():
     rng = np.random.default_rng(4)
     radar = np.concatenate([[*rng.standard_normal(3) * 1e5, 10.0**i] for i in range(6)])
-    net = NetworkModel(tuple(Radar(PAPER.model, f"r{i}") for i in range(6)))
-    each = net.p_d_each(PAPER.aircraft, radar)
+    net = NetworkModel(tuple(Radar(RADAR_MODEL, f"r{i}") for i in range(6)))
+    each = p_d_each(net, PAPER.aircraft, radar)
     fused = net.p_d(PAPER.aircraft, radar)
     assert each.shape == (361, 6)
     assert net.snr(PAPER.aircraft, radar).shape == (361, 6)
     assert np.all(fused >= each.max(axis=1))
     assert fused.max() == 1
     assert_allclose(fused, 1 - np.prod(1 - each, axis=1), rtol=0, atol=4e-16)
-    last = PAPER.model.p_d(PAPER.aircraft, radar[-4:])
+    last = RADAR_MODEL.p_d(PAPER.aircraft, radar[-4:])
     assert_array_equal(each[:, -1], last)
 
 
 def test_states_broadcast():
-    net = NetworkModel((Radar(PAPER.model, "a"), Radar(PAPER.model, "b")))
+    net = NetworkModel((Radar(RADAR_MODEL, "a"), Radar(RADAR_MODEL, "b")))
     rng = np.random.default_rng(0)
     radar = rng.standard_normal((7, 1, 8)) * 1e4
     radar[..., CONSTANTS] = 160
@@ -323,7 +315,7 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
     joint = lin.std(scenario.cov_aircraft, scenario.cov_radar["medium"]) ** 2
     # independence: an aircraft of its own for each radar
-    each = scenario.model.p_d_each(scenario.aircraft, scenario.radar)
+    each = p_d_each(scenario.model, scenario.aircraft, scenario.radar)
     apart = variance_along(lin.jac_radar, scenario.cov_radar["medium"])
     for i, model in enumerate(scenario.model.models):
         single = model.linearize(scenario.aircraft, scenario.radar[4 * i : 4 * i + 4])
@@ -335,7 +327,7 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     rng = np.random.default_rng(1)
     radar, _ = sampler.draw_radar(rng.standard_normal((scenario.runs, 12)))
     miss = 1.0
-    for i, s in enumerate(alone(scenario).values()):
+    for i, s in enumerate(single_radar_scenarios(scenario).values()):
         white = rng.standard_normal((scenario.runs, 1, 6))
         drawn = Sampler.of(s).draw_p_d(white, radar[:, 4 * i : 4 * i + 4])[:, 0]
         miss = miss * (1 - drawn)
@@ -400,7 +392,7 @@ def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
     z, by_aircraft, by_radar = net.extrapolated_probit(aircraft, radar, seen)
     exact = net.p_d(aircraft, np.maximum(radar, 0))
     # as it is down to zero, smooth there, and falling by less than the first radar's noise alone
-    noise = ndtr(models[0].floor(seen[0, :1]))
+    noise = models[0].p_d(aircraft[0], np.zeros(4))
     assert_allclose(ndtr(z[:3]), exact[:3], rtol=1e-13)
     assert np.all(np.diff(z) <= 0)
     assert np.all(ndtr(z[2]) - ndtr(z[3:]) < noise)
@@ -424,7 +416,7 @@ def test_draws_and_bounds_where_a_constant_may_be_zero():
     mc = monte_carlo(scenario, sampler="sobol")
     assert 0.006 * mc.runs < mc.clipped < 0.01 * mc.runs  # Φ(−2.4)
     # no draw is below the first radar by itself by more than its own noise makes it
-    first = moments(alone(scenario)["r0"])
+    first = moments(single_radar_scenarios(scenario)["r0"])
     assert np.all(mc.lower > first.p_d - 5 * first.std)
     assert np.all(mc.lower < moments(scenario).p_d)
 
@@ -436,10 +428,9 @@ def test_no_signal_anywhere_is_the_floor(detector):
     radar = np.zeros(8)
     z, _, _ = net.linearize_probit(PAPER.aircraft[:2], radar)
     assert_allclose(net.floor(np.ones((2, 2), dtype=bool)), z, rtol=1e-14)
-    each = [m.floor(np.ones((2, 1), dtype=bool)) for m in models]
-    assert_allclose(
-        net.floor(np.array([[True, False], [False, True]])), [each[0][0], each[1][1]], rtol=1e-14
-    )
+    noise = [m.p_d(PAPER.aircraft[0], np.zeros(4)) for m in models]
+    by_itself = net.floor(np.array([[True, False], [False, True]]))
+    assert_allclose(ndtr(by_itself), noise, rtol=1e-13)
 
 
 # What a radar sees.
@@ -461,9 +452,9 @@ def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
 @pytest.mark.parametrize("curved", [False, True])
 def test_a_target_below_the_horizon_is_not_seen(curved):
     # where the ellipsoid's radius of curvature to the north is the mean radius of the earth
-    sine = np.sqrt((1 - (SEMI_MAJOR * (1 - ECCENTRICITY_2) / EARTH_RADIUS) ** (2 / 3)))
+    sine = np.sqrt(1 - (SEMI_MAJOR * (1 - ECCENTRICITY_2) / EARTH_RADIUS) ** (2 / 3))
     place = (float(np.arcsin(sine / np.sqrt(ECCENTRICITY_2))), 0.0, 0.0)
-    station = Radar(PAPER.model, horizon=Horizon(place if curved else None))
+    station = Radar(RADAR_MODEL, horizon=Horizon(place if curved else None))
     radar = np.array([0, 0, -10.0, 167])
     height = np.array([50.0, 1e3, 3e3])
     farthest = horizon_range(np.array(10.0), height)
@@ -481,7 +472,7 @@ def test_a_target_below_the_horizon_is_not_seen(curved):
 
 
 def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
-    station = Radar(PAPER.model, max_range=5e3)
+    station = Radar(RADAR_MODEL, max_range=5e3)
     aircraft = np.zeros((3, 6))
     aircraft[:, 0], aircraft[:, 2] = 3e3, [-4e3, -4e3 - 1e-6, -3.9e3]  # slant: 3, 4, 5
     assert_array_equal(station.visible(aircraft, np.array([0, 0, 0, 1.0])), [True, False, True])
@@ -489,7 +480,7 @@ def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
 
 def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
     scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(None, None, 20))
-    near = Radar(PAPER.model, "near", max_range=4.5e5)
+    near = Radar(RADAR_MODEL, "near", max_range=4.5e5)
     far, _ = scenario.model.radars
     scenario = dataclasses.replace(scenario, model=NetworkModel((far, near)))
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 1]
@@ -499,22 +490,22 @@ def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
 
 def test_a_radar_that_sees_nothing_adds_nothing():
     aircraft, near, far = PAPER.aircraft, [0, 0, 0, 167.0], [-1e5, 0, 0, 167.0]
-    model = NetworkModel((Radar(PAPER.model, "near"), Radar(PAPER.model, "far", 5.5e5)))
+    model = NetworkModel((Radar(RADAR_MODEL, "near"), Radar(RADAR_MODEL, "far", 5.5e5)))
     radar = np.array([*near, *far])
     hidden = ~model.visible(aircraft, radar)[:, 1]
     assert 50 < hidden.sum() < 300
-    both, alone_ = model.linearize(aircraft, radar), PAPER.model.linearize(aircraft, np.array(near))
+    both, alone_ = model.linearize(aircraft, radar), RADAR_MODEL.linearize(aircraft, np.array(near))
     assert_array_equal(model.p_d(aircraft, radar)[hidden], alone_.p_d[hidden])
     assert_allclose(both.p_d[hidden], alone_.p_d[hidden], rtol=1e-12)
     assert_allclose(both.jac_aircraft[hidden], alone_.jac_aircraft[hidden], rtol=1e-11, atol=1e-25)
     assert_array_equal(both.jac_radar[hidden, 4:], 0)
     assert np.all(both.jac_radar[~hidden, 7] > 0)
     z, z_aircraft, z_radar = model.linearize_probit(aircraft, radar)
-    exact, by_aircraft, _ = PAPER.model.linearize_probit(aircraft, np.array(near))
+    exact, by_aircraft, _ = RADAR_MODEL.linearize_probit(aircraft, np.array(near))
     assert_allclose(z[hidden], exact[hidden], rtol=0, atol=1e-13)
     assert_allclose(z_aircraft[hidden], by_aircraft[hidden], rtol=1e-11, atol=1e-25)
     assert_array_equal(z_radar[hidden, 4:], 0)
-    assert_array_equal(model.p_d_each(aircraft, radar)[hidden, 1], 0)
+    assert_array_equal(p_d_each(model, aircraft, radar)[hidden, 1], 0)
 
 
 @pytest.mark.parametrize("radars", [1, 2])
@@ -548,7 +539,7 @@ def test_draws_see_an_edge_that_a_gradient_cannot():
         edge = dataclasses.replace(network([(0, 0, 0)], [100], max_range=reach + offset), **nowhere)
         seen = offset > 0
         mc = monte_carlo(edge)
-        full = PAPER.model.p_d(edge.aircraft, edge.radar)
+        full = RADAR_MODEL.p_d(edge.aircraft, edge.radar)
         assert_allclose(mc.mean / full, 0.5, atol=0.05)
         for method in METHODS:
             found = moments(edge, method)
@@ -558,7 +549,7 @@ def test_draws_see_an_edge_that_a_gradient_cannot():
     assert_array_equal(
         warned(far, "form"),
         nonlinear(
-            PAPER.model,
+            RADAR_MODEL,
             far.aircraft,
             far.radar,
             far.cov_aircraft,
@@ -593,7 +584,9 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
         parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
         assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
         assert_allclose(found.finer[f"r{i}_constant"], 5 * lin.jac_radar[:, 4 * i + 3])
-    allowed = allowances(network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05)
+    allowed = required_accuracies(
+        network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
+    )
     assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
 
 
@@ -615,13 +608,13 @@ def test_each_radar_by_itself():
     # the second is twice as uncertain as the first
     worse = {level: np.kron(np.diag([1, 4]), c) for level, c in PAPER.cov_radar.items()}
     scenario = dataclasses.replace(scenario, cov_radar=worse)
-    parts = alone(scenario)
+    parts = single_radar_scenarios(scenario)
     assert list(parts) == ["r0", "r1"]
     assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])
     assert_array_equal(parts["r0"].cov_radar["high"], PAPER.cov_radar["high"])
     assert_array_equal(parts["r1"].cov_radar["high"], 4 * PAPER.cov_radar["high"])
     expected = propagate(
-        PAPER.model,
+        RADAR_MODEL,
         scenario.aircraft,
         parts["r1"].radar,
         scenario.cov_aircraft,
@@ -656,7 +649,7 @@ def test_variance_table_has_each_radar_and_the_network():
     scenario = network([(0, 0, 0), (1e5, 0, 0)], [60, 100], max_range=5.005e5)
     table = analyses.variance(scenario, method="probit").table
     for i in range(2):
-        part = alone(scenario)[f"r{i}"]
+        part = single_radar_scenarios(scenario)[f"r{i}"]
         single = propagate(
             part.model,
             part.aircraft,
@@ -681,7 +674,7 @@ def test_variance_table_has_each_radar_and_the_network():
 
 
 def test_networks_that_cannot_be():
-    station = Radar(PAPER.model, "a")
+    station = Radar(RADAR_MODEL, "a")
     with pytest.raises(ValueError, match="at least one radar"):
         NetworkModel(())
     for names in (
@@ -698,7 +691,7 @@ def test_networks_that_cannot_be():
         NetworkModel((station, other))
     for limit in (0, -1, np.nan):
         with pytest.raises(ValueError, match="max_range"):
-            Radar(PAPER.model, max_range=limit)
+            Radar(RADAR_MODEL, max_range=limit)
     net = NetworkModel((station, dataclasses.replace(station, name="b")))
     for method in (net.p_d, net.snr, net.linearize, net.linearize_probit, net.visible):
         with pytest.raises(ValueError, match=r"radar states must have shape \(..., 8\)"):
@@ -710,7 +703,7 @@ def test_networks_that_cannot_be():
 # Constants whose logarithm is Gaussian.
 
 
-@pytest.mark.parametrize("models", [None, [DetectionModel(RCS, 1e-4), PAPER.model]])
+@pytest.mark.parametrize("models", [None, [DetectionModel(RCS, 1e-4), RADAR_MODEL]])
 def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
     net = network([(0, 0, 0), (1e5, -2e5, 0)], (160.0, 90.0), models=models)
     cov = 400.0 * net.cov_radar["high"]  # constants to 200: a normal one would be below zero

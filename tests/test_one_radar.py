@@ -11,12 +11,12 @@ from helpers import assert_refused, write
 from test_network_parts import document, network, radars, text
 
 from radar_sense import analyses
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
 from radar_sense.reading.parse import load_scenario, parse_scenario
-from radar_sense.scenario import alone, only
+from radar_sense.scenario import for_radar, single_radar_scenarios
 
 COMMANDS = {
     "variance": [],
@@ -93,7 +93,7 @@ def test_a_radar_that_there_is_not(tool, command):
 
 def test_only_is_alone_under_another_name():
     s = network()
-    one, expected = only(s, "c"), alone(s)["c"]
+    one, expected = for_radar(s, "c"), single_radar_scenarios(s)["c"]
     assert isinstance(one.model, NetworkModel)
     assert one.model.names == ("c",)
     assert (one.name, expected.name) == ("paper_c", "paper")
@@ -103,10 +103,10 @@ def test_only_is_alone_under_another_name():
     again = parse_scenario(yaml.safe_dump(one.resolved()))
     np.testing.assert_array_equal(monte_carlo(again).sample_paths, monte_carlo(one).sample_paths)
     assert again.resolved() == one.resolved()
-    with pytest.raises(ScenarioError, match="single radar"):
-        only(load_scenario(), "radar")
-    with pytest.raises(ScenarioError, match="more than 100 letters"):
-        only(network(name="x" * 99), "c")
+    with pytest.raises(InputError, match="single radar"):
+        for_radar(load_scenario(), "radar")
+    with pytest.raises(InputError, match="more than 100 letters"):
+        for_radar(network(name="x" * 99), "c")
 
 
 @pytest.mark.parametrize("method", ["linear", "form"])
@@ -120,14 +120,14 @@ def test_a_network_says_of_each_radar_what_it_would_do_by_itself(method):
         for name, line in zip("abc", lines, strict=True):
             assert line.split()[0] == name
             for level in s.cov_radar if analyse is analyses.sensitivity else ["sheet"]:
-                one = alone(s)[name].with_analysis(level=level)
+                one = single_radar_scenarios(s)[name].with_analysis(level=level)
                 most = 3 * propagate_scenario(one, method=method or "linear").std.max()
                 said = found[level][name] if analyse is analyses.sensitivity else found[name]
                 assert said["value"] == pytest.approx(most, rel=1e-12)
                 where = line.index(level) if analyse is analyses.sensitivity else 0
                 shown = re.search(r"(\d\.\d{4}) at \d+", line[where:])
                 assert float(shown[1]) == pytest.approx(most, abs=5.1e-5)
-    for result in (analyses.budget(load_scenario()), analyses.variance(only(s, "a"))):
+    for result in (analyses.budget(load_scenario()), analyses.variance(for_radar(s, "a"))):
         assert "largest_three_sigma_by_itself" not in result.summary
         assert not [line for line in result.report if "by itself" in line]
 

@@ -12,9 +12,10 @@ import pytest
 import yaml
 
 import radar_sense as rs
-from radar_sense.analyses import coverage_map as area
-from radar_sense.model import trajectory as route
+from radar_sense.analyses.grid import Grid, p_d_in_cells
+from radar_sense.model.trajectory import resample
 from radar_sense.propagation import propagate_scenario
+from radar_sense.reading.route_file import load_route
 
 A, F = 6378137.0, 1 / 298.257223563
 DEG = math.pi / 180
@@ -185,13 +186,13 @@ def test_a_map_is_the_same_about_another_origin(tmp_path):
     for origin in ((50, 10, 0), (42, 16, 700), (10, 20, 0)):
         s = written(tmp_path, [radar], rows, origin, aircraft=AIRCRAFT)
         north, east, _ = to_ned(place, origin)
-        cells = area.Grid(np.array([north, north + 1e3]), np.array([east, east + 1e3]))
-        values.append(area.area(s, cells, down=origin[2] - 900.0, course=1.0)[0][0, 0])
+        cells = Grid(np.array([north, north + 1e3]), np.array([east, east + 1e3]))
+        values.append(p_d_in_cells(s, cells, down=origin[2] - 900.0, course=1.0)[0][0, 0])
     assert values[0] > 0.01
     np.testing.assert_allclose(values, values[0], rtol=1e-5)
-    far = area.Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
+    far = Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
     with pytest.raises(rs.ScenarioError, match="edge of the earth"):
-        area.area(s, far)
+        p_d_in_cells(s, far)
 
 
 @pytest.mark.parametrize("method", ["legs", "smooth"])
@@ -235,8 +236,8 @@ def test_a_smooth_altitude_stays_between_its_neighbours(tmp_path, origin):
         lines = [f"{t!r}," + ",".join(repr(float(x)) for x in row)
                  for t, row in zip(time.tolist(), rows, strict=True)]  # fmt: skip
         (tmp_path / "way.csv").write_text("\n".join([f"time_s,{names}", *lines]))
-        path = route.load_route(tmp_path / "way.csv", origin=origin)
-        found = route.resample(path, 7.0, "smooth")
+        path = load_route(tmp_path / "way.csv", origin=origin)
+        found = resample(path, 7.0, "smooth")
         degrees = None if origin is None else (40.0, -105.0, 1600.0)
         for t, point in zip(found.time_s, found.aircraft[:, :3], strict=True):
             height = -point[2] if degrees is None else height_of(point, degrees)
@@ -254,8 +255,8 @@ def test_a_smooth_altitude_follows_a_wave_that_the_samples_show(tmp_path):
         "\n".join(["time_s,latitude_deg,longitude_deg,altitude_m", *lines])
     )
     origin = (0.0, 0.0, 0.0)
-    path = route.load_route(tmp_path / "way.csv", origin=origin)
-    found = route.resample(path, 0.5, "smooth")
+    path = load_route(tmp_path / "way.csv", origin=origin)
+    found = resample(path, 0.5, "smooth")
     inner = slice(60, -60)
     exact = 5000 + 100 * np.sin(2 * np.pi * found.time_s / 60)
     heights = np.array([height_of(p, origin) for p in found.aircraft[:, :3]])

@@ -13,17 +13,17 @@ from scenarios import document
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.radar_constant import (
     LOWEST_DIVISOR,
     MAX_DIVISOR_STD,
     Tolerance,
-    shape_warning,
     factors,
     relative_std,
     shape,
+    shape_warning,
 )
 from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar, TrackingRadar
 from radar_sense.model.rcs import ConstantRCS
@@ -588,13 +588,13 @@ def test_how_much_a_part_must_be_reduced(method):
     # as small as it gets with half of the loss's deviation, so that 0.5 is the answer
     half = scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
     target = 3 * propagate_scenario(half, method=method).std.max()
-    allowed = allowances(s, target, method=method)
+    allowed = required_accuracies(s, target, method=method)
     parts = [part_name(part.key) for part in s.tolerances_at_level[0]]
     assert list(allowed) == [*SOURCES, *parts, "all"]
     assert allowed["radar_constant_loss_db"].factor == pytest.approx(0.5, rel=1e-6)
     assert allowed["radar_constant_average_power_kw"].factor is None
-    assert allowed["radar_constant_average_power_kw"].remains_from == "radar_constant_loss_db"
-    assert allowed["aircraft_position"].remains_from == "radar_constant"
+    assert allowed["radar_constant_average_power_kw"].residual_from == "radar_constant_loss_db"
+    assert allowed["aircraft_position"].residual_from == "radar_constant"
     report = "\n".join(analyses.budget(s, method=method, target=target).report)
     assert re.search(r"^    loss_db +0\.5$", report, re.MULTILINE)
 
@@ -639,7 +639,8 @@ def test_check_shows_the_distribution(tool):
     exact, c = shape(s.tolerances_at_level[0]), s.radar[3]
     assert out.splitlines()[1] == (
         f"# sheet: c_r has mean {c * exact.mean:.4g}, standard deviation {c * exact.std:.4g} "
-        f"(first order {c * relative_std(s.tolerances_at_level[0]):.4g}), skewness {exact.skewness:.2f}"
+        f"(first order {c * relative_std(s.tolerances_at_level[0]):.4g}), "
+        f"skewness {exact.skewness:.2f}"
     )
     assert "# number" not in out
 

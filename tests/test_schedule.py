@@ -17,11 +17,21 @@ import yaml
 from scenarios import document, legend_off_data
 
 import radar_sense as rs
-from radar_sense import cumulative as cu
 from radar_sense import plotting
-from radar_sense.errors import ScenarioError
-from radar_sense.mission import at_looks, mission
+from radar_sense.analyses.mission import with_schedule
+from radar_sense.errors import InputError
+from radar_sense.mission import cumulative as cu
+from radar_sense.mission import draws, importance, tracks
+from radar_sense.mission import looks as lk
 from radar_sense.model import geodesy as wgs84
+from radar_sense.montecarlo.sampler import Sampler
+
+
+def mission(scenario, *, m_of_n=None, **options):
+    """Call the analysis with m and n as a pair."""
+    m, n = m_of_n or (None, None)
+    return rs.analyses.mission(scenario, m=m, n=n, **options)
+
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
@@ -58,6 +68,15 @@ def radar(name, period):
     }  # fmt: skip
 
 
+@pytest.fixture(autouse=True)
+def _few_draws(monkeypatch):
+    """What is tested here is not how good the bounds of importance sampling are."""
+    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
+        monkeypatch.setattr(importance, name, 128)
+    monkeypatch.setattr(importance, "PILOT_DRAWS", 128)
+    monkeypatch.setattr(importance, "COMBINATIONS", 512)
+
+
 def write(folder, periods, tau=0.0, route=ROUTE, **changes):
     (folder / "route.csv").write_text(route)
     content = document(
@@ -74,6 +93,10 @@ def write(folder, periods, tau=0.0, route=ROUTE, **changes):
 
 def load(folder, *args, **options):
     return rs.load_scenario(write(folder, *args, **options))
+
+
+def looks_of(s):
+    return with_schedule(s)[0]
 
 
 class Brute:
@@ -174,7 +197,8 @@ class Brute:
                           if t == at and self.periods[i] == period], axis=0) for at in own],
                 axis=-1,
             )  # fmt: skip
-            chain = cu.m_of_n(fused, m, n)  # tested against the sum over all outcomes elsewhere
+            # tested against the sum over all outcomes elsewhere
+            chain = tracks.m_of_n(fused, 1 - fused, m, n)[0]
             latest = [sum(t <= at for t in own) - 1 for at in self.times]
             missed = missed * (1 - chain[..., latest])
         return 1 - missed
@@ -235,9 +259,8 @@ def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
     p, _, _ = brute.gradients()
     expected = brute.std_of(brute.detection_by_p(p))
     np.testing.assert_allclose(found["sigma_cumulative"], expected, rtol=1e-7)
-    np.testing.assert_allclose(
-        found["upper_3sigma"], found["cumulative_p_d"] + 3 * expected, rtol=1e-7
-    )
+    upper = np.minimum.accumulate((found["cumulative_p_d"] + 3 * expected)[::-1])[::-1]
+    np.testing.assert_allclose(found["upper_3sigma"], upper, rtol=1e-7)
     by_p = []
     for j in range(len(p)):  # linear in every P_D, so that a partial is a difference
         sure, never = p.copy(), p.copy()
@@ -276,7 +299,7 @@ def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
 def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
     """Without an edge of a limit within reach of the errors, which no gradient sees."""
     runs = 10_000
-    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
+    found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs, method="probit").table
     for name, column in (("cumulative", ""), ("track", "track_")):
         std = found[f"{column}mc_std"]
         shown = std > 0.05 * std.max()
@@ -338,23 +361,23 @@ def test_a_network_of_one_is_the_single_radar(tmp_path, runs):
     assert network.report == single.report
 
 
-@pytest.mark.parametrize("period", [None, 6])
-def test_one_period_for_all_is_one_sequence_of_their_fused_looks(tmp_path, period):
+def test_one_period_for_all_is_one_scan_group_of_their_fused_looks(tmp_path):
+    period = 6
     s = load(tmp_path, {"far": period, "near": period, "hill": period}, 20.0)
-    found = mission(s, m_of_n=(2, 3), runs=300)
-    looks = at_looks(s)
+    found = mission(s, m_of_n=(2, 3), runs=300, method="probit")
+    looks = looks_of(s)
     cov = (looks.cov_aircraft, s.cov_radar["one"])
-    every = cu.linearize_looks(s.model, looks.axis.values, looks.aircraft, s.radar)
+    every = lk.linearize_looks(s.model, looks.axis.values, looks.aircraft, s.radar)
     options = {"correlation_time": 20.0}
     for values, names in (
         (cu.cumulative_detection(every, *cov, **options), ("cumulative_p_d", "sigma_cumulative")),
-        (cu.track_initiation(every, 2, 3, *cov, **options), ("track_p_d", "sigma_track")),
+        (tracks.track_initiation(every, 2, 3, *cov, **options), ("track_p_d", "sigma_track")),
     ):
         assert found.table[names[0]].tobytes() == values.p.tobytes()
         assert found.table[names[1]].tobytes() == values.std.tobytes()
-    assert found.table["p_d"].tobytes() == every.p_d.tobytes()
-    drawn = cu.mission_monte_carlo(
-        s.model, looks.axis.values, looks.aircraft, s.radar, *cov,
+    np.testing.assert_allclose(found.table["p_d"], every.p_d, rtol=1e-12)
+    drawn = draws.mission_monte_carlo(
+        s.model, looks.axis.values, looks.aircraft, looks.cov_aircraft, Sampler.of(s),
         m_of_n=(2, 3), runs=300, seed=s.seed, **options,
     )  # fmt: skip
     assert found.table["mc_upper"].tobytes() == drawn.detection.upper.tobytes()
@@ -367,21 +390,21 @@ def test_times_that_differ_by_rounding_are_one(tmp_path):
     route = f"{HEADER},{STD}\n" + "".join(
         f"{t},200e3,{100 * t},-8000,0,0,90,100,100,50,1,1,1\n" for t in (0, 0.3, 1.2)
     )
-    looks = at_looks(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=route))
+    looks = looks_of(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=route))
     np.testing.assert_allclose(looks.axis.values, 0.1 * np.arange(13), rtol=1e-12)
     # however late it is on the clock, where floats are 2e-7 apart
     late = route
     for t in ("\n0,", "\n0.3,", "\n1.2,"):
         late = late.replace(t, f"\n{1.6e9 + float(t[1:-1])!r},")
-    looks = at_looks(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=late))
+    looks = looks_of(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=late))
     assert len(looks.axis) == 13
 
 
 def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
     periods = {"hill": 7, "far": 12, "near": 5}
-    together = mission(load(tmp_path, periods, 25.0), m_of_n=(2, 3))
+    together = mission(load(tmp_path, periods, 25.0), m_of_n=(2, 3), method="probit")
     for name, period in periods.items():
-        one = mission(load(tmp_path, {name: period}, 25.0), m_of_n=(2, 3))
+        one = mission(load(tmp_path, {name: period}, 25.0), m_of_n=(2, 3), method="probit")
         own = np.isin(together.table["time_s"], one.table["time_s"])
         for column in ("cumulative_p_d", "sigma_cumulative", "lower_3sigma", "upper_3sigma",
                        "track_p_d", "sigma_track", "track_lower_3sigma", "p_d"):  # fmt: skip
@@ -434,10 +457,18 @@ def test_report_and_record(tool, tmp_path):
 @pytest.mark.parametrize(
     ("periods", "options", "words"),
     [
-        ({"far": 10, "near": None}, (), "radar 'near' needs a scan_period_s, as other radars have"),
+        (
+            {"far": 10, "near": None},
+            (),
+            "radar 'near' needs a scan_period_s, the time [s]",
+        ),
         ({"far": 10, "near": 1e-5}, (), "radar.scan_period_s makes more than 1,000,000"),
         ({"far": 1.1e-4, "near": 1.2e-4}, (), "make more than 1,000,000 looks together"),
-        ({"far": 0.03, "near": 0.04}, ("--m", 2, "--n", 3), "2 of 3 takes at most 4,000 looks"),
+        (
+            {"far": 0.03, "near": 0.04},
+            ("--m", 2, "--n", 3, "--method", "probit"),
+            "2 of 3 by probit takes at most 4,000 looks",
+        ),
     ],
 )
 def test_what_is_refused(tool, tmp_path, periods, options, words):
@@ -449,7 +480,7 @@ def test_what_is_refused(tool, tmp_path, periods, options, words):
 
 
 def test_what_the_schedule_refuses(tmp_path):
-    with pytest.raises(ScenarioError, match="'far' needs a scan_period_s"):
+    with pytest.raises(InputError, match="'far' needs a scan_period_s"):
         mission(load(tmp_path, {"far": None, "near": 3}))
 
 
@@ -476,7 +507,7 @@ def test_the_route_of_the_corridor_is_what_its_script_makes():
     assert "SYNTHETIC" in made.splitlines()[0]
 
 
-def test_the_corridor_teaches_what_it_says():
+def test_the_corridor_teaches_what_it_says(monkeypatch):
     s = rs.load_scenario(CONFIGS / "corridor.yaml")
     time = s.time_s
     assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6
@@ -510,14 +541,26 @@ def test_the_corridor_teaches_what_it_says():
     attitude = wgs84.turned_attitude(s.aircraft[:, 3:], np.swapaxes(turn, -1, -2))
     attitude[:, 0] = 0
     level = np.hstack([s.aircraft[:, :3], wgs84.turned_attitude(attitude, turn)])
-    banked, flat = (s.model.p_d_each(states, s.radar) for states in (s.aircraft, level))
+    banked, flat = (
+        np.stack(
+            [
+                radar.model.p_d(states, s.radar[4 * i : 4 * i + 4])
+                for i, radar in enumerate(s.model.radars)
+            ],
+            axis=-1,
+        )
+        for states in (s.aircraft, level)
+    )
     for at, radar, expected in ((816, 2, (0.044, 0.009)), (1776, 1, (0.034, 0.006)),
                                 (2688, 0, (0.020, 0.006))):  # fmt: skip
         now = time == at
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
-    found = mission(s).summary["detection"]
-    assert found["reaches"]["0.5"] == {"time_s": 930, "earliest_s": 888, "latest_s": 1092}
+    monkeypatch.undo()  # as many draws as usual
+    found = mission(s, workers=2).summary["detection"]
+    reaches = found["reaches"]["0.5"]
+    assert (reaches["time_s"], reaches["earliest_s"]) == (930, 888)
+    assert reaches["latest_s"] == pytest.approx(1065, abs=12)
     assert found["at_end"]["p"] == pytest.approx(0.998, abs=5e-4)
 
 
@@ -534,6 +577,6 @@ def test_looks_between_places_keep_their_altitude(tmp_path):
     for one in content["radars"]:
         one["p_fa"] = float(one["p_fa"])  # PyYAML wants a sign in the exponent
     (tmp_path / "far.yaml").write_text(yaml.safe_dump(content))
-    looks = at_looks(rs.load_scenario(tmp_path / "far.yaml"))
+    looks = looks_of(rs.load_scenario(tmp_path / "far.yaml"))
     place = wgs84.geodetic_from_ned(looks.aircraft[:, :3], looks.origin)
     np.testing.assert_allclose(place[:, 2], 9000, atol=1e-3)

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,11 @@ import numpy as np
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.error_budget import (
     MONTE_CARLO,
-    Allowance,
-    allowances,
+    RequiredAccuracy,
     error_budget,
     parts_of,
-    scaled_moments,
+    required_accuracies,
+    value_function,
 )
 from radar_sense.analyses.report import (
     describe_extreme,
@@ -37,16 +38,19 @@ from radar_sense.analyses.report import (
     table_warnings,
     validity_warnings,
 )
+from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
-from radar_sense.limits import ANY, TARGET
+from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray, sources
 
-#: First order has nothing to say of a source whose part in the total is so much smaller than its
-#: part elsewhere: its gradient passes through zero there.
+#: The gradient for a source vanishes where its share of the total is smaller than its largest share
+#: by this factor.
 VANISHING = 1e-3
+#: Sources named in one warning; more are counted.
+NAMED = 4
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -63,19 +67,18 @@ def plot(result: Result, figure: Figure) -> None:
 
     (axes,) = pose_panels(figure, 1, result.scenario.axis)
     table, x = result.table, pose_coordinates(result.scenario.axis)
-    every = sources(result.scenario.model.names)
+    lines = result.summary["lines"]
     colours: dict[str, str] = {}
-    for source, style in zip(every, styles(), strict=False):
+    for source, style in zip(lines["sources"], styles(), strict=False):
         label, colours[source] = source.replace("_", " "), style[0]
         draw_line(axes, x, table[f"three_sigma_{source}"], style, label=label)
-    # What radar constants are made of, thin and in the colour of the source they belong to.
-    parts = parts_of(result.scenario)
-    for (name, of), (_, dashes) in zip(parts.items(), itertools.cycle(LINES), strict=False):
-        label = of.part.key if of.source == of.constant else f"{of.source} {of.part.key}"
-        draw_line(axes, x, table[f"three_sigma_{name}"], (colours[of.source], dashes), label=label)
+    # Parts of radar constants are thin lines in the colour of their source.
+    for part, (_, dashes) in zip(lines["parts"], itertools.cycle(LINES), strict=False):
+        style = (colours[part["source"]], dashes)
+        draw_line(axes, x, table[f"three_sigma_{part['name']}"], style, label=part["label"])
         axes.lines[-1].set_linewidth(0.6)
     draw_line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
-    if len(result.scenario.model.names) > 1:
+    if lines["several_radars"]:
         axes.lines[-1].set(linewidth=2.2, zorder=1.8)
     axes.set_ylabel(r"$3\,\sigma_{pd}$")
     from_zero(axes)
@@ -83,14 +86,24 @@ def plot(result: Result, figure: Figure) -> None:
 
 
 _METHOD = dataclasses.replace(
-    OPTIONS["method"], help=f"{OPTIONS['method'].help} Or montecarlo, for Sobol' indices."
+    OPTIONS["method"],
+    help=f"{OPTIONS['method'].help} Or montecarlo, for Sobol' indices.",
+    default=None,
+    default_text="linear; with --threshold form",
 )
 _TARGET = Option(
     "target", "How small must each source be for 3 sigma to stay within X?", TARGET, metavar="X"
 )
+_THRESHOLD = Option(
+    "threshold",
+    "How small must each source be for P_D + K sigma to stay within P_MAX?",
+    THRESHOLD,
+    metavar="P_MAX",
+)
+_K = Option("k", "K of --threshold.", SIGMAS, metavar="K", default_text="3")
 _AT = Option(
     "at",
-    "Azimuth [deg], time [s] or distance [m] that --target is for.",
+    "Azimuth [deg], time [s] or distance [m] that --target or --threshold is for.",
     ANY,
     metavar="X",
     default_text="all",
@@ -99,11 +112,12 @@ _AT = Option(
 
 @analysis(
     plot=plot,
-    options=["level", "radar", _METHOD, _TARGET, _AT, "runs", "seed"],
+    options=["level", "radar", _METHOD, _TARGET, _THRESHOLD, _K, _AT, "runs", "seed"],
     examples=[
         "radar-sense budget",
         "radar-sense budget my.yaml --level low --no-plot",
         "radar-sense budget my.yaml --target 0.05",
+        "radar-sense budget my.yaml --threshold 0.8",
         "radar-sense budget my.yaml --method montecarlo --runs 4096",
         "radar-sense budget network.yaml --radar ridge",
     ],
@@ -111,27 +125,30 @@ _AT = Option(
 def budget(
     scenario: Scenario,
     *,
-    method: str = "linear",
+    method: str = AUTOMATIC,
     target: float | None = None,
+    threshold: float | None = None,
+    k: float | None = None,
     at: float | None = None,
 ) -> Result:
     """Error budget: 3 sigma of P_D from each source alone.
 
     Args:
         scenario: The scenario.
-        method: A method of propagation, or "montecarlo" for Sobol' indices.
+        method: A method of propagation, or "montecarlo" for Sobol' indices. "automatic" is linear,
+            and form with a threshold.
         target: With it, also how small each source must be for 3σ to stay within this.
-        at: Place on the scenario's axis of the only pose that counts for the target; every
-            pose if None.
+        threshold: With it, also how small each source must be for P_D + kσ to stay within this.
+        k: How many σ P_D must stay below the threshold, 3 by default.
+        at: Place on the scenario's axis of the only pose that counts for target or threshold;
+            every pose if None.
 
     Raises:
-        InputError: If there is no such method or pose, or the two do not go together.
+        InputError: If there is no such method or pose, or options do not go together.
     """
-    check_method(method, [MONTE_CARLO])
-    if target is not None and method == MONTE_CARLO:
-        raise InputError(f"a target needs one of the methods {', '.join(METHODS)}")
-    if at is not None and target is None:
-        raise InputError("--at says which pose a --target is for, and there is none")
+    if method == AUTOMATIC:
+        method = "linear" if threshold is None else FORM
+    goal = _goal(method, target, threshold, k, at)
     axis = scenario.axis
     found = error_budget(scenario, method)
     three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
@@ -165,10 +182,10 @@ def budget(
         rows[of_parts[name].source].append(_row(indented[name], three, share, error, width))
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
-    if target is not None:
-        allowed = allowances(scenario, target, method=method, at=at)
-        inverse = {"target": _inverse_summary(target, at, allowed, axis)}
-        inverse_report = _inverse_report(target, at, allowed, axis)
+    if goal is not None:
+        required = required_accuracies(scenario, goal.limit, k=goal.k, method=method, at=at)
+        inverse = {goal.name: _inverse_summary(goal, at, required, axis)}
+        inverse_report = _inverse_report(goal, at, required, axis)
     by_itself = {} if method == MONTE_CARLO else largest_by_radar(scenario, method)
     warnings = (
         [] if found.moments is None else [*validity_warnings(scenario, found.moments, method)]
@@ -176,8 +193,8 @@ def budget(
     if method != MONTE_CARLO:
         warnings += distribution_warnings(scenario, method)
     warnings += table_warnings(scenario)
-    if method == "linear":
-        warnings += _vanishing(scenario, three_sigma, total)
+    vanishing = _vanishing(scenario, three_sigma, total) if method == "linear" else {}
+    warnings += _vanishing_warnings(vanishing)
     return Result(
         scenario=scenario,
         method=method,
@@ -199,6 +216,8 @@ def budget(
             "dominant": ranked[0] if known[pose] else None,
             "dominates": dominates,
             **({"no_value": gaps} if gaps else {}),
+            **({"gradient_vanishes": vanishing} if vanishing else {}),
+            "lines": _lines(scenario),
             **radar_summary(by_itself),
             **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
             **inverse,
@@ -219,29 +238,107 @@ def budget(
     )
 
 
+@dataclass(frozen=True)
+class _Goal:
+    """A limit of 3σ of P_D (k is None), or of P_D + kσ."""
+
+    limit: float
+    k: float | None
+
+    @property
+    def name(self) -> str:
+        return "target" if self.k is None else "threshold"
+
+    def __str__(self) -> str:
+        value = "3 sigma" if self.k is None else f"P_D + {self.k:g} sigma"
+        return f"{value} within {self.limit:g}"
+
+
+def _goal(
+    method: str,
+    target: float | None,
+    threshold: float | None,
+    k: float | None,
+    at: float | None,
+) -> _Goal | None:
+    """Return the goal of an inverse question, or None if there is none.
+
+    Raises:
+        InputError: If there is no such method, or options do not go together.
+    """
+    check_method(method, [MONTE_CARLO])
+    if target is not None and threshold is not None:
+        raise InputError("--target and --threshold are two questions; ask one at a time")
+    if target is None and threshold is None:
+        for name, value in (("at", at), ("k", k)):
+            if value is not None:
+                belongs = "--threshold" if name == "k" else "--target or --threshold"
+                raise InputError(f"--{name} belongs to {belongs}, which is not given")
+        return None
+    if method == MONTE_CARLO:
+        name = "target" if threshold is None else "threshold"
+        raise InputError(f"a {name} needs one of the methods {', '.join(METHODS)}")
+    if target is not None:
+        if k is not None:
+            raise InputError("--k belongs to --threshold, which is not given")
+        return _Goal(target, None)
+    assert threshold is not None
+    k = 3.0 if k is None else k
+    check_threshold(threshold, k)
+    return _Goal(threshold, k)
+
+
+def _lines(scenario: Scenario) -> dict[str, Any]:
+    """Return the lines of the figure: sources, and parts of radar constants with their labels."""
+    names = scenario.model.names
+    return {
+        "sources": list(sources(names)),
+        "several_radars": len(names) > 1,
+        "parts": [
+            {
+                "name": name,
+                "source": of.source,
+                "label": of.part.key if of.source == of.constant else f"{of.source} {of.part.key}",
+            }
+            for name, of in parts_of(scenario).items()
+        ],
+    }
+
+
 def _vanishing(
     scenario: Scenario, alone: Mapping[str, FloatArray], total: FloatArray
-) -> tuple[str, ...]:
-    """Say where first order reports (nearly) nothing for a source that matters elsewhere."""
-    doubts = []
-    # A radar that does not see the aircraft has nothing to report, of whatever order.
+) -> dict[str, str]:
+    """Return the sources that matter elsewhere, and where their gradient (nearly) vanishes."""
+    places = {}
+    # A radar that does not see the aircraft contributes nothing, to any order.
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)
     sees = dict(zip(scenario.model.names, np.moveaxis(seen, -1, 0), strict=False))
     for source, values in alone.items():
         part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
         nothing = (part < VANISHING * part.max()) & (total > 0) & sees.get(source, True)
         if place := describe_poses(nothing, scenario.axis):
-            doubts.append(
-                f"the gradient for {source} vanishes {place}: only effects of second order remain "
-                "there, which the linearized budget leaves out"
-            )
-    return tuple(doubts)
+            places[source] = place
+    return places
+
+
+def _vanishing_warnings(places: Mapping[str, str]) -> tuple[str, ...]:
+    """Return one warning for all sources whose gradient vanishes somewhere."""
+    if not places:
+        return ()
+    if len(places) <= NAMED:
+        sources_and_places = ", ".join(f"{source} {place}" for source, place in places.items())
+    else:
+        sources_and_places = f"{len(places)} sources at some poses, listed in the record"
+    return (
+        f"the gradient vanishes for {sources_and_places}: the linear budget leaves out effects of "
+        "second order, which remain there; use --method form or montecarlo",
+    )
 
 
 def _correlated(alone: Mapping[str, FloatArray], total: FloatArray, method: str) -> tuple[str, ...]:
-    """Say so if linear contributions do not add up, because sources are correlated."""
+    """Warn if linear contributions do not add up, because sources are correlated."""
     if method != "linear":
-        return ()  # nonlinearity keeps them from adding up too; the interaction row has both
+        return ()  # the row of the interaction has both correlation and nonlinearity
     together = np.sqrt(np.sum([values**2 for values in alone.values()], axis=0))
     gap = np.nanmax(abs(total - together), initial=0)
     if gap <= 1e-9 * np.nanmax(total, initial=0):
@@ -265,7 +362,7 @@ def _row(
 
 
 def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]) -> dict[str, Any]:
-    """Return what the JSON record says of the parts of radar constants, if there are any."""
+    """Return the entries of the summary for the parts of radar constants, if there are any."""
     if not three_sigma:
         return {}
     return {
@@ -275,26 +372,26 @@ def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]
 
 
 def _short(part: str) -> str:
-    """Name of a part without what goes without saying where there is a single radar."""
+    """Return the name of a part, without the prefix that all parts of a single radar have."""
     return part.removeprefix("radar_constant_")
 
 
 def _measure_better(
     scenario: Scenario, method: str, ranked: Sequence[str], pose: int, total: float
 ) -> tuple[str, ...]:
-    """Say which part of a radar constant is worth measuring better, and what that would bring."""
+    """Return the part of a radar constant to measure better, and the total with half its σ."""
     if not ranked or not total > 0:
         return ()
     several = "s" if len(scenario.tolerances_at_level) > 1 else ""
-    said = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
+    advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
-        return (said,)
-    halved = scaled_moments(scenario, method, [ranked[0]], 0.5).std
-    return (f"{said}: with half its deviation the total would be {3 * halved[pose]:.4f}",)
+        return (advice,)
+    (halved,) = value_function(scenario.part(np.array([pose])), method)([ranked[0]], 0.5)
+    return (f"{advice}: with half its deviation the total would be {halved:.4f}",)
 
 
 def _interaction_row(share: float, error: float | None, width: int) -> tuple[str, ...]:
-    """Return a row for what no source does alone, unless there is nothing but rounding."""
+    """Return the row of the interaction between sources, unless it is rounding."""
     if not abs(share) > 1e-9:
         return ()
     return (f"  {'interaction':{width + 6}}{_percent(share, error)}",)
@@ -307,47 +404,55 @@ def _percent(share: float, error: float | None) -> str:
 
 
 def _inverse_summary(
-    target: float, at: float | None, found: Mapping[str, Allowance], axis: Axis
+    goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
 ) -> dict[str, Any]:
+    limit = {"three_sigma": goal.limit} if goal.k is None else {"p_max": goal.limit, "k": goal.k}
     return {
-        "three_sigma": target,
+        **limit,
         f"at_{axis.unit}": at,
-        "allowances": {
+        "required_accuracy": {
             source: {
                 axis.key if key == "place" else key: value
-                for key, value in dataclasses.asdict(allowance).items()
+                for key, value in dataclasses.asdict(accuracy).items()
             }
-            for source, allowance in found.items()
+            for source, accuracy in required.items()
         },
     }
 
 
 def _inverse_report(
-    target: float, at: float | None, found: Mapping[str, Allowance], axis: Axis
+    goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
 ) -> list[str]:
-    place = "every pose" if at is None else f"{axis.say(at)}"
+    place = "at all poses" if at is None else f"at {axis.say(at)}"
     lines = [
-        f"to keep 3 sigma within {target:g} at {place}, multiply the standard "
-        "deviations of one source, the others as they are, or of all together, by at most:"
+        f"to keep {goal} {place}, largest factor on the standard deviations of one source (others "
+        "unchanged), or of all:"
     ]
-    names = {source: _short(source) for source in found}
+    names = {source: _short(source) for source in required}
     names = {source: name if name == source else f"  {name}" for source, name in names.items()}
     width = max(21, *(len(name) + 1 for name in names.values()))
-    for source, allowance in found.items():
-        if not allowance.known:
-            said = "not known: this method has no answer"
-            if allowance.factor:
-                said = f"at least {allowance.factor:.4g}, beyond which this method has no answer"
-        elif allowance.factor is None:
-            said = (
-                f"no value of it alone is small enough: {allowance.remains:.4f} remains "
-                f"at {axis.say(allowance.place)}, most of it from {allowance.remains_from}"
-            )
-        elif np.isinf(allowance.factor):
-            said = "any factor"
-        elif allowance.factor == 0:
-            said = "less than a millionth"
-        else:
-            said = f"{allowance.factor:.4g}"
-        lines.append(f"  {names[source]:{width}}{said}")
-    return lines
+    return [
+        *lines,
+        *(
+            f"  {names[source]:{width}}{_accuracy_in_words(accuracy, axis)}"
+            for source, accuracy in required.items()
+        ),
+    ]
+
+
+def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+    factor = accuracy.factor
+    if not accuracy.known:
+        if not factor:
+            return "not known: this method has no answer"
+        if factor >= 1:
+            return f"no reduction needed; may grow {factor:.4g}-fold, and more is not known"
+        return f"{factor:.4g}, and more is not known: this method has no answer"
+    if factor is None:
+        words = f"not enough alone: {accuracy.residual:.4f} remains at {axis.say(accuracy.place)}"
+        return words + (f", most from {accuracy.residual_from}" if accuracy.residual_from else "")
+    if np.isinf(factor):
+        return "any factor"
+    if factor == 0:
+        return "less than a millionth"
+    return f"{factor:.4g}" if factor < 1 else f"no reduction needed; may grow {factor:.4g}-fold"

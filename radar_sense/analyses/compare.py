@@ -135,11 +135,9 @@ def compare(
             *(
                 warning
                 for method, m in moments.items()
-                for warning in (
-                    *validity_warnings(scenario, m, method),
-                    *distribution_warnings(scenario, method),
-                )
+                for warning in validity_warnings(scenario, m, method, "the draws hold there")
             ),
+            *distribution_warnings(scenario, *METHODS),
             *table_warnings(scenario, runs=mc.runs),
             *rounding_warnings(mc),
         ),

@@ -12,13 +12,14 @@ from __future__ import annotations
 import dataclasses
 import html
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from radar_sense import files
+from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, MAX_WORKERS, RUNS, SEED, Limit
 from radar_sense.propagation import METHODS
@@ -29,19 +30,35 @@ if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
 
+T = TypeVar("T")
+
+
+class FigureError(RuntimeError):
+    """A figure that could not be drawn; table and record were written."""
+
+
 class Progress(Protocol):
     """Shows how far a computation is."""
 
     def __call__(
         self, total: int, what: str
     ) -> AbstractContextManager[Callable[[int], None] | None]:
-        """Start to show progress; the value of the context is called with the steps just done."""
+        """Start to show progress; the context's value is called with the number of new steps."""
         ...
 
 
 def silent(total: int, what: str) -> AbstractContextManager[None]:
     """Show no progress."""
     return nullcontext()
+
+
+def counted(items: Collection[T], progress: Progress, what: str) -> Iterator[T]:
+    """Yield items and show how many of them are done."""
+    with progress(len(items), what) as advance:
+        for item in items:
+            yield item
+            if advance:
+                advance(1)
 
 
 @dataclass(frozen=True)
@@ -52,10 +69,10 @@ class Option:
         name: The keyword; `step_km` is --step-km on the command line.
         help: The line in the command's help.
         limit: What a number must be; None for a word.
-        metavar: What stands for the value in the help.
+        metavar: Placeholder of the value in the help.
         default: The value where none is given.
         default_text: The default in words, where None stands for it.
-        count: Numbers that the option takes.
+        count: How many numbers the option takes.
         flag: Whether the option takes no value.
     """
 
@@ -109,17 +126,17 @@ _OF_SCENARIO = ("level", "radar", "runs", "seed")
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What an analysis found.
+    """Result of an analysis: numbers, lines for the terminal, and what the figure needs.
 
     Attributes:
         scenario: The scenario, with level, runs and seed as they were used.
         table: Columns of the table by name, all of one length (n,); of a map axes and planes.
         summary: Numbers for the JSON record.
         report: Lines for the terminal.
-        warnings: Where the numbers are not to be trusted, one sentence each.
+        warnings: Where the numbers are unreliable, one sentence each.
         method: Method of propagation behind the numbers.
-        arrays: What the figure shows and the table does not have, by name.
-        passed: Whether the answer is yes, where the analysis answers a question.
+        arrays: Arrays that the figure shows and the table does not have, by name.
+        passed: Whether the answer is yes, for an analysis that answers a question.
         by: The analysis.
     """
 
@@ -141,11 +158,11 @@ class Result:
     @property
     def stem(self) -> str:
         """Name of the files of the result, without folder and ending."""
-        return f"{self.scenario.name}_{self.analysis}"
+        return self.by.stem(self.scenario) if self.by else f"{self.scenario.name}_result"
 
     @property
     def band_label(self) -> str:
-        """What the figure calls the 3σ band."""
+        """Label of the 3σ band in the figure."""
         linear = self.method == "linear"
         band = r"$\pm 3\,\sigma_{pd}$" if linear else rf"$\pm 3\,\sigma$ by {self.method}"
         return f"{band} ({self.scenario.level})"
@@ -169,10 +186,12 @@ class Result:
         *,
         command: Sequence[str] = (),
     ) -> list[Path]:
-        """Write table, figure and record, all of them or none.
+        """Write table, figures and record, all of them or none.
+
+        A figure of another result under the same name is removed.
 
         Args:
-            folder: Where to; made if it does not exist.
+            folder: Folder of the files; made if it does not exist.
             formats: Formats of the figure: png, pdf, svg. Without any no figure is written.
             command: The command line, for the record.
 
@@ -180,21 +199,25 @@ class Result:
             The files: the table, the figures, the record.
 
         Raises:
-            OSError: If a file cannot be written; then none is.
+            FigureError: If the figure could not be drawn. Table and record are written.
+            OSError: If a file cannot be written. Then none is.
             ValueError: If there is no such format.
         """
+        written = self.write(folder, formats, command=command)
+        if written.figure_error is not None:
+            raise written.figure_error
+        return written.paths
+
+    def write(
+        self, folder: str | Path, formats: Sequence[str], *, command: Sequence[str] = ()
+    ) -> Written:
+        """Do what `save` does, and return what was written, replaced and removed."""
         for name in formats:
             if name not in FORMATS:
                 raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {name!r}")
-        ending, content = files.data(self.table)
-        contents = {f"{self.stem}.{ending}": content}
-        if formats:
-            from radar_sense.plotting import render
-
-            figure = self.plot()
-            for name in dict.fromkeys(formats):
-                contents[f"{self.stem}.{name}"] = render(figure, name)
-        contents[f"{self.stem}.json"] = files.record(
+        folder = Path(folder)
+        ending, table = files.data(self.table)
+        record = files.record(
             analysis=self.analysis,
             command=command,
             seed=self.scenario.seed,
@@ -202,9 +225,38 @@ class Result:
             warnings=self.warnings,
             summary=self.summary,
         )
-        paths = {Path(folder) / name: content for name, content in contents.items()}
-        files.write(paths)
-        return list(paths)
+        figures, error = self._figures(formats)
+        contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
+        contents |= {f"{self.stem}.{name}": content for name, content in figures.items()}
+        contents[f"{self.stem}.json"] = record
+        paths = [folder / name for name in contents]
+
+        old_table, old_record = (_content(folder / f"{self.stem}.{e}") for e in (ending, "json"))
+        replaced = files.replaced_command(old_record, record) if old_record else None
+        removed = []
+        if table != old_table or not files.same_result(old_record, record):
+            stale = [folder / f"{self.stem}.{name}" for name in FORMATS if name not in figures]
+            removed = [path for path in stale if path.is_file()]
+        contents |= dict.fromkeys((path.name for path in removed), None)
+        files.write(folder, contents)
+        return Written(paths, removed, replaced, error)
+
+    def _figures(self, formats: Sequence[str]) -> tuple[dict[str, bytes], FigureError | None]:
+        """Return the figure in each format; the error, if it cannot be drawn, loses no numbers."""
+        if not formats:
+            return {}, None
+        try:
+            from radar_sense.plotting import render
+
+            figure = self.plot()
+            return {name: render(figure, name) for name in formats}, None
+        except Exception as error:
+            failure = FigureError(
+                f"the figure could not be drawn ({type(error).__name__}: {error}); "
+                "table and record are written"
+            )
+            failure.__cause__ = error
+            return {}, failure
 
     def __repr__(self) -> str:
         rows = max((len(column) for column in self.table.values()), default=0)
@@ -222,6 +274,30 @@ class Result:
         warnings = f"<pre><b>Warnings</b>\n{lines(self.warnings)}</pre>" if self.warnings else ""
         title = f"{self.analysis}: {self.scenario.name}"
         return f"<b>{html.escape(title)}</b><pre>{lines(self.report)}</pre>{warnings}"
+
+
+@dataclass(frozen=True)
+class Written:
+    """Files that a result was written to.
+
+    Attributes:
+        paths: The table, the figures, the record.
+        removed: Figures of another result that had the same name.
+        replaced: The command whose files were replaced; None if the command was the same.
+        figure_error: Why there is no figure, if it could not be drawn.
+    """
+
+    paths: list[Path]
+    removed: list[Path]
+    replaced: str | None
+    figure_error: FigureError | None
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError:
+        return b""
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,8 +323,8 @@ class Analysis:
 
         Args:
             scenario: The scenario.
-            options: Those of the command, and `workers`, `executor` and `progress` where the
-                analysis has them; `level`, `radar` and `seed` always.
+            options: Options of the command. `level`, `radar` and `seed` are always allowed;
+                `workers`, `executor` and `progress` are if the analysis has them.
 
         Raises:
             InputError: If an option is not allowed.
@@ -262,12 +338,29 @@ class Analysis:
                     + did_you_mean(name, allowed)
                 )
         of_run = {name: value for name, value in options.items() if name in self.keywords}
-        chosen = {name: value for name, value in options.items() if name not in of_run}
+        selected = self.selected(scenario, **options)
+        result = self.run(selected, **of_run)
+        warnings = (*plausibility_warnings(selected), *result.warnings)
+        return dataclasses.replace(result, warnings=warnings, by=self)
+
+    def selected(self, scenario: Scenario, **options: Any) -> Scenario:
+        """Return the scenario at the level, with the runs and seed, and of the radar chosen.
+
+        Raises:
+            InputError: If there is no such level or radar, or a number is out of range.
+        """
+        chosen = {
+            name: options[name]
+            for name in _OF_SCENARIO
+            if name in options and name not in self.keywords
+        }
         radar = chosen.pop("radar", None)
         scenario = scenario.with_analysis(**chosen)
-        if radar is not None:
-            scenario = for_radar(scenario, radar)
-        return dataclasses.replace(self.run(scenario, **of_run), by=self)
+        return scenario if radar is None else for_radar(scenario, radar)
+
+    def stem(self, scenario: Scenario) -> str:
+        """Return the name of the files of a result, without folder and ending."""
+        return f"{scenario.name}_{self.name}"
 
     @property
     def keywords(self) -> tuple[str, ...]:
@@ -276,7 +369,7 @@ class Analysis:
 
     @property
     def help(self) -> str:
-        """What the analysis does: its docstring up to the arguments."""
+        """Help of the command: the docstring up to the arguments."""
         text = inspect.getdoc(self.run) or ""
         return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
 
@@ -295,7 +388,7 @@ def analysis(
 
     Args:
         plot: Draws the figure.
-        options: Names in `OPTIONS`, or options of the analysis' own.
+        options: Names in `OPTIONS`, or options that only this analysis has.
         examples: Commands for the help.
         name: Name of the command, that of the function by default.
     """

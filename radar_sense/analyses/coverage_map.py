@@ -1,39 +1,51 @@
-"""A map: P_D, or an upper bound of it, over an area, for the eye and for a planner."""
+"""A map of P_D or its upper bound over an area, with the route coloured by its own P_D."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
 import dataclasses
 import math
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
-from radar_sense.analyses.grid import DOWN, Grid, blocks, grid, p_d_in_cells, pose_in_cells
+from radar_sense.analyses.grid import (
+    BETA,
+    DOWN,
+    Grid,
+    blocks_of,
+    grid,
+    p_d_in_cells,
+    pose_in_cells,
+    states_in,
+    worst_p_d_in_cells,
+)
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, Limit
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
+from radar_sense.propagation import upper_bound
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, RADAR, FloatArray
 
+if TYPE_CHECKING:
+    from radar_sense.plotting import Axes, Figure
+
+#: Colours of the map and of the route. They are as light as P_D is high, also in grey.
+COLOURS = "cividis"
 #: Levels of P_D that are drawn as lines and whose areas are given.
 LEVELS = (0.1, 0.5, 0.9)
 
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import BAND, OUTLINE, WIDTH, draw_legend, draw_line
+    from radar_sense.plotting import OUTLINE, WIDTH, draw_legend
 
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
-    bounded = "upper_3sigma" in table
+    bounded, worst = "upper_3sigma" in table, "worst_heading_deg" in table
     # A figure has room for no more cells than this; lines through more would take long.
     every = max(1, -(-max(len(north), len(east)) // 1000))
     north, east = north[::every], east[::every]
@@ -42,18 +54,19 @@ def plot(result: Result, figure: Figure) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
-    figure.set_size_inches(WIDTH, min(8.0, 0.55 + 2.4 * shape))
+    figure.set_size_inches(WIDTH, min(8.0, 0.75 + 2.4 * shape))
     axes = figure.subplots()
     axes.grid(visible=False)
-    # cividis is as light as it is high, so that it reads the same in grey
+    axes.set_title(_pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=7.5)
     image = axes.imshow(
-        values, origin="lower", extent=extent, cmap="cividis", vmin=0, vmax=1, aspect="equal"
+        values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
     )
     name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
+    of_headings = "Largest $P_D$ over all headings"
     bar = figure.colorbar(
         image,
         ax=axes,
-        label=name if bounded else r"Probability of detection $P_D$",
+        label=name if bounded else of_headings if worst else r"Probability of detection $P_D$",
         extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
         fraction=0.05,
         pad=0.03,
@@ -73,8 +86,7 @@ def plot(result: Result, figure: Figure) -> None:
             axes.clabel(lines, fmt="%g", fontsize=6.5)
         for v in drawn:
             bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
-    path_north, path_east = scenario.aircraft[:, 0] / 1e3, scenario.aircraft[:, 1] / 1e3
-    draw_line(axes, path_east, path_north, (BAND[0], "--"), label="path")
+    _draw_route(axes, result)
     radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
     axes.plot(
         radars[:, 1],
@@ -105,6 +117,25 @@ def plot(result: Result, figure: Figure) -> None:
         figure.draw_without_rendering()
 
 
+def _draw_route(axes: Axes, result: Result) -> None:
+    """Draw the poses in the colours of the map, by the numbers at their own attitude."""
+    from radar_sense.plotting import coloured_line
+
+    poses = result.scenario.aircraft / 1e3
+    bounded = "upper_3sigma" in result.table
+    label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
+    coloured_line(axes, poses[:, 1], poses[:, 0], result.arrays["route"], COLOURS, label)
+
+
+def _pose_in_words(summary: Mapping[str, Any]) -> str:
+    """Return height and heading of the aircraft in the cells."""
+    roll, pitch, yaw = summary["attitude_deg"]
+    heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
+    level = max(abs(roll), abs(pitch)) < 0.05
+    tilt = "" if level else f", roll {roll:.1f} deg, pitch {pitch:.1f} deg"
+    return f"{-summary['down_km']:.4g} km above the origin, {heading}{tilt}"
+
+
 _OPTIONS = (
     Option("upper", "Show the upper 3-sigma bound in place of P_D.", flag=True),
     dataclasses.replace(OPTIONS["method"], help=f"For --upper. {OPTIONS['method'].help}"),
@@ -124,6 +155,8 @@ _OPTIONS = (
         Limit(at_least=-360, at_most=360),
         default_text="that of the first pose",
     ),
+    Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
+    "workers",
 )
 
 
@@ -134,6 +167,7 @@ _OPTIONS = (
         "radar-sense map",
         "radar-sense map my.yaml --upper --method probit --step-km 5",
         "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
+        "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
     ],
     name="map",
@@ -147,13 +181,16 @@ def coverage_map(
     down_km: float | None = None,
     course_deg: float | None = None,
     upper: bool = False,
+    worst_heading: bool = False,
     method: str = "linear",
+    workers: int = 1,
     progress: Progress = silent,
 ) -> Result:
     """P_D over an area at one height and course.
 
-    The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d, and
-    upper_3sigma with --upper.
+    The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d;
+    upper_3sigma with --upper; worst_heading_deg with --worst-heading. The figure shows the route in
+    the same colours, by P_D at the attitude of each pose.
 
     Args:
         scenario: The scenario.
@@ -162,79 +199,114 @@ def coverage_map(
         step_km: Distance of the cells [km].
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
-        upper: Whether to find the upper bound at Φ(3) too, and show that.
+        upper: Whether to compute the upper bound at Φ(3) too, and show that.
+        worst_heading: Whether P_D is the largest over all headings.
         method: Method that gives the bound.
+        workers: Number of threads.
         progress: Shows the cells that are done.
 
     Raises:
-        InputError: If there is no such method, one is named and no bound is asked for, or the
-            area is not allowed.
+        InputError: If there is no such method, a method is named without `upper`, options
+            contradict each other, or the area is not allowed.
     """
     if method != "linear" and not upper:
-        raise InputError("a method is for the upper bound; ask for that with --upper")
+        raise InputError("--method is for the upper bound, which only --upper computes")
+    if worst_heading and upper:
+        raise InputError("--worst-heading shows P_D, and --upper its bound; use one of them")
+    if worst_heading and course_deg is not None:
+        raise InputError("--worst-heading takes all headings, --course-deg one; use one of them")
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
+    table: dict[str, Any] = {"north_m": cells.north, "east_m": cells.east}
     with progress(math.prod(cells.shape), "cells") as advance:
-        p_d, bound = p_d_in_cells(
-            scenario,
-            cells,
-            down=down,
-            course=course,
-            method=method if upper else None,
-            progress=advance,
-        )
+        if worst_heading:
+            table["p_d"], table["worst_heading_deg"] = worst_p_d_in_cells(
+                scenario, cells, down=down, workers=workers, progress=advance
+            )
+        else:
+            table["p_d"], bound = p_d_in_cells(
+                scenario,
+                cells,
+                down=down,
+                course=course,
+                method=method if upper else None,
+                workers=workers,
+                progress=advance,
+            )
+            if bound is not None:
+                table["upper_3sigma"] = bound
     pose = pose_in_cells(scenario, down, course)
-    shown = p_d if bound is None else bound
-    size = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
-    whole = size * shown.size
-    areas = {f"{level:g}": size * int(np.count_nonzero(shown >= level)) for level in LEVELS}
-    what = "P_D" if bound is None else f"upper 3-sigma bound of P_D ({scenario.level}, {method})"
+    shown = table["upper_3sigma" if upper else "p_d"]
+    cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
+    area_km2 = cell_km2 * shown.size
+    areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in LEVELS}
+    what = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     rows, columns = cells.shape
+    route = _route(scenario, method if upper else None)
     summary: dict[str, Any] = {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
         "cells": [rows, columns],
         "down_km": float(pose[DOWN]) / 1e3,
         "attitude_deg": np.rad2deg(pose[ATTITUDE]).tolist(),
-        "shown": "p_d" if bound is None else "upper_3sigma",
-        "area_km2": whole,
+        "worst_heading": worst_heading,
+        "shown": "upper_3sigma" if upper else "p_d",
+        "area_km2": area_km2,
         "area_km2_at_or_above": areas,
+        "route": [float(np.min(route)), float(np.max(route))],
     }
-    table: dict[str, Any] = {"north_m": cells.north, "east_m": cells.east, "p_d": p_d}
-    if bound is not None:
-        table["upper_3sigma"] = bound
     return Result(
         scenario=scenario,
         method=method,
         table=table,
+        arrays={"route": route},
         summary=summary,
         report=(
-            f"{what} in {rows} x {columns} cells, {-summary['down_km']:g} km above the origin, "
-            f"heading {summary['attitude_deg'][2]:g} deg",
+            f"{what} in {rows} x {columns} cells, {_pose_in_words(summary)}",
             *(
-                f"  {level} or more in {100 * found / whole:.1f} % of the area, {found:.4g} km^2"
-                for level, found in areas.items()
+                f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
+                for level, area in areas.items()
             ),
+            "along the route, at the attitude of each pose, "
+            f"{summary['route'][0]:.4f} to {summary['route'][1]:.4f}",
         ),
-        warnings=_doubts(scenario, cells, pose, shown, method),
+        warnings=_warnings(scenario, cells, pose, shown, method),
     )
 
 
-def _doubts(
+def _route(scenario: Scenario, method: str | None) -> FloatArray:
+    """Return P_D (n,) at each pose of the scenario, or its upper bound by a method."""
+    if method is None:
+        p_d: FloatArray = scenario.model.p_d(scenario.aircraft, scenario.radar)
+        return p_d
+    return upper_bound(
+        scenario.model,
+        scenario.aircraft,
+        scenario.radar,
+        scenario.cov_aircraft,
+        scenario.cov_radar[scenario.level],
+        method=method,
+        beta=BETA,
+        log_constant=scenario.log_constant,
+    )
+
+
+def _warnings(
     scenario: Scenario, cells: Grid, pose: FloatArray, shown: NDArray[np.float32], method: str
 ) -> tuple[str, ...]:
-    said = []
+    lines = []
     unknown = int(np.count_nonzero(np.isnan(shown)))
     if unknown:
-        said.append(f"nothing is known in {unknown:,} of {shown.size:,} cells (NaN in the file)")
+        lines.append(f"no number in {unknown:,} of {shown.size:,} cells (NaN in the file)")
     beyond = int(np.count_nonzero(shown > 1))
     if beyond:
-        said.append(f"the {method} bound passes 1 in {beyond:,} of {shown.size:,} cells")
+        lines.append(f"the {method} bound exceeds 1 in {beyond:,} of {shown.size:,} cells")
     rcs = scenario.model.rcs
     if isinstance(rcs, TableRCS) and rcs.elevation is not None:
         outside = 0
-        for _, aircraft in blocks(cells, pose, scenario.origin):
+        for block in blocks_of(cells):
+            aircraft = states_in(cells, block, pose, scenario.origin)
             outside += int(
                 max(
                     np.count_nonzero(rcs.uncovered(body_vector(aircraft, radar)))
@@ -242,8 +314,8 @@ def _doubts(
                 )
             )
         if outside:
-            said.append(
+            lines.append(
                 f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "
                 "elevations of the RCS table; there its outermost values are used"
             )
-    return tuple(said)
+    return tuple(lines)

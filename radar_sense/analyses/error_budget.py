@@ -1,4 +1,4 @@
-"""What the uncertainty of P_D is made of, and how small its sources would have to be.
+"""Contributions of the sources to the uncertainty of P_D, and how small the sources must be.
 
 A source of the budget is a block of a state's covariance, see `states.sources`. Where the scenario
 says what makes a radar constant uncertain, there are parts of it, one for each parameter.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,7 +19,13 @@ from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import sobol_indices
-from radar_sense.propagation import Moments, check_method, propagate_scenario, std_function
+from radar_sense.propagation import (
+    Moments,
+    check_method,
+    propagate_scenario,
+    std_function,
+    upper_bound,
+)
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, finer_sources, sources
 
@@ -132,73 +138,83 @@ def parts_of(scenario: Scenario) -> dict[str, OfConstant]:
     """Return the parts of all radar constants at the scenario's level, by their names."""
     names = scenario.model.names
     constants = constant_names(names)
-    found = [
+    members = [
         OfConstant(part, i, names[i] if len(names) > 1 else constants[i], constants[i])
         for i, parts in enumerate(scenario.tolerances_at_level)
         for part in parts
     ]
-    return {of.name: of for of in found}
+    return {of.name: of for of in members}
 
 
 @dataclass(frozen=True)
-class Allowance:
-    """How large a source may be for 3σ of P_D to stay within a target.
+class RequiredAccuracy:
+    """How large a source may be for 3σ of P_D, or its upper bound, to stay within a limit.
 
     Attributes:
-        factor: What to multiply its standard deviations by; below 1 it has to shrink. None if not
-            even 0 is small enough, 0 if a millionth is not; infinite if a million is.
-        remains: 3σ of P_D that remains with the source at `factor`, or at 0 if there is none.
-        place: Where it remains, on the scenario's axis.
-        remains_from: The largest of the other sources there; none if all are scaled together.
+        factor: Largest factor on its standard deviations; below 1 the source has to shrink. None if
+            not even 0 is small enough, 0 if a millionth is not; infinite if a million is.
+        residual: Value that remains with the source at `factor`, or at 0 if there is none.
+        place: Where the residual is, on the scenario's axis.
+        residual_from: The largest of the other sources there, `P_D itself` where P_D exceeds the
+            limit, None if all sources are scaled together.
         known: False if the method has no answer, at no factor or beyond the one given.
     """
 
     factor: float | None
-    remains: float
+    residual: float
     place: float
-    remains_from: str | None
+    residual_from: str | None
     known: bool = True
 
 
-def allowances(
-    scenario: Scenario, target: float, *, method: str = "linear", at: float | None = None
-) -> dict[str, Allowance]:
-    """Answer the inverse question: how small must each source be for 3σ of P_D ≤ target?
+def required_accuracies(
+    scenario: Scenario,
+    limit: float,
+    *,
+    k: float | None = None,
+    method: str = "linear",
+    at: float | None = None,
+) -> dict[str, RequiredAccuracy]:
+    """Return how small each source must be for 3σ of P_D, or its bound, to stay within a limit.
 
-    3σ is taken to grow with the source, as it does but for strong correlations.
+    The value is assumed to grow with the source. Only strong correlations contradict that.
 
     Args:
         scenario: The scenario, at its level.
-        target: What 3σ of P_D is to stay within, positive.
-        method: Method of propagation that says what 3σ is.
+        limit: Limit of 3σ of P_D, or of its upper bound; positive.
+        k: The upper bound is the one at Φ(k), P_D + kσ by `linear`; None for 3σ.
+        method: Method of propagation.
         at: Place on the scenario's axis of the only pose that counts; every pose if None.
 
     Returns:
-        An allowance for each source with the others as they are, for each part of a radar
-        constant, as named by `parts_of`, and for "all" sources scaled together.
+        The accuracy required of each source with the others unchanged, of each part of a radar
+        constant, as named by `parts_of`, and of "all" sources scaled together.
 
     Raises:
         InputError: If there is no pose there.
     """
     if at is not None:
         scenario = _only_at(scenario, at)
-    found = error_budget(scenario, method)
+    budget = error_budget(scenario, method)
     of_parts = parts_of(scenario)
-
-    def three_sigma(names: Collection[str], factor: float) -> FloatArray:
-        return 3 * scaled_moments(scenario, method, names, factor).std
+    at_all_poses = value_function(scenario, method, k)
+    # A source that has to shrink has to do so at the poses above the limit alone.
+    above = ~(at_all_poses((), 1.0) <= limit)
+    at_critical_poses = at_all_poses
+    if above.any():
+        at_critical_poses = value_function(scenario.part(np.flatnonzero(above)), method, k)
 
     def excess(log_factor: float, names: Collection[str]) -> float:
-        """Largest 3σ less the target; NaN where the method has no answer."""
-        return float(np.max(three_sigma(names, float(np.exp(log_factor))))) - target
+        """Largest value less the limit; NaN where the method has no answer."""
+        return float(np.max(at_critical_poses(names, float(np.exp(log_factor))))) - limit
 
     def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
         """Return the factor, and whether the method has an answer beyond it."""
-        nothing = float(np.max(three_sigma(names, 0.0)))
-        if not nothing <= target:
-            return None, not np.isnan(nothing)
+        least = float(np.max(at_critical_poses(names, 0.0)))
+        if not least <= limit:
+            return None, not np.isnan(least)
         low, high, step = 0.0, 0.0, np.log(4.0)
-        # `not <=` is meant: where there is no answer is not within the target
+        # Comparisons are `not <=` because NaN is not within the limit.
         if excess(0.0, names) <= 0:
             while excess(high, names) <= 0:
                 low, high = high, high + step
@@ -217,36 +233,82 @@ def allowances(
         from scipy.optimize import brentq  # slow to import
 
         root = brentq(excess, low, high, args=(names,), xtol=1e-10, rtol=1e-15)
-        return float(np.exp(root - 1e-9)), True  # on the side that is within the target
+        return float(np.exp(root - 1e-9)), True  # on the side that is within the limit
 
-    def allowance(names: Collection[str]) -> Allowance:
+    def required(names: Collection[str]) -> RequiredAccuracy:
         factor, known = largest_factor(names)
         used = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
-        remains = three_sigma(names, used)
-        unknown = np.isnan(remains)
-        pose = int(np.argmax(unknown if unknown.any() else reached(remains)))
-        others = dict(found.alone)
-        for of in [of_parts[name] for name in names if name in of_parts]:  # the rest of its radar
-            del others[of.source]
-            rest = [n for n, other in of_parts.items() if other.source == of.source]
-            others.update({name: found.parts[name] for name in rest})
-            if of.source != of.constant:
-                others[f"{of.source}_position"] = found.finer[f"{of.source}_position"]
-        others = {name: std[pose] for name, std in others.items() if name not in names}
-        return Allowance(
+        residual = at_all_poses(names, used)
+        unknown = np.isnan(residual)
+        pose = int(np.argmax(unknown if unknown.any() else reached(residual)))
+        return RequiredAccuracy(
             factor=factor,
-            remains=float(remains[pose]),
+            residual=float(residual[pose]),
             place=float(scenario.axis.values[pose]),
-            remains_from=max(others, key=others.__getitem__) if others else None,
+            residual_from=_residual_from(
+                scenario, budget, names, pose, None if k is None else limit
+            ),
             known=known,
         )
 
-    each = {name: allowance([name]) for name in (*found.alone, *of_parts)}
-    return {**each, "all": allowance(list(found.alone))}
+    each = {name: required([name]) for name in (*budget.alone, *of_parts)}
+    return {**each, "all": required(list(budget.alone))}
+
+
+def value_function(
+    scenario: Scenario, method: str, k: float | None = None
+) -> Callable[[Collection[str], float], FloatArray]:
+    """Return a function from names of sources and a factor on their σ to a value (n,).
+
+    The value is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. Names are those of
+    sources, `states.sources`, and of parts of a radar constant, `parts_of`.
+    """
+    if k is None:
+        std = std_function(scenario, method=method)
+
+        def three_sigma(names: Collection[str], factor: float) -> FloatArray:
+            covariances = _scaled(scenario, names, factor)
+            return 3.0 * std(covariances["aircraft"], covariances["radar"])
+
+        return three_sigma
+
+    def bound(names: Collection[str], factor: float) -> FloatArray:
+        covariances = _scaled(scenario, names, factor)
+        return upper_bound(
+            scenario.model,
+            scenario.aircraft,
+            scenario.radar,
+            covariances["aircraft"],
+            covariances["radar"],
+            method=method,
+            beta=k,
+            log_constant=scenario.log_constant,
+        )
+
+    return bound
+
+
+def _residual_from(
+    scenario: Scenario, budget: Budget, names: Collection[str], pose: int, p_max: float | None
+) -> str | None:
+    """Return the largest source at a pose besides some; "P_D itself" where P_D is above p_max."""
+    if p_max is not None:
+        p_d = scenario.model.p_d(scenario.aircraft[pose], scenario.radar)
+        if p_d > p_max:
+            return "P_D itself"
+    of_parts, others = parts_of(scenario), dict(budget.alone)
+    for of in [of_parts[name] for name in names if name in of_parts]:  # the rest of its radar
+        del others[of.source]
+        rest = [n for n, other in of_parts.items() if other.source == of.source]
+        others.update({name: budget.parts[name] for name in rest})
+        if of.source != of.constant:
+            others[f"{of.source}_position"] = budget.finer[f"{of.source}_position"]
+    at_pose = {name: std[pose] for name, std in others.items() if name not in names}
+    return max(at_pose, key=at_pose.__getitem__) if at_pose else None
 
 
 def _only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with a single pose of its."""
+    """Return the scenario with the pose at one place alone."""
     axis = scenario.axis
     pose = axis.find(at)
     if pose is None:
@@ -257,22 +319,8 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
     return scenario.part(slice(pose, pose + 1))
 
 
-def scaled_moments(
-    scenario: Scenario, method: str, names: Collection[str], factor: float
-) -> Moments:
-    """Propagate with the standard deviations of some sources multiplied by a factor.
-
-    Args:
-        scenario: The scenario, at its level.
-        method: Method of propagation.
-        names: Names of sources, `states.sources`, and of parts of a radar constant, `parts_of`.
-        factor: What to multiply by, not negative.
-    """
-    return _propagate(scenario, method, _scaled(scenario, names, factor))
-
-
 def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
-    """Return C_aa and C_rr with one source, or one part of a radar constant, uncertain alone."""
+    """Return C_aa and C_rr with one source, or one part of a radar constant, and nothing else."""
     parts = parts_of(scenario)
     owner, components = _source(scenario, parts[name].constant if name in parts else name)
     others = parts.keys() - {name} if name in parts else ()
@@ -308,16 +356,6 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
     for (whose, components), by in scaled:
         covariances[whose] = covariance.scale_std(covariances[whose], components, by)
     return covariances
-
-
-def _propagate(scenario: Scenario, method: str, covariances: Mapping[str, FloatArray]) -> Moments:
-    """Propagate with other covariances."""
-    changed = dataclasses.replace(
-        scenario,
-        cov_aircraft=covariances["aircraft"],
-        cov_radar={scenario.level: covariances["radar"]},
-    )
-    return propagate_scenario(changed, method=method)
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:

@@ -10,21 +10,19 @@ attitude are those relative to the level of the cell. (At 500 km from the origin
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
-
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM
-from radar_sense.model import geodesy as wgs84
+from radar_sense.model import geodesy
+from radar_sense.model.geometry import body_vector
+from radar_sense.montecarlo.parallel import in_order
 from radar_sense.propagation import check_method, upper_bound
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, RADAR, FloatArray
@@ -34,11 +32,21 @@ MAX_CELLS = 25_000_000
 #: Cells on the longer side if nothing is said of their size.
 CELLS = 500
 #: Cells computed at a time.
-BLOCK = 65_536
+BLOCK = 16_384
 #: k of the upper bound.
 BETA = 3.0
 DOWN = 2
 _YAW = 5
+#: Headings at which the RCS is computed to find its lobes; a prime, so that no lobes coincide.
+CIRCLE = 65_537
+#: Part of the RCS that the nearest of the sampled headings may lie below the peak of a lobe.
+LOBE_LOSS = 0.005
+#: Steps of the golden section; each takes 0.62 of the bracket, and these one in 16,000.
+_SECTIONS = 20
+
+#: Numbers of all cells (rows, columns), and indices of some of them.
+Plane: TypeAlias = NDArray[np.float32]
+Block: TypeAlias = tuple[slice, slice]
 #: Newton's steps to find the down of a height. After them 1 mm or less is left up to 6000 km away.
 _ROUNDS = 8
 
@@ -128,25 +136,27 @@ def p_d_in_cells(
     down: float | None = None,
     course: float | None = None,
     method: str | None = None,
+    workers: int = 1,
     progress: Callable[[int], None] | None = None,
-) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
-    """P_D in each cell, and its upper bound at Φ(3) by a method of propagation if one is named.
+) -> tuple[Plane, Plane | None]:
+    """Return P_D in each cell, and its upper bound at Φ(3) if a method of propagation is named.
 
-    Roll and pitch, and height and course where they are not given, are those of the scenario's
-    first pose, as is the covariance of the aircraft's state if it changes along the path.
+    Roll and pitch are the first pose's. Height and course are too, where they are not given. So is
+    the covariance of the aircraft's state, if it changes along the path.
 
     Args:
         scenario: The scenario.
         cells: The cells.
-        down: Down coordinate [m]; where the route is in latitude and longitude, that above the
-            origin, and everywhere the same height above the ellipsoid as there.
+        down: Down coordinate [m]. For a route in latitude and longitude it is minus the height
+            above the origin, and every cell has the same height above the ellipsoid.
         course: Yaw [rad].
         method: Method that gives the bound, None for no bound.
-        progress: Called with the number of cells that have come in since the last call.
+        workers: Number of threads. The result does not depend on it.
+        progress: Called with the number of new cells.
 
     Returns:
-        P_D and bound (rows, columns) in single precision; NaN where the aircraft would be at the
-        radar, or the method does not know.
+        P_D and bound (rows, columns) in single precision. NaN where the aircraft would be at the
+        radar, and where the method does not converge.
 
     Raises:
         InputError: If there is no such method.
@@ -155,26 +165,153 @@ def p_d_in_cells(
         check_method(method)
     pose = pose_in_cells(scenario, down, course)
     cov_aircraft = scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0]
-    cov_radar = scenario.cov_radar[scenario.level]
-    rows, columns = cells.shape
-    p_d = np.empty((rows, columns), dtype=np.float32)
-    bound = None if method is None else np.empty((rows, columns), dtype=np.float32)
-    for block, aircraft in blocks(cells, pose, scenario.origin):
-        p_d[block] = scenario.model.p_d(aircraft, scenario.radar)
-        if bound is not None and method is not None:
-            bound[block] = upper_bound(
-                scenario.model,
-                aircraft,
-                scenario.radar,
-                cov_aircraft,
-                cov_radar,
-                method=method,
-                beta=BETA,
-                log_constant=scenario.log_constant,
-            )
+
+    def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
+        p_d = scenario.model.p_d(aircraft, scenario.radar)
+        if method is None:
+            return (p_d,)
+        bound = upper_bound(
+            scenario.model,
+            aircraft,
+            scenario.radar,
+            cov_aircraft,
+            scenario.cov_radar[scenario.level],
+            method=method,
+            beta=BETA,
+            log_constant=scenario.log_constant,
+        )
+        return p_d, bound
+
+    count = 1 if method is None else 2
+    found = _in_cells(scenario, cells, pose, planes, count, workers, progress)
+    return found[0], None if method is None else found[1]
+
+
+def worst_p_d_in_cells(
+    scenario: Scenario,
+    cells: Grid,
+    *,
+    down: float | None = None,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> tuple[Plane, Plane]:
+    """Return the largest P_D over all headings in each cell, and the heading [deg] that has it.
+
+    Headings are sampled so finely that a sample is on every lobe of the RCS. A golden section then
+    finds the maximum on the best lobe. A lobe whose peak is higher by less than `LOBE_LOSS` of the
+    RCS can be missed.
+
+    Args:
+        scenario: The scenario.
+        cells: The cells.
+        down: As in `p_d_in_cells`.
+        workers: Number of threads. The result does not depend on it.
+        progress: Called with the number of new cells.
+
+    Raises:
+        InputError: If the RCS has lobes that are too narrow.
+    """
+    pose = pose_in_cells(scenario, down, None)
+    step = 2.0 * np.pi / heading_count(scenario, pose)
+    headings = step * np.arange(round(2.0 * np.pi / step))
+
+    def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
+        turn = _turn_to_origin(aircraft, scenario.origin)
+
+        def p_d_at(heading: FloatArray | float) -> FloatArray:
+            aircraft[..., ATTITUDE] = pose[ATTITUDE]
+            aircraft[..., _YAW] = heading
+            if turn is not None:
+                aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)
+            p_d: FloatArray = scenario.model.p_d(aircraft, scenario.radar)
+            return p_d
+
+        best = p_d_at(headings[0])
+        at = np.full(best.shape, headings[0])
+        for heading in headings[1:]:
+            p_d = p_d_at(heading)
+            better = p_d > best
+            best[better], at[better] = p_d[better], heading
+        if len(headings) > 1:
+            refined, where = _golden_section(p_d_at, at - step, at + step)
+            better = refined > best
+            best[better], at[better] = refined[better], where[better]
+        return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
+
+    largest, heading = _in_cells(scenario, cells, pose, planes, 2, workers, progress)
+    return largest, heading
+
+
+def heading_count(scenario: Scenario, pose: FloatArray) -> int:
+    """Return how many headings find every lobe of the RCS, as the aircraft turns in a pose.
+
+    The RCS is computed on circles of heading, around radars at all elevations. The step is the
+    longest for which the better of two neighbouring headings loses at most `LOBE_LOSS`.
+
+    Raises:
+        InputError: If the lobes are too narrow.
+    """
+    rcs = scenario.model.rcs
+    if rcs.isotropic:
+        return 1
+    elevations = np.deg2rad(np.arange(-85.0, 86.0, 10.0))[:, np.newaxis]
+    states = np.zeros((len(elevations), CIRCLE, len(AIRCRAFT)))
+    states[..., ATTITUDE] = pose[ATTITUDE]
+    states[..., _YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
+    towards = np.concatenate(
+        [np.cos(elevations), np.zeros_like(elevations), np.sin(elevations)], axis=-1
+    )
+    sigma = rcs.cross_section(body_vector(states, towards[:, np.newaxis]))
+    half = CIRCLE // 180
+    while half:
+        neighbours = np.maximum(np.roll(sigma, half, axis=1), np.roll(sigma, -half, axis=1))
+        if not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma):
+            return math.ceil(CIRCLE / (2 * half))
+        half //= 2
+    raise InputError("the lobes of the RCS are too narrow for a search over headings")
+
+
+def _golden_section(
+    function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return maxima of a function between two arguments, by arrays, and where they are."""
+    part = (math.sqrt(5.0) - 1.0) / 2.0
+    left, right = high - part * (high - low), low + part * (high - low)
+    at_left, at_right = function(left), function(right)
+    for _ in range(_SECTIONS):
+        up = at_right > at_left
+        low, high = np.where(up, left, low), np.where(up, high, right)
+        inner = np.where(up, low + part * (high - low), high - part * (high - low))
+        value = function(inner)
+        left, right = np.where(up, right, inner), np.where(up, inner, left)
+        at_left, at_right = np.where(up, at_right, value), np.where(up, value, at_left)
+    up = at_right > at_left
+    return np.where(up, at_right, at_left), np.where(up, right, left)
+
+
+def _in_cells(
+    scenario: Scenario,
+    cells: Grid,
+    pose: FloatArray,
+    planes: Callable[[FloatArray], tuple[FloatArray, ...]],
+    count: int,
+    workers: int,
+    progress: Callable[[int], None] | None,
+) -> list[Plane]:
+    """Return planes (rows, columns) of numbers, computed from the states (..., 6) of each block."""
+    blocks = blocks_of(cells)
+
+    def computed(index: int) -> tuple[FloatArray, ...]:
+        return planes(states_in(cells, blocks[index], pose, scenario.origin))
+
+    found = [np.empty(cells.shape, dtype=np.float32) for _ in range(count)]
+    results = in_order(computed, len(blocks), workers)
+    for block, parts in zip(blocks, results, strict=True):
+        for plane, part in zip(found, parts, strict=True):
+            plane[block] = part
         if progress:
-            progress(aircraft.shape[0] * aircraft.shape[1])
-    return p_d, bound
+            progress(parts[0].size)
+    return found
 
 
 def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) -> FloatArray:
@@ -186,10 +323,10 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
     pose: FloatArray = scenario.aircraft[0].copy()
     origin = scenario.origin
     if origin is not None:
-        place = wgs84.geodetic_from_ned(pose[POSITION], origin)
+        place = geodesy.geodetic_from_ned(pose[POSITION], origin)
         pose[DOWN] = origin[2] - place[2]
-        from_origin = wgs84.turn_to_origin(place, origin).T
-        pose[ATTITUDE] = wgs84.turned_attitude(pose[ATTITUDE], from_origin)
+        from_origin = geodesy.turn_to_origin(place, origin).T
+        pose[ATTITUDE] = geodesy.turned_attitude(pose[ATTITUDE], from_origin)
     if down is not None:
         pose[DOWN] = down
     if course is not None:
@@ -197,24 +334,40 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
     return pose
 
 
-def blocks(
-    cells: Grid, pose: FloatArray, origin: tuple[float, float, float] | None
-) -> Iterator[tuple[tuple[slice, slice], FloatArray]]:
-    """Give parts of the grid, as an index, and the aircraft states (rows, columns, 6) in them."""
+def blocks_of(cells: Grid) -> list[Block]:
+    """Return parts of the grid as indices."""
     rows, columns = cells.shape
     width = min(columns, BLOCK)
     height = max(1, BLOCK // width)
-    for row in range(0, rows, height):
-        for column in range(0, columns, width):
-            block = slice(row, row + height), slice(column, column + width)
-            north, east = cells.north[block[0]], cells.east[block[1]]
-            states = np.empty((len(AIRCRAFT), len(north), len(east)))
-            states[0], states[1] = north[:, np.newaxis], east
-            states[2:] = pose[2:, np.newaxis, np.newaxis]
-            aircraft: FloatArray = np.moveaxis(states, 0, -1)
-            if origin is not None:
-                _bend(aircraft, origin)
-            yield block, aircraft
+    return [
+        (slice(row, row + height), slice(column, column + width))
+        for row in range(0, rows, height)
+        for column in range(0, columns, width)
+    ]
+
+
+def states_in(
+    cells: Grid, block: Block, pose: FloatArray, origin: tuple[float, float, float] | None
+) -> FloatArray:
+    """Return the aircraft states (rows, columns, 6) in a part of the grid."""
+    north, east = cells.north[block[0]], cells.east[block[1]]
+    states = np.empty((len(AIRCRAFT), len(north), len(east)))
+    states[0], states[1] = north[:, np.newaxis], east
+    states[2:] = pose[2:, np.newaxis, np.newaxis]
+    aircraft: FloatArray = np.moveaxis(states, 0, -1)
+    if origin is not None:
+        _bend(aircraft, origin)
+    return aircraft
+
+
+def _turn_to_origin(
+    aircraft: FloatArray, origin: tuple[float, float, float] | None
+) -> FloatArray | None:
+    """Return the turns (..., 3, 3) from the level of each place to the level of the origin."""
+    if origin is None:
+        return None
+    place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
+    return geodesy.turn_to_origin(place, origin)
 
 
 def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
@@ -228,8 +381,8 @@ def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
     """
     wanted = origin[2] - aircraft[..., DOWN]
     for _ in range(_ROUNDS):
-        place = wgs84.geodetic_from_ned(aircraft[..., POSITION], origin)
-        turn = wgs84.turn_to_origin(place, origin)
+        place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
+        turn = geodesy.turn_to_origin(place, origin)
         wrong = place[..., 2] - wanted
         aircraft[..., DOWN] += wrong / np.maximum(turn[..., DOWN, DOWN], 0.05)
     if not np.all(abs(wrong) < 1e-2):
@@ -237,4 +390,4 @@ def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
             "the map reaches too far from the origin, over the edge of the earth as the origin "
             "sees it; choose a smaller map, or a geometry.origin nearer to it"
         )
-    aircraft[..., ATTITUDE] = wgs84.turned_attitude(aircraft[..., ATTITUDE], turn)
+    aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)

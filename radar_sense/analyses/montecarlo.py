@@ -15,7 +15,6 @@ import numpy as np
 from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
-    band_name,
     clipping_warnings,
     describe_extreme,
     describe_poses,
@@ -103,13 +102,12 @@ def montecarlo(
             executor=executor,
             progress=advance,
         )
-    name = band_name(method)
     banded = mc.has_band
     coverage = np.where(banded, mc.coverage, np.inf)
     pose = int(np.argmin(coverage))  # the lowest of the poses that have a band
     overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
     without = int(np.count_nonzero(~banded))
-    warnings = list(validity_warnings(scenario, mc.band, method))
+    warnings = list(validity_warnings(scenario, mc.band, method, "the draws hold there"))
     lowest_summary: dict[str, Any] = {
         "value": float(mc.coverage[pose]),
         axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
@@ -126,10 +124,10 @@ def montecarlo(
     drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)})"
     of_poses = f" at the {len(axis) - without} poses that have one" if without else ""
     covered = (
-        f"{drawn}: {overall:.2%} of the draws lie in the {name} 3-sigma band{of_poses}, "
+        f"{drawn}: {overall:.2%} of the draws lie in the {method} 3-sigma band{of_poses}, "
         f"{WITHIN_3_SIGMA:.2%} should"
     )
-    no_band = f"{without} of {len(axis)} poses have no {name} band and no coverage"
+    no_band = f"{without} of {len(axis)} poses have no {method} band and no coverage"
     if without == len(axis):
         covered, lowest = f"{drawn}: no coverage", ""
     if mc.sampler == "random":
@@ -144,7 +142,7 @@ def montecarlo(
         summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
             warnings.append(
-                f"the {name} band does not hold the 99.73 % of the draws that it should "
+                f"the {method} band does not hold the 99.73 % of the draws that it should "
                 f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
     warnings += (
@@ -175,7 +173,7 @@ def montecarlo(
             *([lowest] if lowest else []),
             *([no_band] if without else []),
             *radar_lines(
-                {name: describe_extreme(top, axis) for name, top in by_itself.items()}, name
+                {name: describe_extreme(top, axis) for name, top in by_itself.items()}, method
             ),
         ),
         warnings=tuple(warnings),

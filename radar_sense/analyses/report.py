@@ -1,8 +1,8 @@
-"""Saying in words where along the geometry something happens."""
+"""Wording of reports and warnings, shared by the analyses."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from radar_sense.axis import Axis
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
-from radar_sense.model.radar_constant import shape_warnings
+from radar_sense.model.radar_constant import shape_warning
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.propagation import (
@@ -55,11 +55,16 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     if not places:
         return "undefined"
     if len(places) > 3:
-        said = f"{len(places)} poses"
+        place = f"{len(places)} poses"
     else:
-        *others, last = map(axis.number, places)
-        said = " and ".join(filter(None, (", ".join(others), last))) + f" {axis.unit}"
-    return f"{extreme['value']:.4f} at {said}"
+        place = f"{listed(map(axis.number, places))} {axis.unit}"
+    return f"{extreme['value']:.4f} at {place}"
+
+
+def listed(words: Iterable[str]) -> str:
+    """Return words with commas and an "and" between them."""
+    *others, last = words
+    return " and ".join(filter(None, (", ".join(others), last)))
 
 
 def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
@@ -68,7 +73,7 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     if count == 0:
         return ""
     if count == mask.size:
-        return "at every pose" if count > 1 else f"at {axis.at(0)}"
+        return f"at all {count} poses" if count > 1 else f"at {axis.at(0)}"
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     if len(edges) > 8:
         first, last = map(axis.number, axis.values[mask][[0, -1]])
@@ -86,20 +91,20 @@ def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any
     }
 
 
-def radar_lines(said: Mapping[str, str], how: str = "") -> tuple[str, ...]:
+def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     """Return a line for each radar of a network, under a heading; nothing for a single radar."""
-    if not said:
+    if not words_by_radar:
         return ()
-    width = max(map(len, said))
+    width = max(map(len, words_by_radar))
     return (
         f"largest {f'{how} ' if how else ''}3 sigma of each radar by itself (more with --radar):",
-        *(f"  {name:{width}}  {words}" for name, words in said.items()),
+        *(f"  {name:{width}}  {words}" for name, words in words_by_radar.items()),
     )
 
 
-def radar_summary(found: Mapping[str, Any]) -> dict[str, Any]:
+def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entry of the summary for the radars of a network, if there are any."""
-    return {"largest_three_sigma_by_itself": dict(found)} if found else {}
+    return {"largest_three_sigma_by_itself": dict(largest)} if largest else {}
 
 
 def monte_carlo_columns(
@@ -134,33 +139,60 @@ def level_and_method(level: str, method: str) -> str:
     return level if method == "linear" else f"{level}, {method}"
 
 
-def band_name(method: str) -> str:
-    """Return what the band of a method is called."""
-    return "linearized" if method == "linear" else method
+def validity_warnings(
+    scenario: Scenario, moments: Moments, method: str, remedy: str = ""
+) -> tuple[str, ...]:
+    """Return where the band of a method is not to be trusted, and what to use there.
 
+    An RCS with lobes gives one line for all reasons, since its lobes are behind all of them.
 
-def validity_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
-    """Say where the band of a method is not to be trusted."""
-    name, axis = band_name(method), scenario.axis
+    Args:
+        scenario: The scenario, at its level.
+        moments: Moments by the method.
+        method: The method.
+        remedy: What to use in its place; by default another method.
+    """
+    axis = scenario.axis
     nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
     outside = (moments.lower < 0) | (moments.upper > 1)
+    remedy = remedy or f"use {'--method form or ' if method != 'form' else ''}montecarlo"
+    if scenario.model.rcs.lobed:
+        place = describe_poses(nonlinear | undefined | outside, axis)
+        lobes = f"the RCS has lobes that the {method} band does not follow: it is unreliable"
+        return (f"{lobes} {place}: use montecarlo",) if place else ()
     problems = (
-        (~moments.converged, f"{name} did not converge, or its gradient is undefined,"),
+        (
+            ~moments.converged,
+            f"{method} has no value, as it did not converge or its gradient is undefined,",
+            ": use montecarlo",
+        ),
         (
             undefined & moments.converged,
             "the gradient is undefined, with the radar straight above or below the aircraft,",
+            ": use montecarlo",
         ),
-        (outside, f"the {name} 3-sigma band leaves [0, 1]"),
+        (outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
         (
             nonlinear & ~undefined,
-            "effects of higher order would change sigma by over "
-            f"{STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}: do not rely on the {name} band",
+            f"the {method} band is unreliable",
+            f": sigma is off by over {STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}; "
+            f"{remedy}",
         ),
     )
     return tuple(
-        f"{words} {place}" for mask, words in problems if (place := describe_poses(mask, axis))
+        f"{words} {place}{ending}"
+        for mask, words, ending in problems
+        if (place := describe_poses(mask, axis))
     )
+
+
+def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Return "a, b and c: text" once for all labels with the same text."""
+    labels: dict[str, list[str]] = {}
+    for label, text in labelled:
+        labels.setdefault(text, []).append(label)
+    return tuple(f"{listed(names)}: {text}" for text, names in labels.items())
 
 
 def points_named(mc: MonteCarlo) -> str:
@@ -178,15 +210,26 @@ def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
     )
 
 
-def distribution_warnings(scenario: Scenario, method: str) -> tuple[str, ...]:
-    """Return a warning for each radar constant that is not distributed as the method assumes."""
-    chosen = METHODS[method]
-    return shape_warnings(
-        scenario.model.names,
-        scenario.tolerances_at_level,
-        method,
-        log_normal=chosen.log_normal,
-    )
+def distribution_warnings(scenario: Scenario, *methods: str) -> tuple[str, ...]:
+    """Return the radars whose constant has another distribution than methods assume."""
+    names, warnings = scenario.model.names, []
+    for log_normal in (False, True):
+        assuming = [m for m in methods if METHODS[m].log_normal == log_normal]
+        if not assuming:
+            continue
+        texts = [
+            shape_warning(tolerances, listed(assuming), log_normal=log_normal)
+            if tolerances
+            else None
+            for tolerances in scenario.tolerances_at_level
+        ]
+        if len(texts) == 1:
+            warnings += [text for text in texts if text]
+        else:
+            warnings += gathered(
+                (name, text) for name, text in zip(names, texts, strict=True) if text
+            )
+    return tuple(warnings)
 
 
 def clipping_warnings(count: int) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
     describe_extreme,
     distribution_warnings,
+    gathered,
     in_brackets,
     largest_by_radar,
     mean_column,
@@ -21,7 +22,7 @@ from radar_sense.analyses.report import (
     table_warnings,
     validity_warnings,
 )
-from radar_sense.propagation import propagate_scenario
+from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.scenario import Scenario
 
 
@@ -105,13 +106,18 @@ def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
             *(f"  {level:{width}}  {describe_extreme(top, axis)}" for level, top in worst.items()),
             *radar_lines(of_radars),
         ),
-        warnings=tuple(
-            f"{level}: {doubt}"
+        warnings=gathered(
+            (level, text)
             for level, m in moments.items()
-            for doubt in (
-                *validity_warnings(scenario.with_analysis(level=level), m, method),
-                *distribution_warnings(scenario.with_analysis(level=level), method),
-                *table_warnings(scenario.with_analysis(level=level)),
-            )
+            for text in _warnings(scenario.with_analysis(level=level), m, method)
         ),
+    )
+
+
+def _warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
+    """Return the warnings of one level."""
+    return (
+        *validity_warnings(scenario, moments, method),
+        *distribution_warnings(scenario, method),
+        *table_warnings(scenario),
     )

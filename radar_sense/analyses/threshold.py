@@ -2,8 +2,11 @@
 
 A path is accepted where P_D + kσ ≤ P_max at every pose (A. Costley, G. Droge, R. Christensen,
 R. C. Leishman and J. Swedeen, "Path planning with uncertainty for aircraft under threat of
-detection from ground-based radar", 2022). The linear bound P_D + kσ can pass 1; any other upper
-bound, such as a quantile at Φ(k), will do as well.
+detection from ground-based radar", 2022). The linear bound P_D + kσ can exceed 1. The quantile of
+P_D at Φ(k) is a bound that is right for any distribution.
+
+A path is tested between its rows too. Where the check of the method says that a bound is
+unreliable, the test has no answer there, unless draws decide.
 """
 
 from __future__ import annotations
@@ -15,13 +18,28 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtr
 
+from radar_sense.analyses import refinement
 from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import describe_poses
+from radar_sense.analyses.report import describe_poses, distribution_warnings
 from radar_sense.errors import InputError
 from radar_sense.limits import SIGMAS, THRESHOLD
-from radar_sense.propagation import propagate_scenario
+from radar_sense.montecarlo.exceedance import Anywhere, decide, exceeded_anywhere
+from radar_sense.propagation import (
+    Moments,
+    exceedance_probability,
+    nonlinear_in_scenario,
+    propagate_scenario,
+)
+from radar_sense.provenance import Path
+from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
+
+#: The method of a threshold test that names none: `FORM`, and draws where its check warns.
+AUTOMATIC, FORM = "automatic", "form"
+#: P_D and its bound may change between poses by this part of P_max, and by at most this.
+RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,45 +48,66 @@ class ThresholdTest:
 
     Attributes:
         p_max: P_max.
-        margin: P_max less the bound (n,): negative where it is passed, NaN where there is no bound.
-        violated: Where the bound passes P_max (n,). No bound counts as one that passes it.
-        above: How long, in the units of the coordinate, the bound is above P_max.
-        total: How long the whole of the path is, in the same units.
+        margin: P_max less the bound (n,): negative where P_max is exceeded, NaN without a bound.
+        violated: Where P_max is exceeded (n,).
+        unknown: Where the test has no answer (n,): no bound, or one that is unreliable.
+        above: How long the bound is above P_max, in the units of the coordinate. A step from or to
+            a pose without a bound is counted.
+        total: Length of the path, in the same units.
     """
 
     p_max: float
     margin: FloatArray
     violated: NDArray[np.bool_]
+    unknown: NDArray[np.bool_]
     above: float
     total: float
 
     @property
+    def verdict(self) -> str:
+        """`violated` at some pose, else `not known` at some pose, else `holds`."""
+        if self.violated.any():
+            return "violated"
+        return "not known" if self.unknown.any() else "holds"
+
+    @property
     def passed(self) -> bool:
-        """Whether no pose violates the threshold."""
-        return not self.violated.any()
+        """Whether the test holds at every pose."""
+        return self.verdict == "holds"
 
     @property
     def first(self) -> int | None:
-        """The first pose that violates it, or None."""
-        return int(np.argmax(self.violated)) if self.violated.any() else None
+        """The first pose that violates P_max, else the first that is not known, or None."""
+        for mask in (self.violated, self.unknown):
+            if mask.any():
+                return int(np.argmax(mask))
+        return None
 
     @property
     def worst(self) -> int:
-        """The pose with the least margin, or the first without a bound if there is one."""
+        """The pose with the least margin, or the first without a bound."""
         return int(np.argmin(np.where(np.isnan(self.margin), -np.inf, self.margin)))
 
 
-def threshold_test(upper: ArrayLike, p_max: float, coordinate: ArrayLike) -> ThresholdTest:
+def threshold_test(
+    upper: ArrayLike,
+    p_max: float,
+    coordinate: ArrayLike,
+    *,
+    p_d: ArrayLike | None = None,
+    unreliable: ArrayLike = False,
+) -> ThresholdTest:
     """Test an upper bound of P_D against a threshold along a path.
 
-    Between poses the bound is taken to be linear, and so is the crossing of the threshold. A step
-    from or to a pose without a bound counts as above as a whole: what is not known is not safe.
+    Between poses the bound is taken to be linear, and so is the crossing of the threshold.
 
     Args:
         upper: The upper bound (n,): P_D + kσ, or `Moments.upper` at β = k.
         p_max: P_max, greater than 0 and at most 1.
         coordinate: Time [s], or azimuth on an orbit [deg], of each pose (n,); it either does not
             decrease or does not increase.
+        p_d: P_D (n,). Where P_D itself is above P_max the test is violated, whatever the bound.
+        unreliable: Where (n,) the bound cannot be relied on.
 
     Raises:
         ValueError: If p_max is out of range, the coordinates are not in order or a shape does not
@@ -86,11 +125,13 @@ def threshold_test(upper: ArrayLike, p_max: float, coordinate: ArrayLike) -> Thr
     if not np.isfinite(coordinate).all() or (np.any(steps < 0) and np.any(steps > 0)):
         raise ValueError("the coordinates of the poses must be finite and in order")
     margin = p_max - upper
-    violated = ~(margin >= 0)
+    certain = np.zeros(upper.shape, dtype=bool) if p_d is None else np.asarray(p_d) > p_max
+    without = ~np.isfinite(margin) | np.asarray(unreliable, dtype=bool)
     return ThresholdTest(
         p_max=p_max,
         margin=margin,
-        violated=violated,
+        violated=certain | (~without & (margin < 0)),
+        unknown=without & ~certain,
         above=math.fsum(abs(steps) * _share_above(margin)),
         total=abs(float(coordinate[-1] - coordinate[0])),
     )
@@ -107,88 +148,284 @@ def _share_above(margin: FloatArray) -> FloatArray:
     return np.where(known[:-1] & known[1:], share, 1.0)
 
 
-def require_threshold(result: Result, p_max: float, k: float = 3.0) -> Result:
+@dataclass(frozen=True, eq=False)
+class _Tested:
+    """A threshold test of a scenario, at the poses of its refined path.
+
+    Attributes:
+        path: The scenario with the poses tested (n,), and those of them that are rows.
+        test: The test.
+        probability: P(P_D > P_max) (n,).
+        drawn: Where draws decided (n,).
+        undecided: Where draws did not decide (n,).
+        anywhere: P(P_D > P_max) at any pose.
+        tolerance: Change of P_D and its bound between poses, or None where no poses were added.
+    """
+
+    path: refinement.Refined
+    test: ThresholdTest
+    probability: FloatArray
+    drawn: NDArray[np.bool_]
+    undecided: NDArray[np.bool_]
+    anywhere: Anywhere
+    tolerance: float | None
+
+
+def require_threshold(
+    result: Result, p_max: float, k: float = 3.0, *, with_draws: bool = False
+) -> Result:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`.
 
-    The table gets the bound (`upper_2sigma` for k = 2; that for k = 3 is in it already), `margin`
-    and `violated`. The result passes if no pose violates the threshold. A pose without a bound
-    does: what is not known is not safe.
+    The table gets the bound (`upper_2sigma` for k = 2; the table has the bound for k = 3),
+    `margin`, `violated`, `not_known` and `probability_above`, which is P(P_D > P_max). The result
+    passes if the test holds at every pose, and between them on a path.
 
     Args:
         result: The result of `variance`.
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
+        with_draws: Decide by draws where the bound of the method is unreliable.
 
     Raises:
         InputError: If p_max or k is out of range.
     """
     check_threshold(p_max, k)
-    scenario, axis = result.scenario, result.scenario.axis
+    scenario, method = result.scenario, result.method
+    tested = _tested(scenario, method, p_max, k, with_draws=with_draws)
+    rows, test = tested.path.rows, tested.test
     column = f"upper_{k:.12g}sigma"
-    upper = (
-        result.table[column]
-        if column in result.table
-        else propagate_scenario(scenario, method=result.method, beta=k).upper
-    )
-    # A path has times, also where its tables are laid out along the distance.
-    coordinate, unit = (
-        (axis.values, axis.unit) if scenario.time_s is None else (scenario.time_s, "s")
-    )
-    test = threshold_test(upper, p_max, coordinate)
-    share = test.above / test.total if test.total > 0 else float(not test.passed)
-    worst, unknown = test.worst, np.isnan(test.margin)
-    summary: dict[str, Any] = {
-        "p_max": p_max,
-        "k": k,
-        "bound": column,
-        "passed": test.passed,
-        "poses_violated": int(np.count_nonzero(test.violated)),
-        "poses_without_bound": int(np.count_nonzero(unknown)),
-        f"above_{unit}": test.above,
-        f"total_{unit}": test.total,
-        "share_above": share,
-        "first_violation": None
-        if test.first is None
-        else {axis.key: float(axis.values[test.first])},
-        "worst_margin": {
-            "value": float(test.margin[worst]),
-            axis.key: float(axis.values[worst]),
-        },
-    }
-    said = [
-        f"P_D + {k:g} sigma <= {p_max:g} (bound by {result.method}): "
-        + (
-            "holds at every pose"
-            if test.passed
-            else f"VIOLATED {describe_poses(test.violated, axis)}"
-        )
-    ]
-    if test.first is not None:
-        said += [
-            f"  above it for {test.above:.6g} of {test.total:.6g} {unit} ({share:.1%}), "
-            f"first at {axis.at(test.first)}",
-        ]
-    if unknown.any():
-        said += [f"  no bound {describe_poses(unknown, axis)}: counted as a violation"]
-    if not unknown.all():
-        least = int(np.nanargmin(test.margin))
-        said += [f"  least margin {test.margin[least]:.4f} at {axis.at(least)}"]
+    upper = result.table.get(column, tested.path.moments.upper[rows])
     return dataclasses.replace(
         result,
         table={
             **result.table,
             column: upper,
-            "margin": test.margin,
-            "violated": test.violated.astype(float),
+            "margin": test.margin[rows],
+            "violated": test.violated[rows].astype(float),
+            "not_known": test.unknown[rows].astype(float),
+            "probability_above": tested.probability[rows],
         },
-        summary={**result.summary, "threshold": summary},
-        report=(*result.report, *said),
+        summary={**result.summary, "threshold": _summary(tested, column, k)},
+        report=(*result.report, *_report(tested, method, k)),
         passed=test.passed,
     )
 
 
+def _tested(
+    scenario: Scenario, method: str, p_max: float, k: float, *, with_draws: bool
+) -> _Tested:
+    def propagate(some: Scenario) -> Moments:
+        return propagate_scenario(some, method=method, beta=k)
+
+    moments, tolerance = propagate(scenario), None
+    path = refinement.Refined(scenario, moments, np.arange(len(moments.p_d)), resolved=True)
+    if refinement.can_refine(scenario):
+        tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * p_max)
+        path = refinement.refined(scenario, moments, propagate, tolerance)
+    poses, moments = path.scenario, path.moments
+    unreliable = ~np.isfinite(moments.upper)
+    unreliable |= nonlinear_in_scenario(poses, moments, method=method, beta=k)
+    if distribution_warnings(scenario, method):
+        unreliable[:] = True
+    probability = exceedance_probability(poses, p_max, method=method)
+    upper, drawn = moments.upper.copy(), np.zeros(len(moments.p_d), dtype=bool)
+    undecided, violated = drawn.copy(), drawn.copy()
+    some = np.flatnonzero(unreliable & ~(moments.p_d > p_max))
+    if with_draws and some.size:
+        decision = decide(poses.part(some), p_max, float(ndtr(-k)))
+        upper[some], probability[some] = decision.upper, decision.probability
+        drawn[some] = decision.holds | decision.violated
+        undecided[some] = ~drawn[some]
+        violated[some] = decision.violated
+    test = threshold_test(
+        upper,
+        p_max,
+        _coordinate(poses)[0],
+        p_d=np.where(violated, np.inf, moments.p_d),
+        unreliable=unreliable & ~drawn,
+    )
+    if not path.resolved:
+        test = dataclasses.replace(test, unknown=~test.violated)
+    return _Tested(
+        path=path,
+        test=test,
+        probability=probability,
+        drawn=drawn,
+        undecided=undecided,
+        anywhere=exceeded_anywhere(poses, p_max, probability),
+        tolerance=tolerance,
+    )
+
+
+def _coordinate(scenario: Scenario) -> tuple[FloatArray, str]:
+    """Return the coordinate that lengths are measured along, and its unit.
+
+    A path has times, also where its tables are laid out along the distance.
+    """
+    if scenario.time_s is None:
+        return scenario.axis.values, scenario.axis.unit
+    return scenario.time_s, "s"
+
+
+def _summary(tested: _Tested, column: str, k: float) -> dict[str, Any]:
+    test, axis = tested.test, tested.path.scenario.axis
+    _, unit = _coordinate(tested.path.scenario)
+    highest = int(np.argmax(np.nan_to_num(tested.probability, nan=-1.0)))
+
+    def place(pose: int) -> dict[str, float]:
+        return {axis.key: float(axis.values[pose])}
+
+    return {
+        "p_max": test.p_max,
+        "k": k,
+        "bound": column,
+        "verdict": test.verdict,
+        "passed": test.passed,
+        "poses": len(axis),
+        "poses_between_rows": tested.path.added,
+        "tolerance_between_poses": tested.tolerance,
+        "poses_violated": int(np.count_nonzero(test.violated)),
+        "poses_not_known": int(np.count_nonzero(test.unknown)),
+        "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
+        "poses_decided_by_draws": int(np.count_nonzero(tested.drawn)),
+        "p_d_itself_above": bool(np.any(tested.path.moments.p_d > test.p_max)),
+        f"above_{unit}": test.above,
+        f"total_{unit}": test.total,
+        "share_above": _share(test),
+        "first_violation": None if test.first is None else place(test.first),
+        "worst_margin": {"value": float(test.margin[test.worst]), **place(test.worst)},
+        "highest_probability_above": {
+            "value": float(tested.probability[highest]),
+            **place(highest),
+        },
+        "probability_above_at_any_pose": {
+            "value": tested.anywhere.probability,
+            "standard_error": tested.anywhere.error,
+            "runs": tested.anywhere.runs,
+        },
+    }
+
+
+def _share(test: ThresholdTest) -> float:
+    return test.above / test.total if test.total > 0 else float(not test.passed)
+
+
+def _report(tested: _Tested, method: str, k: float) -> list[str]:
+    test, scenario = tested.test, tested.path.scenario
+    axis = scenario.axis
+    limit = f"{test.p_max:g}"
+    lines = [
+        f"P_D + {k:g} sigma <= {limit} (bound by {_bound_by(tested, method)}): {_verdict(tested)}"
+    ]
+    if test.violated.any() and test.unknown.any():
+        lines += [f"  not known {describe_poses(test.unknown, axis)}"]
+    if test.unknown.any():
+        lines += [_remedy(tested, method)]
+    if test.violated.any():
+        lines += [_why(tested, k)]
+    if test.first is not None and not np.isnan(test.margin).all():
+        _, unit = _coordinate(scenario)
+        lines += [
+            f"  above it for {test.above:.6g} of {test.total:.6g} {unit} ({_share(test):.1%}), "
+            f"first at {axis.at(test.first)}"
+        ]
+    without = np.isnan(test.margin)
+    if without.any():
+        lines += [f"  no bound {describe_poses(without, axis)}: counted as above it"]
+    if not without.all():
+        least = int(np.nanargmin(test.margin))
+        lines += [f"  least margin {test.margin[least]:.4f} at {axis.at(least)}"]
+    lines += _probability_lines(tested, limit)
+    lines += _poses_lines(tested)
+    return lines
+
+
+def _bound_by(tested: _Tested, method: str) -> str:
+    if not tested.drawn.any():
+        return method
+    return f"{method}, and by draws {describe_poses(tested.drawn, tested.path.scenario.axis)}"
+
+
+def _verdict(tested: _Tested) -> str:
+    test, axis = tested.test, tested.path.scenario.axis
+    if test.violated.any():
+        return f"VIOLATED {describe_poses(test.violated, axis)}"
+    if test.unknown.any():
+        return f"NOT KNOWN {describe_poses(test.unknown, axis)}"
+    return "holds at every pose" + (" and between them" if tested.path.added else "")
+
+
+def _remedy(tested: _Tested, method: str) -> str:
+    """Return why the test has no answer, and what has one."""
+    if not tested.path.resolved:
+        return (
+            f"  P_D is not resolved by {len(tested.path.scenario.axis)} poses: "
+            "choose steps with geometry.interpolate"
+        )
+    if tested.undecided.any():
+        few = "the tail is too thin for draws, or the bound too near to the threshold"
+        return f"  draws do not decide there: {few}"
+    remedy = "leave out --method: draws then decide"
+    if method != FORM:
+        remedy = f"use --method {FORM}, or leave out --method"
+    return f"  the {method} bound is unreliable there: {remedy}"
+
+
+def _why(tested: _Tested, k: float) -> str:
+    """Return whether P_D itself is above P_max, or only its bound."""
+    test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.moments.p_d
+    place = describe_poses(p_d > test.p_max, axis)
+    if place:
+        return f"  P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
+    highest = int(np.nanargmax(p_d))
+    return (
+        f"  P_D itself is {p_d[highest]:.4f} at most, at {axis.at(highest)}: better knowledge "
+        f"helps, see budget --threshold {test.p_max:g} --k {k:g}"
+    )
+
+
+def _probability_lines(tested: _Tested, limit: str) -> list[str]:
+    axis, probability = tested.path.scenario.axis, tested.probability
+    if np.isnan(probability).all():
+        return []
+    highest = int(np.nanargmax(probability))
+    line = f"  P(P_D > {limit}) is {_number(probability[highest])} at most, at {axis.at(highest)}"
+    anywhere = tested.anywhere
+    if len(axis) == 1 or not anywhere.runs:
+        return [line]
+    return [
+        f"{line}; at any pose {_number(anywhere.probability)} +/- {anywhere.error:.1g} "
+        f"({anywhere.runs:,} runs, {_correlation(tested.path.scenario)})"
+    ]
+
+
+def _number(probability: float) -> str:
+    return f"{probability:.4f}" if probability >= 1e-3 or probability == 0 else f"{probability:.1e}"
+
+
+def _correlation(scenario: Scenario) -> str:
+    """Return how the errors of the aircraft are correlated from pose to pose."""
+    if not scenario.correlation_s or scenario.time_s is None:
+        return f"errors of the aircraft new at each of {len(scenario.axis)} poses"
+    return f"errors of the aircraft correlated over {scenario.correlation_s:g} s"
+
+
+def _poses_lines(tested: _Tested) -> list[str]:
+    """Return between which poses the test has looked."""
+    scenario = tested.path.scenario
+    if tested.tolerance is not None:
+        return [
+            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between the rows "
+            f"of the path: P_D and bound are within {tested.tolerance:g} of straight lines between"
+        ]
+    geometry = scenario.provenance.geometry
+    if isinstance(geometry, Path) and geometry.step_s is not None:
+        return [f"  tested every {geometry.step_s:g} s, as geometry.interpolate says"]
+    return []
+
+
 def check_threshold(p_max: float, k: float) -> None:
-    """Raise InputError unless P_max and k are ones that can be tested."""
+    """Raise InputError unless P_max and k can be tested."""
     for name, value, limit in (("threshold", p_max, THRESHOLD), ("k", k, SIGMAS)):
         if not limit.allows(value):
             raise InputError(f"{name} must be {limit}, got {value}")

@@ -13,7 +13,6 @@ import numpy as np
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
-    band_name,
     clipping_warnings,
     describe_poses,
     distribution_warnings,
@@ -108,37 +107,36 @@ def validate(
     """
     axis = scenario.axis
     with progress(len(axis), "poses") as advance:
-        found = adaptive.validate(
+        verdict = adaptive.validate(
             scenario, method=method, digits=digits, workers=workers, progress=advance
         )
-    low, high = found.coverage_interval()
-    distance = np.fmax(found.distance_lower, found.distance_upper)
+    low, high = verdict.coverage_interval()
+    distance = np.fmax(verdict.distance_lower, verdict.distance_upper)
     # where a radar sees nothing there is no deviation and no δ, and no distance either
     without = np.where(distance > 0, np.inf, distance)
-    ratio = np.divide(distance, found.delta, out=without, where=found.delta > 0)
-    no_result = ~np.isfinite(found.moments.lower + found.moments.upper)
-    count = int(np.count_nonzero(found.validated))
-    name = band_name(method)
+    ratio = np.divide(distance, verdict.delta, out=without, where=verdict.delta > 0)
+    no_result = ~np.isfinite(verdict.moments.lower + verdict.moments.upper)
+    count = int(np.count_nonzero(verdict.validated))
     report = [
-        f"{name} 3-sigma interval ({scenario.level}), {digits} significant "
+        f"{method} 3-sigma interval ({scenario.level}), {digits} significant "
         f"digit{'s' if digits > 1 else ''}: "
-        + ("validated" if found.verdict == "validated" else "NOT validated"),
+        + ("validated" if verdict.verdict == "validated" else "NOT validated"),
         f"  validated at {count} of {len(axis)} poses",
     ]
     if place := describe_poses(no_result, axis):
         report.append(f"  no result {place}")
-    if place := describe_poses(found.refuted & ~no_result, axis):
+    if place := describe_poses(verdict.refuted & ~no_result, axis):
         report.append(f"  refuted {place}")
-    if place := describe_poses(found.undecided, axis):
+    if place := describe_poses(verdict.undecided, axis):
         report.append(f"  undecided {place}: the draws did not become stable")
     worst = peak(ratio, axis)
     if not no_result.all():
         pose = int(np.argmax(reached(ratio)))
         report += [
-            f"  farthest for what is allowed: {distance[pose]:.2g} "
-            f"at {axis.at(pose)}, where {found.delta[pose]:.1g} is",
-            f"  coverage {np.nanmin(found.coverage):.2%} to {np.nanmax(found.coverage):.2%} "
-            f"of {found.runs.min():,} to {found.runs.max():,} draws a pose, "
+            f"  worst: bound off by {distance[pose]:.2g} at {axis.at(pose)} "
+            f"(tolerance {verdict.delta[pose]:.1g})",
+            f"  coverage {np.nanmin(verdict.coverage):.2%} to {np.nanmax(verdict.coverage):.2%} "
+            f"of {verdict.runs.min():,} to {verdict.runs.max():,} draws a pose, "
             f"{WITHIN_3_SIGMA:.2%} expected",
         ]
     return Result(
@@ -146,34 +144,36 @@ def validate(
         method=method,
         table={
             axis.key: axis.values,
-            **band_columns(found.moments),
-            **monte_carlo_columns(found.mc_mean, found.mc_std, found.mc_lower, found.mc_upper),
-            "delta": found.delta,
-            "distance_lower": found.distance_lower,
-            "distance_upper": found.distance_upper,
-            "runs": found.runs.astype(float),
-            "coverage_3sigma": found.coverage,
+            **band_columns(verdict.moments),
+            **monte_carlo_columns(
+                verdict.mc_mean, verdict.mc_std, verdict.mc_lower, verdict.mc_upper
+            ),
+            "delta": verdict.delta,
+            "distance_lower": verdict.distance_lower,
+            "distance_upper": verdict.distance_upper,
+            "runs": verdict.runs.astype(float),
+            "coverage_3sigma": verdict.coverage,
             "coverage_low": low,
             "coverage_high": high,
-            "stable": found.stable.astype(float),
-            "validated": found.validated.astype(float),
-            **mean_column(found.moments.mean, method),
+            "stable": verdict.stable.astype(float),
+            "validated": verdict.validated.astype(float),
+            **mean_column(verdict.moments.mean, method),
         },
         summary={
-            "verdict": found.verdict,
+            "verdict": verdict.verdict,
             "digits": digits,
             "poses_validated": count,
-            "poses_refuted": int(np.count_nonzero(found.refuted)),
-            "poses_undecided": int(np.count_nonzero(found.undecided)),
+            "poses_refuted": int(np.count_nonzero(verdict.refuted)),
+            "poses_undecided": int(np.count_nonzero(verdict.undecided)),
             "largest_distance_by_delta": worst,
-            "radar_constants_set_to_zero": found.clipped,
+            "radar_constants_set_to_zero": verdict.clipped,
         },
         report=tuple(report),
         warnings=(
-            *validity_warnings(scenario, found.moments, method),
+            *validity_warnings(scenario, verdict.moments, method, "the draws hold there"),
             *distribution_warnings(scenario, method),
-            *clipping_warnings(found.clipped),
+            *clipping_warnings(verdict.clipped),
             *table_warnings(scenario),
         ),
-        passed=found.verdict == "validated",
+        passed=verdict.verdict == "validated",
     )

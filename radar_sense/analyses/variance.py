@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -9,7 +10,7 @@ if TYPE_CHECKING:
 
 import numpy as np
 
-from radar_sense.analyses.contract import Option, Result, analysis
+from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
     describe_extreme,
@@ -23,13 +24,14 @@ from radar_sense.analyses.report import (
     trough,
     validity_warnings,
 )
-from radar_sense.analyses.threshold import check_threshold, require_threshold
+from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold, require_threshold
 from radar_sense.errors import InputError
 from radar_sense.limits import SIGMAS, THRESHOLD
+from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import FloatArray
+from radar_sense.states import POSITION, FloatArray
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -64,9 +66,15 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, axes)
 
 
+_METHOD = dataclasses.replace(
+    OPTIONS["method"],
+    default=None,
+    default_text="linear; with --threshold form, and draws where form is unreliable",
+)
 _THRESHOLD = Option(
     "threshold",
-    "Test P_D + K sigma <= P_MAX at every pose; exit code 3 if a pose violates the test.",
+    "Test P_D + K sigma <= P_MAX at every pose, on a path between them too; exit code 3 if the "
+    "test is violated or not known.",
     THRESHOLD,
     metavar="P_MAX",
 )
@@ -75,7 +83,7 @@ _K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="
 
 @analysis(
     plot=plot,
-    options=["level", "radar", "method", _THRESHOLD, _K],
+    options=["level", "radar", _METHOD, _THRESHOLD, _K],
     examples=[
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",
@@ -86,18 +94,19 @@ _K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="
 def variance(
     scenario: Scenario,
     *,
-    method: str = "linear",
+    method: str = AUTOMATIC,
     threshold: float | None = None,
     k: float | None = None,
 ) -> Result:
     """Standard deviation of P_D along the geometry.
 
-    With --threshold also whether the upper bound of the method, at K sigma, stays low enough at
-    every pose, as path planners ask. Exit code 3 says that it does not.
+    With --threshold also whether the upper bound of P_D, at K sigma, stays low enough, as path
+    planners ask, and P(P_D > P_MAX). Exit code 3 says that it does not, or that it is not known.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation.
+        method: Method of propagation. "automatic" is linear without a threshold; with one it is
+            form, and draws where the check of form warns.
         threshold: P_max of the threshold test; None for no test.
         k: How many σ below P_max P_D must stay, 3 by default.
 
@@ -109,33 +118,41 @@ def variance(
     if threshold is not None:
         k = 3.0 if k is None else k
         check_threshold(threshold, k)
-    result = _along_geometry(scenario, method)
-    return result if threshold is None or k is None else require_threshold(result, threshold, k)
+    chosen = method
+    if method == AUTOMATIC:
+        chosen = "linear" if threshold is None else FORM
+    result = _along_geometry(scenario, chosen)
+    if threshold is not None and k is not None:
+        result = require_threshold(result, threshold, k, with_draws=method == AUTOMATIC)
+    return dataclasses.replace(result, table={**result.table, **_places(scenario)})
 
 
 def _along_geometry(scenario: Scenario, method: str) -> Result:
-    """P_D with its standard deviation and 3σ band at each pose, of each radar too."""
+    """Return P_D with its standard deviation and 3σ band, of all radars and of each."""
     axis = scenario.axis
     moments = propagate_scenario(scenario, method=method)
     low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
     worst = peak(3 * moments.std, axis)
-    each = {
-        name: (one, propagate_scenario(one, method=method))
-        for name, one in single_radar_scenarios(scenario).items()
+    single = {
+        name: (radar_scenario, propagate_scenario(radar_scenario, method=method))
+        for name, radar_scenario in single_radar_scenarios(scenario).items()
     }
-    by_itself = {name: peak(3 * found.std, axis) for name, (_, found) in each.items()}
+    by_itself = {name: peak(3 * values.std, axis) for name, (_, values) in single.items()}
     return Result(
         scenario=scenario,
         method=method,
         table={
             axis.key: axis.values,
-            **_towards(scenario),
+            **_link_columns(scenario),
             **band_columns(moments),
             **mean_column(moments.mean, method),
             **{
                 f"{name}_{radar}": column
-                for radar, (one, found) in each.items()
-                for name, column in {**_towards(one), **band_columns(found)}.items()
+                for radar, (radar_scenario, values) in single.items()
+                for name, column in {
+                    **_link_columns(radar_scenario),
+                    **band_columns(values),
+                }.items()
             },
         },
         summary={
@@ -158,8 +175,24 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
     )
 
 
-def _towards(scenario: Scenario) -> dict[str, FloatArray]:
-    """Return the columns of what a single radar has to do with; none for a network."""
+def _places(scenario: Scenario) -> dict[str, FloatArray]:
+    """Return the columns of the positions on a path; nothing for an orbit."""
+    if scenario.time_s is None:
+        return {}
+    position = scenario.aircraft[:, POSITION]
+    columns = dict(zip(("north_m", "east_m", "down_m"), position.T, strict=True))
+    if scenario.origin is not None:
+        latitude, longitude, altitude = geodetic_from_ned(position, scenario.origin).T
+        columns["latitude_deg"], columns["longitude_deg"] = (
+            np.rad2deg(latitude),
+            np.rad2deg(longitude),
+        )
+        columns["altitude_m"] = altitude
+    return columns
+
+
+def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
+    """Return range, RCS and SNR of a single radar; nothing for a network."""
     aircraft, radar = scenario.aircraft, scenario.radar
     if len(scenario.model.models) > 1:
         return {}

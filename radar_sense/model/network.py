@@ -311,7 +311,7 @@ def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
 def _extrapolated(
     model: DetectionModel, aircraft: FloatArray, radar: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return z of states (k, 6) and (k, 4) and its partials, extrapolated linearly below c_r = 0."""
+    """Return z of states (k, 6) and (k, 4) and its partials, linear below c_r = 0."""
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
     if not below_zero.any():
         return model.linearize_probit(aircraft, radar)

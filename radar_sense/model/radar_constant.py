@@ -165,30 +165,6 @@ def assumed_shape(tolerances: Sequence[Tolerance], *, log_normal: bool) -> Shape
     return _shape(*(math.exp(0.5 * (n * std) ** 2) for n in (1, 2, 3)))
 
 
-def shape_warnings(
-    names: Sequence[str],
-    tolerances: Sequence[Sequence[Tolerance]],
-    method: str,
-    *,
-    log_normal: bool,
-) -> tuple[str, ...]:
-    """Return a warning for each radar whose c_r is not distributed as a method assumes.
-
-    Args:
-        names: Names of the radars (m,). A single radar needs none.
-        tolerances: Tolerances of the c_r of each radar (m,); () for a c_r without tolerances.
-        method: Name of the method.
-        log_normal: Whether the method assumes a log-normal c_r, and not a Gaussian one.
-    """
-    warnings = [
-        shape_warning(of_radar, method, log_normal=log_normal) if of_radar else None
-        for of_radar in tolerances
-    ]
-    if len(warnings) == 1:
-        return tuple(filter(None, warnings))
-    return tuple(f"{name}: {text}" for name, text in zip(names, warnings, strict=True) if text)
-
-
 def shape_warning(tolerances: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
     """Return a warning if c_r is not distributed as a method of propagation assumes, else None."""
     exact, assumed = shape(tolerances), assumed_shape(tolerances, log_normal=log_normal)
@@ -200,10 +176,10 @@ def shape_warning(tolerances: Sequence[Tolerance], method: str, *, log_normal: b
         return None
     kind = "log-normal" if log_normal else "Gaussian"
     return (
-        f"c_r is not {kind}, as {method} assumes: relative to the nominal c_r, its mean is "
+        f"c_r is not {kind}, the assumption of {method}: of its nominal value its mean is "
         f"{exact.mean:.1%} ({kind}: {assumed.mean:.1%}), its standard deviation {exact.std:.1%} "
         f"({assumed.std:.1%}), its skewness {exact.skewness:.2f} ({assumed.skewness:.2f}); "
-        "Monte Carlo draws the exact distribution"
+        "use montecarlo, which draws c_r from its tolerances"
     )
 
 

@@ -8,13 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.covariance import (
-    block_square_root,
-    checked,
-    component_first,
-    draws,
-    square_root,
-)
+from radar_sense.covariance import block_square_root, checked, component_first, draws, square_root
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, draw

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import Moments
@@ -32,6 +32,8 @@ NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
 #: The search for an extreme has converged when the gradient promises no more to gain within the
 #: ball than this, in standard deviations of z.
 TOLERANCE = 1e-4
+#: β of the quantiles that probabilities of exceedance are read from, and steps between them.
+EXCEEDANCE_NODES, EXCEEDANCE_STEPS = np.arange(-5.0, 6.0), 100
 #: Evaluations after which a search is given up. On the paper's scenario one or two are enough.
 ITERATIONS = 60
 #: Another lobe is searched if its scan promises an extreme farther out by this, in standard
@@ -57,6 +59,40 @@ def form_upper(states: UncertainStates, beta: float) -> FloatArray:
         upper = ndtr(np.maximum(found.corrected[0], space.probit.floor))
         bounds.append(np.where(found.converged, upper, np.nan))
     return np.concatenate(bounds)
+
+
+def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
+    """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max.
+
+    The quantiles are those of the lobe about u = 0. NaN where a search has not converged.
+    """
+    probabilities = []
+    for part in states.blocks(_numbers(states, len(EXCEEDANCE_NODES))):
+        space = StandardNormalSpace.of(part)
+        found = quantiles(space, EXCEEDANCE_NODES, np.nan)
+        z = np.maximum(found.corrected, space.probit.floor)
+        probability = exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
+        probabilities.append(np.where(found.converged, probability, np.nan))
+    return np.concatenate(probabilities)
+
+
+def exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
+    """Return P(z > z_max) (k,) from quantiles of z (n, k) at Φ(β) for increasing β (n,).
+
+    β is cubic in between, and linear beyond the first and the last.
+    """
+    from scipy.interpolate import CubicSpline  # slow to import
+
+    fine = np.linspace(betas[0], betas[-1], EXCEEDANCE_STEPS * (len(betas) - 1) + 1)
+    curve = np.maximum.accumulate(CubicSpline(betas, np.eye(len(betas)), axis=0)(fine) @ z, axis=0)
+    left = np.clip(np.count_nonzero(curve <= z_max, axis=0) - 1, 0, len(fine) - 2)
+    pose = np.arange(z.shape[1])
+    low, high = curve[left, pose], curve[left + 1, pose]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beta = fine[left] + (z_max - low) / (high - low) * (fine[1] - fine[0])
+    flat = high == low  # z does not change with β, or z_max is beyond a floor
+    beta = np.where(flat, np.where(z_max < low, -np.inf, np.inf), beta)
+    return np.asarray(ndtr(-beta))
 
 
 def form_std(states: UncertainStates) -> StdFunction:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar_sense.propagation.moments import Moments
+from radar_sense.propagation.moments import Moments, normal_exceedance
 from radar_sense.propagation.standard_space import StdFunction, UncertainStates
 from radar_sense.states import FloatArray
 
@@ -26,3 +26,9 @@ def linear_std(states: UncertainStates) -> StdFunction:
 def linear_upper(states: UncertainStates, beta: float) -> FloatArray:
     """Return the upper bound (k,) of `linear`."""
     return linear(states, beta).upper
+
+
+def linear_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
+    """Return P(P_D > p_max) (k,) for normal P_D."""
+    lin = states.model.linearize(states.aircraft, states.radar)
+    return normal_exceedance(lin.p_d, lin.std(*states.covariances), p_max)

@@ -11,15 +11,23 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.special import ndtri
 
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.propagation import checks
-from radar_sense.propagation.form import form, form_std, form_upper
-from radar_sense.propagation.linear import linear, linear_std, linear_upper
+from radar_sense.propagation.form import (
+    EXCEEDANCE_NODES,
+    exceedance,
+    form,
+    form_exceedance,
+    form_std,
+    form_upper,
+)
+from radar_sense.propagation.linear import linear, linear_exceedance, linear_std, linear_upper
 from radar_sense.propagation.moments import Moments
-from radar_sense.propagation.probit import probit, probit_std, probit_upper
+from radar_sense.propagation.probit import probit, probit_exceedance, probit_std, probit_upper
 from radar_sense.propagation.standard_space import (
     StdFunction,
     UncertainStates,
@@ -28,10 +36,15 @@ from radar_sense.propagation.standard_space import (
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
+#: |z| of a P_D that is 0 or 1 to rounding.
+LARGEST_PROBIT = 40.0
+
 #: From uncertain states of k poses and β to the moments of P_D (k,).
 MomentsFunction: TypeAlias = Callable[[UncertainStates, float], Moments]
 #: From uncertain states and β to the upper bound of P_D (k,).
 UpperFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
+#: From uncertain states and p_max to P(P_D > p_max) (k,).
+ExceedanceFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
 #: From uncertain states, moments and β to where (k,) the moments are not to be trusted.
 Check: TypeAlias = Callable[[UncertainStates, Moments, float], NDArray[np.bool_]]
 
@@ -49,6 +62,7 @@ class Method:
         upper: The upper bound alone, where that is cheaper than all moments.
         std: Makes a function from covariances to σ, which costs less than all moments for each of
             many covariances of the same states.
+        exceedance: P(P_D > p_max); without it the probability is read from bounds at several β.
     """
 
     name: str
@@ -57,6 +71,7 @@ class Method:
     log_normal: bool
     upper: UpperFunction | None = None
     std: Callable[[UncertainStates], StdFunction] | None = None
+    exceedance: ExceedanceFunction | None = None
 
 
 METHODS: Mapping[str, Method] = {
@@ -69,6 +84,7 @@ METHODS: Mapping[str, Method] = {
             log_normal=False,
             upper=linear_upper,
             std=linear_std,
+            exceedance=linear_exceedance,
         ),
         Method(
             "probit",
@@ -77,8 +93,17 @@ METHODS: Mapping[str, Method] = {
             log_normal=True,
             upper=probit_upper,
             std=probit_std,
+            exceedance=probit_exceedance,
         ),
-        Method("form", form, checks.form_is_off, log_normal=True, upper=form_upper, std=form_std),
+        Method(
+            "form",
+            form,
+            checks.form_is_off,
+            log_normal=True,
+            upper=form_upper,
+            std=form_std,
+            exceedance=form_exceedance,
+        ),
     )
 }
 
@@ -203,6 +228,25 @@ def nonlinear_in_scenario(
         log_constant=scenario.log_constant,
         moments=moments,
     )
+
+
+def exceedance_probability(
+    scenario: Scenario, p_max: float, *, method: str = "linear"
+) -> FloatArray:
+    """Return P(P_D > p_max) (n,) at every pose of a scenario, at its level of radar uncertainty.
+
+    One minus it is the conformance probability of JCGM 106:2012, clause 7. NaN where the method
+    has no answer.
+    """
+    _, states = uncertain_states(*_of(scenario), log_constant=scenario.log_constant)
+    chosen = METHODS[method]
+    if chosen.exceedance is not None:
+        return chosen.exceedance(states, p_max)
+    ends = [chosen.moments(states, beta) for beta in EXCEEDANCE_NODES if beta > 0]
+    bounds = [*(m.lower for m in reversed(ends)), ends[0].p_d, *(m.upper for m in ends)]
+    with np.errstate(invalid="ignore"):
+        z = np.clip(ndtri(np.clip(bounds, 0.0, 1.0)), -LARGEST_PROBIT, LARGEST_PROBIT)
+    return exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
 
 
 def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:

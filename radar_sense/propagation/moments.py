@@ -52,6 +52,15 @@ class Moments:
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
+def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatArray:
+    """Return P(x > limit) (k,) for normal x; 0 or 1 where σ is 0."""
+    mean = np.broadcast_to(mean, std.shape)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        probability = ndtr((mean - limit) / std)
+    certain = np.where(np.isnan(mean), np.nan, mean > limit)
+    return np.where(std == 0, certain, probability)
+
+
 def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[FloatArray, FloatArray]:
     """Mean and standard deviation of Φ(z) for normal z with mean m (k,) and deviation s (k,).
 

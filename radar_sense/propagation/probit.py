@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import ndtr
+from scipy.special import ndtr, ndtri
 
 from radar_sense.covariance import variance_along
-from radar_sense.propagation.moments import Moments, probit_moments
+from radar_sense.propagation.moments import Moments, normal_exceedance, probit_moments
 from radar_sense.propagation.standard_space import StdFunction, UncertainStates
 from radar_sense.states import FloatArray
 
@@ -47,6 +47,12 @@ def probit_upper(states: UncertainStates, beta: float) -> FloatArray:
     """Return the upper bound (k,) of `probit`."""
     gradient = _Gradient.of(states)
     return np.asarray(ndtr(gradient.value + beta * gradient.std(*states.covariances)))
+
+
+def probit_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
+    """Return P(P_D > p_max) (k,), which is P(z > z_max) for normal z."""
+    gradient = _Gradient.of(states)
+    return normal_exceedance(gradient.value, gradient.std(*states.covariances), float(ndtri(p_max)))
 
 
 def _moments(z: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:

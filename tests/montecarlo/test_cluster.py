@@ -120,9 +120,9 @@ class Inner(Executor):
 class FakeClient:
     """A client of a cluster, as far as it is used."""
 
-    def __init__(self, threads=1, spec=object()):
+    def __init__(self, threads=1, spec=None):
         self.status, self.workers, self.inner = "running", {"w": threads}, Inner()
-        self.threads, self.spec, self.closed = threads, spec, False
+        self.threads, self.spec, self.closed = threads, spec or object(), False
 
     def nthreads(self):
         return {"w": self.threads} if self.threads else {}
@@ -195,7 +195,7 @@ def test_a_stall_is_told_within_ten_seconds_and_given_up_without_workers(connect
         fake.inner.futures[0].set_result(1)  # too late, and no error
 
 
-class KilledWorker(Exception):
+class KilledWorker(Exception):  # noqa: N818 - the name of Dask
     """As Dask's."""
 
 
@@ -211,7 +211,7 @@ class KilledWorker(Exception):
 )
 def test_the_loss_of_a_cluster_is_one_line(connected, error, raised, says):
     fake = connected(FakeClient())
-    with pytest.raises(raised, match=says) as caught, cluster(ADDRESS) as (executor, _):
+    with pytest.raises(raised, match=says) as caught, cluster(ADDRESS) as (executor, _):  # noqa: PT012
         results = in_order(abs, 3, 1, executor)
         submit = fake.inner.submit
 
@@ -235,7 +235,7 @@ def test_an_interrupt_stays_one_and_closes_the_client(connected):
 
     fake.close = raise_cancelled
     before = [logging.getLogger(name).level for name in module.LOGGERS]
-    with pytest.raises(KeyboardInterrupt), cluster(ADDRESS):
+    with pytest.raises(KeyboardInterrupt), cluster(ADDRESS):  # noqa: PT012
         assert not logging.getLogger("distributed.client").isEnabledFor(logging.CRITICAL)
         raise KeyboardInterrupt
     assert fake.closed

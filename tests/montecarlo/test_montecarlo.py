@@ -21,7 +21,6 @@ from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.model.network import NetworkModel, Radar
-from radar_sense.montecarlo import canary as canary_module
 from radar_sense.montecarlo import montecarlo
 from radar_sense.montecarlo.montecarlo import (
     MAX_SAMPLE_PATHS,
@@ -29,6 +28,7 @@ from radar_sense.montecarlo.montecarlo import (
     monte_carlo,
     monte_carlo_states,
 )
+from radar_sense.montecarlo.montecarlo import canary as canary_module
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.reading.parse import load_scenario
 
@@ -362,7 +362,7 @@ def test_what_runs_out_is_one_line_with_what_to_reduce(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(montecarlo.Blocks, "p_d", no_memory)
         for workers in (1, 3):
-            with pytest.raises(ComputationError, match="^out of memory; use fewer workers"):
+            with pytest.raises(ComputationError, match=r"^out of memory; use fewer workers"):
                 monte_carlo(s, runs=100, workers=workers)
     monkeypatch.setattr(threading.Thread, "start", no_thread)
     with pytest.raises(ComputationError, match=r"no more threads .* use fewer workers$"):

@@ -20,7 +20,7 @@ from radar_sense.errors import ScenarioError
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model import track
 from radar_sense.model.track import attitude_from_motion, motion_of_samples
-from radar_sense.model.trajectory import resample
+from radar_sense.model.trajectory import METHODS, resample
 from radar_sense.reading import csv_reader, route_file
 from radar_sense.reading.route_file import load_route
 
@@ -407,9 +407,9 @@ def test_who_hovers_keeps_the_last_course_and_is_level():
     np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 0], 0.0)
     np.testing.assert_array_equal(attitude[[0, 1, 2], 1], 0.0)
     np.testing.assert_allclose(attitude[[8, 9], 1], np.pi / 2)  # straight up
+    upwards = motion_of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
     with pytest.raises(ValueError, match="never moves"):
-        position = np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]])
-        attitude_from_motion(*motion_of_samples(np.arange(3.0), position))
+        attitude_from_motion(*upwards)
 
 
 # Interpolation.
@@ -828,7 +828,7 @@ def test_any_table(path, table, step):
     path.write_text(text)
     options = {"origin": (0.1, 0.2, 0.0)} if "latitude_deg" in columns else {}
     found = outcome(path, **options)
-    for method in route.METHODS if found else ():
+    for method in METHODS if found else ():
         try:
             again = resample(found, step, method)
         except ScenarioError as error:

@@ -1,0 +1,189 @@
+"""Cumulative probability of detection by each look, and its uncertainty to first order.
+
+Given the states, looks are independent, and the probability of detection by look k is
+
+    P_c(k) = 1 − Π_{j≤k} (1 − P_j) = 1 − exp(−H_k), H_k = Σ_{j≤k} h_j, h_j = −ln(1 − P_j).
+
+H is a sum of functions of one look each. To first order its variance is a double sum over the looks
+whose terms do not depend on k. With an exponential correlation the sum needs one pass over them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import erfcx, ndtr, ndtri_exp
+
+from radar_sense.covariance import checked, variance_along
+from radar_sense.mission.looks import Looks, pose_variance
+from radar_sense.propagation import Moments, probit_moments
+from radar_sense.states import FloatArray
+
+#: Farther out in the tails than this nothing is left of a normal density.
+FAR = 37.5
+_SQRT_2 = math.sqrt(2.0)
+_ROOT_2_OVER_PI = math.sqrt(2.0 / math.pi)
+
+
+@dataclass(frozen=True, eq=False)
+class Cumulative:
+    """Probability of an event up to each look (K,), and its uncertainty.
+
+    Attributes:
+        p: Probability with the nominal states.
+        mean: Mean over the errors of the states.
+        std: Standard deviation.
+        lower: Bound that the probability falls below with probability Φ(−β).
+        upper: Bound that the probability stays below with probability Φ(β).
+        lower_se: Standard error of `lower`, None for a method that draws nothing.
+        upper_se: Standard error of `upper`.
+    """
+
+    p: FloatArray
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    lower_se: FloatArray | None = None
+    upper_se: FloatArray | None = None
+
+    def at(self, looks: NDArray[np.intp]) -> Cumulative:
+        """Return the probability by some of the looks, or by some of them several times."""
+        errors = (None if e is None else e[looks] for e in (self.lower_se, self.upper_se))
+        return Cumulative(
+            self.p[looks],
+            self.mean[looks],
+            self.std[looks],
+            self.lower[looks],
+            self.upper[looks],
+            *errors,
+        )
+
+
+def cumulative_p_d(p_d: ArrayLike) -> FloatArray:
+    """P_c (..., K) from P_D (..., K) of each look.
+
+    Small probabilities are right to their own digits. Where P_D rounds to 1, so does P_c; what is
+    left of 1 − P_c then is only to be had from probits, as `Looks.hazard`.
+    """
+    with np.errstate(divide="ignore"):  # ln(1 − 1) = −inf, and P_c is 1 from there on
+        log_miss = np.log1p(-np.asarray(p_d, dtype=float))
+    p_c: FloatArray = -np.expm1(np.cumsum(log_miss, axis=-1))
+    return p_c
+
+
+def cumulative_detection(
+    looks: Looks,
+    cov_aircraft: ArrayLike,
+    cov_radar: ArrayLike,
+    *,
+    correlation_time: float,
+    method: str = "probit",
+    beta: float = 3.0,
+) -> Cumulative:
+    """P_c up to each look, with its uncertainty to first order, in time proportional to K.
+
+    Args:
+        looks: The looks.
+        cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
+        cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
+        correlation_time: τ [s] of the pose errors, from 0 to infinity.
+        method: Name of the method, one of `METHODS`.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+
+    Raises:
+        ValueError: If there is no such method, a shape does not fit or a number is out of range.
+    """
+    hazard = np.cumsum(looks.hazard)
+    # dh/dz = φ(z)/Φ(−z), the inverse of Mills' ratio, which is finite where 1 − P_D rounds to 0
+    slope = inverse_mills(looks.probit)
+    variance = pose_variance(looks, slope, cov_aircraft, correlation_time)
+    by_radar = np.cumsum(slope[:, np.newaxis] * looks.by_radar, axis=0)
+    std = np.sqrt(variance + variance_along(by_radar, checked("radar", cov_radar)))
+    # nothing has been seen yet: z is as low as any, and certain
+    z = np.where(hazard == 0, -FAR, -ndtri_exp(-hazard))
+    moments = bounds_method(method, beta)(z, std * np.exp(-hazard), std / inverse_mills(z), beta)
+    return in_time_order(-np.expm1(-hazard), moments, std)
+
+
+def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Moments:
+    """First order in the probability itself. Its bounds may leave [0, 1].
+
+    On the flight that `probit` is judged by, σ of P_c is wrong by 3, 7 and 19 % at most, its bounds
+    by 0.004, 0.010 and 0.036; for 3 of 5 by 2, 11 and 30 %, and by 0.007, 0.020 and 0.066.
+
+    Args:
+        z: Probit of the probability (K,).
+        std: Standard deviation of the probability to first order (K,).
+        std_z: Standard deviation of z to first order (K,).
+        beta: β.
+    """
+    p = ndtr(z)
+    return Moments(p, p, std, p - beta * std, p + beta * std, np.isfinite(p))
+
+
+def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Moments:
+    """First order in the probit of the probability: for one look the method of that name.
+
+    Judged by 100,000 runs of 60 looks on a flight past the radar (as in the tests), with the levels
+    Low, Medium and High of the paper and τ of 0, 100 s and infinity: σ of P_c, where above 0.001,
+    is wrong by 0.7 % at most, the bounds by 0.004; for 3 of 5 looks σ by 1.0, 0.9 and 4.5 %, the
+    bounds by 0.002, 0.004 and 0.014. The runs' own noise is some 0.2 % of σ, and 0.03 σ in a bound.
+    """
+    p, (mean, deviation) = ndtr(z), probit_moments(z, std_z)
+    bounds = ndtr(z - beta * std_z), ndtr(z + beta * std_z)
+    return Moments(p, mean, deviation, *bounds, np.isfinite(p))
+
+
+#: Methods: from z, σ, σ_z and β to mean, deviation and bounds.
+METHODS: Mapping[str, Callable[[FloatArray, FloatArray, FloatArray, float], Moments]] = {
+    "linear": linear,
+    "probit": probit,
+}
+
+
+def bounds_method(
+    name: str, beta: float
+) -> Callable[[FloatArray, FloatArray, FloatArray, float], Moments]:
+    """Return the method of this name, and check it and β."""
+    if name not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {name!r}")
+    if not 0 < beta < math.inf:
+        raise ValueError(f"beta must be positive, got {beta}")
+    return METHODS[name]
+
+
+def in_time_order(p: FloatArray, moments: Moments, std: FloatArray) -> Cumulative:
+    """Return the moments with exact values where no state is uncertain, in time order.
+
+    P never decreases along a mission, whatever the states are. So a lower bound holds at all later
+    looks too, and an upper bound at all earlier ones. Neither do mean and nominal P decrease.
+    """
+    known = std == 0
+    mean, lower, upper = (
+        np.where(known, p, values) for values in (moments.mean, moments.lower, moments.upper)
+    )
+    earlier = np.fmin.accumulate(upper[::-1])[::-1]
+    return Cumulative(
+        p=np.maximum.accumulate(p),
+        mean=np.maximum.accumulate(mean),
+        std=np.where(known, 0.0, moments.std),
+        lower=np.maximum.accumulate(lower),
+        upper=np.where(np.isnan(upper), np.nan, earlier),
+    )
+
+
+def inverse_mills(z: FloatArray) -> FloatArray:
+    """φ(z)/Φ(−z) (...), finite in both tails."""
+    ratio: FloatArray = _ROOT_2_OVER_PI / erfcx(z / _SQRT_2)
+    return ratio
+
+
+def density(z: FloatArray) -> FloatArray:
+    """φ(z) (...)."""
+    phi: FloatArray = np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi)
+    return phi

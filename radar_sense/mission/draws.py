@@ -1,0 +1,233 @@
+"""Plain draws of whole missions: radars once a run, pose errors that are correlated in time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radar_sense.mission.looks import Model, look_times, pose_correlation, pose_sqrt_cov
+from radar_sense.mission.tracks import any_group, histories
+from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
+from radar_sense.montecarlo.parallel import merged
+from radar_sense.montecarlo.sequences import random_stream
+from radar_sense.montecarlo.statistics import RunningMoments, Tails
+from radar_sense.states import AIRCRAFT, FloatArray
+
+
+class RadarSampler(Protocol):
+    """Draws the states of all radars, as `montecarlo.Sampler` does."""
+
+    @property
+    def radar_normals(self) -> int:
+        """Unit normals that a draw takes."""
+        ...
+
+    def draw_radar(self, normals: FloatArray, /) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """States (runs, 4m) from unit normals, and where a c_r below 0 was set to 0 (runs,)."""
+        ...
+
+
+class Drawn(NamedTuple):
+    """Statistics of draws at each look, each (K,); the bounds are quantiles at Φ(−3) and Φ(3)."""
+
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MissionDraws:
+    """Statistics of draws of a whole mission.
+
+    Attributes:
+        runs: Number of runs.
+        seed: Seed of the draws.
+        detection: P_c up to each look.
+        track: Probability of m-of-n up to each look, if it was asked for.
+        clipped: Number of runs in which a radar constant was drawn below zero and set to zero.
+    """
+
+    runs: int
+    seed: int
+    detection: Drawn
+    track: Drawn | None
+    clipped: int
+
+
+@dataclass(frozen=True, eq=False)
+class PoseProcess:
+    """The Gauss-Markov process of the pose errors.
+
+    Attributes:
+        aircraft: Nominal aircraft states (K, 6).
+        sqrt_cov: Symmetric square roots of C_aa (K, 6, 6).
+        rho: Correlation of each pose error with the next (K − 1,).
+        innovation_std: √(1 − ρ²) (K − 1,).
+    """
+
+    aircraft: FloatArray
+    sqrt_cov: FloatArray
+    rho: FloatArray
+    innovation_std: FloatArray
+
+    @classmethod
+    def of(
+        cls, time: FloatArray, aircraft: FloatArray, cov: ArrayLike, correlation_time: float
+    ) -> PoseProcess:
+        """Make the process from times (K,), poses (K, 6) and C_aa (6, 6) or (K, 6, 6)."""
+        correlation = pose_correlation(time, correlation_time)
+        return cls(aircraft, pose_sqrt_cov(cov, len(time)), *correlation)
+
+    def poses(self, normals: FloatArray) -> FloatArray:
+        """Aircraft states (K, runs, 6) from independent unit normals (K, 6, runs), overwritten."""
+        for k in range(1, len(normals)):
+            normals[k] *= self.innovation_std[k - 1]
+            normals[k] += self.rho[k - 1] * normals[k - 1]
+        states = np.empty((len(AIRCRAFT), len(normals), normals.shape[-1]))
+        for i, state in enumerate(states):
+            state[:] = self.aircraft[:, i, np.newaxis]
+            for j in range(len(AIRCRAFT)):
+                weight = self.sqrt_cov[:, i, j, np.newaxis]
+                if weight.any():
+                    state += weight * normals[:, j]
+        return np.moveaxis(states, 0, -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """The runs of a mission, a block at a time."""
+
+    model: Model
+    process: PoseProcess
+    sampler: RadarSampler
+    m_of_n: tuple[int, int] | None
+    scan_group: NDArray[np.intp] | None
+    runs: int
+    runs_per_block: int
+    seed: int
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks; the last one need not be full."""
+        return -(-self.runs // self.runs_per_block)
+
+    def statistics(self, index: int) -> _Statistics:
+        """Draw a block of runs and return their statistics."""
+        generator = random_stream(self.seed, index)
+        looks, width = len(self.process.aircraft), self.runs_per_block
+        # All of the block is drawn, so that more runs begin with the same ones.
+        radar_normals = generator.standard_normal((width, self.sampler.radar_normals))
+        normals = generator.standard_normal((looks, len(AIRCRAFT), width))
+        runs = min(width, self.runs - index * width)
+        radar, negative = self.sampler.draw_radar(radar_normals[:runs])
+        p_d = self.model.p_d(self.process.poses(normals[..., :runs]), radar).T
+        events = [_accumulated(p_d)]
+        if self.m_of_n:
+            events.append(any_group(p_d, 1.0 - p_d, *self.m_of_n, self.scan_group)[0])
+        of_events = []
+        for rows in events:
+            moments, tails = RunningMoments(looks), Tails(looks, self.runs, TAIL)
+            moments.add(rows)
+            tails.add(rows)
+            of_events.append((moments, tails))
+        return _Statistics(of_events, int(np.count_nonzero(negative)))
+
+
+class _Statistics:
+    """Moments and tails of each event, and the number of runs with a c_r set to zero."""
+
+    def __init__(self, events: list[tuple[RunningMoments, Tails]], clipped: int) -> None:
+        self.events, self.clipped = events, clipped
+
+    @property
+    def runs(self) -> int:
+        """Number of runs."""
+        return self.events[0][0].count
+
+    def merge(self, other: _Statistics) -> None:
+        """Merge the statistics of more runs."""
+        for (moments, tails), (more, ends) in zip(self.events, other.events, strict=True):
+            moments.merge(more)
+            tails.merge(ends)
+        self.clipped += other.clipped
+
+
+def mission_monte_carlo(
+    model: Model,
+    time: ArrayLike,
+    aircraft: ArrayLike,
+    cov_aircraft: ArrayLike,
+    sampler: RadarSampler,
+    *,
+    correlation_time: float,
+    runs: int,
+    seed: int,
+    m_of_n: tuple[int, int] | None = None,
+    scan_group: NDArray[np.intp] | None = None,
+    workers: int = 1,
+    progress: Callable[[int], None] | None = None,
+) -> MissionDraws:
+    """Draw whole missions: the radars once a run, poses whose errors are correlated in time.
+
+    Args:
+        model: The model.
+        time: Times of the looks (K,) [s], which do not decrease.
+        aircraft: Nominal aircraft states (K, 6).
+        cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
+        sampler: Draws the radars.
+        correlation_time: τ [s] of the pose errors, from 0 to infinity.
+        runs: Number of runs, two or more.
+        seed: Seed of the draws.
+        m_of_n: m and n, to have the probability of m-of-n too.
+        scan_group: The scan group of each look (K,); None if all looks are of one group.
+        workers: Threads to compute with; of no influence on the result.
+        progress: Called with the number of runs that have come in since the last call.
+
+    Raises:
+        ValueError: If a shape does not fit or a number is out of range.
+    """
+    time, aircraft = look_times(time), np.asarray(aircraft, float)
+    if aircraft.shape != (len(time), len(AIRCRAFT)):
+        raise ValueError(
+            f"aircraft states must have shape ({len(time)}, 6), one a look, got {aircraft.shape}"
+        )
+    if runs < 2:
+        raise ValueError(f"needs 2 runs or more, got {runs}")
+    if m_of_n is not None:
+        histories(*m_of_n)
+    blocks = _Runs(
+        model=model,
+        process=PoseProcess.of(time, aircraft, cov_aircraft, correlation_time),
+        sampler=sampler,
+        m_of_n=m_of_n,
+        scan_group=scan_group,
+        runs=runs,
+        runs_per_block=max(1, SAMPLES_PER_BLOCK // len(time)),
+        seed=seed,
+    )
+    total = merged(blocks.statistics, blocks.blocks, workers, progress=progress)
+    drawn = [
+        Drawn(moments.mean, moments.std(), *tails.quantiles()) for moments, tails in total.events
+    ]
+    return MissionDraws(
+        runs=runs,
+        seed=seed,
+        detection=drawn[0],
+        track=drawn[1] if m_of_n else None,
+        clipped=total.clipped,
+    )
+
+
+def _accumulated(p_d: FloatArray) -> FloatArray:
+    """P_c (runs, K) from P_D (runs, K), as sums of numbers that are not negative."""
+    p_c = np.empty(p_d.shape)
+    total = np.zeros(len(p_d))
+    for k in range(p_d.shape[1]):
+        total += (1.0 - total) * p_d[:, k]
+        p_c[:, k] = total
+    return p_c

@@ -1,0 +1,129 @@
+"""Times at which the radars of a scenario look: from the first pose on, once every scan period.
+
+The radars that have one scan period are a scan group. They look together, and their looks at one
+time count as one look with their fused P_D. At a time that several scan groups have in common there
+is a look of each group, and all these looks see one pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.errors import InputError
+from radar_sense.mission.looks import Interleaved, Model
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times, interpolate
+from radar_sense.states import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """The looks of g scan groups at K times, L looks in all.
+
+    Attributes:
+        time: Times at which at least one group looks (K,) [s], increasing.
+        period: Scan period of each group [s].
+        radars: The radars of each group, as places in the network.
+        looks: Which groups look at each time (K, g).
+    """
+
+    time: FloatArray
+    period: tuple[float, ...]
+    radars: tuple[tuple[int, ...], ...]
+    looks: NDArray[np.bool_]
+
+    @property
+    def pose(self) -> NDArray[np.intp]:
+        """The time, 0 to K − 1, of each look (L,)."""
+        return np.nonzero(self.looks)[0]
+
+    @property
+    def scan_group(self) -> NDArray[np.intp] | None:
+        """The scan group of each look (L,), or None if there is one group."""
+        return np.nonzero(self.looks)[1] if len(self.radars) > 1 else None
+
+    @property
+    def first(self) -> NDArray[np.intp]:
+        """The first look at each time (K,)."""
+        return np.searchsorted(self.pose, np.arange(len(self.time)))
+
+    @property
+    def last(self) -> NDArray[np.intp]:
+        """The last look at each time (K,)."""
+        return np.searchsorted(self.pose, np.arange(len(self.time)), side="right") - 1
+
+    def model(self, model: NetworkModel) -> Model:
+        """Return the model of the L looks, given the model of the radars."""
+        scan_group = self.scan_group
+        if scan_group is None:
+            return model
+        parts = (NetworkModel(tuple(model.radars[i] for i in some)) for some in self.radars)
+        return Interleaved(tuple(parts), scan_group, self.radars)
+
+    def group_of(self, radar: int) -> int:
+        """Return the scan group of a radar."""
+        return next(g for g, some in enumerate(self.radars) if radar in some)
+
+    def of_radar(self, radar: int) -> tuple[Schedule, NDArray[np.intp]]:
+        """Return the schedule of one radar by itself, and the times, 0 to K − 1, of its looks."""
+        group = self.group_of(radar)
+        own = np.flatnonzero(self.looks[:, group])
+        looks = np.ones((len(own), 1), dtype=bool)
+        return Schedule(self.time[own], (self.period[group],), ((0,),), looks), own
+
+
+def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
+    """Return the looks of the radars of a model, and the poses at their times.
+
+    Args:
+        model: The radars, with their scan periods.
+        poses: The poses.
+
+    Raises:
+        InputError: If a radar has no scan period, or one is not possible.
+    """
+    given = {radar.name: radar.scan_period for radar in model.radars}
+    missing = [repr(name) for name, value in given.items() if value is None]
+    if missing:
+        # The rows of a file are no looks: more rows would mean more looks and a greater P_c.
+        radars = f"radar {', '.join(missing)} needs" if model.names else "a mission needs"
+        raise InputError(
+            f"{radars} a scan_period_s, the time [s] from one look to the next: "
+            f"add scan_period_s to {'that radar' if model.names else 'radar'}, such as "
+            "scan_period_s: 10"
+        )
+    periods = tuple(dict.fromkeys(p for p in given.values() if p is not None))
+    radars_of = tuple(tuple(i for i, p in enumerate(given.values()) if p == one) for one in periods)
+    time, looks = _together([_times(poses, p) for p in periods])
+    return Schedule(time, periods, radars_of, looks), interpolate(poses, time)
+
+
+def _times(poses: Route, period: float) -> FloatArray:
+    try:
+        return even_times(poses, period)
+    except InputError as error:  # names the period as the argument of `times`
+        raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
+
+
+def _together(times_of_groups: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return all times (K,) of some scan groups, and which groups look at each (K, g).
+
+    Times that differ by rounding alone, as 3 · 0.1 and 0.3, are one.
+    """
+    if sum(map(len, times_of_groups)) > MAX_ROWS:
+        raise InputError(
+            f"the periods radar.scan_period_s make more than {MAX_ROWS:,} looks together"
+        )
+    every = np.concatenate(times_of_groups)
+    number = np.repeat(np.arange(len(times_of_groups)), [len(s) for s in times_of_groups])
+    order = np.argsort(every, kind="stable")
+    every, number = every[order], number[order]
+    rounding = 0.5 * max(MIN_STEP, 1e-15 * float(np.max(abs(every))))
+    new = np.diff(every, prepend=-np.inf) > rounding
+    looks = np.zeros((np.count_nonzero(new), len(times_of_groups)), dtype=bool)
+    looks[np.cumsum(new) - 1, number] = True
+    return every[new], looks

@@ -1,0 +1,156 @@
+"""Bounds of `mission` against plain draws: the worked missions, and twenty random ones.
+
+    python tests/studies/mission_bounds.py [RUNS] [NAME ...]
+
+RUNS plain draws of each mission (100 000 unless given) in five batches with seeds of their own. For
+each event the table has the largest difference of a 3-sigma bound at any time, and how many bounds
+are off by more than 0.01 or by three standard errors of the draws, if these are larger. It takes
+minutes to hours and is no part of the test suite.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import yaml
+
+import radar_sense as rs
+from radar_sense.analyses.mission import with_schedule
+from radar_sense.mission.draws import mission_monte_carlo
+from radar_sense.mission.importance import importance_sampling
+from radar_sense.montecarlo.sampler import Sampler
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+WINDOWS = [(1, 2), (2, 3), (2, 4), (3, 5), (3, 6), (4, 6), (5, 8)]
+BATCHES = 5
+
+
+def random_mission(number: int, folder: Path) -> tuple[rs.Scenario, tuple[int, int]]:
+    """A mission with one to eight radars known to kilometres and to 1 to 3 dB."""
+    rng = np.random.default_rng([2026, number])
+    count = 1 + number % 8
+    length, duration = rng.uniform(80e3, 250e3), rng.uniform(500, 1500)
+    rows = ["time_s,north_m,east_m,down_m"]
+    for x in np.linspace(0, 1, 12):
+        weave = 15e3 * math.sin(rng.uniform(2, 8) * x)
+        rows.append(f"{x * duration},{weave},{(x - 0.5) * length},-6000")
+    (folder / "route.csv").write_text("\n".join(rows) + "\n")
+    periods = rng.choice([4, 5, 6, 8, 10, 12], size=rng.integers(1, count + 1))
+    radars = []
+    for i in range(count):
+        spread = rng.uniform(500, 4000)
+        radars.append({
+            "name": f"r{i}",
+            "position_m": [rng.uniform(-60e3, 60e3), rng.uniform(-0.6, 0.6) * length, -50.0],
+            "tracking": {
+                "peak_power_kw": 10.0, "gain_dbi": 38, "frequency_ghz": 9, "pulse_width_us": 10,
+                "temperature_k": 290, "loss_db": 8, "noise_figure_db": 5,
+            },
+            "p_fa": 1e-6,
+            "detector": str(rng.choice(["north", "swerling1", "marcum", "swerling3"])),
+            "scan_period_s": float(rng.choice(periods)),
+            "uncertainty": {"one": {
+                "position_m": [spread, spread, 20.0],
+                "constant": {"loss_db": float(rng.uniform(1, 3))},
+            }},
+        })  # fmt: skip
+        if rng.random() < 0.3:
+            radars[-1]["max_range_km"] = float(rng.uniform(60, 150))
+    document = {
+        "name": f"random{number}",
+        "radars": radars,
+        "aircraft": {"rcs": {"model": "ellipsoid_exact", "x_m": 0.3, "y_m": 0.2, "z_m": 0.1}},
+        "geometry": {
+            "type": "path", "file": "route.csv", "axis": "time",
+            "interpolate": {"step_s": 2, "method": "smooth"},
+        },
+        "uncertainty": {
+            "aircraft": {
+                "position_m": float(rng.uniform(50, 1000)),
+                "attitude_deg": float(rng.uniform(0.5, 3)),
+            },
+            "aircraft_correlation_s": [0, 300, ".inf"][number % 3],
+        },
+        "analysis": {"level": "one", "seed": number},
+    }  # fmt: skip
+
+    def load() -> rs.Scenario:
+        (folder / "mission.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
+        return rs.load_scenario(folder / "mission.yaml")
+
+    # the power that makes the greatest P_D of a radar what is wanted
+    for i, radar in enumerate(radars):
+        wanted, low, high = 10 ** rng.uniform(-1.7, -0.3), -8.0, 8.0
+        scenario = load()
+        state = scenario.radar[4 * i : 4 * i + 4].copy()
+        constant = state[3]
+        model = scenario.model.models[i]
+        for _ in range(40):
+            middle = 0.5 * (low + high)
+            state[3] = constant * 10**middle
+            low, high = (
+                (middle, high) if model.p_d(scenario.aircraft, state).max() < wanted else
+                (low, middle)
+            )  # fmt: skip
+        radar["tracking"]["peak_power_kw"] = float(10.0 * 10**low)
+    return load(), WINDOWS[number % len(WINDOWS)]
+
+
+def compare(name: str, scenario: rs.Scenario, window: tuple[int, int], runs: int) -> None:
+    """Print a row of the table for each event."""
+    scenario, schedule = with_schedule(scenario)
+    start = time.perf_counter()
+    bounds = importance_sampling(scenario, schedule, window, workers=2)[0]
+    seconds = time.perf_counter() - start
+    pose, covariance = schedule.pose, scenario.cov_aircraft
+    batches = [
+        mission_monte_carlo(
+            schedule.model(scenario.model),
+            schedule.time[pose],
+            scenario.aircraft[pose],
+            covariance if covariance.ndim == 2 else covariance[pose],
+            Sampler.of(scenario),
+            correlation_time=scenario.correlation_s,
+            runs=runs // BATCHES,
+            seed=1000 + batch,
+            m_of_n=window,
+            scan_group=schedule.scan_group,
+            workers=2,
+        )
+        for batch in range(BATCHES)
+    ]
+    for event, found in zip(("detection", "track"), bounds, strict=True):
+        row = f"{name:10} {len(scenario.model.models)} {len(pose):5} {event:9} {found.p[-1]:.3f}"
+        for end in ("lower", "upper"):
+            drawn = np.array([getattr(getattr(b, event), end)[schedule.last] for b in batches])
+            error = drawn.std(axis=0, ddof=1) / math.sqrt(BATCHES)
+            off = abs(getattr(found, end) - drawn.mean(axis=0))
+            worst = int(np.argmax(off))
+            beyond = np.count_nonzero(off > np.maximum(0.01, 3 * error))
+            own = getattr(found, f"{end}_se")
+            row += (
+                f"  {end} off {off[worst]:.4f} (draws {error[worst]:.4f}, own {own[worst]:.4f}, "
+                f"most {own.max():.4f}) {beyond:3}"
+            )
+        row += f"  {window[0]} of {window[1]}  {scenario.correlation_s:g} s  {seconds:.1f} s"
+        print(row, flush=True)
+
+
+def main() -> None:
+    runs = int(float(sys.argv[1])) if len(sys.argv) > 1 else 100_000
+    chosen = sys.argv[2:] or ["mission", "corridor", *(f"random{i}" for i in range(20))]
+    for name in chosen:
+        if name.startswith("random"):
+            with tempfile.TemporaryDirectory() as folder:
+                compare(name, *random_mission(int(name[6:]), Path(folder)), runs)
+        else:
+            compare(name, rs.load_scenario(CONFIGS / f"{name}.yaml"), (3, 5), runs)
+
+
+if __name__ == "__main__":
+    main()
