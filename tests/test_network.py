@@ -675,7 +675,7 @@ def test_variance_table_has_each_radar_and_the_network():
 
 def test_networks_that_cannot_be():
     station = Radar(RADAR_MODEL, "a")
-    with pytest.raises(ValueError, match="at least one radar"):
+    with pytest.raises(ValueError, match="one radar or more"):
         NetworkModel(())
     for names in (
         "aa",
