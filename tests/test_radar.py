@@ -461,7 +461,9 @@ def test_doubt_says_what_the_distribution_is():
     )
     power = [Tolerance("average_power_kw", 10, 3, 1, decibels=False)]
     assert shape_warning(power, "linear", log_normal=False) is None
-    assert "c_r is not log-normal, the assumption of form" in shape_warning(power, "form", log_normal=True)
+    assert "c_r is not log-normal, the assumption of form" in shape_warning(
+        power, "form", log_normal=True
+    )
     assert (
         shape_warning([Tolerance("loss_db", 8, 0, -1, decibels=True)], "linear", log_normal=False)
         is None
