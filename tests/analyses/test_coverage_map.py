@@ -1,5 +1,6 @@
 """The map: cells against the model, bounds against propagate, the files and the figure."""
 
+import dataclasses
 import io
 import json
 import math
@@ -9,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from matplotlib.collections import LineCollection
 from scenarios import document, scenario
 
 import radar_sense as rs
@@ -138,7 +140,7 @@ def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
 @pytest.mark.parametrize("compute", ["probit", "form", "worst heading"])
 def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
     s, done = scenario(aircraft__attitude_deg=[3, -2, 90]), []
-    cells = area.grid(s, north_km=(-600, 600), east_km=(-300, 700), step_km=100)
+    cells = area.grid(s, north_km=(-600, 600), east_km=(-300, 500), step_km=400)
 
     def planes(workers):
         if compute == "worst heading":
@@ -146,11 +148,11 @@ def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
         return area.p_d_in_cells(s, cells, method=compute, workers=workers, progress=done.append)
 
     one = planes(1)
-    for size, workers in ((1, 1), (10, 3), (100, 2)):
+    for size, workers in ((1, 2), (3, 1), (4, 3)):
         monkeypatch.setattr(area, "BLOCK", size)
         for a, b in zip(one, planes(workers), strict=True):
             assert a.tobytes() == b.tobytes()
-    assert sum(done) == 4 * 13 * 11
+    assert sum(done) == 4 * 4 * 3
 
 
 def brute_force(s, cells, down=None, count=20_000):
@@ -172,16 +174,24 @@ RCS = {
     "spikeball": {"model": "spikeball", "lobes": 7, "amplitude_m2": 0.2, "floor_m2": 0.01},
     "lobes": {"model": "spikeball", "lobes": 388, "amplitude_m2": 0.2, "floor_m2": 0.01},
     "constant": {"model": "constant", "rcs_m2": 0.1},
-    "table": {"model": "table", "file": str(ROOT / "configs/synthetic_aircraft.csv"),
-              "mirror": True},
-}  # fmt: skip
+    "table": {
+        "model": "table",
+        "file": str(ROOT / "configs/synthetic_aircraft.csv"),
+        "mirror": True,
+    },
+}
 
 
 @pytest.mark.parametrize("rcs", RCS)
-@pytest.mark.parametrize("attitude", [[0, 0, 0], [-35, 20, 100]])
+@pytest.mark.parametrize("attitude", [[0, 0, 0], [-12, 8, 100]])
 def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     s = scenario(aircraft__rcs=RCS[rcs], aircraft__attitude_deg=attitude)
-    cells = area.grid(s, north_km=(200, 500), east_km=(-350, 120), step_km=50)
+    cells = area.grid(s, north_km=(200, 500), east_km=(-350, 120), step_km=150)
+    for _ in range(40):  # a radar for which P_D is neither 0 nor 1
+        off = np.median(brute_force(s, cells, count=1000)) - 0.6
+        if abs(off) < 0.1:
+            break
+        s = dataclasses.replace(s, radar=s.radar * [1, 1, 1, 0.6 if off > 0 else 1.5])
     largest, heading = area.worst_p_d_in_cells(s, cells)
     expected = brute_force(s, cells)
     found = largest[[0, 1, -1], [0, -1, 1]]
@@ -207,7 +217,7 @@ def test_the_worst_heading_of_a_network_on_the_round_earth():
     north, east = s.aircraft[40, :2]
     cells = area.Grid(north + np.array([0, 3e4]), east + np.array([0, 3e4]))
     largest, heading = area.worst_p_d_in_cells(s, cells)
-    courses = np.linspace(0, 2 * np.pi, 721)
+    courses = np.linspace(0, 2 * np.pi, 361)
     each = np.array([area.p_d_in_cells(s, cells, course=course)[0] for course in courses])
     assert np.all(largest >= each.max(axis=0) - 1e-6)
     np.testing.assert_allclose(largest, each.max(axis=0), atol=1e-3)
@@ -215,7 +225,7 @@ def test_the_worst_heading_of_a_network_on_the_round_earth():
     assert at == pytest.approx(largest[0, 1], abs=1e-5)
 
 
-@pytest.mark.parametrize(("lobes", "enough"), [(1, 90), (36, 540), (194, 2900), (2000, 30_000)])
+@pytest.mark.parametrize(("lobes", "enough"), [(1, 90), (36, 540), (194, 2900), (1000, 15_000)])
 def test_headings_are_as_many_as_lobes_need(lobes, enough):
     rcs = {**RCS["lobes"], "lobes": lobes}
     s = scenario(aircraft__rcs=rcs)
@@ -223,10 +233,11 @@ def test_headings_are_as_many_as_lobes_need(lobes, enough):
     assert enough <= count <= 4 * enough
 
 
-def test_lobes_too_narrow_for_a_search_are_refused(tool):
-    text = yaml.safe_dump(document(aircraft__rcs={**RCS["lobes"], "lobes": 1_000_000}))
+@pytest.mark.parametrize("lobes", [3000, 32_768, 65_536, 65_546, 1_000_000])
+def test_lobes_too_narrow_for_a_search_are_refused(tool, lobes):
+    text = yaml.safe_dump(document(aircraft__rcs={**RCS["lobes"], "lobes": lobes}))
     Path("my.yaml").write_text(text)
-    code, out, err = tool("map", "my.yaml", "--worst-heading")
+    code, out, err = tool("map", "my.yaml", "--worst-heading", "--step-km", 300)
     assert (code, out) == (2, "")
     assert "lobes of the RCS are too narrow" in err
 
@@ -247,7 +258,8 @@ def test_the_route_has_its_own_probabilities():
     assert "0.2144 to" in result.report[-1]
     figure = result.plot()
     axes = figure.axes[0]
-    (line,) = [c for c in axes.collections if len(c.get_segments()) == len(north) - 1]
+    (line,) = [c for c in axes.collections if isinstance(c, LineCollection)]
+    assert len(line.get_segments()) == len(north) - 1
     route = result.arrays["route"]
     np.testing.assert_allclose(line.get_array(), 0.5 * (route[1:] + route[:-1]))
     (image,) = axes.images
