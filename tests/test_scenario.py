@@ -204,7 +204,7 @@ WRONG = {
     "seed": ({"seed": -1}, "seed must be"),
     "name": ({"name": "../x"}, "name must be a name of up to 100 letters"),
     "times": ({"time_s": [0.0]}, r"must have one value for each of 2 poses, got \(1,\)"),
-    "correlation": ({"correlation_s": math.nan}, "correlation_s must not be less than 0"),
+    "correlation": ({"correlation_s": math.nan}, "correlation_s must be a number not less than 0"),
 }
 
 

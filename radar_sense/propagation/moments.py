@@ -66,13 +66,13 @@ def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatA
 
 
 def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation of Φ(z) for normal z with mean m (k,) and deviation s (k,).
+    """Return mean and standard deviation of Φ(z) for normal z with mean m and deviation s (k,).
 
     The mean is Φ(h) with h = m/√(1 + s²), the variance 2 [T(h, 1) − T(h, a)] with a = 1/√(1 + 2s²)
-    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of
-    exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0. The difference is the integral from a to 1. Taken as one
-    integral it is exact to rounding where s is small and the two T would cancel. With 32 points it
-    is exact to rounding for s up to 30, with 8 points for s up to 0.5.
+    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of exp(−h²(1 +
+    t²)/2)/(2π(1 + t²)) from 0. Their difference is the integral from a to 1, in which nothing
+    cancels for small s. With 32 points it is exact to rounding for s up to 30, with 8 points for s
+    up to 0.5.
     """
     h = m / np.sqrt(1.0 + s * s)
     a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)
