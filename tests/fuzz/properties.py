@@ -176,7 +176,9 @@ def reproducer(case: Case) -> str:
     return "\n".join(lines)
 
 
-def failures(seed: int, numbers: range, *, analyses: float) -> Iterator[tuple[int, Case, BrokenError]]:
+def failures(
+    seed: int, numbers: range, *, analyses: float
+) -> Iterator[tuple[int, Case, BrokenError]]:
     """Run numbered cases in the working folder, and yield the ones that break a property."""
     for n in numbers:
         some = numbered_case(seed, n, analyses=analyses)
