@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, scenario
-from test_network_parts import network, radars
+from helpers import document, mixed_network, mixed_radars, scenario
 
 import radar_sense as rs
 from radar_sense import files as output
@@ -69,7 +68,7 @@ def test_bound_is_that_of_propagate(method, level):
 @pytest.mark.parametrize("method", METHODS)
 def test_bound_knows_of_log_normal_constants(method):
     """With c_r known to decibels it is not the bound that a Gaussian c_r would have."""
-    s = network(radars(TOLERANT, TOLERANT))
+    s = mixed_network(mixed_radars(TOLERANT, TOLERANT))
     cells = area.grid(s, north_km=(-80, 90), east_km=(10, 60), step_km=12)
     _, bound = area.p_d_in_cells(s, cells, method=method)
     states = np.zeros((*cells.shape, 6))
