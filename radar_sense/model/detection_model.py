@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
+from radar_sense.errors import InputError
+from radar_sense.limits import Limit, check_number
 from radar_sense.model.detectors import Detector, North
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import snr
@@ -33,7 +35,7 @@ Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
 _ONE = np.ones(())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
     """P_D and its partials at the given states, `eq:pd_partial_short`.
 
@@ -47,6 +49,9 @@ class Linearization:
     p_d: FloatArray
     jac_aircraft: FloatArray
     jac_radar: FloatArray
+
+    def __repr__(self) -> str:
+        return f"<Linearization of P_D at {self.p_d.size} poses: p_d, jac_aircraft, jac_radar>"
 
     def std(self, cov_aircraft: ArrayLike, cov_radar: ArrayLike) -> FloatArray:
         """Standard deviation of P_D to first order, `eq:pd_var`.
@@ -87,12 +92,11 @@ class DetectionModel:
     detector: Detector = field(default_factory=North)
 
     def __post_init__(self) -> None:
-        if not 0 < self.p_fa < 1:
-            raise ValueError(f"p_fa must lie between 0 and 1, got {self.p_fa}")
-        if not hasattr(self.rcs, "cross_section"):
-            raise TypeError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
+        check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
+            raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
         if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
-            raise TypeError(f"detector must be an object such as Marcum(), got {self.detector!r}")
+            raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Signal-to-noise ratio (...), a ratio of powers.

@@ -35,6 +35,16 @@ SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
 _ROUNDS = 2
 
 
+def is_place(geodetic: object) -> bool:
+    """Return whether an object is latitude, longitude [rad] and height [m] of a place (3,)."""
+    try:
+        place = np.asarray(geodetic, dtype=float)
+    except (TypeError, ValueError):
+        return False
+    in_range = place.shape == (3,) and np.all(np.isfinite(place)) and abs(place[0]) <= np.pi / 2
+    return bool(in_range)
+
+
 def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:
     """ECEF position of latitude, longitude [rad] and height above the ellipsoid [m].
 

@@ -29,6 +29,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
+from radar_sense.errors import InputError
+from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
@@ -63,10 +65,16 @@ class Radar:
     scan_period: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.max_range > 0:
-            raise ValueError(f"max_range must be greater than 0, got {self.max_range}")
-        if self.scan_period is not None and not 0 < self.scan_period < math.inf:
-            raise ValueError(f"scan_period must be greater than 0, got {self.scan_period}")
+        if not isinstance(self.model, DetectionModel):
+            raise InputError(f"model must be a DetectionModel, got {self.model!r}")
+        if not isinstance(self.name, str):
+            raise InputError(f"name must be text, got {self.name!r}")
+        if self.max_range != math.inf:
+            check_number("max_range", self.max_range, POSITIVE)
+        if not isinstance(self.horizon, Horizon | None):
+            raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
+        if self.scan_period is not None:
+            check_number("scan_period", self.scan_period, POSITIVE)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
@@ -104,15 +112,19 @@ class NetworkModel:
     radars: tuple[Radar, ...]
 
     def __post_init__(self) -> None:
-        if not self.radars:
-            raise ValueError("a network needs at least one radar")
+        if not isinstance(self.radars, tuple | list) or not self.radars:
+            raise InputError(f"radars must be a tuple of one radar or more, got {self.radars!r}")
+        for radar in self.radars:
+            if not isinstance(radar, Radar):
+                raise InputError(f"radars must be of class Radar, got {radar!r}")
+        object.__setattr__(self, "radars", tuple(self.radars))
         if any(radar.model.rcs != self.rcs for radar in self.radars):
-            raise ValueError("the radars of a network must have the RCS of one and the same target")
+            raise InputError("the radars of a network must have the RCS of one and the same target")
         if len(self.radars) > 1 and not all(radar.name for radar in self.radars):
-            raise ValueError("every radar of a network needs a name")
+            raise InputError("every radar of a network needs a name")
         problem = name_problem(self.names)
         if problem:
-            raise ValueError(problem)
+            raise InputError(problem)
 
     @property
     def rcs(self) -> RCS:
@@ -305,7 +317,11 @@ class NetworkModel:
 
 def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
     """Return the network of one radar for a detection model; a network as it is."""
-    return model if isinstance(model, NetworkModel) else NetworkModel((Radar(model),))
+    if isinstance(model, NetworkModel):
+        return model
+    if isinstance(model, DetectionModel):
+        return NetworkModel((Radar(model),))
+    raise InputError(f"model must be a DetectionModel or a NetworkModel, got {model!r}")
 
 
 def _extrapolated(

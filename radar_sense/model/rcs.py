@@ -22,6 +22,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
+from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.states import FloatArray
@@ -247,7 +248,7 @@ class SpikeballRCS:
     def __post_init__(self) -> None:
         check_parameters(self)
         if self.amplitude + self.floor == 0:
-            raise ValueError("amplitude and floor must not both be 0")
+            raise InputError("amplitude and floor must not both be 0")
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """σ_r (...) [m²] towards body-frame vectors (..., 3)."""

@@ -33,7 +33,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.limits import LARGEST, SMALLEST, Limit
+from radar_sense.errors import InputError
+from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import join, split
 from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray
@@ -60,7 +61,7 @@ POLE = np.deg2rad(90.0 - 1e-9)
 
 
 @rcs_model("table")
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TableRCS:
     """A cross section that is tabulated over azimuth, or over azimuth and elevation.
 
@@ -92,7 +93,10 @@ class TableRCS:
     def __post_init__(self) -> None:
         for name in ("azimuth", "rcs", "elevation"):
             if getattr(self, name) is not None:
-                values = np.array(getattr(self, name), dtype=float)
+                try:
+                    values = np.array(getattr(self, name), dtype=float)
+                except (TypeError, ValueError) as error:
+                    raise InputError(f"{name} must be an array of numbers: {error}") from error
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
         self._check()
@@ -106,8 +110,14 @@ class TableRCS:
         object.__setattr__(self, "_upward", upward)
         object.__setattr__(self, "_cells", cells)
 
+    def __repr__(self) -> str:
+        nodes = " x ".join(str(size) for size in self.rcs.shape)
+        low, high = self.rcs.min(), self.rcs.max()
+        envelope = "" if self.envelope is None else f", envelope {np.rad2deg(self.envelope):g} deg"
+        return f"<TableRCS: {nodes} nodes, {low:.3g} to {high:.3g} m^2{envelope}>"
+
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
         with np.errstate(invalid="ignore"):  # a NaN among the angles stays one
             cell, u, v = self._place(np.arctan2(y, x), x, y, z)
@@ -163,26 +173,27 @@ class TableRCS:
             axes["elevation"] = self.elevation
         for name, angles in axes.items():
             if angles.ndim != 1 or not np.all(np.isfinite(angles)):
-                raise ValueError(f"{name} must be finite and of shape (n,)")
+                raise InputError(f"{name} must be finite and of shape (n,)")
             found = out_of_order(name, angles) or gap(name, angles)
             if found:
-                raise ValueError(found[1])
+                raise InputError(found[1])
         if self.azimuth[0] < -np.pi or self.azimuth[-1] > TURN:
-            raise ValueError("azimuth must lie between -pi and 2 pi")
+            raise InputError("azimuth must lie between -pi and 2 pi")
         if self.elevation is not None and abs(self.elevation).max() > np.pi / 2:
-            raise ValueError("elevation must lie between -pi/2 and pi/2")
+            raise InputError("elevation must lie between -pi/2 and pi/2")
         shape = tuple(len(angles) for angles in axes.values())
         if self.rcs.shape != shape:
-            raise ValueError(f"rcs must have shape {shape}, got {self.rcs.shape}")
+            raise InputError(f"rcs must have shape {shape}, got {self.rcs.shape}")
         if self.rcs.size > MAX_NODES:
-            raise ValueError(f"a table may have {MAX_NODES:,} nodes, got {self.rcs.size:,}")
+            raise InputError(f"a table may have {MAX_NODES:,} nodes, got {self.rcs.size:,}")
         if not np.all((self.rcs >= SMALLEST) & (self.rcs <= LARGEST)):
-            raise ValueError(f"rcs must be from {SMALLEST:g} to {LARGEST:g} m^2")
+            raise InputError(f"rcs must be from {SMALLEST:g} to {LARGEST:g} m^2")
         pole = None if self.elevation is None else differs_at_a_pole(self.elevation, self.rcs)
         if pole:
-            raise ValueError(pole[1])
-        if self.envelope is not None and not ENVELOPE.allows(np.rad2deg(self.envelope)):
-            raise ValueError(f"envelope in degrees must be {ENVELOPE}")
+            raise InputError(pole[1])
+        if self.envelope is not None:
+            check_number("envelope", self.envelope, POSITIVE)
+            check_number("envelope in degrees", float(np.rad2deg(self.envelope)), ENVELOPE)
 
     def _place(
         self, azimuth: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray

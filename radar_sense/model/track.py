@@ -170,7 +170,8 @@ def turn_to_origin(
         if steep.any():
             raise InputError(
                 f"{source}: at time_s {float(time[some][steep][0])!r} the aircraft's nose points "
-                "straight up or down as the origin sees it, where roll and yaw have no covariance"
+                "straight up or down in the frame of the origin, where roll and yaw have no "
+                "covariance"
             )
         jacobian = np.zeros_like(part)
         jacobian[:, POSITION, POSITION] = turn

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from radar_sense.errors import InputError, did_you_mean
+from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.propagation import checks
@@ -288,8 +289,7 @@ def _checked(
     log_constant: ArrayLike,
 ) -> tuple[tuple[int, ...], UncertainStates]:
     check_method(method)
-    if not 0 < beta < np.inf:
-        raise ValueError(f"beta must be positive, got {beta}")
+    check_number("beta", beta, POSITIVE)
     return uncertain_states(
         model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
     )

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from radar_sense.states import FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Moments:
     """Mean, standard deviation and bounds of a probability at each pose.
 
@@ -32,6 +32,10 @@ class Moments:
     lower: FloatArray
     upper: FloatArray
     converged: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        names = ", ".join(f.name for f in fields(self))
+        return f"<Moments of P_D at {np.size(self.p_d)} poses: {names}>"
 
     def certain_where_std_is_zero(self) -> Moments:
         """Return the moments with mean and bounds equal to P_D where σ is 0, without rounding."""

@@ -67,9 +67,8 @@ def test_a_mission_of_one_radar(tool):
     Path("route.csv").write_text("\n".join([header, *rows, ""]))
     content = mixed_document(geometry={"type": "path", "file": "route.csv"})
     del content["aircraft"]["attitude_deg"]
-    for entry, period in zip(content["radars"], (None, 5, 20), strict=True):
-        if period:
-            entry["scan_period_s"] = period
+    for entry, period in zip(content["radars"], (10, 5, 20), strict=True):
+        entry["scan_period_s"] = period
     write(yaml_text(content))
     for name, looks in (("a", 5), ("b", 9), ("c", 3)):
         code, _, err = tool("mission", "my.yaml", "--radar", name, "--no-plot", "--out", "out")
@@ -138,4 +137,4 @@ def test_a_radar_that_sees_nothing_is_validated(tool):
     options = ["--radar", "a", "--digits", "1", "--method", "form", "--format", "svg"]
     code, out, err = tool("validate", "my.yaml", *options)
     assert code == 0, err
-    assert "farthest for what is allowed: 0 at 60 deg" in out
+    assert "worst: bound off by 0 at 60 deg" in out

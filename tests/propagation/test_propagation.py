@@ -709,9 +709,9 @@ def test_many_factors_at_once_are_those_one_by_one():
     ("arguments", "says"),
     [
         ({"method": "fosm"}, "method must be one of linear, probit, form, got 'fosm'"),
-        ({"beta": 0.0}, "beta must be positive"),
-        ({"beta": -3.0}, "beta must be positive"),
-        ({"beta": np.nan}, "beta must be positive"),
+        ({"beta": 0.0}, "beta must be a number greater than 0"),
+        ({"beta": -3.0}, "beta must be a number greater than 0"),
+        ({"beta": np.nan}, "beta must be a number greater than 0"),
         ({"cov_aircraft": np.zeros((4, 4))}, "aircraft covariance must have shape"),
         ({"cov_radar": np.zeros(4)}, "radar covariance must have shape"),
         ({"aircraft": np.zeros(5)}, "aircraft states must have shape"),

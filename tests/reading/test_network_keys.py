@@ -105,7 +105,8 @@ def test_constants_are_made_of_what_a_radar_is_made_of():
 @pytest.mark.parametrize("count", [1, 2, 64])
 def test_a_network_reads_back(tool, count):
     limits = {"horizon": True, "max_range_km": 700, "scan_period_s": 4}
-    radars = [radar(f"r{i}", position_m=[10.0 * i, 0, 0], **limits) for i in range(count)]
+    # on a mountain, because from the ground the paper's aircraft is below the horizon
+    radars = [radar(f"r{i}", position_m=[10.0 * i, 0, -5e3], **limits) for i in range(count)]
     first = parsed(*radars)
     text = yaml.safe_dump(first.resolved(), sort_keys=False, default_flow_style=None)
     second = rs.parse_scenario(text)
