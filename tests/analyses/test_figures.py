@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from helpers import legend_off_data, scenario
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from scenarios import legend_off_data, scenario
 
 from radar_sense import analyses, plotting
 from radar_sense.analyses import threshold as planning
