@@ -139,4 +139,4 @@ def test_a_radar_that_sees_nothing_is_validated(tool):
     options = ["--radar", "a", "--digits", "1", "--method", "form", "--format", "svg"]
     code, out, err = tool("validate", "my.yaml", *options)
     assert code == 0, err
-    assert "farthest for what is allowed: 0 at 60 deg" in out
+    assert "worst: bound off by 0 at 60 deg" in out
