@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import html
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, RUNS, SEED
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.trajectory import Route
@@ -85,6 +86,10 @@ class Scenario:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))
         if self.aircraft.ndim == 1:
             object.__setattr__(self, "aircraft", self.aircraft[np.newaxis])
+        if not isinstance(self.cov_radar, Mapping):
+            raise InputError("cov_radar must be a mapping of levels, {'medium': (4, 4)}")
+        if not isinstance(self.axis, Axis):
+            raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
         if not len(self.axis):
@@ -136,20 +141,19 @@ class Scenario:
             _check_covariance(f"cov_radar[{level!r}]", matrix, len(self.radar))
 
     def _check_choices(self) -> None:
-        if not re.fullmatch(NAME.pattern, self.name):
+        if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
             raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
         self._require_level(self.level)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
-            if not limit.allows(value):
-                raise InputError(f"{name} must be {limit}, got {value}")
-        if not self.correlation_s >= 0:
-            raise InputError(f"correlation_s must not be less than 0, got {self.correlation_s}")
+            check_number(name, value, limit)
+        if self.correlation_s != math.inf:
+            check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
 
     def _require_level(self, level: str) -> None:
         if level not in self.cov_radar:
             raise InputError(
                 f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
-                + did_you_mean(level, self.cov_radar)
+                + did_you_mean(str(level), self.cov_radar)
             )
 
     def __repr__(self) -> str:
@@ -390,9 +394,6 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
             f"the name {stem} has more than {MAX_NAME} letters; give the scenario a shorter one"
         )
     return single_radar_scenarios(scenario).get(name, scenario)._with(name=stem)
-
-
-#: The names that other modules still import; to be removed with their next change.
 
 
 def _components(radar: int) -> slice:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import legend_off_data, scenario, write_path
+from helpers import legend_off_data, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import limits, plotting

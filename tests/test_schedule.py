@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, legend_off_data
+from helpers import document, legend_off_data
 
 import radar_sense as rs
 from radar_sense import plotting
