@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenarios import scenario, write_path
+from helpers import scenario, write_path
 from scipy.special import erfc
 
 import radar_sense as rs
