@@ -23,6 +23,7 @@ from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
@@ -218,6 +219,25 @@ class Scenario:
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
             time_s=None if self.time_s is None else self.time_s[poses],
+        )
+
+    def route(self) -> Route:
+        """Return the poses of a path as a route, to interpolate between them.
+
+        Raises:
+            InputError: If the poses have no times.
+        """
+        if self.time_s is None:
+            raise InputError(
+                "an orbit has no times: give a path, geometry: {type: path, file: my_route.csv}"
+            )
+        covariance = self.cov_aircraft
+        return Route(
+            time_s=self.time_s,
+            aircraft=self.aircraft,
+            covariance=covariance if covariance.ndim == 3 else None,
+            attitude_given=True,  # interpolated, not derived from the track again
+            origin=self.origin,
         )
 
     def along_path(

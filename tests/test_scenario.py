@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenarios import scenario
 
 import radar_sense as rs
 from radar_sense import keys

@@ -38,14 +38,14 @@ LARGEST_LOG_FACTOR = float(np.log(1e6))
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """The standard deviation of P_D and what it is made of, at each of n poses.
+    """The standard deviation of P_D and the contributions of the sources, at each of n poses.
 
     Attributes:
         mean: Mean of P_D (n,).
         std: Standard deviation of P_D from all sources together (n,).
         alone: Standard deviation from each source with the others certain (n,); by Sobol' indices,
             from each source with the others averaged out.
-        moments: What the method says of the total; None by Sobol' indices.
+        moments: Moments of P_D with all sources; None by Sobol' indices.
         finer: As `alone`, from the aircraft as a whole and from parts of the radars of a network,
             which are in `alone` already in another grouping (n,); none by Sobol' indices.
         total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
@@ -71,9 +71,8 @@ class Budget:
     def shares(self) -> dict[str, FloatArray]:
         """Shares of the variance by source, and `interaction`, which makes them add up to 1 (n,).
 
-        Interaction is what only several sources together bring about: by their correlation, or
-        because P_D is not linear. It is negative where they make up for each other. All shares are
-        NaN where nothing is uncertain.
+        The interaction is the share that no single source has: from correlations, or because P_D is
+        not linear. It can be negative. All shares are NaN where nothing is uncertain.
         """
         variance = np.where(self.std > 0, self.std**2, np.nan)
         shares = {source: std**2 / variance for source, std in self.alone.items()}
@@ -232,8 +231,18 @@ def required_accuracies(
             low, high = (middle, high) if excess(middle, names) <= 0 else (low, middle)
         from scipy.optimize import brentq  # slow to import
 
-        root = brentq(excess, low, high, args=(names,), xtol=1e-10, rtol=1e-15)
-        return float(np.exp(root - 1e-9)), True  # on the side that is within the limit
+        unanswered: list[float] = []
+
+        def defined_excess(log_factor: float) -> float:
+            value = excess(log_factor, names)
+            if np.isnan(value):  # not within the limit, as above
+                unanswered.append(log_factor)
+                return 1.0
+            return value
+
+        root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
+        known = not unanswered or min(unanswered) > root + 1e-9
+        return float(np.exp(root - 1e-9)), known  # on the side that is within the limit
 
     def required(names: Collection[str]) -> RequiredAccuracy:
         factor, known = largest_factor(names)
@@ -345,14 +354,12 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
     scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
     changed = [of_parts[name] for name in of_parts if name in names]
     for radar, constant in dict.fromkeys((of.radar, of.constant) for of in changed):
-        every, parts = (
-            scenario.tolerances_at_level[radar],
-            [of.part for of in changed if of.radar == radar],
-        )
-        whole = relative_std(every)
-        others = relative_std([part for part in every if part not in parts])
-        remains = np.hypot(others, factor * relative_std(parts))
-        scaled.append((_source(scenario, constant), remains / whole if whole else 1.0))
+        tolerances = scenario.tolerances_at_level[radar]
+        parts = [of.part for of in changed if of.radar == radar]
+        whole = relative_std(tolerances)
+        others = relative_std([part for part in tolerances if part not in parts])
+        residual = np.hypot(others, factor * relative_std(parts))
+        scaled.append((_source(scenario, constant), residual / whole if whole else 1.0))
     for (whose, components), by in scaled:
         covariances[whose] = covariance.scale_std(covariances[whose], components, by)
     return covariances
@@ -360,10 +367,10 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)  # refuses what is not a covariance
-    parts, every = parts_of(scenario), sources(scenario.model.names)
+    parts, blocks_by_name = parts_of(scenario), sources(scenario.model.names)
     cov_radar = scenario.cov_radar[scenario.level]
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
-        blocks = [components for owner, components in every.values() if owner == whose]
+        blocks = [components for owner, components in blocks_by_name.values() if owner == whose]
         apart = sum(covariance.keep_components(matrix, components) for components in blocks)
         if not np.array_equal(matrix, apart):
             raise InputError(
@@ -374,7 +381,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "aircraft": np.zeros_like(scenario.cov_aircraft),
         "radar": np.zeros_like(cov_radar),
     }
-    for whose, components in every.values():
+    for whose, components in blocks_by_name.values():
         # the square root of each source by itself, so that no input belongs to two of them
         block = (..., components, components)
         if whose == "radar":
@@ -394,9 +401,11 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "aircraft": list(range(len(AIRCRAFT))),
         "radar": list(range(len(AIRCRAFT), len(AIRCRAFT) + sampler.radar_normals)),
     }
-    groups = {name: inputs[whose][components] for name, (whose, components) in every.items()}
-    own = columns(len(cov_radar), scenario.tolerances_at_level)
-    for of, column in zip(parts.values(), itertools.chain(*own), strict=True):
+    groups = {
+        name: inputs[whose][components] for name, (whose, components) in blocks_by_name.items()
+    }
+    part_columns = columns(len(cov_radar), scenario.tolerances_at_level)
+    for of, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
         # a constant is all of its parts, and then each of them is a group by itself
         groups[of.name] = [inputs["radar"][column]]
         groups[of.source] = list(dict.fromkeys(groups[of.source] + groups[of.name]))
@@ -426,11 +435,11 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     return Budget(
         mean=indices.mean,
         std=std,
-        alone={s: alone[s] for s in every},
-        total_index={s: indices.total[i] for i, s in enumerate(every)},
+        alone={s: alone[s] for s in blocks_by_name},
+        total_index={s: indices.total[i] for i, s in enumerate(blocks_by_name)},
         share_error={
-            **{s: error[s] for s in every},
-            "interaction": np.sqrt(np.sum(indices.first_error[: len(every)] ** 2, axis=0)),
+            **{s: error[s] for s in blocks_by_name},
+            "interaction": np.sqrt(np.sum(indices.first_error[: len(blocks_by_name)] ** 2, axis=0)),
             **{name: error[name] for name in parts},
         },
         parts={name: alone[name] for name in parts},

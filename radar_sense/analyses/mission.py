@@ -51,7 +51,6 @@ from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
@@ -80,15 +79,7 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
             "a mission needs times, which an orbit does not have: "
             "give a path, geometry: {type: path, file: my_route.csv}"
         )
-    covariance = scenario.cov_aircraft
-    poses = Route(
-        time_s=scenario.time_s,
-        aircraft=scenario.aircraft,
-        covariance=covariance if covariance.ndim == 3 else None,
-        attitude_given=True,  # as it is by now
-        origin=scenario.origin,  # legs then follow the curve of the earth
-    )
-    when, poses = schedule_looks(scenario.model, poses)
+    when, poses = schedule_looks(scenario.model, scenario.route())
     along = axis.time(when.time)
     # Between poses a line may come nearer to a radar than any pose does.
     for radar in scenario.radar.reshape(-1, len(RADAR)):
@@ -102,7 +93,7 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
     looks = scenario.along_path(
         axis=along,
         aircraft=poses.aircraft,
-        cov_aircraft=covariance if poses.covariance is None else poses.covariance,
+        cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
         time_s=when.time,
     )
     return looks, when

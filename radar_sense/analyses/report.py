@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,9 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+
+#: Names in one warning; more are counted.
+NAMED = 4
 
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
@@ -188,11 +191,17 @@ def validity_warnings(
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return "a, b and c: text" once for all labels with the same text."""
+    """Return "a, b and c: text" once for all labels with the same text; many are counted."""
     labels: dict[str, list[str]] = {}
     for label, text in labelled:
         labels.setdefault(text, []).append(label)
-    return tuple(f"{listed(names)}: {text}" for text, names in labels.items())
+    return tuple(f"{_few(names)}: {text}" for text, names in labels.items())
+
+
+def _few(names: Sequence[str]) -> str:
+    if len(names) > NAMED:
+        names = [*names[: NAMED - 1], f"{len(names) - NAMED + 1} more"]
+    return listed(names)
 
 
 def points_named(mc: MonteCarlo) -> str:

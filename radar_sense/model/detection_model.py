@@ -149,6 +149,12 @@ class DetectionModel:
                 negative.
         """
         _check_states(aircraft, radar)
+        return self.unchecked_probit(aircraft, radar)
+
+    def unchecked_probit(
+        self, aircraft: ArrayLike, radar: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return what `linearize_probit` does, NaN where a state is not finite."""
         return self._partials(self.detector.linearize_probit, aircraft, radar)
 
     def _partials(

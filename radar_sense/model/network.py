@@ -334,11 +334,12 @@ def _extrapolated(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return z of states (k, 6) and (k, 4) and its partials, linear below c_r = 0."""
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
+    # Unchecked: a search that has lost its way has states that are not finite.
     if not below_zero.any():
-        return model.linearize_probit(aircraft, radar)
+        return model.unchecked_probit(aircraft, radar)
     radar = radar.copy(order="K")
     radar[:, CONSTANT] -= below_zero
-    value, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
+    value, by_aircraft, by_radar = model.unchecked_probit(aircraft, radar)
     return value + by_radar[:, CONSTANT] * below_zero, by_aircraft, by_radar
 
 

@@ -62,7 +62,8 @@ def second_order_matters(
         hg = np.einsum("kij,kj->ki", h, g)
         third = 3.0 * np.sum(g * hg, axis=1) + np.sum((h @ h) * h, axis=(1, 2))
         mean = value + 0.5 * np.trace(h, axis1=1, axis2=2)
-        skewness = third / np.where(variance > 0, variance, 1.0) ** 1.5
+        cube = variance**1.5  # 0 for variances below 1e-216
+        skewness = third / np.where(cube > 0, cube, 1.0)
         better = _skewed(mean, np.sqrt(variance), skewness, beta)
         bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
         warned = _differ(given, better) | bends | limit_matters(part, given[0], beta)

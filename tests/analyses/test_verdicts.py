@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenarios import scenario, write_path
+from helpers import scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -18,6 +18,7 @@ from radar_sense.propagation import exceedance_probability, propagate_scenario
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far from it, where P_D is small.
 PAST = "time_s,north_m,east_m,down_m\n0,-400000,120000,-9000\n3600,400000,120000,-9000\n"
+CONSTANT = {"model": "constant", "rcs_m2": 0.1}
 
 
 def past(tmp_path, text=PAST, **changes):
@@ -140,9 +141,10 @@ def test_the_probability_anywhere(tmp_path, tau):
     assert found.probability > probability.max()
 
 
-def test_waypoints_are_looked_at_in_between(tmp_path):
-    """P_D is below 0.01 at both rows and 0.4 between them."""
-    s = past(tmp_path)
+@pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
+def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
+    """P_D is below 0.1 at both rows, at one range, and near 1 between them."""
+    s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
     assert propagate_scenario(s).upper.max() < 0.1
     result = analyses.variance(s, threshold=0.1)
     test = result.summary["threshold"]

@@ -10,7 +10,7 @@ import mpmath
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, write_path
+from helpers import document, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance

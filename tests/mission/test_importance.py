@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from scenarios import document
+from helpers import document
 from scipy.special import ndtr
 
 import radar_sense as rs

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import legend_off_data, scenario, write_path
+from helpers import legend_off_data, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import limits, plotting
@@ -31,7 +31,7 @@ def mission(scenario, *, m_of_n=None, **options):
     return rs.analyses.mission(scenario, m=m, n=n, **options)
 
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 #: Past the radar, with a yaw that goes through 180 degrees.
