@@ -403,7 +403,7 @@ def check(config: Path | None, quiet: bool) -> None:
         else:
             click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
         of_whom = [f"{name}, " for name in names] if len(names) > 1 else [""]
-        for level, of_radars in scenario.constant_parts.items():
+        for level, of_radars in scenario.tolerances.items():
             constants = zip(of_whom, scenario.radar[CONSTANTS], of_radars, strict=True)
             for who, constant, parts in constants:
                 if parts:

@@ -22,6 +22,7 @@ from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, RUNS, SEED
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
@@ -51,7 +52,7 @@ class Scenario:
         level: The level for analyses of one level. The default is the first.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
-        constant_parts: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
+        tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
@@ -71,7 +72,7 @@ class Scenario:
     level: str = ""
     runs: int = RUNS_KEY.default
     seed: int = SEED_KEY.default
-    constant_parts: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
+    tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
@@ -191,14 +192,14 @@ class Scenario:
         return f"{count} radar{'s' if count > 1 else ''}{names}"
 
     @property
-    def parts(self) -> tuple[tuple[Tolerance, ...], ...]:
-        """Tolerances of the c_r of each radar (m,) at the level; none if c_r is Gaussian."""
-        return self.constant_parts.get(self.level, ((),) * self._radar_count)
+    def tolerances_at_level(self) -> tuple[tuple[Tolerance, ...], ...]:
+        """Tolerances of the c_r of each radar (m,) at the level; () for a Gaussian c_r."""
+        return self.tolerances.get(self.level, ((),) * self._radar_count)
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:
-        """Which radars (m,) have a log-normal c_r, as tolerances in decibels make it."""
-        return np.array([bool(parts) for parts in self.parts])
+        """Whether each radar (m,) has a c_r with tolerances, which is taken for log-normal."""
+        return np.array([bool(tolerances) for tolerances in self.tolerances_at_level])
 
     @property
     def theta_r_deg(self) -> FloatArray:
@@ -214,6 +215,25 @@ class Scenario:
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
             time_s=None if self.time_s is None else self.time_s[poses],
+        )
+
+    def route(self) -> Route:
+        """Return the poses of a path as a route, to interpolate between them.
+
+        Raises:
+            InputError: If the poses have no times.
+        """
+        if self.time_s is None:
+            raise InputError(
+                "an orbit has no times: give a path, geometry: {type: path, file: my_route.csv}"
+            )
+        covariance = self.cov_aircraft
+        return Route(
+            time_s=self.time_s,
+            aircraft=self.aircraft,
+            covariance=covariance if covariance.ndim == 3 else None,
+            attitude_given=True,  # interpolated, not derived from the track again
+            origin=self.origin,
         )
 
     def along_path(
@@ -290,7 +310,7 @@ class Scenario:
         return {
             level: record.level_block(
                 matrix[some, some],
-                self.constant_parts.get(level, none)[i],
+                self.tolerances.get(level, none)[i],
                 source,
                 self.radar[some],
                 level,
@@ -341,8 +361,8 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
                     for level, matrix in scenario.cov_radar.items()
                 }
             ),
-            constant_parts=MappingProxyType(
-                {level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()}
+            tolerances=MappingProxyType(
+                {level: (of_radars[i],) for level, of_radars in scenario.tolerances.items()}
             ),
         )
         for i, radar in enumerate(model.radars)

@@ -5,6 +5,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 
+def single(scenario):
+    """Return the detection model of the only radar of a scenario."""
+    (radar,) = scenario.model.radars
+    return radar.model
+
+
 def write(text: str | bytes, name: str = "my.yaml") -> str:
     """Write a file and return its name."""
     Path(name).write_bytes(text if isinstance(text, bytes) else text.encode())

@@ -10,10 +10,11 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.geodesy import ECCENTRICITY_2, SEMI_MAJOR
 from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
 from radar_sense.model.network import NetworkModel, Radar, _fuse
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
@@ -448,22 +449,12 @@ def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
         assert_allclose(horizon_range(np.array(0.0), np.array(height)), exact, rtol=1e-3)
 
 
-def test_height_above_a_tangent_plane():
-    horizon = Horizon(tangent_plane=True)
-    assert_allclose(horizon.height(np.array([0.0, 0, -123])), 123, atol=1e-8)
-    # a point on the surface at an angle from the origin
-    for angle in (0.01, 0.05):
-        drop = EARTH_RADIUS * (1 - np.cos(angle))
-        there = EARTH_RADIUS * np.sin(angle) * np.array([0.6, 0.8])
-        assert_allclose(horizon.height(np.array([*there, drop])), 0, atol=1e-8)
-        assert_allclose(Horizon().height(np.array([*there, drop])), -drop)
-        # d²/2R
-        assert_allclose(drop, np.sum(there**2) / 2 / EARTH_RADIUS, rtol=1e-3)
-
-
-@pytest.mark.parametrize("tangent_plane", [False, True])
-def test_a_target_below_the_horizon_is_not_seen(tangent_plane):
-    station = Radar(RADAR_MODEL, horizon=Horizon(tangent_plane))
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_target_below_the_horizon_is_not_seen(curved):
+    # where the ellipsoid's radius of curvature to the north is the mean radius of the earth
+    sine = np.sqrt((1 - (SEMI_MAJOR * (1 - ECCENTRICITY_2) / EARTH_RADIUS) ** (2 / 3)))
+    place = (float(np.arcsin(sine / np.sqrt(ECCENTRICITY_2))), 0.0, 0.0)
+    station = Radar(RADAR_MODEL, horizon=Horizon(place if curved else None))
     radar = np.array([0, 0, -10.0, 167])
     height = np.array([50.0, 1e3, 3e3])
     farthest = horizon_range(np.array(10.0), height)
@@ -471,13 +462,13 @@ def test_a_target_below_the_horizon_is_not_seen(tangent_plane):
         aircraft = np.zeros((3, 6))
         aircraft[:, 0] = side * farthest
         aircraft[:, 2] = -height
-        if tangent_plane:  # the same heights above a surface that falls away
+        if curved:  # the same heights above a surface that falls away
             aircraft[:, 2] += farthest**2 / 2 / EARTH_RADIUS * side**2
         assert_array_equal(station.visible(aircraft, radar), seen)
         assert np.all((NetworkModel((station,)).p_d(aircraft, radar) > 0) == seen)
     # the paper's orbit, 500 km out and 3 km high, is far below it
     seen = station.visible(PAPER.aircraft, np.array([0, 0, 0, 167.0]))
-    assert np.all(seen == tangent_plane)  # where 3 km above the plane are 22 above the surface
+    assert np.all(seen == curved)  # where 3 km above the plane are 22 above the surface
 
 
 def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
@@ -593,7 +584,9 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
         parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
         assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
         assert_allclose(found.finer[f"r{i}_constant"], 5 * lin.jac_radar[:, 4 * i + 3])
-    allowed = allowances(network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05)
+    allowed = required_accuracies(
+        network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
+    )
     assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
 
 

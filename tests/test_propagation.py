@@ -633,19 +633,21 @@ def test_one_that_has_not_settled_leaves_its_neighbours_alone():
         assert_same(Moments(*(v[i] for v in vars(found).values())), by_form(pose))
 
 
+@pytest.mark.parametrize("rcs", [MODEL.rcs, SpikeballRCS(4, 0.18, 0.1)])
 @pytest.mark.parametrize("method", METHODS)
-def test_straight_above_the_radar_nothing_is_known(method):
+def test_straight_above_the_radar_nothing_is_known(method, rcs):
+    model = DetectionModel(rcs, MODEL.p_fa)
     above = np.array([0.0, 0.0, -3e3, 0.0, 0.0, 1.0])
     poses = np.stack([paper_aircraft(30.0), above, paper_aircraft(60.0)])
     radar = np.array([0.0, 0.0, 0.0, 1e-8])
     cov_radar = independent(100, 100, 100, 1e-9)
-    found = propagate(MODEL, poses, radar, COV_AIRCRAFT, cov_radar, method=method)
+    found = propagate(model, poses, radar, COV_AIRCRAFT, cov_radar, method=method)
     assert_array_equal(np.isnan(found.std), [False, True, False])
     assert_array_equal(np.isnan(found.upper), [False, True, False])
-    assert nonlinear(MODEL, poses, radar, COV_AIRCRAFT, cov_radar, method=method)[1]
+    assert nonlinear(model, poses, radar, COV_AIRCRAFT, cov_radar, method=method)[1]
     assert found.converged[1] == (method != "form")
     assert np.isfinite(found.p_d).all()
-    alone = propagate(MODEL, poses[::2], radar, COV_AIRCRAFT, cov_radar, method=method)
+    alone = propagate(model, poses[::2], radar, COV_AIRCRAFT, cov_radar, method=method)
     assert_same(Moments(*(v[::2] for v in vars(found).values())), alone)
 
 

@@ -13,17 +13,17 @@ from scenarios import document
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.radar_constant import (
     LOWEST_DIVISOR,
     MAX_DIVISOR_STD,
-    Part,
-    doubt,
+    Tolerance,
     factors,
     relative_std,
     shape,
+    shape_warning,
 )
 from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar, TrackingRadar
 from radar_sense.model.rcs import ConstantRCS
@@ -235,7 +235,7 @@ def test_c_band_example_of_the_textbook():
 
 def parts_of(kind, values, std):
     """Parts by key, by way of a scenario."""
-    found = scenario(kind, values, std).constant_parts["sheet"][0]
+    found = scenario(kind, values, std).tolerances["sheet"][0]
     assert {part.key: part.std for part in found} == std
     return found
 
@@ -269,10 +269,10 @@ def test_derivatives_are_those_of_the_formula(kind):
 def test_covariance_is_that_of_first_order(kind):
     s = scenario(kind)
     assert s.cov_radar["sheet"][3, 3] == pytest.approx(
-        (s.radar[3] * relative_std(s.parts[0])) ** 2, rel=1e-14
+        (s.radar[3] * relative_std(s.tolerances_at_level[0])) ** 2, rel=1e-14
     )
     assert s.cov_radar["number"][3, 3] == pytest.approx(0.01, rel=1e-14)
-    assert s.with_analysis(level="number").parts == ((),)
+    assert s.with_analysis(level="number").tolerances_at_level == ((),)
     off = s.cov_radar["sheet"] - np.diag(np.diag(s.cov_radar["sheet"]))
     assert not off.any()
 
@@ -297,17 +297,17 @@ def test_factors_are_those_of_the_formula(kind):
 
 
 EVERY_PART = [
-    Part("loss_db", 8, 1.2, -1, decibels=True),
-    Part("gain_dbi", 40, 0.5, 2, decibels=True),
-    Part("gain_dbi", -3, 0.0, 2, decibels=True),
-    Part("average_power_kw", 10, 0.5, 1, decibels=False),
-    Part("average_power_kw", 10, 6, 1, decibels=False),  # 5 % of the draws are below zero
-    Part("wavelength_m", 0.03, 0.003, 2, decibels=False),
-    Part("wavelength_m", 0.03, 0.02, 2, decibels=False),
-    Part("frequency_ghz", 9.0, 0.2, -2, decibels=False),
-    Part("frequency_ghz", 9.0, 1.5, -2, decibels=False),
-    Part("temperature_k", 290, 0, -1, decibels=False),
-    Part("temperature_k", 290, 290 / 6, -1, decibels=False),
+    Tolerance("loss_db", 8, 1.2, -1, decibels=True),
+    Tolerance("gain_dbi", 40, 0.5, 2, decibels=True),
+    Tolerance("gain_dbi", -3, 0.0, 2, decibels=True),
+    Tolerance("average_power_kw", 10, 0.5, 1, decibels=False),
+    Tolerance("average_power_kw", 10, 6, 1, decibels=False),  # 5 % of the draws are below zero
+    Tolerance("wavelength_m", 0.03, 0.003, 2, decibels=False),
+    Tolerance("wavelength_m", 0.03, 0.02, 2, decibels=False),
+    Tolerance("frequency_ghz", 9.0, 0.2, -2, decibels=False),
+    Tolerance("frequency_ghz", 9.0, 1.5, -2, decibels=False),
+    Tolerance("temperature_k", 290, 0, -1, decibels=False),
+    Tolerance("temperature_k", 290, 290 / 6, -1, decibels=False),
 ]
 
 
@@ -338,7 +338,7 @@ def test_draws_have_the_moments(kind):
     white = np.random.default_rng(3).standard_normal((runs, sampler.radar_normals))
     assert sampler.radar_normals == 3 + len(TOLERANCES[kind])
     radar, zero = sampler.draw_radar(white)
-    drawn, exact = radar[:, 3] / s.radar[3], shape(s.parts[0])
+    drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances_at_level[0])
     assert not zero.any()
     # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
     assert drawn.mean() == pytest.approx(exact.mean, abs=4.5 * exact.std / math.sqrt(runs))
@@ -347,7 +347,7 @@ def test_draws_have_the_moments(kind):
     assert drawn.std() == pytest.approx(exact.std, rel=4.5 * error)
     assert np.mean(centred**3) == pytest.approx(exact.skewness, abs=0.05)
     # and they are far from the first order, which would not pass
-    assert exact.std / relative_std(s.parts[0]) - 1 > 3 * 4.5 * error
+    assert exact.std / relative_std(s.tolerances_at_level[0]) - 1 > 3 * 4.5 * error
     np.testing.assert_allclose(radar[:, :3].std(axis=0), 100, rtol=0.01)
     assert np.max(abs(np.corrcoef(radar.T) - np.eye(4))) < 0.01
 
@@ -362,7 +362,7 @@ def test_a_power_below_zero_is_no_power():
 
 
 def test_a_divisor_never_comes_near_zero():
-    part = Part("temperature_k", 300, 300 * MAX_DIVISOR_STD, -1, decibels=False)
+    part = Tolerance("temperature_k", 300, 300 * MAX_DIVISOR_STD, -1, decibels=False)
     lowest = 1 + LOWEST_DIVISOR * MAX_DIVISOR_STD
     assert part.factor(np.array([-100.0, -5.0])).tolist() == pytest.approx([1 / lowest] * 2)
 
@@ -443,8 +443,8 @@ def test_validation_draws_the_true_distribution():
 
 
 def test_doubt_says_what_the_distribution_is():
-    decibel = [Part("loss_db", 8, 1.0, -1, decibels=True)]
-    said = doubt(decibel, "linear", log_normal=False)
+    decibel = [Tolerance("loss_db", 8, 1.0, -1, decibels=True)]
+    said = shape_warning(decibel, "linear", log_normal=False)
     s = math.log(10) / 10
     growth = math.exp(s * s)
     mean, std = math.sqrt(growth), math.sqrt(growth * (growth - 1))
@@ -452,21 +452,27 @@ def test_doubt_says_what_the_distribution_is():
     assert f"its mean is {mean:.1%} (Gaussian: 100.0%)" in said
     assert f"standard deviation {std:.1%} ({s:.1%})" in said
     assert f"skewness {skewness:.2f} (0.00)" in said
-    # a tolerance in decibels is what probit and form take it to be
-    assert doubt(decibel, "probit", log_normal=True) is None
-    assert doubt(decibel, "form", log_normal=True) is None
-    assert doubt([Part("loss_db", 8, 0.2, -1, decibels=True)], "linear", log_normal=False) is None
-    power = [Part("average_power_kw", 10, 3, 1, decibels=False)]
-    assert doubt(power, "linear", log_normal=False) is None
-    assert "log-normal, as form takes it" in doubt(power, "form", log_normal=True)
-    assert doubt([Part("loss_db", 8, 0, -1, decibels=True)], "linear", log_normal=False) is None
+    # a tolerance in decibels is what probit and form assume
+    assert shape_warning(decibel, "probit", log_normal=True) is None
+    assert shape_warning(decibel, "form", log_normal=True) is None
+    assert (
+        shape_warning([Tolerance("loss_db", 8, 0.2, -1, decibels=True)], "linear", log_normal=False)
+        is None
+    )
+    power = [Tolerance("average_power_kw", 10, 3, 1, decibels=False)]
+    assert shape_warning(power, "linear", log_normal=False) is None
+    assert "c_r is not log-normal, the assumption of form" in shape_warning(power, "form", log_normal=True)
+    assert (
+        shape_warning([Tolerance("loss_db", 8, 0, -1, decibels=True)], "linear", log_normal=False)
+        is None
+    )
 
 
 @pytest.mark.parametrize(
     "analyse", [analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity]
 )
 def test_every_analysis_says_so(analyse):
-    said = "c_r is not Gaussian, as linear takes it to be"
+    said = "c_r is not Gaussian, the assumption of linear"
     warnings = [w for w in analyse(scenario()).warnings if said in w]
     assert len(warnings) == 1
     assert warnings[0].startswith("sheet: ") == (analyse is analyses.sensitivity)
@@ -482,12 +488,12 @@ def test_every_analysis_says_so(analyse):
 def test_parts_add_up_in_quadrature(kind):
     s = scenario(kind)
     found = error_budget(s)
-    assert list(found.parts) == [part_name(part.key) for part in s.parts[0]]
-    assert {part.key for part in s.parts[0]} == set(TOLERANCES[kind])
+    assert list(found.parts) == [part_name(part.key) for part in s.tolerances_at_level[0]]
+    assert {part.key for part in s.tolerances_at_level[0]} == set(TOLERANCES[kind])
     together = np.sqrt(np.sum([std**2 for std in found.parts.values()], axis=0))
     np.testing.assert_allclose(together, found.alone["radar_constant"], rtol=1e-12)
     by_c = s.model.linearize(s.aircraft, s.radar).jac_radar[:, 3]
-    for part in s.parts[0]:
+    for part in s.tolerances_at_level[0]:
         expected = abs(by_c * s.radar[3] * part.slope)
         np.testing.assert_allclose(found.parts[part_name(part.key)], expected, rtol=1e-10)
     assert list(found.shares()) == [*SOURCES, "interaction"]
@@ -542,7 +548,10 @@ def test_budget_shows_the_parts(tool):
         "theta_r_deg",
         *(f"three_sigma_{source}" for source in SOURCES),
         "three_sigma_total",
-        *(f"three_sigma_radar_constant_{part.key}" for part in result.scenario.parts[0]),
+        *(
+            f"three_sigma_radar_constant_{part.key}"
+            for part in result.scenario.tolerances_at_level[0]
+        ),
     ]
     summary = json.loads((Path("out") / "paper_budget.json").read_text())["summary"]
     at_largest = summary["radar_constant_parts_at_largest"]
@@ -579,13 +588,13 @@ def test_how_much_a_part_must_be_reduced(method):
     # as small as it gets with half of the loss's deviation, so that 0.5 is the answer
     half = scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
     target = 3 * propagate_scenario(half, method=method).std.max()
-    allowed = allowances(s, target, method=method)
-    parts = [part_name(part.key) for part in s.parts[0]]
+    allowed = required_accuracies(s, target, method=method)
+    parts = [part_name(part.key) for part in s.tolerances_at_level[0]]
     assert list(allowed) == [*SOURCES, *parts, "all"]
     assert allowed["radar_constant_loss_db"].factor == pytest.approx(0.5, rel=1e-6)
     assert allowed["radar_constant_average_power_kw"].factor is None
-    assert allowed["radar_constant_average_power_kw"].remains_from == "radar_constant_loss_db"
-    assert allowed["aircraft_position"].remains_from == "radar_constant"
+    assert allowed["radar_constant_average_power_kw"].residual_from == "radar_constant_loss_db"
+    assert allowed["aircraft_position"].residual_from == "radar_constant"
     report = "\n".join(analyses.budget(s, method=method, target=target).report)
     assert re.search(r"^    loss_db +0\.5$", report, re.MULTILINE)
 
@@ -595,7 +604,7 @@ def test_certain_parts_bring_nothing():
     found = error_budget(s)
     assert not found.alone["radar_constant"].any()
     assert not np.any(list(found.parts.values()))
-    assert doubt(s.parts[0], "linear", log_normal=False) is None
+    assert shape_warning(s.tolerances_at_level[0], "linear", log_normal=False) is None
     assert analyses.budget(s, method="montecarlo").report
 
 
@@ -619,18 +628,19 @@ def test_resolved_scenario_reads_back(tool, kind, level):
     np.testing.assert_array_equal(again.radar, first.radar)
     for name, cov in first.cov_radar.items():
         np.testing.assert_array_equal(again.cov_radar[name], cov)
-    assert again.constant_parts == first.constant_parts
-    assert again.parts == (first.constant_parts["sheet"] if level == "sheet" else ((),))
+    assert again.tolerances == first.tolerances
+    assert again.tolerances_at_level == (first.tolerances["sheet"] if level == "sheet" else ((),))
 
 
 def test_check_shows_the_distribution(tool):
     Path("my.yaml").write_text(text(described()))
     _, out, _ = tool("check", "my.yaml")
     s = load_scenario("my.yaml")
-    exact, c = shape(s.parts[0]), s.radar[3]
+    exact, c = shape(s.tolerances_at_level[0]), s.radar[3]
     assert out.splitlines()[1] == (
         f"# sheet: c_r has mean {c * exact.mean:.4g}, standard deviation {c * exact.std:.4g} "
-        f"(first order {c * relative_std(s.parts[0]):.4g}), skewness {exact.skewness:.2f}"
+        f"(first order {c * relative_std(s.tolerances_at_level[0]):.4g}), "
+        f"skewness {exact.skewness:.2f}"
     )
     assert "# number" not in out
 
@@ -772,7 +782,7 @@ def test_configurations(name):
     assert 0.2 < p_d.min() < 0.6
     assert 0.9 < p_d.max() < 1
     for level in s.cov_radar:
-        assert s.with_analysis(level=level).parts[0]
+        assert s.with_analysis(level=level).tolerances_at_level[0]
 
 
 def test_s_band_configuration_is_as_published():

@@ -120,9 +120,9 @@ class Inner(Executor):
 class FakeClient:
     """A client of a cluster, as far as it is used."""
 
-    def __init__(self, threads=1, spec=None):
+    def __init__(self, threads=1, spec="found"):
         self.status, self.workers, self.inner = "running", {"w": threads}, Inner()
-        self.threads, self.spec, self.closed = threads, spec or object(), False
+        self.threads, self.spec, self.closed = threads, spec, False
 
     def nthreads(self):
         return {"w": self.threads} if self.threads else {}
