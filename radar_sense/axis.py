@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,7 @@ class Axis:
     key: str
     name: str
     unit: str
-    values: FloatArray
+    values: FloatArray = field(repr=False)
     digits: str
     tolerance: float
 

@@ -403,7 +403,7 @@ def check(config: Path | None, quiet: bool) -> None:
         else:
             click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
         of_whom = [f"{name}, " for name in names] if len(names) > 1 else [""]
-        for level, of_radars in scenario.constant_parts.items():
+        for level, of_radars in scenario.tolerances.items():
             constants = zip(of_whom, scenario.radar[CONSTANTS], of_radars, strict=True)
             for who, constant, parts in constants:
                 if parts:
@@ -430,6 +430,7 @@ def init(file: Path, quiet: bool) -> None:
       radar-sense init
       radar-sense init my.yaml
     """
+    from radar_sense.errors import printable
     from radar_sense.files import write
     from radar_sense.reading.parse import default_text
 
@@ -444,7 +445,7 @@ def init(file: Path, quiet: bool) -> None:
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
-        click.echo(f"{file} written; next: radar-sense check {file}")
+        click.echo(printable(f"{file} written; next: radar-sense check {file}"))
 
 
 def _scenario(config: Path | None) -> Scenario:

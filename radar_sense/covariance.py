@@ -106,14 +106,14 @@ def _first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
     return first_problem(matrices)
 
 
-def scaled(covariance: FloatArray, components: slice, factor: float) -> FloatArray:
+def scale_std(covariance: FloatArray, components: slice, factor: float) -> FloatArray:
     """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
     scale = np.ones(covariance.shape[-1])
     scale[components] = factor
     return covariance * np.outer(scale, scale)
 
 
-def side_by_side(covariances: Sequence[FloatArray]) -> FloatArray:
+def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
     """Return the covariance (mn, mn) of m independent states from their covariances (n, n)."""
     size = len(covariances[0])
     total = np.zeros((len(covariances) * size, len(covariances) * size))
@@ -122,7 +122,7 @@ def side_by_side(covariances: Sequence[FloatArray]) -> FloatArray:
     return total
 
 
-def only(covariance: FloatArray, components: slice) -> FloatArray:
+def keep_components(covariance: FloatArray, components: slice) -> FloatArray:
     """Return the covariance (..., n, n) of some components, with all others certain."""
     masked = np.zeros_like(covariance)
     masked[..., components, components] = covariance[..., components, components]

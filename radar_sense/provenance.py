@@ -114,7 +114,7 @@ class Provenance:
     """
 
     geometry: Orbit | Path | None = None
-    aircraft: FloatArray | None = None
+    aircraft: FloatArray | None = field(default=None, repr=False)
     cov_aircraft: StatedCovariance | None = None
     rcs: TableFile | None = None
     radars: Mapping[str, RadarSource] = field(default_factory=dict)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import html
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,9 +20,10 @@ from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, RUNS, SEED
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
@@ -51,7 +53,7 @@ class Scenario:
         level: The level for analyses of one level. The default is the first.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
-        constant_parts: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
+        tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
@@ -71,7 +73,7 @@ class Scenario:
     level: str = ""
     runs: int = RUNS_KEY.default
     seed: int = SEED_KEY.default
-    constant_parts: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
+    tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
@@ -84,6 +86,10 @@ class Scenario:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))
         if self.aircraft.ndim == 1:
             object.__setattr__(self, "aircraft", self.aircraft[np.newaxis])
+        if not isinstance(self.cov_radar, Mapping):
+            raise InputError("cov_radar must be a mapping of levels, {'medium': (4, 4)}")
+        if not isinstance(self.axis, Axis):
+            raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
         if not len(self.axis):
@@ -135,20 +141,19 @@ class Scenario:
             _check_covariance(f"cov_radar[{level!r}]", matrix, len(self.radar))
 
     def _check_choices(self) -> None:
-        if not re.fullmatch(NAME.pattern, self.name):
+        if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
             raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
         self._require_level(self.level)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
-            if not limit.allows(value):
-                raise InputError(f"{name} must be {limit}, got {value}")
-        if not self.correlation_s >= 0:
-            raise InputError(f"correlation_s must not be less than 0, got {self.correlation_s}")
+            check_number(name, value, limit)
+        if self.correlation_s != math.inf:
+            check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
 
     def _require_level(self, level: str) -> None:
         if level not in self.cov_radar:
             raise InputError(
                 f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
-                + did_you_mean(level, self.cov_radar)
+                + did_you_mean(str(level), self.cov_radar)
             )
 
     def __repr__(self) -> str:
@@ -191,14 +196,14 @@ class Scenario:
         return f"{count} radar{'s' if count > 1 else ''}{names}"
 
     @property
-    def parts(self) -> tuple[tuple[Tolerance, ...], ...]:
-        """Tolerances of the c_r of each radar (m,) at the level; none if c_r is Gaussian."""
-        return self.constant_parts.get(self.level, ((),) * self._radar_count)
+    def tolerances_at_level(self) -> tuple[tuple[Tolerance, ...], ...]:
+        """Tolerances of the c_r of each radar (m,) at the level; () for a Gaussian c_r."""
+        return self.tolerances.get(self.level, ((),) * self._radar_count)
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:
-        """Which radars (m,) have a log-normal c_r, as tolerances in decibels make it."""
-        return np.array([bool(parts) for parts in self.parts])
+        """Whether each radar (m,) has a c_r with tolerances, which is taken for log-normal."""
+        return np.array([bool(tolerances) for tolerances in self.tolerances_at_level])
 
     @property
     def theta_r_deg(self) -> FloatArray:
@@ -214,6 +219,25 @@ class Scenario:
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
             time_s=None if self.time_s is None else self.time_s[poses],
+        )
+
+    def route(self) -> Route:
+        """Return the poses of a path as a route, to interpolate between them.
+
+        Raises:
+            InputError: If the poses have no times.
+        """
+        if self.time_s is None:
+            raise InputError(
+                "an orbit has no times: give a path, geometry: {type: path, file: my_route.csv}"
+            )
+        covariance = self.cov_aircraft
+        return Route(
+            time_s=self.time_s,
+            aircraft=self.aircraft,
+            covariance=covariance if covariance.ndim == 3 else None,
+            attitude_given=True,  # interpolated, not derived from the track again
+            origin=self.origin,
         )
 
     def along_path(
@@ -290,7 +314,7 @@ class Scenario:
         return {
             level: record.level_block(
                 matrix[some, some],
-                self.constant_parts.get(level, none)[i],
+                self.tolerances.get(level, none)[i],
                 source,
                 self.radar[some],
                 level,
@@ -341,8 +365,8 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
                     for level, matrix in scenario.cov_radar.items()
                 }
             ),
-            constant_parts=MappingProxyType(
-                {level: (of_radars[i],) for level, of_radars in scenario.constant_parts.items()}
+            tolerances=MappingProxyType(
+                {level: (of_radars[i],) for level, of_radars in scenario.tolerances.items()}
             ),
         )
         for i, radar in enumerate(model.radars)
@@ -370,9 +394,6 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
             f"the name {stem} has more than {MAX_NAME} letters; give the scenario a shorter one"
         )
     return single_radar_scenarios(scenario).get(name, scenario)._with(name=stem)
-
-
-#: The names that other modules still import; to be removed with their next change.
 
 
 def _components(radar: int) -> slice:

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from radar_sense.covariance import draws, first_problem, from_std, only, problem, square_root
+from radar_sense.covariance import (
+    draws,
+    first_problem,
+    from_std,
+    keep_components,
+    problem,
+    square_root,
+)
 
 
 def random_covariance(rng, size, rank):
@@ -94,7 +101,7 @@ def test_rounding_is_forgiven():
 
 def test_only_leaves_one_block():
     covariance = np.arange(1.0, 33.0).reshape(2, 4, 4)
-    alone = only(covariance, slice(0, 3))
+    alone = keep_components(covariance, slice(0, 3))
     np.testing.assert_array_equal(alone[:, :3, :3], covariance[:, :3, :3])
     assert not alone[:, 3].any()
     assert not alone[:, :, 3].any()

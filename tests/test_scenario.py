@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenarios import scenario
 
 import radar_sense as rs
 from radar_sense import keys
@@ -37,7 +37,7 @@ def assert_same(a, b):
     assert list(a.cov_radar) == list(b.cov_radar)
     for level, matrix in a.cov_radar.items():
         np.testing.assert_array_equal(matrix, b.cov_radar[level])
-    assert a.constant_parts == b.constant_parts
+    assert a.tolerances == b.tolerances
     assert (a.level, a.runs, a.seed, a.correlation_s) == (b.level, b.runs, b.seed, b.correlation_s)
 
 
@@ -128,7 +128,7 @@ def test_tolerances_are_recorded_with_their_data_sheet_only():
     assert "tracking" in record["radar"]
     level = record["uncertainty"]["radar"]["data_sheet"]
     assert level["constant"] == pytest.approx(2 * std, rel=1e-15)
-    gaussian = dataclasses.replace(s, constant_parts={})
+    gaussian = dataclasses.replace(s, tolerances={})
     again = rs.parse_scenario(json.dumps(gaussian.resolved()))
     assert not any(again.log_constant)
     assert_same(again, gaussian)
@@ -204,7 +204,7 @@ WRONG = {
     "seed": ({"seed": -1}, "seed must be"),
     "name": ({"name": "../x"}, "name must be a name of up to 100 letters"),
     "times": ({"time_s": [0.0]}, r"must have one value for each of 2 poses, got \(1,\)"),
-    "correlation": ({"correlation_s": math.nan}, "correlation_s must not be less than 0"),
+    "correlation": ({"correlation_s": math.nan}, "correlation_s must be a number not less than 0"),
 }
 
 

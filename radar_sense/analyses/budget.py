@@ -25,6 +25,7 @@ from radar_sense.analyses.error_budget import (
     value_function,
 )
 from radar_sense.analyses.report import (
+    NAMED,
     describe_extreme,
     describe_poses,
     distribution_warnings,
@@ -49,8 +50,6 @@ from radar_sense.states import FloatArray, sources
 #: The gradient for a source vanishes where its share of the total is smaller than its largest share
 #: by this factor.
 VANISHING = 1e-3
-#: Sources named in one warning; more are counted.
-NAMED = 4
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -150,9 +149,12 @@ def budget(
         method = "linear" if threshold is None else FORM
     goal = _goal(method, target, threshold, k, at)
     axis = scenario.axis
-    found = error_budget(scenario, method)
-    three_sigma, total = {s: 3 * std for s, std in found.alone.items()}, 3 * found.std
-    shares = found.shares()
+    contributions = error_budget(scenario, method)
+    three_sigma, total = (
+        {s: 3 * std for s, std in contributions.alone.items()},
+        3 * contributions.std,
+    )
+    shares = contributions.shares()
     worst = peak(total, axis)
     pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
     at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
@@ -169,9 +171,9 @@ def budget(
         for source, values in {**three_sigma, "total": total}.items()
         if (place := describe_poses(~np.isfinite(values), axis))
     }
-    errors = {s: float(v[pose]) for s, v in (found.share_error or {}).items()}
-    parts = {name: 3 * std for name, std in found.parts.items()}
-    part_shares = {name: float(v[pose]) for name, v in found.part_shares().items()}
+    errors = {s: float(v[pose]) for s, v in (contributions.share_error or {}).items()}
+    parts = {name: 3 * std for name, std in contributions.parts.items()}
+    part_shares = {name: float(v[pose]) for name, v in contributions.part_shares().items()}
     parts_ranked = sorted(parts, key=lambda name: np.nan_to_num(-parts[name][pose], nan=np.inf))
     of_parts = parts_of(scenario)
     indented = {name: f"  {name.removeprefix(of.source + '_')}" for name, of in of_parts.items()}
@@ -188,7 +190,9 @@ def budget(
         inverse_report = _inverse_report(goal, at, required, axis)
     by_itself = {} if method == MONTE_CARLO else largest_by_radar(scenario, method)
     warnings = (
-        [] if found.moments is None else [*validity_warnings(scenario, found.moments, method)]
+        []
+        if contributions.moments is None
+        else [*validity_warnings(scenario, contributions.moments, method)]
     )
     if method != MONTE_CARLO:
         warnings += distribution_warnings(scenario, method)
@@ -202,11 +206,11 @@ def budget(
             axis.key: axis.values,
             **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
             "three_sigma_total": total,
-            **{f"three_sigma_{source}": 3 * std for source, std in found.finer.items()},
-            **mean_column(found.mean, method),
+            **{f"three_sigma_{source}": 3 * std for source, std in contributions.finer.items()},
+            **mean_column(contributions.mean, method),
             **({} if method == "linear" else {f"share_{s}": v for s, v in shares.items()}),
-            **{f"total_index_{s}": v for s, v in (found.total_index or {}).items()},
-            **{f"share_error_{s}": v for s, v in (found.share_error or {}).items()},
+            **{f"total_index_{s}": v for s, v in (contributions.total_index or {}).items()},
+            **{f"share_error_{s}": v for s, v in (contributions.share_error or {}).items()},
             **{f"three_sigma_{name}": values for name, values in parts.items()},
         },
         summary={
@@ -382,7 +386,7 @@ def _measure_better(
     """Return the part of a radar constant to measure better, and the total with half its σ."""
     if not ranked or not total > 0:
         return ()
-    several = "s" if len(scenario.parts) > 1 else ""
+    several = "s" if len(scenario.tolerances_at_level) > 1 else ""
     advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (advice,)

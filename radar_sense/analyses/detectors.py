@@ -16,11 +16,11 @@ from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.model.detectors import DETECTORS
 from radar_sense.scenario import Scenario
 
-#: False alarm probabilities that `detectors` shows beside the scenario's, ...
+#: Probabilities of false alarm of the table, besides the scenario's.
 P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
-#: ... and its signal-to-noise ratios [dB].
+#: Signal-to-noise ratios of the table [dB].
 SNR_DB = np.linspace(-10.0, 30.0, 401)
-#: With a single pulse the others are the same as one of these.
+#: With a single pulse each of the other detectors equals one of these.
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from radar_sense import covariance
 from radar_sense.analyses.report import reached
 from radar_sense.errors import InputError
-from radar_sense.model.radar_constant import Part, relative_std
+from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.propagation import (
@@ -38,14 +38,14 @@ LARGEST_LOG_FACTOR = float(np.log(1e6))
 
 @dataclass(frozen=True, eq=False)
 class Budget:
-    """The standard deviation of P_D and what it is made of, at each of n poses.
+    """The standard deviation of P_D and the contributions of the sources, at each of n poses.
 
     Attributes:
         mean: Mean of P_D (n,).
         std: Standard deviation of P_D from all sources together (n,).
         alone: Standard deviation from each source with the others certain (n,); by Sobol' indices,
             from each source with the others averaged out.
-        moments: What the method says of the total; None by Sobol' indices.
+        moments: Moments of P_D with all sources; None by Sobol' indices.
         finer: As `alone`, from the aircraft as a whole and from parts of the radars of a network,
             which are in `alone` already in another grouping (n,); none by Sobol' indices.
         total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
@@ -71,9 +71,8 @@ class Budget:
     def shares(self) -> dict[str, FloatArray]:
         """Shares of the variance by source, and `interaction`, which makes them add up to 1 (n,).
 
-        Interaction is what only several sources together bring about: by their correlation, or
-        because P_D is not linear. It is negative where they make up for each other. All shares are
-        NaN where nothing is uncertain.
+        The interaction is the share that no single source has: from correlations, or because P_D is
+        not linear. It can be negative. All shares are NaN where nothing is uncertain.
         """
         variance = np.where(self.std > 0, self.std**2, np.nan)
         shares = {source: std**2 / variance for source, std in self.alone.items()}
@@ -123,7 +122,7 @@ class OfConstant:
         constant: Name of the radar constant, in a network one of `states.finer_sources`.
     """
 
-    part: Part
+    part: Tolerance
     radar: int
     source: str
     constant: str
@@ -140,7 +139,7 @@ def parts_of(scenario: Scenario) -> dict[str, OfConstant]:
     constants = constant_names(names)
     members = [
         OfConstant(part, i, names[i] if len(names) > 1 else constants[i], constants[i])
-        for i, parts in enumerate(scenario.parts)
+        for i, parts in enumerate(scenario.tolerances_at_level)
         for part in parts
     ]
     return {of.name: of for of in members}
@@ -339,7 +338,7 @@ def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
         if whose != owner:  # one matrix of zeros for all poses
             covariances[whose] = np.zeros(matrix.shape[-2:])
         else:
-            covariances[whose] = covariance.only(matrix, components)
+            covariances[whose] = covariance.keep_components(matrix, components)
     return covariances["aircraft"], covariances["radar"]
 
 
@@ -355,23 +354,24 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
     scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
     changed = [of_parts[name] for name in of_parts if name in names]
     for radar, constant in dict.fromkeys((of.radar, of.constant) for of in changed):
-        every, parts = scenario.parts[radar], [of.part for of in changed if of.radar == radar]
-        whole = relative_std(every)
-        others = relative_std([part for part in every if part not in parts])
-        remains = np.hypot(others, factor * relative_std(parts))
-        scaled.append((_source(scenario, constant), remains / whole if whole else 1.0))
+        tolerances = scenario.tolerances_at_level[radar]
+        parts = [of.part for of in changed if of.radar == radar]
+        whole = relative_std(tolerances)
+        others = relative_std([part for part in tolerances if part not in parts])
+        residual = np.hypot(others, factor * relative_std(parts))
+        scaled.append((_source(scenario, constant), residual / whole if whole else 1.0))
     for (whose, components), by in scaled:
-        covariances[whose] = covariance.scaled(covariances[whose], components, by)
+        covariances[whose] = covariance.scale_std(covariances[whose], components, by)
     return covariances
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)  # refuses what is not a covariance
-    parts, every = parts_of(scenario), sources(scenario.model.names)
+    parts, blocks_by_name = parts_of(scenario), sources(scenario.model.names)
     cov_radar = scenario.cov_radar[scenario.level]
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
-        blocks = [components for owner, components in every.values() if owner == whose]
-        apart = sum(covariance.only(matrix, components) for components in blocks)
+        blocks = [components for owner, components in blocks_by_name.values() if owner == whose]
+        apart = sum(covariance.keep_components(matrix, components) for components in blocks)
         if not np.array_equal(matrix, apart):
             raise InputError(
                 f"level {scenario.level}: {whose} position and the rest of its state are "
@@ -381,12 +381,14 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "aircraft": np.zeros_like(scenario.cov_aircraft),
         "radar": np.zeros_like(cov_radar),
     }
-    for whose, components in every.values():
+    for whose, components in blocks_by_name.values():
         # the square root of each source by itself, so that no input belongs to two of them
         block = (..., components, components)
         if whose == "radar":
             states = range(components.start, components.stop)
-            independent = [states.index(c) for c in made_of_parts(scenario.parts) if c in states]
+            independent = [
+                states.index(c) for c in made_of_parts(scenario.tolerances_at_level) if c in states
+            ]
             sqrt_cov[whose][block] = covariance.block_square_root(cov_radar[block], independent)
         else:
             sqrt_cov[whose][block] = covariance.square_root(scenario.cov_aircraft[block])
@@ -399,9 +401,11 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "aircraft": list(range(len(AIRCRAFT))),
         "radar": list(range(len(AIRCRAFT), len(AIRCRAFT) + sampler.radar_normals)),
     }
-    groups = {name: inputs[whose][components] for name, (whose, components) in every.items()}
-    own = columns(len(cov_radar), scenario.parts)
-    for of, column in zip(parts.values(), itertools.chain(*own), strict=True):
+    groups = {
+        name: inputs[whose][components] for name, (whose, components) in blocks_by_name.items()
+    }
+    part_columns = columns(len(cov_radar), scenario.tolerances_at_level)
+    for of, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
         # a constant is all of its parts, and then each of them is a group by itself
         groups[of.name] = [inputs["radar"][column]]
         groups[of.source] = list(dict.fromkeys(groups[of.source] + groups[of.name]))
@@ -431,11 +435,11 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     return Budget(
         mean=indices.mean,
         std=std,
-        alone={s: alone[s] for s in every},
-        total_index={s: indices.total[i] for i, s in enumerate(every)},
+        alone={s: alone[s] for s in blocks_by_name},
+        total_index={s: indices.total[i] for i, s in enumerate(blocks_by_name)},
         share_error={
-            **{s: error[s] for s in every},
-            "interaction": np.sqrt(np.sum(indices.first_error[: len(every)] ** 2, axis=0)),
+            **{s: error[s] for s in blocks_by_name},
+            "interaction": np.sqrt(np.sum(indices.first_error[: len(blocks_by_name)] ** 2, axis=0)),
             **{name: error[name] for name in parts},
         },
         parts={name: alone[name] for name in parts},

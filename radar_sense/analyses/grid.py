@@ -10,6 +10,7 @@ attitude are those relative to the level of the cell. (At 500 km from the origin
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,13 +33,14 @@ MAX_CELLS = 25_000_000
 #: Cells on the longer side if nothing is said of their size.
 CELLS = 500
 #: Cells computed at a time.
-BLOCK = 65_536
+BLOCK = 16_384
 #: k of the upper bound.
 BETA = 3.0
 DOWN = 2
 _YAW = 5
-#: Headings at which the RCS is computed to find its lobes; a prime, so that no lobes coincide.
-CIRCLE = 65_537
+#: Headings at which the RCS is computed to find its lobes, and steps that are tried, in halves.
+CIRCLE = 32_768
+HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
 #: Part of the RCS that the nearest of the sampled headings may lie below the peak of a lobe.
 LOBE_LOSS = 0.005
 #: Steps of the golden section; each takes 0.62 of the bracket, and these one in 16,000.
@@ -245,8 +247,9 @@ def worst_p_d_in_cells(
 def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     """Return how many headings find every lobe of the RCS, as the aircraft turns in a pose.
 
-    The RCS is computed on circles of heading, around radars at all elevations. The step is the
-    longest for which the better of two neighbouring headings loses at most `LOBE_LOSS`.
+    The RCS is computed on circles of heading, for radars up to 30 deg above and below the aircraft.
+    The step is the longest for which the better of two neighbouring headings loses at most
+    `LOBE_LOSS` of the RCS.
 
     Raises:
         InputError: If the lobes are too narrow.
@@ -254,7 +257,7 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     rcs = scenario.model.rcs
     if rcs.isotropic:
         return 1
-    elevations = np.deg2rad(np.arange(-85.0, 86.0, 10.0))[:, np.newaxis]
+    elevations = np.deg2rad(np.arange(-30.0, 31.0, 10.0))[:, np.newaxis]
     states = np.zeros((len(elevations), CIRCLE, len(AIRCRAFT)))
     states[..., ATTITUDE] = pose[ATTITUDE]
     states[..., _YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
@@ -262,13 +265,19 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
         [np.cos(elevations), np.zeros_like(elevations), np.sin(elevations)], axis=-1
     )
     sigma = rcs.cross_section(body_vector(states, towards[:, np.newaxis]))
-    half = CIRCLE // 180
-    while half:
-        neighbours = np.maximum(np.roll(sigma, half, axis=1), np.roll(sigma, -half, axis=1))
-        if not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma):
-            return math.ceil(CIRCLE / (2 * half))
-        half //= 2
-    raise InputError("the lobes of the RCS are too narrow for a search over headings")
+
+    def finds_lobes(half_step: int) -> bool:
+        neighbours = np.maximum(
+            np.roll(sigma, half_step, axis=1), np.roll(sigma, -half_step, axis=1)
+        )
+        return not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma)
+
+    # From short steps to long: a step longer than several equal lobes would seem to lose nothing.
+    half_steps = list(itertools.takewhile(finds_lobes, HALF_STEPS))
+    # The circle cannot tell far more lobes than it has points from few.
+    if not half_steps or getattr(rcs, "lobes", 0) > CIRCLE // 2:
+        raise InputError("the lobes of the RCS are too narrow for a search over headings")
+    return math.ceil(CIRCLE / (2 * half_steps[-1]))
 
 
 def _golden_section(

@@ -33,7 +33,13 @@ import numpy as np
 
 from radar_sense import axis
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
-from radar_sense.analyses.report import describe_extreme, describe_poses, peak
+from radar_sense.analyses.report import (
+    clipping_warnings,
+    describe_extreme,
+    describe_poses,
+    distribution_warnings,
+    peak,
+)
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
@@ -45,10 +51,7 @@ from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.radar_constant import doubts
-from radar_sense.model.trajectory import Route
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.propagation import METHODS as PROPAGATION
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
 
@@ -76,16 +79,7 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
             "a mission needs times, which an orbit does not have: "
             "give a path, geometry: {type: path, file: my_route.csv}"
         )
-    covariance = scenario.cov_aircraft
-    poses = Route(
-        time_s=scenario.time_s,
-        aircraft=scenario.aircraft,
-        covariance=covariance if covariance.ndim == 3 else None,
-        distance_m=np.zeros(len(scenario.time_s)),
-        attitude_given=True,  # as it is by now
-        origin=scenario.origin,  # legs then follow the curve of the earth
-    )
-    when, poses = schedule_looks(scenario.model, poses)
+    when, poses = schedule_looks(scenario.model, scenario.route())
     along = axis.time(when.time)
     # Between poses a line may come nearer to a radar than any pose does.
     for radar in scenario.radar.reshape(-1, len(RADAR)):
@@ -99,7 +93,7 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
     looks = scenario.along_path(
         axis=along,
         aircraft=poses.aircraft,
-        cov_aircraft=covariance if poses.covariance is None else poses.covariance,
+        cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
         time_s=when.time,
     )
     return looks, when
@@ -620,14 +614,7 @@ def _warnings(
         if place := describe_poses((found.lower < 0) | (found.upper > 1), scenario.axis):
             said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
     if method != IMPORTANCE:  # first order takes c_r to have a distribution that it may not have
-        said += doubts(
-            scenario.model.names,
-            scenario.parts,
-            method,
-            log_normal=PROPAGATION[method].log_normal,
-        )
+        said += distribution_warnings(scenario, method)
     if drawn is not None and drawn.clipped:
-        said.append(
-            f"the radar constant was drawn below zero and set to zero in {drawn.clipped} runs"
-        )
+        said += clipping_warnings(drawn.clipped)
     return tuple(said)

@@ -18,12 +18,12 @@ from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, RADAR, FloatArray
 
-#: Steps of the table that is written [deg].
+#: Steps of the table [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
 
 
 def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
-    """Body-frame unit vectors (..., 3) to azimuths and elevations (...) [deg], positive above."""
+    """Return body-frame unit vectors (..., 3) to azimuths, and elevations above (...) [deg]."""
     azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
     # Straight above and below h must be 0, not the rounding of π/2.
     h = np.where(abs(elevation_deg) == 90, 0.0, np.cos(elevation))
@@ -32,27 +32,27 @@ def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray
 
 
 def pattern(rcs: RCS, azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
-    """σ_r (...) [m²] by azimuth and elevation (...) [deg] in the body frame."""
+    """Return σ_r (...) [m²] by azimuth and elevation (...) [deg] in the body frame."""
     return rcs.cross_section(directions(azimuth_deg, elevation_deg))
 
 
 def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Azimuth and elevation (mn,) [deg] at which the aircraft sees m radars, pose by pose."""
+    """Return azimuth and elevation (mn,) [deg] of m radars in the body frame at n poses."""
     x, y, z = np.moveaxis(_lines_of_sight(scenario), -1, 0)
     return np.rad2deg(np.arctan2(y, x)), np.rad2deg(np.arctan2(-z, np.hypot(x, y)))
 
 
 def _lines_of_sight(scenario: Scenario) -> FloatArray:
-    """Lines from the aircraft to each radar in the body frame (mn, 3), radar by radar."""
+    """Return the lines from the aircraft to m radars in the body frame (mn, 3)."""
     radars = scenario.radar.reshape(-1, len(RADAR))
     return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
 def decibels(sigma: FloatArray) -> FloatArray:
-    """10 log10 of σ_r in m²; −inf where there is none."""
+    """Return 10 log10 of σ_r in m²; −inf where σ_r is 0."""
     with np.errstate(divide="ignore"):
-        found: FloatArray = 10.0 * np.log10(sigma)
-    return found
+        level: FloatArray = 10.0 * np.log10(sigma)
+    return level
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -68,7 +68,7 @@ def plot(result: Result, figure: Figure) -> None:
     middle = float(arrays["cut_elevation_deg"])
     azimuth, horizon, seen = (arrays[f"cut_{of}"] for of in ("azimuth_deg", "horizon_m2", "m2"))
     top = max(horizon.max(), seen.max())
-    # Deep nulls would leave no room for the rest, and a cross section of 0 has no decibels.
+    # Deep nulls would squeeze the rest of the scale, and a cross section of 0 has no decibels.
     floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
     for sigma, label, style in (
         (horizon, "at the horizon", LINES[0]),
@@ -159,7 +159,7 @@ def rcs(scenario: Scenario) -> Result:
         table={"azimuth_deg": columns[0], "elevation_deg": columns[1], "rcs_m2": sigma},
         summary=summary,
         report=(
-            *(f"{name} RCS {_said(summary[name])}" for name in ("largest", "smallest")),
+            *(f"{name} RCS {_in_words(summary[name])}" for name in ("largest", "smallest")),
             f"the geometry sees {low:.1f} to {high:.1f} dBsm, at elevation "
             f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
         ),
@@ -198,7 +198,7 @@ def _extreme(sigma: FloatArray, columns: list[FloatArray], index: int) -> dict[s
     }
 
 
-def _said(extreme: dict[str, float]) -> str:
+def _in_words(extreme: dict[str, float]) -> str:
     level = float(decibels(np.array(extreme["rcs_m2"])))
     return (
         f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, "
@@ -207,7 +207,7 @@ def _said(extreme: dict[str, float]) -> str:
 
 
 def _beyond(scenario: Scenario, model: RCS, elevation: FloatArray) -> tuple[str, ...]:
-    """Say so if draws of the attitude leave the elevations of a table."""
+    """Warn if draws of the attitude leave the elevations of a table."""
     if not isinstance(model, TableRCS) or model.elevation is None:
         return ()
     variances = np.diagonal(scenario.cov_aircraft, axis1=-2, axis2=-1)[..., ATTITUDE]

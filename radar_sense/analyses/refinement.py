@@ -14,17 +14,17 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.model.trajectory import Route, interpolated
+from radar_sense.model.geometry import body_vector
+from radar_sense.model.trajectory import interpolate
 from radar_sense.propagation import Moments
 from radar_sense.provenance import Path
 from radar_sense.scenario import Scenario
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import POSITION, RADAR, FloatArray
 
 #: Largest turn of the aspect [rad] between two poses: of a smooth RCS, and of one with lobes.
 SMOOTH_ASPECT, LOBED_ASPECT = np.deg2rad(5.0), np.deg2rad(1.0)
-#: Largest change of ln R between two poses.
-RANGE_CHANGE = 0.1
+#: Largest distance between two poses, as a part of the range of each radar.
+LARGEST_MOVE = 0.1
 #: Steps of time [s] that are not halved. A P_D that jumps, at a horizon, stays unresolved there.
 SHORTEST = 0.2
 #: Most poses of a refined path.
@@ -71,8 +71,8 @@ def refined(
 ) -> Refined:
     """Return a path with poses added until P_D and its upper bound are linear between poses.
 
-    First steps are halved until the aspect of each radar turns by a few degrees at most, and its
-    range changes by a tenth. Then steps are halved until the second differences show that P_D and
+    First steps are halved until the aspect of each radar turns by a few degrees at most, and a step
+    is a tenth of its range. Then steps are halved until the second differences show that P_D and
     its bound are within the tolerance of straight lines between poses.
 
     Args:
@@ -112,23 +112,13 @@ def refined(
 
 def along(scenario: Scenario, time: FloatArray) -> Scenario:
     """Return the scenario of a path with its poses at other times (k,) [s]."""
-    rows = scenario.time_s
-    assert rows is not None
-    covariance = scenario.cov_aircraft
-    route = Route(
-        time_s=rows,
-        aircraft=scenario.aircraft,
-        covariance=covariance if covariance.ndim == 3 else None,
-        distance_m=np.zeros(len(rows)),
-        attitude_given=True,
-        origin=scenario.origin,
-    )
-    poses = interpolated(route, time)
-    values = np.interp(time, rows, scenario.axis.values)
+    route = scenario.route()
+    poses = interpolate(route, time)
+    values = np.interp(time, route.time_s, scenario.axis.values)
     return scenario.along_path(
         axis=dataclasses.replace(scenario.axis, values=values),
         aircraft=poses.aircraft,
-        cov_aircraft=covariance if poses.covariance is None else poses.covariance,
+        cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
         time_s=time,
     )
 
@@ -138,9 +128,11 @@ def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
     largest = LOBED_ASPECT if path.model.rcs.lobed else SMOOTH_ASPECT
     coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
     for radar in path.radar.reshape(-1, len(RADAR)):
-        distance = slant_range(path.aircraft, radar)
+        line = path.aircraft[:, POSITION] - radar[POSITION]
+        distance = np.linalg.norm(line, axis=1)
+        moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        coarse |= moved > LARGEST_MOVE * np.minimum(distance[1:], distance[:-1])
         with np.errstate(divide="ignore", invalid="ignore"):
-            coarse |= abs(np.diff(np.log(distance))) > RANGE_CHANGE
             direction = body_vector(path.aircraft, radar) / distance[:, np.newaxis]
         if not path.model.rcs.isotropic:
             chord = np.linalg.norm(np.diff(direction, axis=0), axis=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from radar_sense.axis import Axis
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
-from radar_sense.model.radar_constant import doubt
+from radar_sense.model.radar_constant import shape_warning
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.propagation import (
@@ -25,6 +25,9 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+
+#: Names in one warning; more are counted.
+NAMED = 4
 
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
@@ -188,11 +191,17 @@ def validity_warnings(
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return "a, b and c: text" once for all labels with the same text."""
+    """Return "a, b and c: text" once for all labels with the same text; many are counted."""
     labels: dict[str, list[str]] = {}
     for label, text in labelled:
         labels.setdefault(text, []).append(label)
-    return tuple(f"{listed(names)}: {text}" for text, names in labels.items())
+    return tuple(f"{_few(names)}: {text}" for text, names in labels.items())
+
+
+def _few(names: Sequence[str]) -> str:
+    if len(names) > NAMED:
+        names = [*names[: NAMED - 1], f"{len(names) - NAMED + 1} more"]
+    return listed(names)
 
 
 def points_named(mc: MonteCarlo) -> str:
@@ -218,8 +227,10 @@ def distribution_warnings(scenario: Scenario, *methods: str) -> tuple[str, ...]:
         if not assuming:
             continue
         texts = [
-            doubt(tolerances, listed(assuming), log_normal=log_normal) if tolerances else None
-            for tolerances in scenario.parts
+            shape_warning(tolerances, listed(assuming), log_normal=log_normal)
+            if tolerances
+            else None
+            for tolerances in scenario.tolerances_at_level
         ]
         if len(texts) == 1:
             warnings += [text for text in texts if text]

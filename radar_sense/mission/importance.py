@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.covariance import side_by_side
+from radar_sense.covariance import block_diagonal
 from radar_sense.mission.cumulative import Cumulative, cumulative_p_d, density, inverse_mills
 from radar_sense.mission.draws import PoseProcess
 from radar_sense.mission.looks import linearize_looks, pose_slopes
@@ -538,7 +538,7 @@ def _plan(problem: _Problem) -> tuple[_Plan, FloatArray]:
     blocks = [
         covariance[size * i : size * (i + 1), size * i : size * (i + 1)] for i in range(count)
     ]
-    independent = np.array_equal(covariance, side_by_side(blocks))
+    independent = np.array_equal(covariance, block_diagonal(blocks))
     members = (
         [((i,), radar) for i, radar in enumerate(problem.radars)]
         if independent

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radar_sense.errors import InputError
 from radar_sense.mission.looks import Interleaved, Model
 from radar_sense.model.network import NetworkModel
-from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, interpolated, times
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times, interpolate
 from radar_sense.states import FloatArray
 
 
@@ -99,12 +99,12 @@ def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
     periods = tuple(dict.fromkeys(p for p in given.values() if p is not None))
     radars_of = tuple(tuple(i for i, p in enumerate(given.values()) if p == one) for one in periods)
     time, looks = _together([_times(poses, p) for p in periods])
-    return Schedule(time, periods, radars_of, looks), interpolated(poses, time)
+    return Schedule(time, periods, radars_of, looks), interpolate(poses, time)
 
 
 def _times(poses: Route, period: float) -> FloatArray:
     try:
-        return times(poses, period)
+        return even_times(poses, period)
     except InputError as error:  # names the period as the argument of `times`
         raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 

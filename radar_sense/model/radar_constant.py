@@ -1,8 +1,8 @@
-"""The uncertainty of a radar constant that is made of uncertain parameters.
+"""The uncertainty of a radar constant that is computed from uncertain parameters.
 
-c_r is a product of powers of its parameters and of 10^(± dB/10), so each uncertain parameter makes
-a random factor, and the factors are independent. A tolerance in decibels makes a log-normal one.
-That gives σ of c_r to first order, its draws, and its moments.
+c_r is a product of powers of its parameters and of 10^(± dB/10). Each uncertain parameter
+contributes a random factor, and the factors are independent. The factor of a tolerance in decibels
+is log-normal. The factors give σ of c_r to first order, its draws, and its moments.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ from radar_sense.limits import Limit
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.states import FloatArray
 
-#: A parameter that divides must stay well away from 0: its standard deviation is at most this part
-#: of its value, and no draw is lower than so many standard deviations below its value (3 in ten
-#: million would be). Without that c_r would have no mean.
+#: A parameter that divides must stay well away from 0, or c_r would have no mean. Its standard
+#: deviation is at most this fraction of its value. No draw is lower than this many standard
+#: deviations below its value; without this limit 3 draws in ten million would be.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
 TOLERANCE_DB = Limit(at_least=0, at_most=20)
-#: c_r is called not Gaussian where its mean or its standard deviation, as parts of the ones that a
-#: method takes it to have, or its skewness differ by more than this.
+#: c_r differs from the distribution that a method assumes if its mean, its standard deviation
+#: (both as fractions of the assumed ones) or its skewness differ by more than this.
 MEAN_CHANGE, STD_CHANGE, SKEWNESS_CHANGE = 0.01, 0.02, 0.3
 _NEPERS = math.log(10.0) / 10.0  # ln of a ratio of powers of 1 dB
 
@@ -35,11 +35,12 @@ class Tolerance:
     """The tolerance of a parameter of a radar constant, Gaussian in the unit of its key.
 
     Attributes:
-        key: Its key in a scenario.
-        value: Its nominal value, in the unit of the key.
-        std: Its standard deviation, in that unit.
-        power: c_r goes with this power of it; with 10^(power · value/10) if it is in decibels.
-        decibels: Whether it is.
+        key: Key of the parameter in a scenario file.
+        value: Nominal value of the parameter, in the unit of the key.
+        std: Standard deviation of the parameter, in the unit of the key.
+        power: c_r is proportional to this power of the parameter, or to 10^(power · value/10) for a
+            parameter in decibels.
+        decibels: Whether the parameter is in decibels.
     """
 
     key: str
@@ -50,22 +51,30 @@ class Tolerance:
 
     @property
     def slope(self) -> float:
-        """∂ ln c_r/∂u for the parameter at value + std · u, at u = 0: σ of c_r over c_r."""
+        """Contribution to σ of c_r over c_r: ∂ ln c_r/∂u of value + std · u at u = 0."""
         return self.power * self.std * (_NEPERS if self.decibels else 1.0 / self.value)
 
-    def factor(self, white: FloatArray) -> FloatArray:
-        """What c_r is multiplied by where the parameter is at value + std · white (...).
+    def factor(self, normals: FloatArray) -> FloatArray:
+        """Return the factor of c_r (...) where the parameter is value + std · normals.
 
-        A parameter that c_r grows with is 0 where it would be negative, as c_r itself is.
+        The parameter is limited from below: to 0 where c_r is proportional to it, and to
+        `LOWEST_DIVISOR` standard deviations where c_r is divided by it.
+
+        Args:
+            normals: Unit normals (...).
         """
         if self.decibels:
-            return np.exp(self.slope * white)
+            return np.exp(self.slope * normals)
         lowest = 0.0 if self.power > 0 else 1.0 + LOWEST_DIVISOR * self.std / self.value
-        factor: FloatArray = np.maximum(1.0 + (self.std / self.value) * white, lowest) ** self.power
+        relative = np.maximum(1.0 + (self.std / self.value) * normals, lowest)
+        factor: FloatArray = relative**self.power
         return factor
 
     def moment(self, order: int) -> float:
-        """Mean of the factor raised to an order: closed for decibels, otherwise by quadrature."""
+        """Return the mean of the factor raised to an order.
+
+        The mean has a closed form for decibels. For other units it is a quadrature.
+        """
         if self.decibels:
             return _log_normal_moment(order, self.slope)
         relative = self.std / self.value
@@ -77,10 +86,6 @@ class Tolerance:
         return float(above + ndtr(lowest) * self.factor(np.array(lowest)) ** order)
 
 
-#: The name that modules still import; to be removed with their next change.
-Part = Tolerance
-
-
 @dataclass(frozen=True)
 class DataSheet:
     """The parameters that a radar constant is computed from.
@@ -88,8 +93,8 @@ class DataSheet:
     Attributes:
         kind: A name in `radar_equation.RADARS`.
         constant: c_r [J m²/K].
-        values: The parameters, by the keys of a scenario file and in their units.
-        search_factor: The search factor as a scenario file writes it, of a surveillance radar.
+        values: The parameters, by the keys of a scenario file and in the units of these keys.
+        search_factor: The search factor of a surveillance radar as a scenario file writes it.
     """
 
     kind: str
@@ -122,85 +127,66 @@ class Shape:
     skewness: float
 
 
-def relative_std(parts: Sequence[Tolerance]) -> float:
-    """σ of c_r over c_r to first order: √Σ (∂ ln c_r/∂x_k σ_k)²."""
-    return math.sqrt(sum(part.slope**2 for part in parts))
+def relative_std(tolerances: Sequence[Tolerance]) -> float:
+    """Return σ of c_r over c_r to first order, √Σ (∂ ln c_r/∂x_k σ_k)²."""
+    return math.sqrt(sum(tolerance.slope**2 for tolerance in tolerances))
 
 
-def factors(parts: Sequence[Tolerance], white: FloatArray) -> FloatArray:
-    """Draw what c_r is multiplied by, (...), from unit normals (..., parts)."""
-    product = parts[0].factor(white[..., 0])
-    for i, part in enumerate(parts[1:], start=1):
-        product = product * part.factor(white[..., i])
+def factors(tolerances: Sequence[Tolerance], normals: FloatArray) -> FloatArray:
+    """Return random factors of c_r (...) from unit normals (..., tolerances)."""
+    product = tolerances[0].factor(normals[..., 0])
+    for i, tolerance in enumerate(tolerances[1:], start=1):
+        product = product * tolerance.factor(normals[..., i])
     return product
 
 
-def draw(constants: FloatArray, parts: Sequence[Tolerance], white: FloatArray) -> FloatArray:
-    """Draw radar constants (...) from nominal ones (...) and unit normals (..., parts)."""
-    return constants * factors(parts, white)
+def draw(constants: FloatArray, tolerances: Sequence[Tolerance], normals: FloatArray) -> FloatArray:
+    """Draw radar constants (...) from nominal ones (...) and unit normals (..., tolerances)."""
+    return constants * factors(tolerances, normals)
 
 
-def shape(parts: Sequence[Tolerance]) -> Shape:
-    """Mean, standard deviation and skewness of c_r as the parts make it, all factors multiplied.
+def shape(tolerances: Sequence[Tolerance]) -> Shape:
+    """Return mean, standard deviation and skewness of c_r, all factors multiplied.
 
     Means of powers of independent factors multiply: E c^n = Π E f_k^n.
     """
-    return _shape(*(math.prod(part.moment(n) for part in parts) for n in (1, 2, 3)))
+    moments = (math.prod(tolerance.moment(n) for tolerance in tolerances) for n in (1, 2, 3))
+    return _shape(*moments)
 
 
-def taken_for(parts: Sequence[Tolerance], *, log_normal: bool) -> Shape:
-    """Return the shape that a method of propagation takes c_r to have, with σ of first order.
+def assumed_shape(tolerances: Sequence[Tolerance], *, log_normal: bool) -> Shape:
+    """Return the shape of c_r that a method of propagation assumes, with σ to first order.
 
-    Log-normal is exact where all parts are in decibels. The other methods take c_r for Gaussian.
+    A log-normal c_r is exact where all tolerances are in decibels. Methods that do not assume a
+    log-normal c_r assume a Gaussian one.
     """
-    std = relative_std(parts)
+    std = relative_std(tolerances)
     if not log_normal:
         return Shape(1.0, std, 0.0)
     return _shape(*(_log_normal_moment(n, std) for n in (1, 2, 3)))
 
 
-def doubts(
-    names: Sequence[str],
-    parts: Sequence[Sequence[Tolerance]],
-    method: str,
-    *,
-    log_normal: bool,
-) -> tuple[str, ...]:
-    """Return the radars (m,) whose c_r has another distribution than a method assumes.
-
-    Args:
-        names: Names of the radars; a single radar needs none.
-        parts: Tolerances of the c_r of each radar; nothing for a Gaussian c_r.
-        method: Name of the method.
-        log_normal: Whether the method assumes a log-normal c_r, and not a Gaussian one.
-    """
-    texts = [doubt(some, method, log_normal=log_normal) if some else None for some in parts]
-    if len(texts) == 1:
-        return tuple(filter(None, texts))
-    return tuple(f"{name}: {text}" for name, text in zip(names, texts, strict=True) if text)
-
-
-def doubt(parts: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
-    """Return how the distribution of c_r differs from the one that a method assumes, or None."""
-    exact, taken = shape(parts), taken_for(parts, log_normal=log_normal)
+def shape_warning(tolerances: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
+    """Return a warning if c_r is not distributed as a method of propagation assumes, else None."""
+    exact, assumed = shape(tolerances), assumed_shape(tolerances, log_normal=log_normal)
     if (
-        abs(exact.mean - taken.mean) <= MEAN_CHANGE
-        and abs(exact.std - taken.std) <= STD_CHANGE * taken.std
-        and abs(exact.skewness - taken.skewness) <= SKEWNESS_CHANGE
+        abs(exact.mean - assumed.mean) <= MEAN_CHANGE
+        and abs(exact.std - assumed.std) <= STD_CHANGE * assumed.std
+        and abs(exact.skewness - assumed.skewness) <= SKEWNESS_CHANGE
     ):
         return None
     kind = "log-normal" if log_normal else "Gaussian"
     return (
         f"c_r is not {kind}, the assumption of {method}: of its nominal value its mean is "
-        f"{exact.mean:.1%} ({kind}: {taken.mean:.1%}), its standard deviation {exact.std:.1%} "
-        f"({taken.std:.1%}), its skewness {exact.skewness:.2f} ({taken.skewness:.2f}); "
+        f"{exact.mean:.1%} ({kind}: {assumed.mean:.1%}), its standard deviation {exact.std:.1%} "
+        f"({assumed.std:.1%}), its skewness {exact.skewness:.2f} ({assumed.skewness:.2f}); "
         "use montecarlo, which draws c_r from its tolerances"
     )
 
 
-def describe(constant: float, parts: Sequence[Tolerance]) -> str:
-    """Say in words how c_r is distributed, exactly and to first order."""
-    exact, first_order = shape(parts), constant * relative_std(parts)
+def describe(constant: float, tolerances: Sequence[Tolerance]) -> str:
+    """Return a sentence with the moments of c_r, exactly and to first order."""
+    exact, first_order = shape(tolerances), constant * relative_std(tolerances)
     return (
         f"c_r has mean {constant * exact.mean:.4g}, standard deviation {constant * exact.std:.4g} "
         f"(first order {first_order:.4g}), skewness {exact.skewness:.2f}"
@@ -219,6 +205,7 @@ def _log_normal_moment(order: int, std: float) -> float:
 
 
 def _shape(first: float, second: float, third: float) -> Shape:
+    """Return the shape of a quantity from its first three moments about 0."""
     if not third < 1e300:  # no other power below overflows: none is larger than the third moment
         return Shape(math.inf, math.inf, math.inf)
     variance = max(second - first * first, 0.0)

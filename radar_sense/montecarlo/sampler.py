@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from radar_sense.covariance import block_square_root, checked, component_first, draws, square_root
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
-from radar_sense.model.radar_constant import Part, draw
+from radar_sense.model.radar_constant import Tolerance, draw
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray, check_finite
 
@@ -19,7 +19,7 @@ from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray, check_fin
 ALL_POSES = slice(None)
 
 
-def normals(components: int, parts: Sequence[Sequence[Part]]) -> int:
+def normals(components: int, parts: Sequence[Sequence[Tolerance]]) -> int:
     """Return the number of unit normals of a radar state.
 
     Each component has one. A radar constant made of k uncertain parameters has k.
@@ -27,12 +27,12 @@ def normals(components: int, parts: Sequence[Sequence[Part]]) -> int:
     return components + sum(max(0, len(radar_parts) - 1) for radar_parts in parts)
 
 
-def made_of_parts(parts: Sequence[Sequence[Part]]) -> list[int]:
+def made_of_parts(parts: Sequence[Sequence[Tolerance]]) -> list[int]:
     """Return the places of the radar constants made of uncertain parameters, in all states."""
     return [len(RADAR) * i + CONSTANT for i, radar_parts in enumerate(parts) if radar_parts]
 
 
-def columns(components: int, parts: Sequence[Sequence[Part]]) -> list[list[int]]:
+def columns(components: int, parts: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
     """Return the columns of the unit normals that the parameters of each radar constant use.
 
     The first parameter uses the column of its c_r. The others use columns after those of all
@@ -65,7 +65,7 @@ class Sampler:
     radar: FloatArray
     sqrt_cov_aircraft: FloatArray
     sqrt_cov_radar: FloatArray
-    parts: tuple[tuple[Part, ...], ...] = ()
+    parts: tuple[tuple[Tolerance, ...], ...] = ()
 
     @classmethod
     def of(cls, scenario: Scenario) -> Sampler:
@@ -76,7 +76,7 @@ class Sampler:
             scenario.radar,
             scenario.cov_aircraft,
             scenario.cov_radar[scenario.level],
-            scenario.parts,
+            scenario.tolerances_at_level,
         )
 
     @classmethod
@@ -87,7 +87,7 @@ class Sampler:
         radar: FloatArray,
         cov_aircraft: FloatArray,
         cov_radar: FloatArray,
-        parts: tuple[tuple[Part, ...], ...] = (),
+        parts: tuple[tuple[Tolerance, ...], ...] = (),
     ) -> Sampler:
         """Make the sampler of states and covariances.
 

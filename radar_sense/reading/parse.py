@@ -80,7 +80,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     if levels is not None:
         radars = [with_levels(radars[0], levels, poses)]
     cov_radar = {
-        level: covariance.side_by_side([radar.levels.covariance[level] for radar in radars])
+        level: covariance.block_diagonal([radar.levels.covariance[level] for radar in radars])
         for level in radars[0].levels.covariance
     }
     level, runs, seed = _read_analysis(entries["analysis"], cov_radar)
@@ -98,7 +98,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         level=level,
         runs=runs,
         seed=seed,
-        constant_parts=MappingProxyType(
+        tolerances=MappingProxyType(
             {
                 level: tuple(radar.levels.tolerances.get(level, ()) for radar in radars)
                 for level in cov_radar

@@ -1,6 +1,22 @@
-"""A route file to a `Route`.
+"""Route files: the path of an aircraft, one row a pose, with the uncertainty of each pose.
 
-The format is described at the top of `model.trajectory`.
+A route file is CSV, in the dialect of `csv_reader`. Its columns, in any order:
+
+    time_s                                  strictly increasing
+    north_m, east_m, down_m                 or north_km, ...; or, instead of the three:
+    latitude_deg, longitude_deg, altitude_m WGS-84; altitude is the height above the ellipsoid,
+                                            which differs from the height above the sea by up to
+                                            107 m
+    roll_deg, pitch_deg, yaw_deg            all or none; without them attitude follows the track
+    std_north_m, std_east_m, std_down_m, std_roll_deg, std_pitch_deg, std_yaw_deg
+                                            standard deviations of independent errors; or, instead:
+    cov_north_north_m2, cov_north_east_m2, ..., cov_north_roll_m_deg, ..., cov_yaw_yaw_deg2
+                                            upper triangle of the covariance, 21 numbers with some
+                                            12 digits; with fewer, a covariance with strong
+                                            correlations may round to a matrix that is none
+
+With latitude and longitude, attitude and covariance are relative to north, east and down at the
+aircraft, as a navigation filter writes them. Reading turns them into the frame of the origin.
 """
 
 from __future__ import annotations
@@ -15,18 +31,14 @@ import numpy as np
 from radar_sense.covariance import first_problem
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG, Limit
-from radar_sense.model import geodesy as wgs84
-from radar_sense.model.trajectory import (
-    _ATTITUDE,
-    _NOTHING,
-    MAX_ROWS,
-    MIN_STEP,
-    Route,
-    _attitude,
-    _motion,
-    _route,
-    _to_origin,
+from radar_sense.model import geodesy
+from radar_sense.model.track import (
+    ATTITUDE_COLUMNS,
+    attitude_of_motion,
+    motion_of_samples,
+    turn_to_origin,
 )
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route
 from radar_sense.reading.csv_reader import Block, Column, Format, Header, read_csv
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray
 
@@ -45,6 +57,8 @@ _COV = tuple(
 #: Index of each entry of the covariance among the 21 columns.
 _ENTRY = np.array([[_UPPER.index((min(i, j), max(i, j))) for j in range(6)] for i in range(6)])
 _COV_UNITS = np.repeat([1.0, DEG], 3)
+#: Covariances below this become 0. Their squares would leave the range of floats.
+_LEAST_COVARIANCE = 1e-100
 #: 100 000 km. A larger distance is a mistake in the units.
 _FAR = 1e8
 _TURN = 360.0
@@ -90,15 +104,15 @@ def load_route(
     """Read and check a route file.
 
     Args:
-        path: The file, in the format described at the top of `model.trajectory`.
+        path: The file, in the format described at the top of `reading.route_file`.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
             north-east-down frame. A file in latitude and longitude needs an origin, any other file
             must have none.
-        max_gap_s: The longest step of time allowed [s]; None allows any.
+        max_gap_s: Longest time step allowed [s]; None allows any.
 
     Raises:
-        InputError: If the file cannot be read or anything in the file is not allowed.
-        ValueError: If the origin is no place.
+        InputError: If the origin is no place, or if the file cannot be read or holds anything that
+            is not allowed.
     """
     route, _ = read_route(path, origin=origin, max_gap_s=max_gap_s)
     return route
@@ -120,13 +134,12 @@ def read_route(
         sha256: Digest that the file must have; None allows any.
 
     Raises:
-        InputError: If the file cannot be read or anything in the file is not allowed.
-        ValueError: If the origin is no place.
+        InputError: As in `load_route`.
     """
     source = str(path)
-    if origin is not None and not (np.all(np.isfinite(origin)) and abs(origin[0]) <= np.pi / 2):
-        raise ValueError(
-            f"origin must be latitude and longitude [rad] and height [m], got {origin}"
+    if origin is not None and not geodesy.is_place(origin):
+        raise InputError(
+            f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
     if max_gap_s is not None and not max_gap_s > 0:
         raise InputError(f"max_gap_s must be a number greater than 0, got {max_gap_s}")
@@ -146,18 +159,20 @@ def read_route(
             "an origin in latitude and longitude is not used here"
         )
     time, place, attitude, covariance = _assemble(layout, table.blocks)
-    position = place if origin is None else wgs84.ned_from_geodetic(place, origin)
+    position = place if origin is None else geodesy.ned_from_geodetic(place, origin)
     if attitude is None:
         if len(time) < 2:
             raise InputError(
                 f"{source}: has 1 row; attitude from the track needs 2 or more, "
-                f"or the columns {', '.join(_ATTITUDE)}"
+                f"or the columns {', '.join(ATTITUDE_COLUMNS)}"
             )
-        attitude = _attitude(source, place, *_motion(time, position), origin)
+        velocity, acceleration = motion_of_samples(time, position)
+        attitude = attitude_of_motion(source, place, velocity, acceleration, origin)
     if origin is not None:
-        attitude = _to_origin(source, time, place, attitude, covariance, origin)
-    route = _route(time, position, attitude, covariance, layout.attitude is not None, origin)
-    return route, table.sha256
+        attitude = turn_to_origin(source, time, place, attitude, covariance, origin)
+    aircraft = np.hstack([position, attitude])
+    given = layout.attitude is not None
+    return Route(time, aircraft, covariance, given, origin), table.sha256
 
 
 @dataclass(frozen=True)
@@ -190,17 +205,17 @@ class _Checks:
         self._max_gap_s, self._last_time = max_gap_s, -math.inf
 
     def header(self, header: Header) -> None:
-        """Find the columns."""
+        """Keep the layout of the columns."""
         self.layout = _layout(header)
 
     def block(self, block: Block) -> None:
-        """Check times and covariances; a covariance of rounding becomes 0."""
+        """Check times and covariances, and set covariances of pure rounding to 0."""
         time = block.rows[:, self.layout.time]
         _check_times(time, self._last_time, self._max_gap_s, block)
         self._last_time = float(time[-1])
         if self.layout.cov:
             numbers = block.rows[:, self.layout.cov]
-            numbers[np.abs(numbers) < _NOTHING] = 0.0
+            numbers[np.abs(numbers) < _LEAST_COVARIANCE] = 0.0
             block.rows[:, self.layout.cov] = numbers
             problem = first_problem(numbers[:, _ENTRY])
             if problem:
@@ -216,7 +231,7 @@ def _assemble(
     attitude = np.empty((count, 3)) if layout.attitude else None
     covariance = np.zeros((count, 6, 6)) if layout.std or layout.cov else None
     stop = count
-    # The last block first: memory that was taken last can be given back first.
+    # From the last block on: the C library can only return the memory allocated last.
     while blocks:
         rows = blocks.pop()
         some = slice(stop - len(rows), stop)
@@ -234,7 +249,7 @@ def _assemble(
 
 
 def _layout(header: Header) -> _Layout:
-    """Find the columns that belong together."""
+    """Return the layout of the columns."""
     names = header.names
 
     def indices(wanted: Sequence[str], why: str) -> list[int]:
@@ -266,7 +281,7 @@ def _layout(header: Header) -> _Layout:
         time=indices(["time_s"], "which is always required")[0],
         position=indices(position, f"required are {', '.join(_GEODETIC)}, or north, east, down"),
         geodetic=geodetic,
-        attitude=optional(_ATTITUDE),
+        attitude=optional(ATTITUDE_COLUMNS),
         std=optional(_STD),
         cov=optional(_COV),
     )

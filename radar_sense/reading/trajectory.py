@@ -11,16 +11,17 @@
                                         or smooth; without it every row of the file is a pose
       max_gap_s: 60                     refuse a file with a longer step between two rows
 
-In the same frame a radar may have its place in latitude and longitude, too:
+A radar of such a scenario may have its place in latitude and longitude too:
 
     radar:
       position_geodetic: {latitude_deg: 47.1, longitude_deg: 9.2, altitude_m: 1500}
 
-The covariance of its position is then relative to north, east and down at the radar. Errors of the
-aircraft, in the route file or in the scenario, are relative to the level of the aircraft.
+The covariance of its position is then relative to north, east and down at the radar. The covariance
+of the aircraft, in the route file or in the scenario, is relative to north, east and down at the
+aircraft.
 
-The columns of the file are described at the top of `model.trajectory`. Attitude comes from the
-file, or else from the track.
+The columns of the file are described at the top of `route_file`. Attitude comes from the file, or
+else from the track.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, provenance.Path]:
     """Read the path that a geometry names.
 
     Returns:
-        The axis of its poses, the route, and the path for the record. The record has the SHA-256
-        of the file: it reads back as this route or not at all.
+        The axis of the poses, the route, and the path for the record. The record has the SHA-256
+        of the file, so that it cannot be read back with another file.
 
     Raises:
         InputError: If anything in the entry or the file is not allowed.

@@ -13,7 +13,7 @@ from radar_sense.keys import Key
 from radar_sense.limits import NOT_NEGATIVE
 from radar_sense.model.radar_constant import DataSheet, Tolerance, relative_std
 from radar_sense.model.radar_equation import RADARS
-from radar_sense.model.trajectory import in_frame
+from radar_sense.model.track import covariance_in_frame
 from radar_sense.provenance import StatedCovariance
 from radar_sense.reading.data_sheet import read_tolerances
 from radar_sense.reading.geometry import Poses
@@ -53,7 +53,7 @@ def read_uncertainty(
         made = stated
         if poses.origin is not None and poses.time_s is not None:
             try:
-                made = in_frame(stated, poses.time_s, poses.aircraft, poses.origin)
+                made = covariance_in_frame(stated, poses.time_s, poses.aircraft, poses.origin)
             except InputError as error:
                 raise entries[aircraft].error(str(error)) from error
         cov_aircraft = StatedCovariance(stated, made)

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
-from scenarios import OVERHEAD, scenario
+from helpers import OVERHEAD, scenario
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import allowances, error_budget
-from radar_sense.analyses.report import where
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
+from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import ScenarioError
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import load_scenario
@@ -51,7 +51,9 @@ def test_no_uncertainty_has_no_shares():
     )
     for method in ("linear", "montecarlo"):
         assert np.isnan(list(error_budget(s, method).shares().values())).all()
-        assert analyses.budget(s, method=method).report
+        report = analyses.budget(s, method=method).report
+        assert "  total                0.0000" in report
+        assert not any("%" in line or "nan" in line for line in report)
 
 
 def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
@@ -87,27 +89,27 @@ def test_sobol_indices_are_refused_under_correlation():
 @pytest.mark.parametrize("target", [0.03, 0.07, 0.085])
 def test_what_is_allowed_reaches_the_target(method, target):
     s = scenario(geometry__azimuth_deg=FEW)
-    for source, found in allowances(s, target, method=method).items():
+    for source, found in required_accuracies(s, target, method=method).items():
         if found.factor is None:
-            assert found.remains > target
-            assert found.remains_from in SOURCES
+            assert found.residual > target
+            assert found.residual_from in SOURCES
             assert source != "all"
         else:
-            assert found.remains == pytest.approx(target, rel=1e-6)
-            assert found.remains <= target
+            assert found.residual == pytest.approx(target, rel=1e-6)
+            assert found.residual <= target
 
 
-def test_allowances_are_those_of_the_closed_form():
+def test_required_accuracies_are_those_of_the_closed_form():
     """Linear and independent: s² V_i + V_rest = (target/3)² at the pose that is worst."""
     s, target = load_scenario(), 0.08
     alone = {source: 9 * std**2 for source, std in error_budget(s).alone.items()}
     total = sum(alone.values())
-    found = allowances(s, target)
+    found = required_accuracies(s, target)
     for source, own in alone.items():
         squared = np.min((target**2 - (total - own)) / own)
         if squared < 0:
             assert found[source].factor is None
-            assert found[source].remains == pytest.approx(np.sqrt(np.max(total - own)), rel=1e-9)
+            assert found[source].residual == pytest.approx(np.sqrt(np.max(total - own)), rel=1e-9)
         else:
             assert found[source].factor == pytest.approx(np.sqrt(squared), rel=1e-6)
     assert found["all"].factor == pytest.approx(target / np.sqrt(total.max()), rel=1e-6)
@@ -117,27 +119,27 @@ def test_allowances_are_those_of_the_closed_form():
     }
 
 
-def test_allowances_at_one_pose():
+def test_required_accuracies_at_one_pose():
     s = load_scenario()
     alone = {source: 9 * std[20] ** 2 for source, std in error_budget(s).alone.items()}
-    found = allowances(s, 0.05, at=10.0)
+    found = required_accuracies(s, 0.05, at=10.0)
     assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
     assert all(f.place == 10 for f in found.values())
     with pytest.raises(ScenarioError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
-        allowances(s, 0.05, at=10.1)
+        required_accuracies(s, 0.05, at=10.1)
 
 
 def test_a_source_without_effect_may_have_any_size():
     certain = {"position_m": 0, "constant": 5}
     s = scenario(uncertainty__radar={"known": certain}, analysis={"level": "known"})
-    found = allowances(s, 0.2)
+    found = required_accuracies(s, 0.2)
     assert found["radar_position"].factor == np.inf
 
 
-def test_allowances_keep_correlations():
+def test_required_accuracies_keep_correlations():
     """Scaling a source scales its covariances with the others; the result reaches the target."""
     s = load_scenario("configs/covariance.yaml")
-    found = allowances(s, 0.15)
+    found = required_accuracies(s, 0.15)
     factor = found["radar_constant"].factor
     scale = np.diag([1, 1, 1, factor])
     cov = scale @ s.cov_radar[s.level] @ scale
@@ -148,10 +150,10 @@ def test_allowances_keep_correlations():
 def test_the_budget_answers_on_the_terminal():
     result = analyses.budget(load_scenario(), target=0.05)
     text = "\n".join(result.report)
-    assert "aircraft_orientation no value of it alone is small enough: 0.0728 remains" in text
-    assert "most of it from radar_constant" in text
+    assert "aircraft_orientation not enough alone: 0.0728 remains at 45.5 deg" in text
+    assert "0.0728 remains at 45.5 deg, most from radar_constant" in text
     assert "all                  0.5458" in text
-    assert result.summary["target"]["allowances"]["all"]["factor"] == pytest.approx(
+    assert result.summary["target"]["required_accuracy"]["all"]["factor"] == pytest.approx(
         0.5458, rel=1e-4
     )
     with pytest.raises(ScenarioError, match="target needs one of the methods"):
@@ -179,22 +181,22 @@ def test_a_named_method_adds_columns():
 @pytest.mark.parametrize("method", METHODS)
 def test_tiny_targets_are_reached(method):
     s = scenario(geometry__azimuth_deg=FEW)
-    factor = allowances(s, 1e-6, method=method)["all"].factor
+    factor = required_accuracies(s, 1e-6, method=method)["all"].factor
     # 3σ is proportional to the deviations where they are so small
     assert factor == pytest.approx(1e-6 / (3 * error_budget(s).std.max()), rel=1e-3)
-    assert allowances(s, 1e-9, method=method)["all"].factor == 0
+    assert required_accuracies(s, 1e-9, method=method)["all"].factor == 0
     assert any("less than a millionth" in line for line in analyses.budget(s, target=1e-9).report)
 
 
 def test_where_a_method_has_no_answer_none_is_made_up():
     s = scenario(geometry__azimuth_deg=FEW)
-    for source, found in allowances(s, 1.5, method="form").items():
+    for source, found in required_accuracies(s, 1.5, method="form").items():
         # a constant that is nothing or huge makes P_D 0 or 1, and 3σ of that is not above 1.5
         assert found.known == (source == "radar_constant")
         assert found.factor > 5
-        assert found.remains <= 1.5
+        assert found.residual <= 1.5
     spiky = load_scenario("configs/spikeball.yaml")  # form does not settle where two lobes meet
-    for found in allowances(spiky, 0.02, method="form").values():
+    for found in required_accuracies(spiky, 0.02, method="form").values():
         assert not found.known
         assert not found.factor
     report = analyses.budget(spiky, method="form", target=0.02).report
@@ -227,7 +229,7 @@ def test_what_has_no_value_dominates_nothing():
         unknown = {source: np.isnan(values) for source, values in columns.items()}
         assert unknown["aircraft_orientation"].any()
         for source, mask in unknown.items():
-            line = f"{source} has no value {where(mask, s.axis)}"
+            line = f"{source} has no value {describe_poses(mask, s.axis)}"
             assert (line in found.report) == mask.any()
         any_unknown = unknown["aircraft_orientation"] | unknown["total"]
         sizes = {
@@ -237,5 +239,5 @@ def test_what_has_no_value_dominates_nothing():
         own = (columns["aircraft_orientation"] > found.table["three_sigma_radar_constant"]) & (
             columns["aircraft_orientation"] > sizes["aircraft_position"]
         )
-        expected = where(own & ~any_unknown & (columns["total"] > 0), s.axis)
+        expected = describe_poses(own & ~any_unknown & (columns["total"] > 0), s.axis)
         assert found.summary["dominates"].get("aircraft_orientation", "") == expected

@@ -41,10 +41,25 @@ def test_time_above_is_that_of_the_broken_line():
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
-def test_what_is_not_known_is_a_violation(unknown):
+def test_what_is_not_known_does_not_hold(unknown):
     found = threshold_test([0.1, unknown, 0.1, 0.1], 0.5, [0, 1, 3, 7])
-    np.testing.assert_array_equal(found.violated, [False, True, False, False])
+    np.testing.assert_array_equal(found.unknown, [False, True, False, False])
+    assert not found.violated.any()
+    assert (found.verdict, found.passed) == ("not known", False)
     assert (found.first, found.worst, found.above) == (1, 1, 3)
+
+
+def test_an_unreliable_bound_holds_nowhere_and_violates_nowhere():
+    bound, unreliable = [0.1, 0.1, 0.9, 0.9, 0.1], [False, True, True, False, False]
+    found = threshold_test(bound, 0.5, range(5), p_d=[0.0] * 5, unreliable=unreliable)
+    assert found.unknown.tolist() == unreliable
+    assert found.violated.tolist() == [False, False, False, True, False]
+    assert (found.verdict, found.first) == ("violated", 3)
+    without = threshold_test(bound[:3], 0.5, range(3), p_d=[0.0] * 3, unreliable=unreliable[:3])
+    assert (without.verdict, without.first) == ("not known", 1)
+    # P_D itself above the limit needs no bound
+    certain = threshold_test(bound, 0.5, range(5), p_d=[0.6] * 5, unreliable=True)
+    assert certain.violated.all()
 
 
 def test_one_pose():
@@ -60,7 +75,7 @@ def test_methods_disagree_about_the_paper():
         for m in ("linear", "probit")
     )
     assert linear.first is not None
-    assert scenario.theta_r_deg[linear.first] == pytest.approx(70, abs=10)
+    assert scenario.theta_r_deg[linear.first] == 67.5
     assert linear.above == pytest.approx(np.count_nonzero(linear.violated) * 0.5, abs=0.5)
     assert probit.passed
     assert linear.total == probit.total == 180

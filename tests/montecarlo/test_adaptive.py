@@ -10,7 +10,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from scenarios import scenario
+from helpers import scenario, single
 from scipy import stats
 from scipy.integrate import quad
 from scipy.special import ndtr
@@ -21,6 +21,7 @@ from radar_sense import propagation
 from radar_sense.axis import azimuth
 from radar_sense.errors import ScenarioError
 from radar_sense.model import detection_model as model
+from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo import adaptive as validation
 from radar_sense.montecarlo.adaptive import numerical_tolerance, validate
 from radar_sense.montecarlo.sampler import Sampler
@@ -45,11 +46,11 @@ ARRAYS = (
 
 
 @dataclass(frozen=True)
-class LinearModel:
+class LinearModel(NetworkModel):
     """P_D = 0.5 + slope · (north of the aircraft + east of the radar), in metres."""
 
-    by_aircraft: float
-    by_radar: float
+    by_aircraft: float = 0.0
+    by_radar: float = 0.0
     exaggerate: float = 1.0
 
     def p_d(self, aircraft, radar):
@@ -76,7 +77,7 @@ def gaussian(std=0.03, shared=0.0, poses=4, exaggerate=1.0, seed=1):
     slope = std * np.array([np.sqrt(1 - shared), np.sqrt(shared)])
     return dataclasses.replace(
         paper,
-        model=LinearModel(*slope, exaggerate),
+        model=LinearModel(paper.model.radars, *slope, exaggerate),
         axis=azimuth(np.arange(float(poses))),
         aircraft=np.zeros((poses, 6)),
         radar=np.array([0.0, 0.0, 0.0, 167.0]),
@@ -450,7 +451,7 @@ def test_constants_drawn_below_zero_become_zero_and_are_counted():
     v = validate(s, digits=1)
     runs, share = v.runs.max(), ndtr(-2.0)
     assert v.clipped == pytest.approx(runs * share, abs=4 * np.sqrt(runs * share))
-    noise_alone = s.model.detector.p_d(np.zeros(1), s.model.p_fa)[0]
+    noise_alone = single(s).p_d(s.aircraft[0], np.zeros(4))
     np.testing.assert_allclose(v.mc_lower, noise_alone, rtol=1e-12)
     assert np.all(v.refuted)
     assert v.clipped == montecarlo_clipped(s, runs // M)

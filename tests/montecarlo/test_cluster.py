@@ -10,7 +10,7 @@ from concurrent.futures import CancelledError, Executor, Future
 from types import SimpleNamespace
 
 import pytest
-from scenarios import scenario
+from helpers import scenario
 
 from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.montecarlo import cluster as module
@@ -120,9 +120,9 @@ class Inner(Executor):
 class FakeClient:
     """A client of a cluster, as far as it is used."""
 
-    def __init__(self, threads=1, spec=None):
+    def __init__(self, threads=1, spec="found"):
         self.status, self.workers, self.inner = "running", {"w": threads}, Inner()
-        self.threads, self.spec, self.closed = threads, spec or object(), False
+        self.threads, self.spec, self.closed = threads, spec, False
 
     def nthreads(self):
         return {"w": self.threads} if self.threads else {}

@@ -1,20 +1,21 @@
 """How fast Monte Carlo settles: the control variate, the estimators, and the errors measured."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import chain_rule
 import numpy as np
 import pytest
+from helpers import OVERHEAD, scenario, single
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from scenarios import OVERHEAD, scenario
 
-from radar_sense.analyses import convergence as module
 from radar_sense.analyses.convergence import (
     ESTIMATORS,
     REFERENCES,
     REPLICATIONS,
     STATISTICS,
+    Convergence,
     LinearModel,
     controlled,
     convergence,
@@ -77,7 +78,7 @@ def test_the_linear_model_is_that_of_the_paper_before_the_cut():
         s.aircraft,
         np.tile(s.radar, (len(s.aircraft), 1)),
         ("ellipsoid", rcs["a_m"], rcs["b_m"], rcs["c_m"]),
-        s.model.p_fa,
+        single(s).p_fa,
     )
     expected = np.einsum("ri,ni->rn", radar, by_radar)
     expected += np.einsum("rni,ni->rn", aircraft, by_aircraft)
@@ -259,7 +260,7 @@ def test_errors_are_root_mean_squares_in_units_of_sigma():
     reference = np.array([[0.5, 0.6], [0.1, 0.2], [0.2, 0.1], [0.8, 0.9]])
     off = np.zeros((3, 1, 4, 2))
     off[0, 0] = [[0.03, 0.0], [0.0, 0.08], [0.03, 0.0], [0.0, 0.12]]
-    found = module.Convergence(
+    found = Convergence(
         runs=np.array([8]),
         axis=azimuth(np.zeros(2)),
         reference=reference,
@@ -318,9 +319,15 @@ def test_columns_and_sizes(small):
 
 
 def test_workers_do_not_change_a_bit_and_seeds_do(small):
-    seen = []
-    again = convergence(load_scenario(), runs=64, workers=3, progress=seen.append)
-    assert sum(seen) == REPLICATIONS + REFERENCES
+    shown = []
+
+    def progress(total, what):
+        shown.append([total])
+        return nullcontext(shown[-1].append)
+
+    again = convergence(load_scenario(), runs=64, workers=3, progress=progress)
+    ((total, *steps),) = shown
+    assert total == sum(steps) == REPLICATIONS + REFERENCES
     other = convergence(load_scenario().with_analysis(seed=2), runs=64)
     for name, column in small.table.items():
         assert column.tobytes() == again.table[name].tobytes()
@@ -359,7 +366,7 @@ def test_no_uncertainty_no_error():
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     (warning,) = result.warnings
-    assert warning == "sigma of P_D is zero, and errors cannot be measured by it, at every pose"
+    assert warning == "sigma of P_D is zero, and errors cannot be measured by it, at all 19 poses"
 
 
 def test_poses_without_are_left_out():
@@ -417,9 +424,10 @@ def test_the_slopes_are_what_they_say(small):
             assert np.log(y[-1] / y[0]) / np.log(x[-1] / x[0]) == pytest.approx(power)
 
 
-def test_the_command(tool, monkeypatch):
-    monkeypatch.setattr(module, "DEFAULT_RUNS", 32)
-    code, out, err = tool("convergence", "--seed", 4, "--level", "high", "--format", "png")
+def test_the_command(tool):
+    code, out, err = tool(
+        "convergence", "--runs", 32, "--seed", 4, "--level", "high", "--format", "png"
+    )
     assert (code, err) == (0, "")
     assert out.splitlines()[0].startswith("RMS error with 32 runs (high)")
     assert [line.split("  ")[1] for line in out.splitlines()[2:6]] == [

@@ -12,7 +12,7 @@ from concurrent.futures import Executor, Future
 import chain_rule
 import numpy as np
 import pytest
-from scenarios import scenario
+from helpers import scenario, single
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -21,6 +21,7 @@ from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.montecarlo import canary as canary_module
 from radar_sense.montecarlo import montecarlo
 from radar_sense.montecarlo.montecarlo import (
     MAX_SAMPLE_PATHS,
@@ -28,7 +29,6 @@ from radar_sense.montecarlo.montecarlo import (
     monte_carlo,
     monte_carlo_states,
 )
-from radar_sense.montecarlo.montecarlo import canary as canary_module
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.reading.parse import load_scenario
 
@@ -39,7 +39,7 @@ FEW = {"start": 0, "stop": 180, "step": 15}
 def p_d(scenario, aircraft, radar):
     """P_D by the paper's own chain, which shares no code with the package."""
     rcs = ("ellipsoid", 0.15, 0.13, 0.21)
-    return chain_rule.linearize(aircraft, radar, rcs, scenario.model.p_fa)[0]
+    return chain_rule.linearize(aircraft, radar, rcs, single(scenario).p_fa)[0]
 
 
 def only_radar_constant(std=5.0, **changes):
@@ -189,7 +189,7 @@ def test_constants_drawn_below_zero_become_zero_and_are_counted():
     mc = monte_carlo(s, runs=runs)
     share = ndtr(-2.0)
     assert mc.clipped == pytest.approx(runs * share, abs=4 * np.sqrt(runs * share))
-    noise_alone = North().p_d(np.zeros(1), s.model.p_fa)[0]
+    noise_alone = North().p_d(np.zeros(1), single(s).p_fa)[0]
     for values in (mc.mean, mc.std, mc.lower, mc.upper, mc.sample_paths):
         assert np.all(np.isfinite(values))
     assert mc.lower == pytest.approx(noise_alone, rel=1e-12)
@@ -277,7 +277,7 @@ def test_a_task_of_many_radars_is_a_block():
     s = scenario()
     sampler = montecarlo.Sampler.of(s)
     for radars, together in ((1, 4), (2, 2), (3, 1), (16, 1)):
-        several = NetworkModel(tuple(Radar(s.model, f"r{i}") for i in range(radars)))
+        several = NetworkModel(tuple(Radar(single(s), f"r{i}") for i in range(radars)))
         states = dataclasses.replace(sampler, model=several, radar=np.tile(sampler.radar, radars))
         tasks = montecarlo._Tasks(montecarlo.Blocks(states, None, 10**6, 256), None, 0)
         assert tasks.blocks_per_task == together

@@ -10,15 +10,14 @@ import mpmath
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, write_path
+from helpers import document, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
-from radar_sense.analyses.error_budget import allowances, error_budget
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.analyses.report import describe_extreme as at
-from radar_sense.analyses.report import describe_poses as where
-from radar_sense.analyses.report import peak
+from radar_sense.analyses.report import describe_poses, peak
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.adaptive import validate
@@ -89,7 +88,7 @@ def orbit_route(aircraft, theta, std=None):
         (1, analyses.variance),
         (1, analyses.sensitivity),
         (1, analyses.budget),
-        (31, lambda s: analyses.budget(s, target=0.05, only_at=46.5)),
+        (31, lambda s: analyses.budget(s, target=0.05, at=46.5)),
         (60, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
         (1, lambda s: analyses.montecarlo(s.with_analysis(runs=40))),
         (60, lambda s: analyses.variance(s, method="form")),
@@ -172,11 +171,11 @@ def test_factors_do_not_depend_on_how_many_are_made_at_a_time(monkeypatch):
     root = rng.standard_normal((7, 6, 6))
     matrices = root @ np.swapaxes(root, -1, -2)
     matrices[2] = np.diag(np.arange(6.0))
-    whole = covariance.factor(matrices)
+    whole = covariance.square_root(matrices)
     assert whole @ np.swapaxes(whole, -1, -2) == pytest.approx(matrices, abs=1e-12)
     assert (whole[2] == np.diag(np.sqrt(np.arange(6.0)))).all()
     monkeypatch.setattr(covariance, "BLOCK", 3)
-    assert (covariance.factor(matrices) == whole).all()
+    assert (covariance.square_root(matrices) == whole).all()
     first = covariance.component_first(whole)
     assert (first == whole).all()
     assert first[:, 2, 3].flags.c_contiguous
@@ -212,9 +211,9 @@ def test_the_verdict_at_a_pose_is_by_its_covariance(tmp_path):
 def test_allowances_scale_every_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
     top = float(np.max(3 * propagate_scenario(s).std))
-    assert allowances(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
+    assert required_accuracies(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
     pose = s.part(slice(2, 3))
-    alone_at = allowances(s, 0.01, at=1000.0)
+    alone_at = required_accuracies(s, 0.01, at=1000.0)
     assert alone_at["all"].factor == pytest.approx(
         0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6
     )
@@ -543,7 +542,7 @@ def test_the_command_line_says_times(tool, tmp_path):
     record = json.loads((tmp_path / "figures/paper_budget.json").read_text())
     target = record["summary"]["target"]
     assert target["at_s"] == 1000
-    assert target["allowances"]["all"]["time_s"] == 1000
+    assert target["required_accuracy"]["all"]["time_s"] == 1000
     assert record["scenario"]["geometry"]["sha256"]
     table = (tmp_path / "figures/paper_budget.csv").read_text()
     assert table.startswith("time_s,three_sigma_aircraft_position")
@@ -569,9 +568,9 @@ def test_places_are_said_with_the_digits_they_need():
     when = axis.time(values)
     top = np.array([0, 0, 1.0, 0, 1])
     assert at(peak(top, when), when) == "1.0000 at 0.3 and 2000000 s"
-    assert where(top < 1, when) == "at 0.1 to 0.2, 1000000.125 s"
+    assert describe_poses(top < 1, when) == "at 0.1 to 0.2, 1000000.125 s"
     far = axis.distance(1000 * values)
-    assert where(top > 0, far) == "at 300, 2000000000 m"
+    assert describe_poses(top > 0, far) == "at 300, 2000000000 m"
     assert when.find(0.3) == 2
     assert when.find(1e6) is None
     assert far.find(100.9) == 0

@@ -18,8 +18,9 @@ from scipy.spatial.transform import Rotation
 from radar_sense.covariance import problem
 from radar_sense.errors import ScenarioError
 from radar_sense.model import geodesy as wgs84
-from radar_sense.model import trajectory as route
-from radar_sense.model.trajectory import attitude_from_motion, attitude_from_track, resample
+from radar_sense.model import track
+from radar_sense.model.track import attitude_from_motion, motion_of_samples
+from radar_sense.model.trajectory import METHODS, resample
 from radar_sense.reading import csv_reader, route_file
 from radar_sense.reading.route_file import load_route
 
@@ -231,7 +232,7 @@ def test_the_size_of_the_blocks_changes_nothing(load, monkeypatch):
     columns = {**geodetic(time, place), **triangle(random_covariance(rng, 50))}
     found = []
     for block in (7, 2**14):
-        monkeypatch.setattr(route, "_BLOCK", block)
+        monkeypatch.setattr(track, "_BLOCK", block)
         path = load(columns, origin=ORIGIN)
         found += [path, resample(path, 0.5), resample(path, 0.5, "smooth")]
     for a, b in zip(found[:3], found[3:], strict=True):
@@ -297,7 +298,7 @@ def test_a_straight_climb_has_its_course_and_climb_and_no_bank():
     time = 1.7e9 + np.cumsum(rng.uniform(0.1, 2.0, 50))  # a clock since 1970
     velocity = np.array([-120.0, 160.0, -50.0])
     position = np.outer(time - time[0], velocity) - np.array([5e5, -3e5, 3e3])
-    attitude = attitude_from_track(time, position)
+    attitude = attitude_from_motion(*motion_of_samples(time, position))
     expected = [0.0, math.atan2(50, 200), math.atan2(160, -120)]
     np.testing.assert_allclose(attitude, np.tile(expected, (50, 1)), atol=1e-8)
 
@@ -337,7 +338,7 @@ def test_turns_converge_with_the_square_of_the_step(right, climb, times):
     for count in (201, 801, 3201):
         time = times(count, rng)
         position, expected = helix(time, speed=200.0, radius=4e3, climb=climb, right=right)
-        off = np.abs(wrapped(attitude_from_track(time, position) - expected))
+        off = np.abs(wrapped(attitude_from_motion(*motion_of_samples(time, position)) - expected))
         # The whole path, ends included.
         errors.append(np.max(off, axis=0))
     assert np.all(errors[0] < 3e-3)
@@ -352,11 +353,13 @@ def test_a_parabola_and_a_cubic_are_exact():
     rng = np.random.default_rng(4)
     time = np.cumsum(rng.uniform(0.1, 3.0, 30))
     north, east = 100.0 * time, 0.02 * time**3 - time**2
-    roll, _, _ = attitude_from_track(time, np.stack([north, east, 0 * time], -1)).T
+    roll, _, _ = attitude_from_motion(
+        *motion_of_samples(time, np.stack([north, east, 0 * time], -1))
+    ).T
     # Acceleration of a cubic is found exactly, velocity not, so the bank is compared as a_e alone.
-    _, acceleration = route._motion(time, np.stack([north, east, 0 * time], -1))
+    _, acceleration = motion_of_samples(time, np.stack([north, east, 0 * time], -1))
     np.testing.assert_allclose(acceleration[:, 1], 0.12 * time - 2, atol=1e-10)
-    velocity, _ = route._motion(time, np.stack([north, time**2, 0 * time], -1))
+    velocity, _ = motion_of_samples(time, np.stack([north, time**2, 0 * time], -1))
     np.testing.assert_allclose(velocity[:, 1], 2 * time, atol=1e-10)
     assert np.sign(roll[0]) == -1
 
@@ -367,7 +370,7 @@ def test_acceleration_is_between_those_measured_around_it():
     position = rng.standard_normal((200, 3))
     slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
     measured = 2 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
-    _, acceleration = route._motion(time, position)
+    _, acceleration = motion_of_samples(time, position)
     # Row i + 2 has second differences centred near it, before it and after it.
     around = np.stack([measured[:-2], measured[1:-1], measured[2:]])
     inner = acceleration[2:-2]
@@ -385,13 +388,13 @@ def test_drifting_is_hovering():
 
 def test_three_rows_and_two():
     position = np.array([[0.0, 0, 0], [100, 0, 0], [200, 10, 0]])
-    three = attitude_from_track(np.array([0.0, 1, 2]), position)
+    three = attitude_from_motion(*motion_of_samples(np.array([0.0, 1, 2]), position))
     # At the middle: velocity (100, 5), acceleration (0, 10).
     to_the_right = 100 * 10 / math.hypot(100, 5)
     np.testing.assert_allclose(
         three[1], [math.atan(to_the_right / G), 0, math.atan2(5, 100)], rtol=1e-14
     )
-    two = attitude_from_track(np.array([0.0, 1]), position[1:])
+    two = attitude_from_motion(*motion_of_samples(np.array([0.0, 1]), position[1:]))
     np.testing.assert_allclose(two, [[0, 0, math.atan2(10, 100)]] * 2, rtol=1e-14)
 
 
@@ -399,13 +402,14 @@ def test_who_hovers_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
     position = np.stack([-north, north, -up], axis=-1)
-    attitude = attitude_from_track(np.arange(10.0), position)
+    attitude = attitude_from_motion(*motion_of_samples(np.arange(10.0), position))
     np.testing.assert_allclose(attitude[:, 2], 0.75 * np.pi)  # before the first course: the first
     np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 0], 0.0)
     np.testing.assert_array_equal(attitude[[0, 1, 2], 1], 0.0)
     np.testing.assert_allclose(attitude[[8, 9], 1], np.pi / 2)  # straight up
+    upwards = motion_of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
     with pytest.raises(ValueError, match="never moves"):
-        attitude_from_track(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
+        attitude_from_motion(*upwards)
 
 
 # Interpolation.
@@ -824,7 +828,7 @@ def test_any_table(path, table, step):
     path.write_text(text)
     options = {"origin": (0.1, 0.2, 0.0)} if "latitude_deg" in columns else {}
     found = outcome(path, **options)
-    for method in route.METHODS if found else ():
+    for method in METHODS if found else ():
         try:
             again = resample(found, step, method)
         except ScenarioError as error:

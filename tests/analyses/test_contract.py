@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from scenarios import document, scenario
+from helpers import document, scenario
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -21,7 +21,7 @@ from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS, Method
 from radar_sense.propagation.linear import linear
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 ALL = {name: command_line.load(name) for name in command_line.ANALYSES}
 #: What keeps an analysis short.
 SHORT = {

@@ -8,7 +8,8 @@ import math
 import numpy as np
 import pytest
 import yaml
-from scenarios import document
+from helpers import document
+from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
@@ -37,7 +38,7 @@ P_FA = 1e-4
 SIGMA = 0.05  # m²
 
 
-def load(folder, names, tau, **changes):
+def load(folder, names, tau, pose=800, **changes):
     (folder / "route.csv").write_text(ROUTE)
     content = document(
         geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
@@ -45,7 +46,7 @@ def load(folder, names, tau, **changes):
     del content["aircraft"]["attitude_deg"], content["radar"]
     content["aircraft"]["rcs"] = {"model": "constant", "rcs_m2": SIGMA}
     content["uncertainty"] = {
-        "aircraft": {"position_m": 800, "attitude_deg": 1},
+        "aircraft": {"position_m": pose, "attitude_deg": 1},
         "aircraft_correlation_s": tau if math.isfinite(tau) else ".inf",
     }
     content["radars"] = []
@@ -71,7 +72,7 @@ def load(folder, names, tau, **changes):
     return rs.load_scenario(file)
 
 
-def plain_missions(names, tau, m, n, runs, seed):
+def plain_missions(names, tau, m, n, runs, seed, pose=800):
     """P_c and T at the end of each drawn mission, look by look, with no code of the package."""
     rng = np.random.default_rng(seed)
     times = sorted({t for name in names for t in range(0, 121, RADARS[name][2])})
@@ -83,7 +84,7 @@ def plain_missions(names, tau, m, n, runs, seed):
             error = rho * error + math.sqrt(1 - rho * rho) * rng.standard_normal((3, runs))
         nominal = [np.interp(t, [0, 60, 120], v)
                    for v in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
-        poses[t] = np.array(nominal)[:, None] + 800 * error
+        poses[t] = np.array(nominal)[:, None] + pose * error
         last = t
     p_d = {}
     for name in names:
@@ -126,18 +127,18 @@ def _fewer_draws(monkeypatch):
 
 @pytest.mark.usefixtures("_fewer_draws")
 @pytest.mark.parametrize(
-    ("names", "tau"),
-    [(["one"], 0.0), (["one", "two"], 60.0), (["one", "three"], math.inf),
-     (["one", "two", "three"], 60.0)],
+    ("names", "tau", "pose"),
+    [(["one"], 0.0, 800), (["one", "two"], 60.0, 800), (["one", "three"], math.inf, 5000),
+     (["two"], 60.0, 8000), (["one", "two", "three"], 60.0, 800)],
 )  # fmt: skip
-def test_bounds_are_those_of_plain_missions(tmp_path, names, tau):
-    scenario, schedule = with_schedule(load(tmp_path, names, tau))
+def test_bounds_are_those_of_plain_missions(tmp_path, names, tau, pose):
+    scenario, schedule = with_schedule(load(tmp_path, names, tau, pose))
     assert scenario.radar[3] == pytest.approx(RADARS[names[0]][1], rel=1e-9)
     found = importance_sampling(scenario, schedule, (2, 3))
     assert len(found) == (1 if len(names) == 1 else 1 + len(names))
     sources = [names] + ([[name] for name in names] if len(names) > 1 else [])
     for some, (detection, track) in zip(sources, found, strict=True):
-        batches = [plain_missions(some, tau, 2, 3, 20_000, seed) for seed in range(4)]
+        batches = [plain_missions(some, tau, 2, 3, 20_000, seed, pose) for seed in range(4)]
         for event, drawn in zip((detection, track), zip(*batches, strict=True), strict=True):
             every = np.concatenate(drawn)
             assert event.mean[-1] == pytest.approx(every.mean(), abs=0.06 * every.std())
@@ -195,7 +196,7 @@ def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
     cov = {level: 0.0 * c for level, c in s.cov_radar.items()}
     parts = dict.fromkeys(cov, ((),) * 2)
-    s = dataclasses.replace(s, cov_radar=cov, constant_parts=parts)
+    s = dataclasses.replace(s, cov_radar=cov, tolerances=parts)
     for event in importance_sampling(*with_schedule(s), (2, 3))[0]:
         for values in (event.mean, event.lower, event.upper):
             np.testing.assert_array_equal(values, event.p)
@@ -213,7 +214,7 @@ def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
     apart = np.diag(std**2)
     together, independent = (
         importance_sampling(
-            *with_schedule(dataclasses.replace(s, cov_radar={"one": cov}, constant_parts=parts)),
+            *with_schedule(dataclasses.replace(s, cov_radar={"one": cov}, tolerances=parts)),
             (2, 3),
         )[0][0]
         for cov in (same, apart)
@@ -255,6 +256,15 @@ def test_weights_are_the_ratio_of_the_densities():
     tail = slopes[0] @ normals > 3
     assert weight[tail].sum() / runs == pytest.approx(0.00135, rel=0.05)
     assert tail.mean() > 20 * 0.00135
+
+
+def test_points_of_different_streams_are_independent():
+    """Two scrambled Sobol' sequences in their own order have all pairs in a few cells."""
+    for stream in range(4):
+        a, b = (importance._sobol_normals(4096, 2, 1, 7, branch, stream)[:, 0] for branch in (1, 2))
+        counts, _, _ = np.histogram2d(ndtr(a), ndtr(b), bins=4, range=[[0, 1], [0, 1]])
+        # 9 degrees of freedom; chi-square is beyond 40 once in 130 000
+        assert np.sum((counts - 256) ** 2 / 256) < 40
 
 
 def test_combinations_have_the_distribution_of_independent_sources():

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import legend_off_data, scenario, write_path
+from helpers import legend_off_data, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import limits, plotting
@@ -31,7 +31,7 @@ def mission(scenario, *, m_of_n=None, **options):
     return rs.analyses.mission(scenario, m=m, n=n, **options)
 
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 #: Past the radar, with a yaw that goes through 180 degrees.
@@ -367,7 +367,7 @@ def test_columns(tool, options, method):
     cumulated = 1 - np.cumprod(1 - found["p_d"])
     assert found["cumulative_p_d"] == pytest.approx(cumulated, rel=1e-12)
     assert sorted(p.name for p in Path("figures").iterdir()) == [
-        "flight_mission.csv", "flight_mission.json", "flight_mission.pdf",
+        "flight_mission.csv", "flight_mission.json", "flight_mission.png",
     ]  # fmt: skip
     summary = record("figures/flight_mission.json")["summary"]
     assert summary["looks"] == 4

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, scenario
+from helpers import document, scenario
 from scipy.interpolate import CubicSpline
 
 import radar_sense as rs
@@ -21,7 +21,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.reading import rcs_file
 
 DEG = np.pi / 180
-CONFIGS = Path(__file__).parent.parent / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def direction(azimuth, elevation):

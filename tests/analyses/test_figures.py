@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from helpers import legend_off_data, scenario
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from scenarios import legend_off_data, scenario
 
 from radar_sense import analyses, plotting
 from radar_sense.analyses import threshold as planning
@@ -91,11 +91,16 @@ def test_layout_of_detectors(p_fa):
 
 @pytest.mark.parametrize("analysis", ["budget", "sensitivity"])
 def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
+    """The total is solid like the first source; it is told from that by being black."""
     (axes,) = ALL[analysis](load_scenario()).plot().axes
-    styles = [(line.get_linestyle(), line._unscaled_dash_pattern) for line in axes.lines]
-    solid_black = [line for line in axes.lines if line.get_color() == "black"]
-    # the total is solid like the first source and is told from it by being black
-    assert len({str(style) for style in styles}) >= len(styles) - len(solid_black)
+    colours = [line.get_color() for line in axes.lines]
+    styles = [
+        (str(line._unscaled_dash_pattern), colour == "black")
+        for line, colour in zip(axes.lines, colours, strict=True)
+    ]
+    assert len(axes.lines) == (5 if analysis == "budget" else 3)
+    assert len(set(styles)) == len(styles)
+    assert len(set(colours)) == len(colours)
 
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():

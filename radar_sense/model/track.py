@@ -1,0 +1,218 @@
+"""Attitude from a track, and attitudes and covariances turned into the frame of an origin.
+
+Attitude and covariance of an aircraft are relative to north, east and down at the aircraft, as a
+navigation filter writes them. Over the curved earth, level differs from place to place. The
+functions here turn attitudes and covariances into the north-east-down frame of one origin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.constants import g as gravity
+
+from radar_sense.covariance import without_rounding
+from radar_sense.errors import InputError
+from radar_sense.model import geodesy
+from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
+
+#: Below this speed over ground [m/s] an aircraft hovers: a drift does not show the heading.
+HOVER = 0.1
+#: Poses turned at a time. The matrices of all poses would not fit into memory.
+_BLOCK = 2**14
+#: Nearer than this [rad] to straight up or down, errors of yaw and roll grow more than 500-fold.
+_STEEP = 0.002
+#: Columns of a route file that hold the attitude, for errors.
+ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
+
+
+def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Return the attitude of coordinated flight without wind or angle of attack.
+
+    With V_h the horizontal speed, yaw is the course χ = atan2(v_e, v_n), pitch is the climb angle
+    atan2(−v_d, V_h), and roll is the bank of a coordinated turn, tan φ = V_h χ̇ / g (R. W. Beard
+    and T. W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the
+    right is V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
+
+    Below the speed `HOVER` over ground, yaw is the last known course (before the first known
+    course, the first) and the wings are level. Without any motion the nose is level too.
+
+    Args:
+        velocity: North, east, down (n, 3) [m/s], in the order of time.
+        acceleration: North, east, down (n, 3) [m/s²].
+
+    Returns:
+        Roll, pitch, yaw (n, 3) [rad].
+
+    Raises:
+        InputError: If the aircraft never moves horizontally.
+    """
+    north, east, down = (velocity[:, i] for i in range(3))
+    speed = np.hypot(north, east)
+    moves = speed >= HOVER
+    if not moves.any():
+        raise InputError(f"never moves horizontally at {HOVER:g} m/s or more")
+    known = np.maximum.accumulate(np.where(moves, np.arange(len(speed)), -1))
+    known[known < 0] = np.argmax(moves)
+    yaw = np.arctan2(east, north)[known]
+    pitch = np.where(np.hypot(speed, down) >= HOVER, np.arctan2(-down, speed), 0.0)
+    acceleration_right = north * acceleration[:, 1] - east * acceleration[:, 0]
+    roll = np.arctan(acceleration_right / (gravity * np.where(moves, speed, np.inf)))
+    return np.stack([roll, pitch, yaw], axis=-1)
+
+
+def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return velocity [m/s] and acceleration [m/s²] (n, 3) of sampled positions.
+
+    The velocity at a sample is the derivative of the parabola through the sample and its two
+    neighbours. Twice the second divided difference of three samples is the acceleration at the mean
+    of their times, and is extrapolated to the time of the sample along a straight line. Both have
+    errors of second order in the time step, whether steps are equal or not. At the ends the nearest
+    parabola and line are continued.
+
+    Positions rounded to δ make the acceleration wrong by some 2δ/h² at steps h. Samples that are
+    close in time need positions with many digits.
+
+    Args:
+        time: (n,) [s], strictly increasing, n ≥ 2.
+        position: North, east, down (n, 3) [m].
+    """
+    if len(time) == 2:
+        velocity = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+        return np.repeat(velocity, 2, axis=0), np.zeros((2, 3))
+    velocity = np.gradient(position, time, axis=0, edge_order=2)
+    slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    second = 2.0 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
+    if len(second) == 1:
+        return velocity, np.repeat(second, 3, axis=0)
+    step = np.diff(time)
+    offset = (step[1:] - step[:-1]) / 3.0  # from the middle of three times to their mean
+    spacing = (step[:-2] + step[1:-1] + step[2:]) / 3.0  # from one mean of three to the next
+    slope = np.diff(second, axis=0) / spacing[:, np.newaxis]
+    # Second difference i belongs to row i + 1. The line through row i + 1 joins it to difference
+    # i − 1 if its mean time is later than the row, else to difference i + 1.
+    rows = np.arange(len(second))
+    line = np.clip(np.where(offset > 0, rows - 1, rows), 0, len(slope) - 1)
+    inner = second - offset[:, np.newaxis] * slope[line]
+    first = second[0] - (step[0] + offset[0]) * slope[0]
+    last = second[-1] + (step[-1] - offset[-1]) * slope[-1]
+    return velocity, np.concatenate([first[np.newaxis], inner, last[np.newaxis]])
+
+
+def attitude_of_motion(
+    source: str,
+    place: FloatArray,
+    velocity: FloatArray,
+    acceleration: FloatArray,
+    origin: tuple[float, float, float] | None,
+) -> FloatArray:
+    """Return attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
+
+    Args:
+        source: Name of the track in errors.
+        place: Latitude, longitude [rad] and height [m] (n, 3); not used without an origin.
+        velocity: North, east, down (n, 3) [m/s] in the frame of the origin.
+        acceleration: North, east, down (n, 3) [m/s²] in the frame of the origin.
+        origin: Origin of the frame; None if level is the same everywhere.
+
+    Raises:
+        InputError: If the aircraft never moves horizontally.
+    """
+    if origin is not None:
+        velocity, acceleration = velocity.copy(), acceleration.copy()
+        for some in slices(len(place)):
+            turn = geodesy.turn_to_origin(place[some], origin)
+            for vectors in (velocity, acceleration):
+                vectors[some] = np.einsum("...ij,...i->...j", turn, vectors[some])
+    try:
+        return attitude_from_motion(velocity, acceleration)
+    except InputError as error:
+        raise InputError(
+            f"{source}: the aircraft {error}, attitude cannot be derived from the track; "
+            f"give the columns {', '.join(ATTITUDE_COLUMNS)}"
+        ) from error
+
+
+def turn_to_origin(
+    source: str,
+    time: FloatArray,
+    place: FloatArray,
+    attitude: FloatArray,
+    covariance: FloatArray | None,
+    origin: tuple[float, ...],
+) -> FloatArray:
+    """Return attitudes (n, 3) [rad] in the frame of the origin, and turn covariances in place.
+
+    An error of position turns level too, by 0.001° for 100 m. This turn is neglected.
+
+    Args:
+        source: Name of the track in errors.
+        time: Time of each pose (n,) [s], for errors.
+        place: Latitude, longitude [rad] and height [m] (n, 3).
+        attitude: Attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
+        covariance: C_aa (n, 6, 6) relative to the same, which is overwritten; or None.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m].
+
+    Raises:
+        InputError: If the nose points straight up or down in the frame of the origin, where roll
+            and yaw have no covariance.
+    """
+    turned = np.empty_like(attitude)
+    for some in slices(len(attitude)):
+        turn = geodesy.turn_to_origin(place[some], origin)
+        turned[some] = geodesy.turned_attitude(attitude[some], turn)
+        if covariance is None:
+            continue
+        part = covariance[some]
+        uncertain = np.any(part[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
+        steep = uncertain & (np.abs(turned[some, 1]) > np.pi / 2 - _STEEP)
+        if steep.any():
+            raise InputError(
+                f"{source}: at time_s {float(time[some][steep][0])!r} the aircraft's nose points "
+                "straight up or down in the frame of the origin, where roll and yaw have no "
+                "covariance"
+            )
+        jacobian = np.zeros_like(part)
+        jacobian[:, POSITION, POSITION] = turn
+        # The Jacobian is infinite at a pitch of ±90°. A certain attitude does not need it.
+        jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
+            attitude[some][uncertain], turned[some][uncertain]
+        )
+        part = jacobian @ part @ np.swapaxes(jacobian, -1, -2)
+        part = 0.5 * (part + np.swapaxes(part, -1, -2))
+        # A variance of 0 may round to a negative number.
+        certain = np.diagonal(part, axis1=-2, axis2=-1) <= 0
+        part[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
+        covariance[some] = part
+    return turned
+
+
+def covariance_in_frame(
+    covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
+) -> FloatArray:
+    """Return C_aa of each pose (n, 6, 6) in the frame of an origin.
+
+    Args:
+        covariance: C_aa (6, 6), relative to north, east and down at the aircraft.
+        time: Time of each pose (n,) [s], for errors.
+        aircraft: States (n, 6) in the frame of the origin.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m].
+
+    Raises:
+        InputError: If the nose points straight up or down in the frame of the origin.
+    """
+    place = geodesy.geodetic_from_ned(aircraft[:, POSITION], origin)
+    attitude = np.empty_like(place)
+    for some in slices(len(place)):
+        to_level = np.swapaxes(geodesy.turn_to_origin(place[some], origin), -1, -2)
+        attitude[some] = geodesy.turned_attitude(aircraft[some, ATTITUDE], to_level)
+    covariances = np.repeat(covariance[np.newaxis], len(place), axis=0)
+    turn_to_origin("geometry", time, place, attitude, covariances, origin)
+    return without_rounding(covariances)
+
+
+def slices(count: int) -> Iterator[slice]:
+    """Yield slices that together are `count` poses, a block at a time."""
+    for start in range(0, count, _BLOCK):
+        yield slice(start, start + _BLOCK)

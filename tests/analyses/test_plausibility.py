@@ -1,0 +1,124 @@
+"""Scenarios that are possible but hardly meant are warned of, once an analysis and by `check`."""
+
+import math
+from pathlib import Path
+
+import yaml
+from helpers import document, scenario, write_path
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.analyses.plausibility import plausibility_warnings
+from radar_sense.reading.parse import parse_scenario
+
+ROUTE = (
+    "time_s,north_m,east_m,down_m\n0,300000,0,-9000\n20,300000,4000,-9000\n40,300000,8000,-9000\n"
+)
+GEODETIC = """time_s,latitude_deg,longitude_deg,altitude_m
+0,{lat},{lon},{alt}
+20,{lat},{lon2},{alt}
+40,{lat},{lon3},{alt}
+"""
+ORIGIN = {"latitude_deg": 47.3, "longitude_deg": 8.5, "altitude_m": 400}
+
+
+def of_route(folder, text, **changes):
+    return plausibility_warnings(rs.load_scenario(write_path(folder, text, **changes)))
+
+
+def geodetic(folder, lat=46.5, lon=9.0, alt=9000):
+    text = GEODETIC.format(lat=lat, lon=lon, lon2=lon + 0.05, lon3=lon + 0.1, alt=alt)
+    path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
+    return of_route(folder, text, geometry=path)
+
+
+def test_what_is_meant_is_not_warned_of(tmp_path):
+    assert plausibility_warnings(scenario()) == ()
+    assert of_route(tmp_path, ROUTE) == ()
+    assert geodetic(tmp_path) == ()
+    # low flight below a radar on a mountain
+    on_mountain = scenario(radar__position_m=[0, 0, -2500], geometry__down_km=-0.3)
+    assert plausibility_warnings(on_mountain) == ()
+
+
+def test_minutes_for_seconds(tmp_path):
+    (warning,) = of_route(tmp_path, ROUTE.replace("\n20,", "\n0.333,").replace("\n40,", "\n0.667,"))
+    assert warning.startswith("the aircraft flies at up to 12")
+    assert "km/s, after 0 s: is time_s in seconds" in warning
+
+
+def test_swapped_latitude_and_longitude(tmp_path):
+    (warning,) = geodetic(tmp_path, lat=9.0, lon=46.5)
+    assert warning.endswith("km from the radar: are latitude and longitude swapped?")
+
+
+def test_far_away():
+    (warning,) = plausibility_warnings(scenario(geometry__range_km=5100, radar__constant=1e6))
+    assert warning.startswith("the aircraft is up to 5100 km from the radar: are positions")
+    assert plausibility_warnings(scenario(geometry__range_km=4900, radar__constant=1e6)) == ()
+
+
+def test_below_the_ground(tmp_path):
+    (warning,) = plausibility_warnings(scenario(geometry__down_km=3))
+    assert "3000 m below the origin and below every radar at all 361 poses" in warning
+    (warning,) = geodetic(tmp_path, alt=-900)
+    assert "900 m below the ellipsoid" in warning
+
+
+def test_no_signal_at_all():
+    (warning,) = plausibility_warnings(scenario(radar__constant=1e-12))
+    assert warning.startswith("P_D is at its floor everywhere, 0.00")
+    weak = scenario(radar__constant=0.01)  # P_D above its floor by 1e-4 of it
+    assert plausibility_warnings(weak) == ()
+
+
+def test_rows_far_apart(tmp_path):
+    far = "time_s,north_m,east_m,down_m\n0,-300000,90000,-9000\n3000,300000,90000,-9000\n"
+    (warning,) = of_route(tmp_path, far)
+    assert warning.startswith("rows of the path are up to 3000 s apart")
+    assert "in 1 of 1 steps; fill them in with geometry.interpolate" in warning
+    filled = {"type": "path", "file": "route.csv", "interpolate": {"step_s": 1000}}
+    assert of_route(tmp_path, far, geometry=filled) == ()
+
+
+def test_every_analysis_warns_once_and_check_too(tool):
+    few = {"start": 40, "stop": 60, "step": 20}
+    below = document(geometry__down_km=3, geometry__azimuth_deg=few)
+    Path("my.yaml").write_text(yaml.safe_dump(below))
+    for command in (["variance"], ["sensitivity"], ["budget"], ["montecarlo", "--runs", "20"]):
+        done = tool(*command, "my.yaml", "--no-plot")
+        assert done.code == 0
+        assert done.err.count("below every radar") == 1
+    done = tool("check", "my.yaml")
+    assert done.code == 0
+    assert done.err.count("below every radar") == 1
+    assert "below" not in done.out
+    assert tool("check").err == ""
+
+
+def twelve_radars():
+    """Twelve radars alike, in a circle about the origin."""
+    radar = {
+        "p_fa": 1e-6,
+        "surveillance": {
+            "average_power_kw": 2, "aperture_m2": 3, "temperature_k": 500, "rotation_rpm": 12,
+            "search_volume_sr": 4, "loss_db": 20, "noise_figure_db": 0,
+        },
+        "uncertainty": {"medium": {"position_m": 100, "constant": {"loss_db": 2.0}}},
+    }  # fmt: skip
+    places = [[2e5 * math.cos(i / 6 * math.pi), 2e5 * math.sin(i / 6 * math.pi)] for i in range(12)]
+    several = [{"name": f"r{i:02}", **radar, "position_m": [*p, 0.0]} for i, p in enumerate(places)]
+    changed = document(geometry__range_km=220, analysis={"level": "medium", "runs": 100, "seed": 1})
+    del changed["radar"], changed["uncertainty"]["radar"]
+    return parse_scenario(yaml.safe_dump({**changed, "radars": several}, sort_keys=False))
+
+
+def test_twelve_radars_alike_are_warned_of_once():
+    """One line for what is alike; it was one a radar, fourteen in all."""
+    warnings = analyses.budget(twelve_radars()).warnings
+    assert len(warnings) == len(set(warnings)) <= 4
+    (distribution,) = [w for w in warnings if "c_r is not Gaussian" in w]
+    said = "r00, r01, r02 and 9 more: c_r is not Gaussian, the assumption of linear:"
+    assert distribution.startswith(said)
+    (vanishing,) = [w for w in warnings if "gradient vanishes" in w]
+    assert "13 sources at some poses, listed in the record" in vanishing

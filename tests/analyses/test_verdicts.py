@@ -1,0 +1,282 @@
+"""Verdicts of a threshold test: what holds, what does not, what is not known, and how probable."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scenario, write_path
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.analyses import refinement
+from radar_sense.analyses.error_budget import required_accuracies
+from radar_sense.model.rcs import SpikeballRCS
+from radar_sense.montecarlo.exceedance import decide, exceeded_anywhere
+from radar_sense.propagation import exceedance_probability, propagate_scenario
+
+FEW = {"start": 45, "stop": 60, "step": 15}
+#: A straight flight past the radar: two rows far from it, where P_D is small.
+PAST = "time_s,north_m,east_m,down_m\n0,-400000,120000,-9000\n3600,400000,120000,-9000\n"
+CONSTANT = {"model": "constant", "rcs_m2": 0.1}
+
+
+def past(tmp_path, text=PAST, **changes):
+    known = {"medium": {"position_m": 100, "constant": 0.2}}
+    changes = {"radar__constant": 4, "uncertainty__radar": known, **changes}
+    return rs.load_scenario(write_path(tmp_path, text, **changes))
+
+
+def drawn_p_d(s, runs, seed=5):
+    """P_D (runs, n) of Gaussian states with independent errors, one radar a run."""
+    rng = np.random.default_rng(seed)
+    pose = np.sqrt(np.diag(s.cov_aircraft))
+    radar = s.radar + np.sqrt(np.diag(s.cov_radar[s.level])) * rng.standard_normal((runs, 4))
+    radar[:, 3] = np.maximum(radar[:, 3], 0.0)
+    errors = pose * rng.standard_normal((runs, len(s.aircraft), 6))
+    return s.model.p_d(s.aircraft + errors, radar[:, np.newaxis])
+
+
+def test_the_probabilities_of_the_paper():
+    """0.0298 at 45 deg. At 60 deg 0.0073 by probit; two million draws give 0.00743(6)."""
+    s = scenario(geometry__azimuth_deg=FEW)
+    for method, at_45, at_60 in (("form", 0.0298, 0.0074), ("probit", 0.0290, 0.0073)):
+        found = [exceedance_probability(s, p_max, method=method) for p_max in (0.65, 0.9)]
+        assert found[0][0] == pytest.approx(at_45, abs=0.00005)
+        assert found[1][1] == pytest.approx(at_60, abs=0.00005)
+
+
+@pytest.mark.parametrize("level", ["medium", "high"])
+def test_probabilities_against_draws(level):
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 30})
+    s = s.with_analysis(level=level)
+    runs = 50_000
+    p_d = drawn_p_d(s, runs)
+    for shift in (-0.1, -0.02, 0.01, 0.05):
+        for pose, p_max in enumerate(np.clip(p_d.mean(axis=0) + shift, 0.01, 0.999)):
+            share = np.mean(p_d[:, pose] > p_max)
+            found = exceedance_probability(s, p_max, method="form")[pose]
+            error = math.sqrt(max(share * (1 - share), 1 / runs) / runs)
+            assert found == pytest.approx(share, abs=4 * error + 0.001)
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
+def test_the_bound_and_the_probability_agree(method):
+    """The upper bound at Φ(k) is P_max exactly where P(P_D > P_max) is Φ(−k)."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 80, "step": 20})
+    for k in (0.7, 2.0, 3.0):
+        upper = propagate_scenario(s, method=method, beta=k).upper
+        found = [exceedance_probability(s, u, method=method)[i] for i, u in enumerate(upper)]
+        tail = 0.5 * math.erfc(k / math.sqrt(2))
+        np.testing.assert_allclose(found, tail, rtol=0.02)
+
+
+def test_nothing_uncertain_is_certain():
+    s = scenario(
+        uncertainty={
+            "aircraft": {"position_m": 0, "attitude_deg": 0},
+            "radar": {"none": {"position_m": 0, "constant": 0}},
+        },
+        analysis={"level": "none"},
+        geometry__azimuth_deg=FEW,
+    )
+    for method in ("linear", "probit", "form"):
+        assert exceedance_probability(s, 0.7, method=method).tolist() == [0, 1]
+
+
+def test_draws_decide():
+    """Against the quantiles of a plain loop, and against limits just above and below these."""
+    s = scenario(geometry__azimuth_deg=FEW).with_analysis(level="high")
+    p_d = drawn_p_d(s, 40_000)
+    tail = 0.5 * math.erfc(2 / math.sqrt(2))
+    for pose in range(2):
+        one = s.part(np.array([pose]))
+        quantile = np.quantile(p_d[:, pose], 1 - tail)
+        for p_max in (quantile - 0.02, quantile + 0.02):
+            decision = decide(one, p_max, tail)
+            share = np.mean(p_d[:, pose] > p_max)
+            assert decision.upper[0] == pytest.approx(quantile, abs=0.01)
+            error = math.sqrt(share * (1 - share) / decision.runs[0])
+            assert decision.probability[0] == pytest.approx(share, abs=6 * error)
+            assert (decision.holds[0], decision.violated[0]) == (p_max > quantile, p_max < quantile)
+        on_it = decide(one, decision.upper[0] + (quantile - decision.upper[0]), tail)
+        assert not (on_it.holds[0] and on_it.violated[0])
+    # no number of draws finds a tail of 1e-12
+    far = decide(s.part(np.array([0])), 0.99, 1e-12)
+    assert not far.holds[0]
+    assert not far.violated[0]
+
+
+@pytest.mark.parametrize("tau", [0, 400, math.inf])
+def test_the_probability_anywhere(tmp_path, tau):
+    """Against draws of the test's own, with errors of the aircraft correlated in time."""
+    rows = "\n".join(f"{t},{-10000 + 20 * t},150000,-9000" for t in range(0, 1001, 250))
+    s = past(
+        tmp_path,
+        f"time_s,north_m,east_m,down_m\n{rows}\n",
+        radar__constant=0.5,
+        uncertainty__radar={"medium": {"position_m": 100, "constant": 0.02}},
+        uncertainty__aircraft={"position_m": 100, "attitude_deg": 3},
+        uncertainty__aircraft_correlation_s=tau,
+    )
+    moments = propagate_scenario(s)
+    p_max = float(moments.p_d.max() + moments.std[np.argmax(moments.p_d)])
+    rng = np.random.default_rng(2)
+    std = np.sqrt(np.diag(s.cov_aircraft))
+    rho = math.exp(-250 / tau) if tau else 0.0
+    runs = 20_000
+    radar = s.radar + np.sqrt(np.diag(s.cov_radar["medium"])) * rng.standard_normal((runs, 4))
+    normals = rng.standard_normal((5, runs, 6))
+    for i in range(1, 5):
+        normals[i] = rho * normals[i - 1] + math.sqrt(1 - rho**2) * normals[i]
+    p_d = s.model.p_d(s.aircraft[:, np.newaxis] + std * normals, radar)
+    hits = np.count_nonzero((p_d > p_max).any(axis=0))
+    share = hits / runs
+    assert 0.1 < share < 0.9
+    probability = exceedance_probability(s, p_max, method="form")
+    found = exceeded_anywhere(s, p_max, probability)
+    assert found.error < 0.05 * found.probability
+    error = math.hypot(found.error, math.sqrt(share * (1 - share) / runs))
+    assert found.probability == pytest.approx(share, abs=4 * error)
+    assert found.probability > probability.max()
+
+
+@pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
+def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
+    """P_D is below 0.1 at both rows, at one range, and near 1 between them."""
+    s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
+    assert propagate_scenario(s).upper.max() < 0.1
+    result = analyses.variance(s, threshold=0.1)
+    test = result.summary["threshold"]
+    assert not result.passed
+    assert test["verdict"] == "violated"
+    assert test["p_d_itself_above"]
+    assert test["poses_between_rows"] > 20
+    assert len(result.table["p_d"]) == 2  # the table has the rows
+    assert any("between the rows" in line for line in result.report)
+    assert any("no better knowledge helps" in line for line in result.report)
+    # time above, first violation and least margin against a path of 1 s steps
+    dense = refinement.along(s, np.arange(0.0, 3600.5))
+    upper = propagate_scenario(dense, method="form").upper
+    assert test["above_s"] == pytest.approx(np.count_nonzero(upper > 0.1), abs=10)
+    assert test["worst_margin"]["value"] == pytest.approx(0.1 - upper.max(), abs=0.002)
+    assert test["first_violation"]["time_s"] == pytest.approx(np.argmax(upper > 0.1), abs=100)
+    assert any("fill them in with geometry.interpolate" in w for w in result.warnings)
+
+
+def test_the_refined_path_is_within_its_tolerance(tmp_path):
+    s = past(tmp_path, radar__constant=4)
+    moments = propagate_scenario(s)
+    found = refinement.refined(s, moments, propagate_scenario, 0.001)
+    assert found.resolved
+    np.testing.assert_array_equal(found.scenario.aircraft[found.rows], s.aircraft)
+    time = np.arange(0.0, 3600.5, 0.5)
+    dense = propagate_scenario(refinement.along(s, time))
+    for name in ("p_d", "upper"):
+        line = np.interp(time, found.scenario.time_s, getattr(found.moments, name))
+        assert abs(line - getattr(dense, name)).max() < 0.002
+    # rows that are dense already need few more poses
+    again = refinement.refined(found.scenario, found.moments, propagate_scenario, 0.001)
+    assert again.added == 0
+
+
+def test_interpolate_overrides(tmp_path):
+    geometry = {"type": "path", "file": "route.csv", "interpolate": {"step_s": 400}}
+    s = past(tmp_path, geometry=geometry)
+    result = analyses.variance(s, threshold=0.1)
+    assert result.summary["threshold"]["poses_between_rows"] == 0
+    assert result.summary["threshold"]["poses"] == len(s.aircraft) == 10
+    assert "  tested every 400 s, as geometry.interpolate says" in result.report
+
+
+def test_a_bound_that_is_unreliable_does_not_hold():
+    """At High the linear band is unreliable, and the test by it is not known."""
+    s = scenario(geometry__azimuth_deg={"start": 20, "stop": 30, "step": 5})
+    s = s.with_analysis(level="high")
+    assert propagate_scenario(s).upper.max() < 0.62
+    named = analyses.variance(s, method="linear", threshold=0.62)
+    assert (named.passed, named.summary["threshold"]["verdict"]) == (False, "not known")
+    assert named.table["not_known"].all()
+    assert any("NOT KNOWN at all 3 poses" in line for line in named.report)
+    assert any("use --method form" in line for line in named.report)
+    assert analyses.variance(s, threshold=0.62).passed
+    assert analyses.variance(s, threshold=0.62).method == "form"
+    assert analyses.variance(s).method == "linear"
+
+
+def test_draws_decide_where_form_is_unreliable(tmp_path):
+    """Narrow lobes: form warns, or has no value, and draws of the test's own say what holds."""
+    s = scenario(
+        aircraft__rcs={"model": "spikeball", "lobes": 36, "amplitude_m2": 0.02, "floor_m2": 0.002},
+        geometry__azimuth_deg={"start": 44, "stop": 47, "step": 3},
+    )
+    assert isinstance(s.model.rcs, SpikeballRCS)
+    p_d = drawn_p_d(s, 20_000)
+    upper = np.quantile(p_d, 1 - 0.5 * math.erfc(3 / math.sqrt(2)), axis=0)
+    for p_max in (upper.max() + 0.02, upper.max() - 0.02):
+        test = analyses.variance(s, threshold=p_max).summary["threshold"]
+        assert test["poses_decided_by_draws"] > 0
+        assert test["verdict"] == ("holds" if p_max > upper.max() else "violated")
+    named = analyses.variance(s, threshold=upper.max() + 0.02, method="form")
+    assert not named.passed
+    assert named.summary["threshold"]["poses_decided_by_draws"] == 0
+
+
+@pytest.mark.parametrize("threshold", [0.62, 0.66, 0.8])
+def test_how_small_a_source_must_be_for_the_bound(threshold):
+    """The factor brings the bound of the test to P_max, to the digits of the search."""
+    s = scenario(geometry__azimuth_deg={"start": 44, "stop": 46, "step": 1})
+    found = required_accuracies(s, threshold, k=3.0, method="form")
+    assert found["all"].factor is not None
+    for source, accuracy in found.items():
+        if accuracy.factor is None:
+            assert accuracy.residual > threshold
+            assert source != "all"
+        elif math.isfinite(accuracy.factor):
+            assert accuracy.residual == pytest.approx(threshold, abs=1e-6)
+    radar = s.cov_radar["medium"] * found["all"].factor ** 2
+    scaled = rs.propagate(
+        s.model,
+        s.aircraft,
+        s.radar,
+        s.cov_aircraft * found["all"].factor ** 2,
+        radar,
+        method="form",
+    )
+    assert scaled.upper.max() == pytest.approx(threshold, abs=1e-6)
+
+
+def test_the_budget_of_a_threshold(tool):
+    done = tool("budget", "--threshold", "0.65", "--at", "45", "--no-plot")
+    assert done.code == 0
+    assert "to keep P_D + 3 sigma within 0.65 at 45 deg, largest factor" in done.out
+    above = tool("budget", "--threshold", "0.5", "--at", "45", "--no-plot")
+    assert (
+        "all                  not enough alone: 0.5935 remains at 45 deg, most from P_D itself"
+        in (above.out)
+    )
+    assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
+    for options, words in (
+        (["--k", "2"], "--k belongs to --threshold"),
+        (["--target", "0.1", "--threshold", "0.5"], "one at a time"),
+        (["--target", "0.1", "--k", "2"], "--k belongs to --threshold"),
+        (["--method", "montecarlo", "--threshold", "0.5"], "a threshold needs one of the methods"),
+        (["--threshold", "0.5", "--k", "11"], "not greater than 10"),
+    ):
+        refused = tool("budget", *options)
+        assert refused.code == 2
+        assert words in refused.err
+
+
+def test_places_of_a_path_are_in_the_table(tmp_path):
+    s = past(tmp_path)
+    names = list(analyses.variance(s).table)
+    assert names[-3:] == ["north_m", "east_m", "down_m"]
+    np.testing.assert_array_equal(analyses.variance(s).table["north_m"], [-4e5, 4e5])
+    corridor = rs.load_scenario(Path("configs/corridor.yaml")).part(slice(0, 3))
+    table = analyses.variance(corridor).table
+    assert list(table)[-6:] == [
+        "north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"
+    ]  # fmt: skip
+    assert table["latitude_deg"][0] == pytest.approx(math.degrees(0.6), abs=2)
+    assert "north_m" not in analyses.variance(scenario(geometry__azimuth_deg=FEW)).table
