@@ -114,7 +114,7 @@ def check_reads_back(case: Case, outcome: Outcome) -> None:
     for level, matrix in scenario.cov_radar.items():
         second = again.cov_radar[level]
         _require(np.array_equal(matrix, second), f"cov_radar differs: {matrix} {second}", outcome)
-    for name in ("name", "level", "runs", "seed", "correlation_s", "origin", "constant_parts"):
+    for name in ("name", "level", "runs", "seed", "correlation_s", "origin", "tolerances"):
         first, second = getattr(scenario, name), getattr(again, name)
         _require(first == second, f"{name} differs when read back: {first} {second}", outcome)
 
