@@ -40,7 +40,7 @@ figures: $(VENV)/installed
 	@$(BIN)/radar-sense variance configs/network.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense map configs/network.yaml --out figures --format pdf --format png
 	@# 3: the answer is that the threshold is passed
-	@$(BIN)/radar-sense variance configs/corridor.yaml --threshold 0.1 --k 3 --method form \
+	@$(BIN)/radar-sense variance configs/corridor.yaml --threshold 0.1 --k 3 \
 		--out figures --format pdf --format png || test $$? = 3
 	@$(BIN)/radar-sense budget configs/corridor.yaml --method form --out figures --format pdf --format png
 	@$(BIN)/radar-sense map configs/corridor.yaml --out figures --format pdf --format png
