@@ -79,8 +79,8 @@ class StatedCovariance:
         made: The covariance in the frame of the scenario.
     """
 
-    stated: FloatArray | None
-    made: FloatArray
+    stated: FloatArray | None = field(repr=False)
+    made: FloatArray = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +94,10 @@ class RadarSource:
         covariances: C_rr of each level.
     """
 
-    state: FloatArray
+    state: FloatArray = field(repr=False)
     place: tuple[float, float, float] | None = None
     data_sheet: DataSheet | None = None
-    covariances: Mapping[str, StatedCovariance] = field(default_factory=dict)
+    covariances: Mapping[str, StatedCovariance] = field(default_factory=dict, repr=False)
 
 
 @dataclass(frozen=True, eq=False)

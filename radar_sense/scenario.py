@@ -21,6 +21,7 @@ from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
+from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.trajectory import Route
@@ -29,6 +30,22 @@ from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
 
 #: Covariances checked at a time.
 _BLOCK = 2**14
+
+
+class _Network:
+    """The field `Scenario.model`: set to a model of one radar or several, it is a network.
+
+    A descriptor lets type checkers accept both kinds and see a `NetworkModel`.
+    """
+
+    def __get__(self, scenario: Scenario | None, owner: type[Scenario]) -> NetworkModel:
+        if scenario is None:
+            raise AttributeError("model")  # for `dataclass`, the field has no default
+        network: NetworkModel = vars(scenario)["model"]
+        return network
+
+    def __set__(self, scenario: Scenario, model: DetectionModel | NetworkModel) -> None:
+        vars(scenario)["model"] = as_network(model)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -63,7 +80,7 @@ class Scenario:
         provenance: Files, orbit, places and data sheets that the arrays were made from.
     """
 
-    model: NetworkModel
+    model: _Network = _Network()
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
@@ -80,7 +97,6 @@ class Scenario:
     provenance: Provenance = field(default_factory=Provenance)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "model", as_network(self.model))
         for name in ("aircraft", "radar", "cov_aircraft", "time_s"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))

@@ -334,7 +334,7 @@ def _extrapolated(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return z of states (k, 6) and (k, 4) and its partials, linear below c_r = 0."""
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
-    # Unchecked: a search that has lost its way has states that are not finite.
+    # Unchecked, because a diverging search reaches states that are not finite.
     if not below_zero.any():
         return model.unchecked_probit(aircraft, radar)
     radar = radar.copy(order="K")

@@ -49,7 +49,7 @@ def count(monkeypatch):
         monkeypatch.setattr(DetectionModel, name, wrapped)
 
     counted("linearize", "gradients")
-    counted("linearize_probit", "gradients")
+    counted("unchecked_probit", "gradients")
     counted("p_d", "values")
 
     def run(function, s):

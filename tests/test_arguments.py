@@ -1,0 +1,84 @@
+"""Wrong arguments from Python fail where they are made, in one line that names the argument."""
+
+import re
+
+import numpy as np
+import pytest
+
+import radar_sense as rs
+
+PAPER = rs.load_scenario()
+MODEL = PAPER.model.models[0]
+ANGLES = np.deg2rad(np.arange(0.0, 360.0, 10.0))
+
+
+def scenario(**changes):
+    given = {
+        "model": MODEL,
+        "aircraft": PAPER.aircraft,
+        "radar": PAPER.radar,
+        "cov_aircraft": PAPER.cov_aircraft,
+        "cov_radar": PAPER.cov_radar,
+    }
+    return rs.Scenario(**given | changes)
+
+
+def propagated(model=MODEL, **options):
+    cov_radar = PAPER.cov_radar["medium"]
+    return rs.propagate(
+        model, PAPER.aircraft, PAPER.radar, PAPER.cov_aircraft, cov_radar, **options
+    )
+
+
+WRONG = {
+    "detector must be a detector such as Marcum(), got 'marcum'": lambda: rs.DetectionModel(
+        rcs=MODEL.rcs, p_fa=1e-4, detector="marcum"
+    ),
+    "rcs must be an RCS model": lambda: rs.DetectionModel(rcs=rs.ConstantRCS, p_fa=1e-4),
+    "p_fa must be a number greater than 0 and less than 1, got '1e-4'": lambda: rs.DetectionModel(
+        rcs=MODEL.rcs, p_fa="1e-4"
+    ),
+    "a must be a number greater than 0, got -1": lambda: rs.EllipsoidRCS(a=-1, b=1, c=1),
+    "b must be a number greater than 0, got 'x'": lambda: rs.EllipsoidRCS(a=1, b="x", c=1),
+    "c must be a number greater than 0, got nan": lambda: rs.EllipsoidRCS(a=1, b=1, c=np.nan),
+    "lobes must be a whole number": lambda: rs.SpikeballRCS(lobes=2.5, amplitude=1, floor=1),
+    "azimuth must be an array of numbers": lambda: rs.TableRCS("a", [1, 2]),
+    "envelope must be a number": lambda: rs.TableRCS(ANGLES, np.ones(36), envelope="1"),
+    "peak_power must be a number": lambda: rs.TrackingRadar("a", 1, 1, 1, 1, 1, 0),
+    "origin must be latitude and longitude": lambda: rs.Horizon((1, 2)),
+    "model must be a DetectionModel, got 'x'": lambda: rs.Radar("x"),
+    "max_range must be a number": lambda: rs.Radar(MODEL, max_range="far"),
+    "horizon must be a Horizon() or None, got True": lambda: rs.Radar(MODEL, horizon=True),
+    "name must be text, got 3": lambda: rs.Radar(MODEL, name=3),
+    "scan_period must be a number greater than 0": lambda: rs.Radar(MODEL, scan_period=0),
+    "radars must be a tuple of one radar or more": lambda: rs.NetworkModel(rs.Radar(MODEL)),
+    "radars must be of class Radar": lambda: rs.NetworkModel((MODEL,)),
+    "model must be a DetectionModel or a NetworkModel": lambda: scenario(model="x"),
+    "cov_radar must be a mapping of levels": lambda: scenario(cov_radar=np.eye(4)),
+    "runs must be a whole number": lambda: scenario(runs="a"),
+    "level must be one of low, medium, high, got 3": lambda: scenario(level=3),
+    "name must be a name": lambda: scenario(name=3),
+    "axis must be an Axis": lambda: scenario(axis="azimuth"),
+    "correlation_s must be a number": lambda: scenario(correlation_s="a"),
+    "model must be a DetectionModel or": lambda: propagated(model="x"),
+    "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),
+    "method must be one of linear, probit, form": lambda: propagated(method="forms"),
+    "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
+    "seed must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, seed=1.5),
+}
+
+
+@pytest.mark.parametrize("says", WRONG)
+def test_wrong_arguments_are_one_line(says):
+    with pytest.raises(rs.InputError, match=f"^{re.escape(says)}") as error:
+        WRONG[says]()
+    assert "\n" not in str(error.value)
+
+
+def test_whatever_has_arrays_has_a_short_repr():
+    table = rs.TableRCS(ANGLES, np.ones(36))
+    moments = propagated()
+    lin = MODEL.linearize(PAPER.aircraft, PAPER.radar)
+    for instance in (table, moments, lin, PAPER, PAPER.axis, PAPER.provenance, PAPER.model):
+        assert len(repr(instance)) < 400
+        assert "array" not in repr(instance)
