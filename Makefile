@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 FIGURES := variance montecarlo sensitivity budget detectors rcs convergence
 
-.PHONY: figures test bench lint format clean
+.PHONY: figures test fuzz bench lint format clean
 
 # The runtime packages are enough for the figures; what tests and linting need is installed with them.
 $(VENV)/installed: pyproject.toml
@@ -53,6 +53,10 @@ figures: $(VENV)/installed
 
 test: $(VENV)/installed-dev
 	$(BIN)/python -m pytest -n auto
+
+# Random scenarios, files and options: make fuzz SECONDS=600 SEED=7
+fuzz: $(VENV)/installed-dev
+	$(BIN)/python tests/fuzz --seconds $(or $(SECONDS),60) $(if $(SEED),--seed $(SEED))
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python tests/bench

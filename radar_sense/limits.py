@@ -1,17 +1,20 @@
-"""The numbers that a parameter may take, declared once for the classes and for the reader."""
+"""The numbers that parameters may take, declared once for the classes and for the reader."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from typing import Any
+
+from radar_sense.errors import InputError, shorten
 
 DEG = math.pi / 180.0
 #: Letters that the name of a scenario may have.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.
 MIN_RANGE = 1.0
-#: Outside these sizes the fourth power of a number is no floating-point number any more.
+#: Outside these sizes the fourth power of a number overflows or underflows.
 SMALLEST, LARGEST = 1e-20, 1e20
 
 
@@ -33,15 +36,18 @@ class Limit:
     at_most: float | None = None
     whole: bool = False
 
-    def allows(self, value: float) -> bool:
-        """Return whether the value is within the limit."""
+    def allows(self, value: Any) -> bool:
+        """Return whether the value is a number within the limit."""
+        if not isinstance(value, Real) or isinstance(value, bool):
+            return False
+        number: Any = value
         return (
-            (isinstance(value, int) or math.isfinite(value))  # an int may be too large for a float
-            and (self.above is None or value > self.above)
-            and (self.at_least is None or value >= self.at_least)
-            and (self.below is None or value < self.below)
-            and (self.at_most is None or value <= self.at_most)
-            and (not self.whole or value == int(value))
+            (isinstance(number, int) or math.isfinite(number))  # an int may overflow a float
+            and (self.above is None or number > self.above)
+            and (self.at_least is None or number >= self.at_least)
+            and (self.below is None or number < self.below)
+            and (self.at_most is None or number <= self.at_most)
+            and (not self.whole or number == int(number))
         )
 
     def __str__(self) -> str:
@@ -73,6 +79,7 @@ WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
 MAX_WORKERS = 256
+WORKERS = Limit(at_least=1, at_most=MAX_WORKERS, whole=True)
 
 #: Formats of a figure.
 FORMATS = ("png", "pdf", "svg")
@@ -82,7 +89,7 @@ def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -
     """Declare a dataclass field that a scenario file sets.
 
     Args:
-        key: Its key in the file, with the unit in the name.
+        key: Key in the file, with the unit in the name.
         limit: The numbers allowed, in the unit of the key.
         meaning: What the number is, for the reference of the scenario file.
         unit: SI value of 1 in the unit of the key.
@@ -90,15 +97,15 @@ def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -
     return field(metadata={"key": key, "limit": limit, "help": meaning, "unit": unit})
 
 
-def parameter_keys(cls: Any) -> list[str]:
-    """Return the keys of the fields declared with `parameter`."""
-    return [f.metadata["key"] for f in fields(cls) if "key" in f.metadata]
+def check_number(name: str, value: Any, limit: Limit) -> None:
+    """Raise InputError unless a value is a number within a limit."""
+    if not limit.allows(value):
+        got = value if isinstance(value, Real) else shorten(str(value))
+        raise InputError(f"{name} must be {limit}, got {got}")
 
 
 def check_parameters(instance: Any) -> None:
-    """Raise ValueError if a field declared with `parameter` is outside its limit."""
+    """Raise InputError if a field declared with `parameter` is outside its limit."""
     for f in fields(instance):
         if "limit" in f.metadata:
-            value = getattr(instance, f.name)
-            if not f.metadata["limit"].allows(value):
-                raise ValueError(f"{f.name} must be {f.metadata['limit']}, got {value}")
+            check_number(f.name, getattr(instance, f.name), f.metadata["limit"])

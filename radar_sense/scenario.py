@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 import html
+import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -19,7 +20,7 @@ from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, RUNS, SEED
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.trajectory import Route
@@ -46,7 +47,7 @@ class Scenario:
         radar: Nominal radar state (4,), or (4m,) of a network of m.
         cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
         cov_radar: C_rr (4, 4), or (4m, 4m), for each level of radar uncertainty.
-        name: Stem of the names of the files written.
+        name: Stem of the names of output files.
         axis: Azimuth, time or distance of the poses (n,). The default is time where `time_s` is
             given, else the number of the pose.
         level: The level for analyses of one level. The default is the first.
@@ -85,6 +86,10 @@ class Scenario:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))
         if self.aircraft.ndim == 1:
             object.__setattr__(self, "aircraft", self.aircraft[np.newaxis])
+        if not isinstance(self.cov_radar, Mapping):
+            raise InputError("cov_radar must be a mapping of levels, {'medium': (4, 4)}")
+        if not isinstance(self.axis, Axis):
+            raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
         if not len(self.axis):
@@ -136,20 +141,19 @@ class Scenario:
             _check_covariance(f"cov_radar[{level!r}]", matrix, len(self.radar))
 
     def _check_choices(self) -> None:
-        if not re.fullmatch(NAME.pattern, self.name):
+        if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
             raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
         self._require_level(self.level)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
-            if not limit.allows(value):
-                raise InputError(f"{name} must be {limit}, got {value}")
-        if not self.correlation_s >= 0:
-            raise InputError(f"correlation_s must not be less than 0, got {self.correlation_s}")
+            check_number(name, value, limit)
+        if self.correlation_s != math.inf:
+            check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
 
     def _require_level(self, level: str) -> None:
         if level not in self.cov_radar:
             raise InputError(
                 f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
-                + did_you_mean(level, self.cov_radar)
+                + did_you_mean(str(level), self.cov_radar)
             )
 
     def __repr__(self) -> str:
@@ -321,7 +325,7 @@ class Scenario:
     def with_analysis(
         self, *, level: str | None = None, runs: int | None = None, seed: int | None = None
     ) -> Scenario:
-        """Return the scenario with other choices of analysis; None leaves one as it is.
+        """Return the scenario with other choices of analysis; None keeps a choice.
 
         Raises:
             InputError: If there is no such level, or runs or seed are out of range.
@@ -392,16 +396,13 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     return single_radar_scenarios(scenario).get(name, scenario)._with(name=stem)
 
 
-#: The names that other modules still import; to be removed with their next change.
-
-
 def _components(radar: int) -> slice:
-    """Return the components of a radar in the states of several."""
+    """Return the components of one radar in the states of all radars."""
     return slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
 
 
 def _read_only(name: str, values: Any) -> FloatArray:
-    """Return an array that nobody can write to; a copy unless the array is one already."""
+    """Return a read-only array, a copy unless the array is read-only already."""
     if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
         return values
     try:

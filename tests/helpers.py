@@ -1,8 +1,76 @@
-"""How tests write scenarios and insist on refusals."""
+"""How tests write scenarios, make networks, insist on refusals and look at figures."""
 
+import copy
+import dataclasses
 import re
 from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
+import yaml
+
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
+
+# The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
+
+PAPER = yaml.safe_load(default_text().replace("1.7e-4", "1.7e-04"))
+PAPER["radar"]["p_fa"] = 1.7e-4  # PyYAML reads 1.7e-4 as text; the package's reader does not
+
+
+# Level and heading north at 500 km north of the origin, with the radar straight below.
+OVERHEAD = {
+    "aircraft__attitude_deg": [0, 0, 0],
+    "radar__position_m": [500e3, 0, 10e3],
+    "geometry__azimuth_deg": {"start": 0, "stop": 0, "step": 1},
+    "geometry__azimuth_from": "north",
+}
+
+
+def document(of=PAPER, /, **changes):
+    """The paper's document, or another, with other values at key paths, `__` between the keys."""
+    changed = copy.deepcopy(of)
+    for path, value in changes.items():
+        *parents, key = path.split("__")
+        where = changed
+        for parent in parents:
+            where = where[parent]
+        where[key] = value
+    return changed
+
+
+def scenario(**changes):
+    """The paper's scenario with other values at key paths, `__` between the keys."""
+    return parse_scenario(yaml.safe_dump(document(**changes), sort_keys=False))
+
+
+def write_path(folder, text, name="scenario.yaml", /, **changes):
+    """Write a route and a scenario that flies it, with changes; return the scenario's path."""
+    (folder / "route.csv").write_text(text)
+    content = document(geometry={"type": "path", "file": "route.csv"}, radar__constant=50)
+    del content["aircraft"]["attitude_deg"]
+    if "std_" in text or "cov_" in text:
+        del content["uncertainty"]["aircraft"]
+    file = folder / name
+    file.write_text(yaml.safe_dump(document(content, **changes), sort_keys=False))
+    return file
+
+
+def legend_off_data(figure):
+    """Insist that the legend of a figure that is laid out is on the page, and on no axes."""
+    (legend,) = figure.legends
+    box, page = legend.get_window_extent(), figure.bbox
+    assert box.x0 >= page.x0
+    assert box.x1 <= page.x1
+    assert box.y1 <= page.y1
+    for axes in figure.axes:
+        assert not box.overlaps(axes.get_window_extent())
+    return legend
+
+
+def yaml_text(document):
+    """Return a document as YAML, whose 1e-06 PyYAML writes as 1.0e-06, a number to the reader."""
+    return yaml.safe_dump(document, sort_keys=False)
 
 
 def single(scenario):
@@ -40,3 +108,158 @@ def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
     assert match, error
     return int(match[1]), match[2] or "", match[3]
+
+
+# A radar by its data sheet.
+
+SURVEILLANCE = {
+    "average_power_kw": 10,
+    "aperture_m2": 15,
+    "temperature_k": 290,
+    "rotation_rpm": 10,
+    "search_volume_sr": 2,
+    "loss_db": 8,
+    "noise_figure_db": 3,
+}
+TRACKING = {
+    "peak_power_kw": 250,
+    "gain_dbi": 40,
+    "frequency_ghz": 9.4,
+    "pulse_width_us": 0.8,
+    "temperature_k": 290,
+    "loss_db": 6,
+    "noise_figure_db": 4,
+}
+TOLERANCES = {
+    "surveillance": {"loss_db": 1, "noise_figure_db": 0.5, "average_power_kw": 0.5},
+    "tracking": {"gain_dbi": 0.5, "frequency_ghz": 0.05, "pulse_width_us": 0.05, "loss_db": 0.7},
+}
+#: Geometries at which P_D of the two is neither 0 nor 1.
+SHEET_RANGES = {"surveillance": 220, "tracking": 30}
+SHEET_AZIMUTHS = {"start": 0, "stop": 90, "step": 15}
+
+
+def sheet_document(
+    kind="surveillance", radar=None, tolerances=None, steps=SHEET_AZIMUTHS, **analysis
+):
+    """Document of the paper's scenario with a radar given by its parameters."""
+    given = radar or {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
+    changed = document(
+        radar={"position_m": [0, 0, 0], kind: given, "p_fa": 1e-6},
+        geometry__range_km=SHEET_RANGES[kind],
+        geometry__azimuth_deg=steps,
+        analysis={"level": "sheet", "runs": 500, "seed": 1, **analysis},
+    )
+    std = TOLERANCES[kind] if tolerances is None else tolerances
+    changed["uncertainty"]["radar"] = {
+        "number": {"position_m": 100, "constant": 0.1},
+        "sheet": {"position_m": 100, "constant": std},
+    }
+    return changed
+
+
+def sheet_scenario(*args, **kwargs):
+    """The paper's scenario with a radar given by its parameters."""
+    return parse_scenario(yaml_text(sheet_document(*args, **kwargs)))
+
+
+def part_name(key):
+    """Name of a part in the budget of a single radar."""
+    return f"radar_constant_{key}"
+
+
+# Networks.
+
+
+def paper_network(
+    positions, constants, *, poses=slice(None, None, 60), attitude_deg=1.0, models=None, **limits
+):
+    """The paper's aircraft seen by several radars, each with the paper's uncertainty."""
+    paper = load_scenario()
+    m = len(positions)
+    models = models or [single(paper)] * m
+    cov_aircraft = paper.cov_aircraft.copy()
+    cov_aircraft[3:, 3:] = np.eye(3) * np.radians(attitude_deg) ** 2
+    return dataclasses.replace(
+        paper,
+        model=NetworkModel(
+            tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
+        ),
+        axis=paper.axis.part(poses),
+        aircraft=paper.aircraft[poses],
+        radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
+        cov_aircraft=cov_aircraft,
+        cov_radar={name: np.kron(np.eye(m), c) for name, c in paper.cov_radar.items()},
+    )
+
+
+#: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.
+MIXED_SEARCH = {
+    "average_power_kw": 2.1,
+    "aperture_m2": 2.874,
+    "temperature_k": 487,
+    "rotation_rpm": 12.5,
+    "search_volume_sr": 4.039,
+    "loss_db": 22.5,
+    "noise_figure_db": 0,
+}
+MIXED_TRACK = {
+    "peak_power_kw": 2000,
+    "gain_dbi": 36,
+    "frequency_ghz": 9.4,
+    "pulse_width_us": 0.8,
+    "temperature_k": 290,
+    "loss_db": 6,
+    "noise_figure_db": 4,
+}
+MIXED_SEARCH_STD = {"average_power_kw": 0.1, "temperature_k": 30, "loss_db": 1.2}
+MIXED_TRACK_STD = {"gain_dbi": 0.5, "frequency_ghz": 0.3, "loss_db": 0.8}
+MIXED_RANGE, MIXED_DOWN, MIXED_AREA, MIXED_P_FA = 70e3, -3e3, 0.8, 1e-6
+MIXED_POSITIONS = {"a": [0, 0, -15], "b": [8e3, -5e3, 0], "c": [-5e3, 8e3, -40]}
+MIXED_NUMBER = (0.0045, 0.0004)  # c_r of the third, and its standard deviation
+
+
+def _mixed_entry(name, makeup, std, position_m=20, **more):
+    return {
+        "name": name,
+        "position_m": MIXED_POSITIONS[name],
+        **makeup,
+        "p_fa": MIXED_P_FA,
+        **more,
+        "uncertainty": {
+            "plain": {"position_m": position_m, "constant": 0.0002},
+            "sheet": {"position_m": position_m, "constant": std},
+        },
+    }
+
+
+def mixed_radars(search_std=MIXED_SEARCH_STD, track_std=MIXED_TRACK_STD, **more):
+    """Radars of a document: two by their data sheets, one by a number."""
+    return [
+        _mixed_entry("a", {"surveillance": MIXED_SEARCH}, search_std, **more),
+        _mixed_entry("b", {"tracking": MIXED_TRACK}, track_std, **more),
+        _mixed_entry("c", {"constant": MIXED_NUMBER[0]}, MIXED_NUMBER[1], **more),
+    ]
+
+
+def mixed_document(several=None, sweep=(30, 90, 30), runs=500, aircraft=None, **changes):
+    """Document of a scenario with several radars."""
+    found = yaml.safe_load(default_text())
+    del found["radar"]
+    found["radars"] = mixed_radars() if several is None else several
+    found["aircraft"]["rcs"] = {"model": "constant", "rcs_m2": MIXED_AREA}
+    start, stop, step = sweep
+    found["geometry"] |= {
+        "range_km": MIXED_RANGE / 1e3,
+        "down_km": MIXED_DOWN / 1e3,
+        "azimuth_from": "north",
+        "azimuth_deg": {"start": start, "stop": stop, "step": step},
+    }
+    found["uncertainty"] = {"aircraft": aircraft or {"position_m": 50, "attitude_deg": 1}}
+    found["analysis"] = {"level": "sheet", "runs": runs, "seed": 1}
+    return {**found, **changes}
+
+
+def mixed_network(*args, **kwargs):
+    """Scenario with two radars by their data sheets and one by a number."""
+    return parse_scenario(yaml_text(mixed_document(*args, **kwargs)))

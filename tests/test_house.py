@@ -25,7 +25,8 @@ STOREYS = (
     ("keys", "provenance"),
     ("model",),
     ("axis", "covariance"),
-    ("states", "limits", "errors"),
+    ("states", "limits"),
+    ("errors",),
 )
 STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}
 

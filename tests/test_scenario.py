@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scenarios import scenario
 
 import radar_sense as rs
 from radar_sense import keys
@@ -204,7 +204,7 @@ WRONG = {
     "seed": ({"seed": -1}, "seed must be"),
     "name": ({"name": "../x"}, "name must be a name of up to 100 letters"),
     "times": ({"time_s": [0.0]}, r"must have one value for each of 2 poses, got \(1,\)"),
-    "correlation": ({"correlation_s": math.nan}, "correlation_s must not be less than 0"),
+    "correlation": ({"correlation_s": math.nan}, "correlation_s must be a number not less than 0"),
 }
 
 

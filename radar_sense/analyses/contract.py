@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from radar_sense import files
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
-from radar_sense.limits import FORMATS, MAX_WORKERS, RUNS, SEED, Limit
+from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario, for_radar
 from radar_sense.states import FloatArray
@@ -109,7 +109,7 @@ OPTIONS: Mapping[str, Option] = {
         Option(
             "workers",
             "Threads to compute with; the numbers do not depend on the number of threads.",
-            Limit(at_least=1, at_most=MAX_WORKERS, whole=True),
+            WORKERS,
             default_text="all cores, at most 8",
         ),
         Option(

@@ -231,8 +231,18 @@ def required_accuracies(
             low, high = (middle, high) if excess(middle, names) <= 0 else (low, middle)
         from scipy.optimize import brentq  # slow to import
 
-        root = brentq(excess, low, high, args=(names,), xtol=1e-10, rtol=1e-15)
-        return float(np.exp(root - 1e-9)), True  # on the side that is within the limit
+        unanswered: list[float] = []
+
+        def defined_excess(log_factor: float) -> float:
+            value = excess(log_factor, names)
+            if np.isnan(value):  # not within the limit, as above
+                unanswered.append(log_factor)
+                return 1.0
+            return value
+
+        root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
+        known = not unanswered or min(unanswered) > root + 1e-9
+        return float(np.exp(root - 1e-9)), known  # on the side that is within the limit
 
     def required(names: Collection[str]) -> RequiredAccuracy:
         factor, known = largest_factor(names)

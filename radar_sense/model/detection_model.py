@@ -17,39 +17,44 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
+from radar_sense.errors import InputError
+from radar_sense.limits import Limit, check_number
 from radar_sense.model.detectors import Detector, North
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import snr
 from radar_sense.model.rcs import RCS
 from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray, check_finite
 
-#: Poses per block. The arrays in use at a time stay within a third-level cache, and NumPy's calls
-#: are long enough for threads not to wait for each other between them.
+#: Poses per block. The arrays in use fit into a third-level cache, and NumPy's calls are long
+#: enough for several threads to run at full speed.
 BLOCK = 131_072
-#: The same with all partials, where many more arrays are in use: within a second-level cache.
+#: Poses per block with all partials, which need more arrays. They fit into a second-level cache.
 BLOCK_OF_PARTIALS = 16_384
-#: What a detector offers: a value and its slope by S, from S and P_fa.
+#: A function of a detector: from S and P_fa to a value and its slope by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
 _ONE = np.ones(())
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
     """P_D and its partials at the given states, `eq:pd_partial_short`.
 
     Attributes:
         p_d: Probability of detection (...).
         jac_aircraft: A_Pa (..., 6), partials for north, east, down [1/m], roll, pitch, yaw [1/rad].
-        jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)]; those of
-            m radars (..., 4m) one after the other.
+        jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)]; for a
+            network (..., 4m), radar after radar.
     """
 
     p_d: FloatArray
     jac_aircraft: FloatArray
     jac_radar: FloatArray
 
+    def __repr__(self) -> str:
+        return f"<Linearization of P_D at {self.p_d.size} poses: p_d, jac_aircraft, jac_radar>"
+
     def std(self, cov_aircraft: ArrayLike, cov_radar: ArrayLike) -> FloatArray:
-        """Standard deviation of P_D to first order, `eq:pd_var`.
+        """Return the standard deviation of P_D to first order, `eq:pd_var`.
 
         Args:
             cov_aircraft: C_aa (..., 6, 6), in metres and radians.
@@ -74,12 +79,12 @@ class DetectionModel:
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
     (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. The two broadcast against each
-    other. Where aircraft and radar coincide everything is NaN.
+    other. All results are NaN where aircraft and radar coincide.
 
     Attributes:
         rcs: Radar cross section by aspect.
         p_fa: Probability of false alarm, between 0 and 1.
-        detector: From signal-to-noise ratio to P_D; North's approximation unless another is given.
+        detector: Detector, from signal-to-noise ratio to P_D. The default is North's approximation.
     """
 
     rcs: RCS
@@ -87,15 +92,14 @@ class DetectionModel:
     detector: Detector = field(default_factory=North)
 
     def __post_init__(self) -> None:
-        if not 0 < self.p_fa < 1:
-            raise ValueError(f"p_fa must lie between 0 and 1, got {self.p_fa}")
-        if not hasattr(self.rcs, "cross_section"):
-            raise TypeError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
+        check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
+            raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
         if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
-            raise TypeError(f"detector must be an object such as Marcum(), got {self.detector!r}")
+            raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Signal-to-noise ratio (...), a ratio of powers.
+        """Return the signal-to-noise ratio (...) at each pose, a ratio of powers.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -106,7 +110,7 @@ class DetectionModel:
         return snr
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Probability of detection (...).
+        """Return P_D (...) at each pose.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -123,7 +127,7 @@ class DetectionModel:
         return p_d
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
-        """Probability of detection and its partials for all ten states.
+        """Return P_D and its partials by all ten states.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -135,10 +139,10 @@ class DetectionModel:
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The probit z = Φ⁻¹(P_D), which is far closer to linear in the states than P_D is.
+        """Return the probit z = Φ⁻¹(P_D), which is far closer to linear in the states than P_D.
 
         Returns:
-            z (...), its partials for the aircraft (..., 6) and for the radar (..., 4).
+            z (...), its partials by the aircraft state (..., 6) and by the radar state (..., 4).
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -177,7 +181,7 @@ class DetectionModel:
         sigma, sigma_gradient = self.rcs.linearize(join(body))
         constant = radar[..., CONSTANT]
         ratio = snr(constant, sigma, range_squared)
-        # S is a product, so ∂S/∂c_r and ∂S/∂σ_r are S without that factor (and exist where it is 0)
+        # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without the factor, and exist where it is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
         value, by_snr = detector(ratio, self.p_fa)
 
@@ -185,9 +189,9 @@ class DetectionModel:
         by_range = -4.0 * by_snr * ratio / range_squared
         by_position = Vector(*(by_range * d for d in line))
         if attitude is None:
-            by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where nothing has a meaning
+            by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where aircraft and radar coincide
         else:
-            # The RCS turns with the aircraft, the range does not: only the first is rotated back.
+            # σ_r depends on the body-frame vector, the range does not.
             by_sigma = by_snr * snr(constant, _ONE, range_squared)
             by_aspect, by_attitude = attitude.pull_back(
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
@@ -201,7 +205,7 @@ class DetectionModel:
 
 
 def _range_squared(line: Vector) -> FloatArray:
-    """R² (...), NaN where aircraft and radar coincide and nothing has a meaning."""
+    """Return R² (...), NaN where aircraft and radar coincide."""
     x, y, z = line
     squared = x * x
     squared += y * y
@@ -217,18 +221,17 @@ def _in_blocks(
     radar: ArrayLike,
     size: int,
 ) -> tuple[FloatArray, ...]:
-    """Broadcast the states against each other and apply a function to block after block of them.
+    """Return the arrays that a function computes from states, block after block of poses.
 
     Args:
-        function: From aircraft (..., 6) and radar (..., 4), which broadcast, to arrays of as many
-            poses.
-        tails: The shape of what it gives for one pose, an entry per array.
+        function: From aircraft (..., 6) and radar (..., 4) to arrays (..., *tail).
+        tails: Shape of each array at one pose.
         aircraft: (..., 6).
         radar: (..., 4).
         size: Poses of a block.
 
     Returns:
-        One array (..., *tail) for each entry of `tails`, in memory component by component.
+        An array (..., *tail) for each of `tails`, with each component contiguous in memory.
     """
     aircraft = _states("aircraft", AIRCRAFT, aircraft)
     radar = _states("radar", RADAR, radar)
@@ -251,18 +254,18 @@ def _in_blocks(
 
 @cache
 def _keep_freed_memory() -> None:
-    """Keep the C library from giving the memory of every block back and fetching it anew.
+    """Raise the size from which glibc returns freed memory to the system.
 
-    glibc returns what is free at the end of the heap as soon as it is twice the largest array that
-    was freed, and taking it again, page by page, costs as much as the arithmetic done in it. So one
-    large array is freed first. (mallopt(3), M_TRIM_THRESHOLD and M_MMAP_THRESHOLD; no effect on the
-    numbers, nor with another C library.)
+    glibc returns free memory at the end of the heap that exceeds twice the largest array freed so
+    far (mallopt(3), M_TRIM_THRESHOLD and M_MMAP_THRESHOLD). Each block would fetch the memory
+    again page by page, which costs as much as the arithmetic. One large array is freed here first.
+    Results do not depend on this call, and other C libraries ignore it.
     """
     np.empty(3 << 20)  # 24 MB, never touched
 
 
 def _blocks(shape: tuple[int, ...], size: int) -> Iterator[tuple[slice, ...]]:
-    """Cut an array of this shape into parts of no more than so many elements."""
+    """Yield the slices that cut an array of a shape into parts of at most `size` elements."""
     if not shape:
         yield ()
         return

@@ -1,13 +1,13 @@
 """Detectors: from signal-to-noise ratio to probability of detection with a single pulse.
 
 The pulse passes a square-law detector, and a target is declared where the output is above the
-threshold X = −ln P_fa, in units of the mean noise power. The detectors differ in how the target's
-cross section fluctuates: not at all (`Marcum`, and `North` who approximates it), or as P. Swerling
-described it (IRE Trans. IT-6(2), 1960). With a single pulse his case 2 is the same as case 1, and
-case 4 the same as 3. S is the mean signal-to-noise ratio then.
+threshold X = −ln P_fa, in units of the mean noise power. The detectors differ in the fluctuation of
+the target's cross section: none (`Marcum`, and its approximation `North`), or the cases of P.
+Swerling (IRE Trans. IT-6(2), 1960) with S the mean signal-to-noise ratio. For a single pulse case 2
+equals case 1, and case 4 equals case 3.
 
-Each is right in both tails. So z = Φ⁻¹(P_D) is found from the lesser of P_D and 1 − P_D, which must
-be known to its own digits, and not as a difference from 1.
+All detectors keep their relative accuracy in both tails. z = Φ⁻¹(P_D) is computed from the lesser
+of P_D and 1 − P_D, which is never a difference from 1.
 """
 
 from __future__ import annotations
@@ -27,18 +27,18 @@ _HALF_OVER_SQRT_PI = 0.5 / np.sqrt(np.pi)
 
 
 class Detector(Protocol):
-    """What the rest of the package asks of a detector. S is (...) and not below zero."""
+    """The methods of every detector. S is (...) and not negative."""
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Probability of detection (...)."""
+        """Return P_D (...)."""
         ...
 
     def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Probability of detection (...) and its slope dP_D/dS (...)."""
+        """Return P_D (...) and its slope dP_D/dS (...)."""
         ...
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         ...
 
 
@@ -67,30 +67,30 @@ class North:
     """
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Probability of detection (...) at signal-to-noise ratios (...) not below zero."""
+        """Return P_D (...) at signal-to-noise ratios (...) not below zero."""
         p_d: FloatArray = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
         return p_d
 
     def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Probability of detection (...) and its slope dP_D/dS (...)."""
-        root = np.sqrt(snr + 0.5)
-        miss = np.sqrt(-np.log(p_fa)) - root
-        return 0.5 * erfc(miss), _HALF_OVER_SQRT_PI * np.exp(-miss * miss) / root
+        """Return P_D (...) and its slope dP_D/dS (...)."""
+        argument = np.sqrt(snr + 0.5)
+        miss = np.sqrt(-np.log(p_fa)) - argument
+        return 0.5 * erfc(miss), _HALF_OVER_SQRT_PI * np.exp(-miss * miss) / argument
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...).
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...).
 
-        ½ erfc(−x) is Φ(√2 x), so here the probit is the argument itself, and stays exact where P_D
-        rounds to 0 or 1.
+        ½ erfc(−x) = Φ(√2 x), so the probit is √2 times the argument, and is exact where P_D rounds
+        to 0 or 1.
         """
-        root = np.sqrt(snr + 0.5)
-        return np.sqrt(2.0) * (root - np.sqrt(-np.log(p_fa))), np.sqrt(0.5) / root
+        argument = np.sqrt(snr + 0.5)
+        return np.sqrt(2.0) * (argument - np.sqrt(-np.log(p_fa))), np.sqrt(0.5) / argument
 
 
 @detector("marcum")
 @dataclass(frozen=True)
 class Marcum:
-    """A target that does not fluctuate, exactly: what `North` approximates.
+    """A steady target, exactly. `North` is an approximation to it.
 
     P_D = Q₁(a, b) with a² = 2S and b² = 2X (J. I. Marcum, IRE Trans. IT-6(2), 1960). With the
     modified Bessel functions I_k both tails are sums of positive terms, in which nothing cancels:
@@ -98,28 +98,26 @@ class Marcum:
         P_D = exp(−(a² + b²)/2) Σ_{k≥0} (a/b)^k I_k(ab), which converges for S < X,
         1 − P_D = exp(−(a² + b²)/2) Σ_{k≥1} (b/a)^k I_k(ab), for S ≥ X.
 
-    Against mpmath, for P_fa from 1e-17 to 0.9 and S from 0 to 1e6: P_D, its complement as far as z
-    shows it, and both slopes are right to a relative 1e-12, as is z to 1e-12 of itself or of 1;
-    where 1 − P_D is below 1e-300 the slope of z is right to 1e-9. SciPy's `chndtr` gives 1 − P_D
-    alone. For Q₁(5, 14) ≈ 1.9e-19 that leaves 0; and from about 1e-50 to 1e-90 downwards, according
-    to P_fa, it says 0 for 1 − P_D too.
+    The relative error of P_D, 1 − P_D, z and both slopes is at most 1e-12 for P_fa from 1e-17 to
+    0.9 and S from 0 to 1e6. Where 1 − P_D is below 1e-300, the relative error of the slope of z is
+    1e-9. SciPy's `chndtr` returns 1 − P_D only, and 0 where that is below some 1e-50 to 1e-90.
     """
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Probability of detection (...) at signal-to-noise ratios (...) not below zero."""
+        """Return P_D (...) at signal-to-noise ratios (...) not below zero."""
         q = _marcum(snr, p_fa)
         tail = np.exp(-q.decay) * q.bessel * q.total
         return np.where(q.upper, 1.0 - tail, tail)
 
     def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Probability of detection (...) and its slope dP_D/dS (...)."""
+        """Return P_D (...) and its slope dP_D/dS (...)."""
         q = _marcum(snr, p_fa)
         scale = np.exp(-q.decay) * q.bessel
         tail = scale * q.total
         return np.where(q.upper, 1.0 - tail, tail), scale * q.slope
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         q = _marcum(snr, p_fa)
         return _probit(q.upper, np.log(q.bessel * q.total) - q.decay, q.slope / q.total)
 
@@ -127,23 +125,23 @@ class Marcum:
 @detector("swerling1", "swerling2")  # the same with a single pulse
 @dataclass(frozen=True)
 class Swerling1:
-    """Swerling's cases 1 and 2: a cross section distributed as that of many like scatterers.
+    """Swerling's cases 1 and 2: many similar scatterers, with an exponential cross section.
 
     P_D = P_fa^(1/(1 + S)), the mean of Marcum's over an exponential distribution of S.
     """
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Probability of detection (...) at mean signal-to-noise ratios (...) not below zero."""
+        """Return P_D (...) at mean signal-to-noise ratios (...) not below zero."""
         return np.exp(math.log(p_fa) / (1.0 + snr))
 
     def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Probability of detection (...) and its slope dP_D/dS (...)."""
+        """Return P_D (...) and its slope dP_D/dS (...)."""
         u = -math.log(p_fa) / (1.0 + snr)
         p_d = np.exp(-u)
         return p_d, p_d * u / (1.0 + snr)
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         u = -math.log(p_fa) / (1.0 + snr)
         upper = u < math.log(2.0)
         odds = np.where(upper, np.expm1(np.where(upper, u, 1.0)), 1.0)  # (1 − P_D)/P_D
@@ -161,13 +159,13 @@ class Swerling3:
     """
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Probability of detection (...) at mean signal-to-noise ratios (...) not below zero."""
+        """Return P_D (...) at mean signal-to-noise ratios (...) not below zero."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
         return (1.0 + u * (s / (1.0 + s))) * np.exp(-u)
 
     def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Probability of detection (...) and its slope dP_D/dS (...)."""
+        """Return P_D (...) and its slope dP_D/dS (...)."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
         noise = np.exp(-u)
@@ -175,13 +173,13 @@ class Swerling3:
         return (1.0 + u * (s / (1.0 + s))) * noise, slope
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """The probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
         detected = 1.0 + u * (s / (1.0 + s))
         upper = detected * np.exp(-u) > 0.5
-        # Either tail over u exp(−u); 1 − P_D itself, of the order 1/S², might underflow. Where it
-        # is the lesser, u < 1.7.
+        # Either tail over u exp(−u). 1 − P_D of the order 1/S² might underflow. Where 1 − P_D is
+        # the lesser, u < 1.7.
         missed = gammainc(2.0, u) * np.exp(np.minimum(u, 2.0)) / u + 1.0 / (1.0 + s)
         tail = np.where(upper, missed, detected / u)
         rate = (1.0 + 0.5 * u * s) / (1.0 + s) / tail / (1.0 + s)
@@ -209,15 +207,15 @@ def _marcum(snr: FloatArray, p_fa: float) -> _Marcum:
 
         Σ_{k≥1} = w₁ (1 + w₂ (1 + w₃ (...))).
 
-    To begin with, I_k/I_{k−1} at z is taken to be z/(k − ½ + √(k² + z²)), which is right to
-    1/(8z²) for large z (Digital Library of Mathematical Functions, 10.40.1); what is wrong with it
-    dies away as the recurrence goes back. The slope dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab) has w₁
-    as a part.
+    The recurrence starts from I_k/I_{k−1} ≈ z/(k − ½ + √(k² + z²)) at z = ab, with an error of
+    1/(8z²) for large z (Digital Library of Mathematical Functions, 10.40.1). The error decreases
+    with each step of the recurrence. The slope dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab) contains
+    w₁.
     """
     threshold = -math.log(p_fa)
     snr = np.asarray(snr)
     m, n = np.minimum(snr, threshold), np.maximum(snr, threshold)
-    # Terms for a relative 1e-14 of every tail above 1e-300; found by adding more.
+    # Terms for a relative 1e-14 of every tail above 1e-300, found by experiment.
     last = math.ceil(10.0 * math.sqrt(threshold)) + 40
     w = np.asarray(2.0 * m / (last - 0.5 + np.sqrt(last * last + 4.0 * m * n)))
     rest = np.zeros_like(w)
@@ -246,8 +244,8 @@ def _probit(
 
     Args:
         upper: Whether the tail is 1 − P_D, not P_D (...).
-        log_tail: Its logarithm (...).
-        rate: |d ln tail/dS| (...). The slope of z is this times tail/φ(z), Mills' ratio.
+        log_tail: Logarithm of the tail (...).
+        rate: |d ln tail/dS| (...). The slope of z is the rate times tail/φ(z), Mills' ratio.
     """
     side = ndtri_exp(log_tail)
     mills = math.sqrt(0.5 * math.pi) * erfcx(-math.sqrt(0.5) * side)

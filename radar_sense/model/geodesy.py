@@ -4,15 +4,15 @@ Three frames: geodetic (latitude [rad], longitude [rad], height above the ellips
 earth-centred and earth-fixed [m], x towards latitude 0 and longitude 0, z towards the north pole;
 and NED, north-east-down [m] about an origin, level there.
 
-NED about an origin is ECEF shifted and turned. It is flat and the earth is not: at a horizontal
-distance d the ground has fallen away by d²/2R, 20 km at d = 500 km, and an aircraft that keeps
-its altitude has that much added to its "down". That is right, for straight lines, ranges and
-directions are then those of space. The level of the aircraft differs from that of the origin, too,
-by d/R, 4.5° at 500 km, so that an attitude relative to the one has to be turned into the other.
+NED about an origin is ECEF shifted and turned. Straight lines, ranges and directions are those of
+space. The ground is d²/2R below the tangent plane at a horizontal distance d, 20 km at 500 km, and
+the "down" of an aircraft in level flight grows by as much. Level at the aircraft differs from level
+at the origin by the angle d/R, 4.5° at 500 km. An attitude relative to one must be turned into the
+other.
 
 Sources: the ellipsoid is that of NIMA TR8350.2 (*Department of Defense World Geodetic System 1984*,
-third edition, 2000), table 3.1. The transformations are those of B. Hofmann-Wellenhof,
-H. Lichtenegger and E. Wasle, *GNSS*, 2008, ch. 8, but for what names another source.
+third edition, 2000), table 3.1. The transformations are from B. Hofmann-Wellenhof, H. Lichtenegger
+and E. Wasle, *GNSS*, 2008, ch. 8, unless another source is given.
 """
 
 from __future__ import annotations
@@ -30,13 +30,23 @@ FLATTENING = 1.0 / 298.257223563
 SEMI_MINOR = SEMI_MAJOR * (1.0 - FLATTENING)
 ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
 SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
-#: Rounds of Bowring's iteration. One is off by up to 1 µm within 10 km of the ellipsoid and 5 cm
-#: far out; two are as exact as a float from 1000 km below the ellipsoid to 100 000 km above it.
+#: Iterations of Bowring's method. One has an error of 1 µm within 10 km of the ellipsoid and of 5
+#: cm far out. Two are exact to rounding from 1000 km below the ellipsoid to 100 000 km above.
 _ROUNDS = 2
 
 
+def is_place(geodetic: object) -> bool:
+    """Return whether an object is latitude, longitude [rad] and height [m] of a place (3,)."""
+    try:
+        place = np.asarray(geodetic, dtype=float)
+    except (TypeError, ValueError):
+        return False
+    in_range = place.shape == (3,) and np.all(np.isfinite(place)) and abs(place[0]) <= np.pi / 2
+    return bool(in_range)
+
+
 def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:
-    """ECEF position of latitude, longitude [rad] and height above the ellipsoid [m].
+    """Return the ECEF position of latitude, longitude [rad] and height above the ellipsoid [m].
 
     Args:
         geodetic: (..., 3).
@@ -60,14 +70,14 @@ def ecef_from_geodetic(geodetic: ArrayLike) -> FloatArray:
 
 
 def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
-    """Latitude, longitude [rad] and height [m] of an ECEF position; undone `ecef_from_geodetic`.
+    """Return latitude, longitude [rad] and height [m] of an ECEF position.
 
     B. R. Bowring, "Transformation from spatial to geographical coordinates", Survey Review 23(181),
     1976: with β the reduced latitude, tan β = (1 − f) tan φ,
 
         tan φ = (z + e'² b sin³β) / (p − e² a cos³β),
 
-    here with sines and cosines in place of tangents, which have no value at the poles. The height
+    here with sines and cosines, because tangents are infinite at the poles. The height
     h = p cos φ + z sin φ − a √(1 − e² sin²φ) loses no digits at any latitude (Bowring, "The
     accuracy of geodetic latitude and height equations", Survey Review 28(218), 1985).
 
@@ -84,7 +94,7 @@ def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
 
 
 def ned_axes(geodetic: ArrayLike) -> FloatArray:
-    """North, east and down at a place as rows of ECEF components: the matrix from ECEF to NED.
+    """Return the matrix from ECEF to NED, with north, east and down of a place as rows.
 
     Args:
         geodetic: (..., 3), of which latitude and longitude [rad] are used.
@@ -104,11 +114,11 @@ def ned_axes(geodetic: ArrayLike) -> FloatArray:
 
 
 def ned_from_geodetic(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Position in the north-east-down frame of an origin.
+    """Return the position in the north-east-down frame of an origin.
 
     Args:
         geodetic: (..., 3), latitude, longitude [rad], height above the ellipsoid [m].
-        origin: (3,), the same of the origin.
+        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
 
     Returns:
         (..., 3) [m].
@@ -118,7 +128,7 @@ def ned_from_geodetic(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
 
 
 def geodetic_from_ned(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Latitude, longitude [rad] and height [m] of a position; undone `ned_from_geodetic`.
+    """Return latitude, longitude [rad] and height [m] of a north-east-down position.
 
     Args:
         ned: (..., 3) [m].
@@ -133,10 +143,9 @@ def geodetic_from_ned(ned: ArrayLike, origin: ArrayLike) -> FloatArray:
 
 
 def height_from_ned(ned: FloatArray, origin: ArrayLike) -> FloatArray:
-    """Height above the ellipsoid of positions in the north-east-down frame of an origin.
+    """Return the height above the ellipsoid of positions in the north-east-down frame of an origin.
 
-    The result is the third component of `geodetic_from_ned`. It takes a fraction of the time,
-    because no angle is computed.
+    The result is the third component of `geodetic_from_ned`, without the cost of angles.
 
     Args:
         ned: (..., 3 or more) [m]; further components are ignored.
@@ -157,13 +166,13 @@ def height_from_ned(ned: FloatArray, origin: ArrayLike) -> FloatArray:
 
 
 def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
-    """Matrix M from the north-east-down frame of a place to that of the origin.
+    """Return the matrix M from the north-east-down frame of a place to the frame of an origin.
 
-    Its columns are north, east and down of the place, as the origin sees them.
+    The columns of M are north, east and down of the place in the frame of the origin.
 
     Args:
         geodetic: (..., 3), the places; latitude and longitude [rad] are used.
-        origin: (3,), the same of the origin.
+        origin: (3,), latitude, longitude [rad], height above the ellipsoid [m].
 
     Returns:
         (..., 3, 3).
@@ -173,10 +182,10 @@ def turn_to_origin(geodetic: ArrayLike, origin: ArrayLike) -> FloatArray:
 
 
 def turned_attitude(attitude: ArrayLike, turn: FloatArray) -> FloatArray:
-    """Roll, pitch and yaw relative to one north-east-down frame, from those relative to another.
+    """Return roll, pitch and yaw relative to a new north-east-down frame.
 
-    Not an approximation: the matrix from the new frame to body is that from the old frame to body
-    times M⁻¹ = Mᵀ, and the angles are read from the product.
+    The matrix from the new frame to body is the matrix from the old frame to body times M⁻¹ = Mᵀ.
+    The angles of the product are exact.
 
     Args:
         attitude: ZYX Euler angles (..., 3) [rad] relative to the old frame.
@@ -189,16 +198,16 @@ def turned_attitude(attitude: ArrayLike, turn: FloatArray) -> FloatArray:
 
 
 def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatArray:
-    """Partials of the turned attitude for the given one: how errors of Euler angles carry over.
+    """Return the partials of the turned attitude by the given attitude.
 
-    A small change of roll, pitch and yaw turns the body by ω = B(roll, pitch) · (their changes), in
+    A small change δ of roll, pitch and yaw turns the body by ω = B(roll, pitch) δ, in
     body components (Beard and McLain, *Small Unmanned Aircraft*, 2012, ch. 3: the inverse of their
-    matrix in the kinematics of the Euler angles). That turn is the same seen from either frame, so
+    matrix in the kinematics of the Euler angles). ω is the same for both frames, so
     B(turned) d(turned) = B(attitude) d(attitude).
 
     Args:
         attitude: ZYX Euler angles (..., 3) [rad] relative to the old frame.
-        turned: The same attitude relative to the new frame; its pitch is not ±π/2.
+        turned: The attitude relative to the new frame (..., 3) [rad], with a pitch other than ±π/2.
 
     Returns:
         (..., 3, 3).
@@ -218,13 +227,13 @@ def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatA
 
 
 def body_axes(attitude: ArrayLike) -> FloatArray:
-    """Nose, right wing and bottom as rows of north-east-down components: the matrix R_n^b.
+    """Return the matrix R_n^b, with nose, right wing and bottom as rows.
 
     Args:
         attitude: ZYX Euler angles (..., 3): roll, pitch, yaw [rad].
 
     Returns:
-        (..., 3, 3); the transpose of what the paper prints as `eq:DCM_zyx`.
+        (..., 3, 3), the transpose of the matrix printed in the paper as `eq:DCM_zyx`.
     """
     attitude = np.asarray(attitude, dtype=float)
     (sr, sp, sy), (cr, cp, cy) = (
@@ -239,11 +248,10 @@ def body_axes(attitude: ArrayLike) -> FloatArray:
 
 
 def euler_angles(axes: FloatArray) -> FloatArray:
-    """Roll, pitch and yaw of a matrix R_n^b; undone `body_axes`.
+    """Return roll, pitch and yaw of a matrix R_n^b, the inverse of `body_axes`.
 
-    The roll is read after the yaw has been turned back, which makes the three fit together however
-    near the pitch is to ±π/2, where yaw and roll are about one axis and only their sum or
-    difference is known.
+    The roll is computed after a turn back by the yaw. The three angles are consistent even near a
+    pitch of ±π/2, where only the sum or the difference of yaw and roll is defined.
 
     Args:
         axes: (..., 3, 3).
@@ -262,12 +270,12 @@ def euler_angles(axes: FloatArray) -> FloatArray:
 
 
 def _meridian(p: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Sine and cosine of the latitude, and height [m], from p and z, as `geodetic_from_ecef`."""
-    # A pair in proportion to sine and cosine of the latitude; that of β is (1 − f) sin φ, cos φ.
+    """Return sine and cosine of the latitude, and height [m], from p and z of Bowring's formula."""
+    # A pair in proportion to sine and cosine of φ. The pair of β is (1 − f) sin φ, cos φ.
     sin, cos = z / (1.0 - FLATTENING) ** 2, p
     for _ in range(_ROUNDS):
         s, c = _unit((1.0 - FLATTENING) * sin, cos)
-        # Products, because a power of an array takes ten times as long.
+        # Products, because powers of arrays are slow.
         sin = z + SECOND_ECCENTRICITY_2 * SEMI_MINOR * (s * s * s)
         cos = p - ECCENTRICITY_2 * SEMI_MAJOR * (c * c * c)
     sin, cos = _unit(sin, cos)
@@ -276,6 +284,6 @@ def _meridian(p: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, Flo
 
 
 def _unit(sin: FloatArray, cos: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Scale a pair to the sine and cosine that it is in proportion to."""
-    length = np.sqrt(sin * sin + cos * cos)  # a third of the time of np.hypot
+    """Return the sine and cosine that a pair is in proportion to."""
+    length = np.sqrt(sin * sin + cos * cos)  # np.hypot is slower
     return sin / length, cos / length

@@ -1,8 +1,8 @@
-"""Where the radar stands as seen from the aircraft, and how that changes with every state.
+"""The position of the radar in the body frame of the aircraft, and its derivatives.
 
 North-east-down (NED) to body is the ZYX Euler sequence: a turn by yaw about z, then by pitch about
 the new y, then by roll about the new x (Beard and McLain, *Small Unmanned Aircraft*, 2012, ch. 2).
-The paper's `eq:DCM_zyx` prints the transpose of it, body to NED.
+The paper's `eq:DCM_zyx` prints the transpose, body to NED.
 
 Each turn mixes two components only, so vectors are carried as three component arrays. The turn by
 α takes the pair (u, v) to (u cos α + v sin α, v cos α − u sin α).
@@ -34,29 +34,29 @@ class Turn(NamedTuple):
 
     @classmethod
     def by(cls, angle: FloatArray) -> Turn:
-        """Make the turn by an angle [rad].
+        """Return the turn by an angle [rad].
 
-        Cosine and sine are 2/(1 + t²) − 1 and 2t/(1 + t²) with t = tan(α/2). NumPy has a tangent
-        that is vectorized where its sine and cosine are not: this takes a sixth of their time, and
-        is as exact (at α = π, where t is 1.6e16, nothing is lost either).
+        Cosine and sine are 2/(1 + t²) − 1 and 2t/(1 + t²) with t = tan(α/2). NumPy's tangent is
+        vectorized, its sine and cosine are not. Rounding is no larger, even at α = π with t =
+        1.6e16.
         """
         t = np.tan(np.multiply(0.5, angle, order="C"))
         scale = t * t
         scale += 1.0
         scale = 2.0 / scale
-        t *= scale  # in place: this is the sine now,
-        scale -= 1.0  # and this the cosine
+        t *= scale  # the sine
+        scale -= 1.0  # the cosine
         return cls(cos=scale, sin=t)
 
     def apply(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Turn the axes of the (u, v) plane."""
+        """Return components (u, v) in axes turned by the angle."""
         along, across = self.cos * u, self.cos * v
         along += self.sin * v
         across -= self.sin * u
         return along, across
 
     def undo(self, u: FloatArray, v: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Turn the axes of the (u, v) plane back."""
+        """Return components (u, v) in axes turned back by the angle."""
         along, across = self.cos * u, self.cos * v
         along -= self.sin * v
         across += self.sin * u
@@ -72,12 +72,12 @@ class Attitude(NamedTuple):
 
     @classmethod
     def from_state(cls, aircraft: FloatArray) -> Attitude:
-        """Take the Euler angles [rad] out of aircraft states (..., 6)."""
+        """Return the turns by the Euler angles [rad] of aircraft states (..., 6)."""
         cosines, sines = Turn.by(np.moveaxis(aircraft[..., ATTITUDE], -1, 0))
         return cls(*map(Turn, cosines, sines))
 
     def to_body(self, ned: Vector) -> Vector:
-        """Express a north-east-down vector in the body frame: ρ = R_n^b d."""
+        """Return a north-east-down vector d in the body frame, ρ = R_n^b d."""
         x, y, z = ned
         x, y = self.yaw.apply(x, y)
         z, x = self.pitch.apply(z, x)
@@ -85,10 +85,10 @@ class Attitude(NamedTuple):
         return Vector(x, y, z)
 
     def pull_back(self, body: Vector, gradient: Vector) -> tuple[Vector, Vector]:
-        """Carry a gradient with respect to the body-frame vector back to what it depends on.
+        """Return the gradient by d and the Euler angles of a function f of ρ, by the chain rule.
 
-        A turn moves its pair (u, v) by d(u, v)/dα = (v, −u), so with g the gradient at that stage
-        the partial for its angle is g_u v − g_v u: one component of a cross product.
+        A turn of a pair (u, v) by α has the derivative d(u, v)/dα = (v, −u). With g the gradient by
+        the turned pair, ∂f/∂α = g_u v − g_v u, one component of a cross product.
 
         Args:
             body: ρ, the body-frame vector.
@@ -110,46 +110,45 @@ class Attitude(NamedTuple):
 
 
 def split(vectors: FloatArray) -> Vector:
-    """Take vectors (..., 3) apart into their components, without a copy."""
+    """Return the components of vectors (..., 3), without a copy."""
     return Vector(vectors[..., 0], vectors[..., 1], vectors[..., 2])
 
 
 def join(components: Iterable[FloatArray]) -> FloatArray:
-    """Put components together as an array with the component axis last.
+    """Return components as one array with the component axis last.
 
-    In memory each component stays one contiguous run, which is what makes arithmetic on
-    `array[..., i]` fast.
+    Each component is contiguous in memory, which makes arithmetic on `array[..., i]` fast.
     """
     components = tuple(components)
     joined = np.empty((len(components), *np.shape(components[0])))
     for i, component in enumerate(components):
-        joined[i] = component  # np.stack would keep other threads waiting while it copies
+        joined[i] = component  # np.stack holds the interpreter lock while it copies
     return np.moveaxis(joined, 0, -1)
 
 
 def radar_from_aircraft(aircraft: FloatArray, radar: FloatArray) -> Vector:
-    """Vector from aircraft (..., 6) to radar (..., 4) in north-east-down [m]."""
+    """Return the vector from aircraft (..., 6) to radar (..., 4) in north-east-down [m]."""
     ends = np.broadcast_arrays(radar[..., POSITION], aircraft[..., POSITION])
     to, of = (np.moveaxis(end, -1, 0) for end in ends)
-    # One call for all components, each of them contiguous, whatever the states are in memory.
+    # One call for all components. order="C" makes each component contiguous.
     return Vector(*np.subtract(to, of, order="C"))
 
 
 def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Position of the radar relative to the aircraft in the body frame, `eq:prb`.
+    """Return the position of the radar relative to the aircraft in the body frame, `eq:prb`.
 
     Args:
         aircraft: (..., 6), metres and radians.
-        radar: (..., 4), of which the position [m] is used.
+        radar: (..., 4) with the position [m]; c_r is not used.
 
     Returns:
-        (..., 3) [m]: out of the nose, out of the right wing, out of the bottom.
+        (..., 3) [m] along nose, right wing and bottom.
     """
     return join(Attitude.from_state(aircraft).to_body(radar_from_aircraft(aircraft, radar)))
 
 
 def slant_range(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Distance from aircraft (..., 6) to radar (..., 4) [m], `eq:range`."""
+    """Return the distance from aircraft (..., 6) to radar (..., 4) [m], `eq:range`."""
     x, y, z = radar_from_aircraft(aircraft, radar)
     return np.sqrt(x * x + y * y + z * z)
 
@@ -157,10 +156,10 @@ def slant_range(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
 def orbit(
     azimuth: FloatArray, *, radius: float, down: float, azimuth_from: str = "east"
 ) -> FloatArray:
-    """Positions on a level circle about the origin of the north-east-down frame.
+    """Return positions on a level circle about the origin of the north-east-down frame.
 
-    The paper's [R sin θ_r, R cos θ_r, p_ad] measures θ_r from east, and R is the horizontal radius;
-    a compass azimuth is measured from north.
+    The paper's [R sin θ_r, R cos θ_r, p_ad] measures θ_r from east, and R is the horizontal radius.
+    A compass measures azimuth from north.
 
     Args:
         azimuth: θ_r (...) [rad].

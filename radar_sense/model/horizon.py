@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.model.geodesy import height_from_ned
+from radar_sense.errors import InputError
+from radar_sense.model.geodesy import height_from_ned, is_place
 from radar_sense.model.geometry import slant_range
 from radar_sense.states import FloatArray
 
@@ -53,6 +54,12 @@ class Horizon:
     """
 
     origin: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if self.origin is not None and not is_place(self.origin):
+            raise InputError(
+                f"origin must be latitude and longitude [rad] and height [m], got {self.origin!r}"
+            )
 
     def height(self, states: FloatArray) -> FloatArray:
         """Return the height above the surface (...) [m] of states (..., 3 or more)."""

@@ -1,22 +1,21 @@
 """Several radars that look at one aircraft: the probability that at least one detects it.
 
-Given the states, the radars' receivers are independent of each other (each has a noise of its own;
-that a target fluctuates is independent from radar to radar too), and so, `·` over all radars,
+Receiver noise and target fluctuation are independent from radar to radar. For given states,
+detections are therefore independent, and
 
     P_D = 1 − Π (1 − P_i).
 
-The states are not: every radar looks at the same aircraft, in the same position and attitude. So a
-network is one function of one state, x_a (..., 6) and the radars' (..., 4m) one after the other,
-and whoever propagates or draws that state has the part that they share right.
+The states are shared: all radars look at one aircraft with one position and attitude. A network is
+one function of one state, x_a (..., 6) and the states of all radars (..., 4m). Propagation and
+draws of this state include the dependence between the radars.
 
-In terms of z_i = Φ⁻¹(P_i) a miss has the probability Q_i = Φ(−z_i), which keeps its digits where
-P_i rounds to 1, and
+With z_i = Φ⁻¹(P_i), radar i misses with probability Q_i = Φ(−z_i), which keeps its digits where P_i
+rounds to 1, and
 
     Q = Π Q_i,  z = Φ⁻¹(1 − Q),  ∂z/∂z_i = (Q/Q_i) φ(z_i)/φ(z),  ∂P_D/∂z_i = (Q/Q_i) φ(z_i).
 
-A radar may have limits beyond which it sees nothing, P_i = 0. Such an edge has no gradient: draws
-see it where they are, while a gradient, and what is propagated by it, knows only on which side of
-it the nominal states are.
+A radar may have limits beyond which P_i = 0. Such an edge has no gradient. A gradient, and moments
+propagated with it, depend only on the side of the edge where the nominal states are.
 """
 
 from __future__ import annotations
@@ -29,14 +28,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
+from radar_sense.errors import InputError
+from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.rcs import RCS
 from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite
 
-#: z of a radar that does not see the target, in sums that minus infinity would make NaN: no z is
-#: as low as the logarithm of the least number there is, and Φ(−1e6) is 0.
+#: z of a radar that does not see the target. Minus infinity would make sums NaN, and Φ(−1e6) is 0.
 _UNSEEN = -1e6
 #: Below Φ(−9) = 1e-19 probabilities simply add up, as far as double precision can tell.
 _RARE = -9.0
@@ -45,14 +45,13 @@ _LOG_HALF = math.log(0.5)
 
 @dataclass(frozen=True)
 class Radar:
-    """One radar of a network: how it detects, and how far it sees.
+    """One radar of a network: its detection model and its limits.
 
     Attributes:
         model: RCS, P_fa and detector.
-        name: The name in tables and reports. Only the single radar of a network needs none.
-        max_range: Slant range beyond which the radar sees nothing [m].
-        horizon: The horizon that hides what is below; None for a transparent earth, as in the
-            paper.
+        name: Name in tables and reports. The single radar of a network of one needs no name.
+        max_range: Slant range beyond which P_D is 0 [m].
+        horizon: Horizon below which P_D is 0; None for a transparent earth, as in the paper.
         scan_period: Time from one look to the next [s]; None if unknown.
     """
 
@@ -63,25 +62,31 @@ class Radar:
     scan_period: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.max_range > 0:
-            raise ValueError(f"max_range must be greater than 0, got {self.max_range}")
-        if self.scan_period is not None and not 0 < self.scan_period < math.inf:
-            raise ValueError(f"scan_period must be greater than 0, got {self.scan_period}")
+        if not isinstance(self.model, DetectionModel):
+            raise InputError(f"model must be a DetectionModel, got {self.model!r}")
+        if not isinstance(self.name, str):
+            raise InputError(f"name must be text, got {self.name!r}")
+        if self.max_range != math.inf:
+            check_number("max_range", self.max_range, POSITIVE)
+        if not isinstance(self.horizon, Horizon | None):
+            raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
+        if self.scan_period is not None:
+            check_number("scan_period", self.scan_period, POSITIVE)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
         shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
-        seen = np.ones(shape, dtype=bool)
+        visible = np.ones(shape, dtype=bool)
         if self.max_range < math.inf:
-            seen &= slant_range(aircraft, radar) <= self.max_range
+            visible &= slant_range(aircraft, radar) <= self.max_range
         if self.horizon is not None:
-            seen &= self.horizon.visible(aircraft, radar)
-        return seen
+            visible &= self.horizon.visible(aircraft, radar)
+        return visible
 
     @property
     def limited(self) -> bool:
-        """Whether the radar has a limit to what it sees."""
+        """Whether the radar has a maximum range or a horizon."""
         return self.max_range < math.inf or self.horizon is not None
 
 
@@ -93,26 +98,30 @@ Station = Radar
 class NetworkModel:
     """Probability that at least one of m radars detects an aircraft with a single pulse.
 
-    It is used as a `DetectionModel` is, with radar states (..., 4m): north, east, down [m] and c_r
-    [J m²/K] of the first radar, then of the second, and so on. A network of one is the single
-    radar, bit for bit.
+    It has the methods of a `DetectionModel`, with radar states (..., 4m): north, east, down [m] and
+    c_r [J m²/K] of each radar in turn. A network of one radar equals its detection model bit for
+    bit.
 
     Attributes:
-        radars: The radars. All see the same aircraft, so all have the same RCS.
+        radars: The radars. All have the RCS of the one aircraft.
     """
 
     radars: tuple[Radar, ...]
 
     def __post_init__(self) -> None:
-        if not self.radars:
-            raise ValueError("a network needs at least one radar")
+        if not isinstance(self.radars, tuple | list) or not self.radars:
+            raise InputError(f"radars must be a tuple of one radar or more, got {self.radars!r}")
+        for radar in self.radars:
+            if not isinstance(radar, Radar):
+                raise InputError(f"radars must be of class Radar, got {radar!r}")
+        object.__setattr__(self, "radars", tuple(self.radars))
         if any(radar.model.rcs != self.rcs for radar in self.radars):
-            raise ValueError("the radars of a network must have the RCS of one and the same target")
+            raise InputError("the radars of a network must have the RCS of one and the same target")
         if len(self.radars) > 1 and not all(radar.name for radar in self.radars):
-            raise ValueError("every radar of a network needs a name")
+            raise InputError("every radar of a network needs a name")
         problem = name_problem(self.names)
         if problem:
-            raise ValueError(problem)
+            raise InputError(problem)
 
     @property
     def rcs(self) -> RCS:
@@ -122,7 +131,7 @@ class NetworkModel:
     @property
     def models(self) -> tuple[DetectionModel, ...]:
         """The detection model of each radar, without its limits."""
-        return tuple(station.model for station in self.radars)
+        return tuple(radar.model for radar in self.radars)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -131,7 +140,7 @@ class NetworkModel:
 
     @property
     def limited(self) -> bool:
-        """Whether a radar has a limit to what it sees."""
+        """Whether any radar has a maximum range or a horizon."""
         return any(radar.limited for radar in self.radars)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
@@ -141,11 +150,11 @@ class NetworkModel:
             ValueError: If a shape does not fit.
         """
         states = self._split(radar)
-        seen = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
-        return np.stack(seen, axis=-1)
+        visible = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
+        return np.stack(visible, axis=-1)
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Signal-to-noise ratio at each radar (..., m), 0 where it does not see the aircraft.
+        """Return the signal-to-noise ratio at each radar (..., m), 0 where the aircraft is unseen.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -154,7 +163,7 @@ class NetworkModel:
         return join(self._each(DetectionModel.snr, aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
-        """Probability of detection by at least one radar (...).
+        """Return the probability of detection by at least one radar (...).
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -168,9 +177,9 @@ class NetworkModel:
         return fused
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
-        """Fused probability of detection, its partials for the aircraft and for all radars.
+        """Return P_D by at least one radar, and its partials by aircraft and radar states.
 
-        `jac_radar` is (..., 4m). Where no radar sees the aircraft all of it is 0.
+        `jac_radar` is (..., 4m). All is 0 where no radar sees the aircraft.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -183,14 +192,14 @@ class NetworkModel:
             lin = single.model.linearize(aircraft, radar)
             if not single.limited:
                 return lin
-            seen = self.visible(aircraft, radar)
+            visible = self.visible(aircraft, radar)
             return Linearization(
-                np.where(seen[..., 0], lin.p_d, 0.0)[()],
-                np.where(seen, lin.jac_aircraft, 0.0),
-                np.where(seen, lin.jac_radar, 0.0),
+                np.where(visible[..., 0], lin.p_d, 0.0)[()],
+                np.where(visible, lin.jac_aircraft, 0.0),
+                np.where(visible, lin.jac_radar, 0.0),
             )
-        seen = self.visible(aircraft, radar)
-        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, seen, extrapolated=False)
+        visible = self.visible(aircraft, radar)
+        z, by_aircraft, by_radar = self._each_probit(aircraft, radar, visible, extrapolated=False)
         missed = log_ndtr(-z)
         # ∂P_D/∂z_i = exp(ln Q − ln Q_i) φ(z_i)
         weight = np.exp(_others(missed) - 0.5 * z * z) / math.sqrt(2.0 * math.pi)
@@ -202,10 +211,10 @@ class NetworkModel:
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The fused probit z = Φ⁻¹(P_D), minus infinity where no radar sees the aircraft.
+        """Return the fused probit z = Φ⁻¹(P_D), minus infinity where no radar sees the aircraft.
 
         Returns:
-            z (...), its partials for the aircraft (..., 6) and for the radars (..., 4m).
+            z (...), its partials by the aircraft state (..., 6) and by radar states (..., 4m).
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -215,33 +224,31 @@ class NetworkModel:
             return self.radars[0].model.linearize_probit(aircraft, radar)
         check_finite("aircraft", aircraft)
         check_finite("radar", radar)
-        seen = self.visible(aircraft, radar)
-        z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, seen, extrapolated=False)
-        return np.where(seen.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
+        visible = self.visible(aircraft, radar)
+        z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, visible, extrapolated=False)
+        return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
     def extrapolated_probit(
         self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """As `linearize_probit`, but smooth, so that z can be expanded about a state.
+        """Return a smooth z and its partials, for expansions about a state.
 
-        A radar constant below zero stands for zero, where z has its floor. Each z_i is
-        extrapolated below c_r = 0 with its slope there, and fused then. The fused P_D is too low
-        there by less than what those radars detect of noise alone, about their P_fa. A method can
-        work with the smooth z and apply the floor last: quantiles of the greater of z and the floor
-        are the greater of the quantile and the floor.
+        A radar constant below 0 counts as 0, where z has its floor. For smoothness each z_i is
+        extrapolated linearly below c_r = 0 before fusion. The fused P_D is then too low by less
+        than the sum of the P_fa of the radars with c_r < 0. A method applies the floor last:
+        quantiles of max(z, floor) are max(quantile of z, floor).
 
         Args:
             aircraft: (k, 6).
             radar: (k, 4m); c_r may be negative.
-            visible: Radars (k, m) that are taken to see the aircraft, whatever the states; z is
-                -1e6 where none does.
+            visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
         """
         if len(self.radars) == 1 and visible.all():
             return _extrapolated(self.radars[0].model, aircraft, radar)
         return self._fused_probit(aircraft, radar, visible, extrapolated=True)
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
-        """Return the least fused z (...), without any signal; -1e6 where none is visible."""
+        """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
         floors = [m.detector.linearize_probit(np.zeros(()), m.p_fa)[0] for m in self.models]
         lowest = [np.where(visible[..., i], z, _UNSEEN) for i, z in enumerate(floors)]
         return _fuse(np.stack(lowest))
@@ -272,12 +279,17 @@ class NetworkModel:
             yield values
 
     def _each_probit(
-        self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, extrapolated: bool
+        self,
+        aircraft: ArrayLike,
+        radar: ArrayLike,
+        visible: NDArray[np.bool_],
+        *,
+        extrapolated: bool,
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """z_i (m, ...) and the partials of each, (..., 6) and (..., 4)."""
+        """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4)."""
         values, by_aircraft, by_radar = [], [], []
         for i, state in enumerate(self._split(radar)):
-            model, one = self.models[i], seen[..., i : i + 1]
+            model, one = self.models[i], visible[..., i : i + 1]
             z, by_a, by_r = (
                 _extrapolated(model, np.asarray(aircraft), state)
                 if extrapolated
@@ -289,23 +301,32 @@ class NetworkModel:
         return np.stack(values), by_aircraft, by_radar
 
     def _fused_probit(
-        self, aircraft: ArrayLike, radar: ArrayLike, seen: NDArray[np.bool_], *, extrapolated: bool
+        self,
+        aircraft: ArrayLike,
+        radar: ArrayLike,
+        visible: NDArray[np.bool_],
+        *,
+        extrapolated: bool,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         z, by_aircraft, by_radar = self._each_probit(
-            aircraft, radar, seen, extrapolated=extrapolated
+            aircraft, radar, visible, extrapolated=extrapolated
         )
         if len(z) == 1:
             return z[0], by_aircraft[0], by_radar[0]
         fused = _fuse(z)
         # φ(z_i)/φ(z) from the difference of squares, so that neither underflows
         log_weight = _others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z)
-        weight = np.exp(np.minimum(log_weight, 0.0))  # at most 1, but for rounding where z is huge
+        weight = np.exp(np.minimum(log_weight, 0.0))  # at most 1 without rounding
         return (fused, *_weighted(weight, by_aircraft, by_radar))
 
 
 def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
     """Return the network of one radar for a detection model; a network as it is."""
-    return model if isinstance(model, NetworkModel) else NetworkModel((Radar(model),))
+    if isinstance(model, NetworkModel):
+        return model
+    if isinstance(model, DetectionModel):
+        return NetworkModel((Radar(model),))
+    raise InputError(f"model must be a DetectionModel or a NetworkModel, got {model!r}")
 
 
 def _extrapolated(
@@ -323,7 +344,7 @@ def _extrapolated(
 
 
 def name_problem(names: Sequence[str]) -> str | None:
-    """Return why radars cannot have these names, as names of rows of a budget; None if they can."""
+    """Return why these names of radars collide with rows of a budget, or None."""
     taken = {"total", "all", "interaction", "aircraft", "aircraft_position", "aircraft_orientation"}
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:
@@ -331,7 +352,7 @@ def name_problem(names: Sequence[str]) -> str | None:
             if row in taken:
                 return f"radars cannot be named {', '.join(names)}: {row!r} would mean two things"
             taken.add(row)
-    for name in names:  # rows for the parts of c_r, whatever they are
+    for name in names:  # rows of the tolerances of c_r
         for start in (f"{name}_constant_", f"error_{name}_constant_"):
             if any(row.startswith(start) for row in taken):
                 return f"radars cannot be named {', '.join(names)}: {start!r} begins parts of c_r"
@@ -339,18 +360,18 @@ def name_problem(names: Sequence[str]) -> str | None:
 
 
 def _either(p: FloatArray, q: FloatArray) -> FloatArray:
-    """1 − (1 − p)(1 − q), without a difference of nearly equal numbers, and never above 1."""
+    """Return 1 − (1 − p)(1 − q) without cancellation, never above 1."""
     return p + (1.0 - p) * q
 
 
 def _others(log_missed: FloatArray) -> FloatArray:
-    """Sum over all radars but one, for each (m, ...), without subtracting."""
+    """Return, for each radar, the sum over all others (m, ...), without subtraction."""
     m = len(log_missed)
     return np.stack([np.sum(np.delete(log_missed, i, axis=0), axis=0) for i in range(m)])
 
 
 def _fuse(z: FloatArray) -> FloatArray:
-    """Fused z (...) of the z_i (m, ...), from the lesser of P_D and 1 − P_D."""
+    """Return the fused z (...) of the z_i (m, ...), from the lesser of P_D and 1 − P_D."""
     if len(z) == 1:
         one: FloatArray = z[0]
         return one
@@ -366,10 +387,10 @@ def _fuse(z: FloatArray) -> FloatArray:
 def _weighted(
     weight: FloatArray, by_aircraft: Sequence[FloatArray], by_radar: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Fuse partials: those for the aircraft add up, those for the radars stand side by side."""
+    """Return fused partials by the aircraft state and by the states of all radars."""
     factors = weight[..., np.newaxis]
     together = factors[0] * by_aircraft[0]
     for factor, partials in zip(factors[1:], by_aircraft[1:], strict=True):
         together += factor * partials
-    parts = [f * partials for f, partials in zip(factors, by_radar, strict=True)]
+    parts = [factor * partials for factor, partials in zip(factors, by_radar, strict=True)]
     return together, np.concatenate(parts, axis=-1)

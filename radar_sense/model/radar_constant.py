@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from scipy.special import ndtr
@@ -75,10 +76,10 @@ class Tolerance:
         The mean has a closed form for decibels. For other units it is a quadrature.
         """
         if self.decibels:
-            return math.exp(0.5 * (order * self.slope) ** 2)
+            return _log_normal_moment(order, self.slope)
         relative = self.std / self.value
         lowest = LOWEST_DIVISOR if self.power < 0 else -1.0 / max(relative, 0.1)
-        points, weights = np.polynomial.legendre.leggauss(200)
+        points, weights = _legendre(200)
         u = lowest + 0.5 * (10.0 - lowest) * (1.0 + points)
         density = np.exp(-0.5 * u * u) / math.sqrt(2.0 * math.pi)
         above = 0.5 * (10.0 - lowest) * np.sum(weights * density * self.factor(u) ** order)
@@ -162,7 +163,7 @@ def assumed_shape(tolerances: Sequence[Tolerance], *, log_normal: bool) -> Shape
     std = relative_std(tolerances)
     if not log_normal:
         return Shape(1.0, std, 0.0)
-    return _shape(*(math.exp(0.5 * (n * std) ** 2) for n in (1, 2, 3)))
+    return _shape(*(_log_normal_moment(n, std) for n in (1, 2, 3)))
 
 
 def shape_warning(tolerances: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
@@ -192,8 +193,21 @@ def describe(constant: float, tolerances: Sequence[Tolerance]) -> str:
     )
 
 
+@lru_cache
+def _legendre(points: int) -> tuple[FloatArray, FloatArray]:
+    """Return points and weights of Gauss-Legendre quadrature, which take 15 ms to compute."""
+    return np.polynomial.legendre.leggauss(points)
+
+
+def _log_normal_moment(order: int, std: float) -> float:
+    """Return E x^n of a log-normal x with median 1; about 1e308 where it is larger."""
+    return math.exp(min(0.5 * (order * std) ** 2, 709.0))
+
+
 def _shape(first: float, second: float, third: float) -> Shape:
     """Return the shape of a quantity from its first three moments about 0."""
+    if not third < 1e300:  # no other power below overflows: none is larger than the third moment
+        return Shape(math.inf, math.inf, math.inf)
     variance = max(second - first * first, 0.0)
     if variance <= 1e-12 * first * first:  # nothing but rounding
         return Shape(first, 0.0, 0.0)

@@ -13,6 +13,7 @@ from typing import Any
 
 from scipy.constants import Boltzmann, speed_of_light
 
+from radar_sense.errors import InputError
 from radar_sense.limits import POSITIVE, Limit, check_parameters
 from radar_sense.states import FloatArray
 
@@ -85,7 +86,7 @@ class SurveillanceRadar:
     def __post_init__(self) -> None:
         check_parameters(self)
         if self.search_factor not in SEARCH_FACTORS.values():
-            raise ValueError(f"search_factor must be 16 or 4π, got {self.search_factor}")
+            raise InputError(f"search_factor must be 16 or 4π, got {self.search_factor}")
 
     def constant(self) -> float:
         """Radar constant c_r [J m²/K], `eq:c_r_surv`: P_av A / (16 T_0 L F) · T_sc / Ω."""

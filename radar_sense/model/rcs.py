@@ -1,17 +1,15 @@
 """Radar cross section by aspect: one small frozen class per model.
 
-A model has two methods over body-frame vectors to the radar (..., 3), of any length but zero:
-`cross_section` gives σ_r (...) [m²], `linearize` gives σ_r and its gradient (..., 3) with respect
-to that vector. An RCS depends on direction alone, so the gradient is perpendicular to the vector.
+A model has two methods over body-frame vectors to the radar (..., 3) of any length above 0:
+`cross_section` returns σ_r (...) [m²], and `linearize` returns σ_r and its gradient by the vector
+(..., 3). An RCS depends on direction alone, so the gradient is perpendicular to the vector.
 
-λ = atan2(y, x) and φ = atan2(z, √(x² + y²)) are only a way to write such a function, so they do not
-appear here unless a model needs λ itself: the direction cosines they stand for have no singular
-angle but the one that is real, straight above and below the aircraft, where λ is undefined. There
-the models take λ = 0 (as atan2 does), and the gradient of one that depends on λ is NaN.
+The models use direction cosines instead of λ = atan2(y, x) and φ = atan2(z, √(x² + y²)) where they
+can, because these have no artificial singularity. λ is undefined straight above and below the
+aircraft. There the models use λ = 0, as atan2 does, and the gradient of a model with λ is NaN.
 
-An RCS here is a function of aspect and of nothing else. That the echo of one aspect fluctuates from
-pulse to pulse or scan to scan (P. Swerling, IRE Trans. IT-6(2), 1960) is the detector's affair: the
-RCS gives the mean that it fluctuates about. The RCS from a table is in a module of its own.
+An RCS here is a function of aspect only, the mean over fluctuations from pulse to pulse or scan to
+scan (P. Swerling, IRE Trans. IT-6(2), 1960). The detector models the fluctuations.
 """
 
 from __future__ import annotations
@@ -22,6 +20,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
+from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.states import FloatArray
@@ -43,26 +42,26 @@ def rcs_model(name: str) -> Callable[[C], C]:
 
 
 class RCS(Protocol):
-    """What the rest of the package asks of an RCS model."""
+    """The methods and properties of every RCS model."""
 
-    #: Whether it is the same from everywhere, so that nobody need know the attitude.
+    #: Whether σ_r is the same at all aspects. The attitude is not used then.
     isotropic: ClassVar[bool]
-    #: Whether it may have several lobes within a few degrees.
+    #: Whether σ_r may have several lobes within a few degrees.
     lobed: ClassVar[bool]
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         ...
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
         ...
 
 
 @rcs_model("constant")
 @dataclass(frozen=True)
 class ConstantRCS:
-    """The same cross section from everywhere.
+    """The same cross section at all aspects.
 
     Attributes:
         rcs: σ_r [m²], positive.
@@ -77,11 +76,11 @@ class ConstantRCS:
         check_parameters(self)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         return np.full(np.shape(body_vector)[:-1], self.rcs)
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """σ_r (...) [m²] and its gradient (..., 3), which is zero."""
+        """Return σ_r (...) [m²] and its gradient (..., 3), which is zero."""
         return self.cross_section(body_vector), np.zeros(np.shape(body_vector))
 
 
@@ -90,9 +89,9 @@ class ConstantRCS:
 class EllipsoidRCS:
     """The paper's ellipsoid, `eq:rcs_ellipsoid`, taken literally.
 
-    σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0) that
-    is π a²b²/c²: in the formula c acts along the nose, a along the wing and b down, whatever the
-    paper's text (a forward) and table (c up) say.
+    σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0), σ_r
+    is π a²b²/c². In the formula c acts along the nose, a along the wing and b down. The paper's
+    text (a forward) and table (c up) differ from its formula.
 
     Attributes:
         a: Axis that acts along the wing [m], positive.
@@ -111,7 +110,7 @@ class EllipsoidRCS:
         check_parameters(self)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         xx, yy, zz = split(np.square(np.asarray(body_vector, dtype=float)))
         hh = xx + yy
         rr = hh + zz
@@ -119,7 +118,7 @@ class EllipsoidRCS:
             return self._numerator * self._inverse(xx, yy, zz, hh, rr) ** 2
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
+        """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
         aa, bb, cc = self.a**2, self.b**2, self.c**2
         xx, yy, zz = x * x, y * y, z * z
@@ -149,28 +148,28 @@ class EllipsoidRCS:
     def _inverse(
         self, xx: FloatArray, yy: FloatArray, zz: FloatArray, hh: FloatArray, rr: FloatArray
     ) -> FloatArray:
-        """1/D of `eq:rcs_ellipsoid`, with a sum of positive terms so that nothing cancels."""
+        """Return 1/D of `eq:rcs_ellipsoid`, from a sum of positive terms without cancellation."""
         # sin²λ cos²φ = (y²/h²)(h²/r²),  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
         times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
-        inverse, aside = hh / times_hh, hh != 0  # NaN is not 0 and stays
-        # Straight above or below h is 0 and λ undefined; λ = 0 leaves the c² of cos²λ = 1.
+        inverse, aside = hh / times_hh, hh != 0  # NaN != 0 keeps NaN
+        # Straight above or below, h = 0 and λ is undefined. With λ = 0, D is c².
         return inverse if aside.all() else np.where(aside, inverse, self.c**-2)
 
 
 @rcs_model("ellipsoid_exact")
 @dataclass(frozen=True)
 class ExactEllipsoidRCS:
-    """The ellipsoid itself, which the paper's formula is only near the horizon.
+    """The exact ellipsoid, which the paper's formula approximates near the horizon.
 
     σ_r = π (s_x s_y s_z)² / D² with D = (s_x n_x)² + (s_y n_y)² + (s_z n_z)², where n is the
     direction to the radar in the body frame (E. F. Knott, J. F. Shaeffer and M. T. Tuley, Radar
     Cross Section, 2nd ed. 1993: π times the product of the principal radii of curvature at the
     specular point). It is smooth in every direction.
 
-    `eq:rcs_ellipsoid` lacks a factor cos²φ in its term for the nose, and has a sin²λ in that for
-    down. With its (a, b, c) = (s_y, s_z, s_x), its D is (s_x² − s_z²) cos²λ sin²φ greater: nothing
-    at the horizon and abeam, and most straight above and below, where it depends on a λ that has
-    no meaning there.
+    `eq:rcs_ellipsoid` lacks a factor cos²φ in the term of the nose, and has a factor sin²λ too many
+    in the term of down. With (a, b, c) = (s_y, s_z, s_x) the paper's D exceeds the exact D by
+    (s_x² − s_z²) cos²λ sin²φ. The difference is 0 at the horizon and abeam, and largest straight
+    above and below, where λ is undefined.
 
     Attributes:
         x: Semi-axis along the nose [m], positive.
@@ -189,12 +188,12 @@ class ExactEllipsoidRCS:
         check_parameters(self)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         sigma, _, _ = self._parts(*split(np.asarray(body_vector, dtype=float)))
         return sigma
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
         sigma, (xx, yy, zz), weighted = self._parts(x, y, z)
         aa, bb, cc = self.x**2, self.y**2, self.z**2
@@ -214,7 +213,7 @@ class ExactEllipsoidRCS:
     def _parts(
         self, x: FloatArray, y: FloatArray, z: FloatArray
     ) -> tuple[FloatArray, tuple[FloatArray, FloatArray, FloatArray], FloatArray]:
-        """σ_r, the squares of the components, and w = r² D."""
+        """Return σ_r, the squares of the components, and w = r² D."""
         xx, yy, zz = x * x, y * y, z * z
         weighted = self.x**2 * xx + self.y**2 * yy + self.z**2 * zz
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -227,9 +226,8 @@ class ExactEllipsoidRCS:
 class SpikeballRCS:
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
 
-    The slope jumps at the bottom of each lobe. There the gradient is that of one of the two lobes
-    that meet; the other's has the same size and the other sign, so the linearized deviation is that
-    of either side and not a zero.
+    The slope jumps at the bottom of each lobe. There the gradient is the one of either lobe. The
+    two gradients differ in sign only, so the linearized deviation is the same for both.
 
     Attributes:
         lobes: n, a positive whole number.
@@ -247,16 +245,16 @@ class SpikeballRCS:
     def __post_init__(self) -> None:
         check_parameters(self)
         if self.amplitude + self.floor == 0:
-            raise ValueError("amplitude and floor must not both be 0")
+            raise InputError("amplitude and floor must not both be 0")
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         x, y, _ = split(np.asarray(body_vector, dtype=float))
         wave = Turn.by(0.5 * self.lobes * np.arctan2(y, x)).sin
         return self.floor + self.amplitude * np.abs(wave)
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
+        """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
         x, y, _ = split(np.asarray(body_vector, dtype=float))
         half = 0.5 * self.lobes
         phase = Turn.by(half * np.arctan2(y, x))

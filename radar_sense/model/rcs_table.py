@@ -1,12 +1,11 @@
 """Radar cross section from a table: measured or computed values, by angles in the body frame.
 
 Azimuth is λ = atan2(y, x), 0 off the nose and 90° off the right wing. Elevation is
-atan2(−z, √(x² + y²)), positive above the aircraft as in measured data; the paper's φ is positive
-below it. A table without elevations holds for all of them: it is one cut, used above and below as
-well.
+atan2(−z, √(x² + y²)), positive above the aircraft as in measured data. The paper's φ is positive
+below. A table without elevations is one cut and holds for all elevations.
 
-Steps between angles need not be equal, but one that is over 1.5 times as wide as both steps beside
-it is a row that is missing, and one over 90° is too wide to say anything about what lies in it.
+Steps between angles need not be equal. A step over 1.5 times as wide as both steps beside it counts
+as a missing row, and a step over 90° as a gap.
 
 Between the nodes ln σ_r is a cubic spline (a tensor product of two with elevations): twice
 continuously differentiable, periodic in azimuth, exact at the nodes, and σ_r is positive
@@ -33,7 +32,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.limits import LARGEST, SMALLEST, Limit
+from radar_sense.errors import InputError
+from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import join, split
 from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray
@@ -49,23 +49,23 @@ _ROWS = 180
 #: Relative margin of an envelope, larger than the rounding of its evaluation.
 _MARGIN = 1e-12
 
-#: Angles nearer to each other than this are the same, and farther apart than this unrelated.
+#: Least and largest step between angles [rad].
 MIN_STEP, MAX_STEP = np.deg2rad(1e-3), np.deg2rad(90.0)
-#: A step so many times as wide as both beside it is a gap.
+#: A step is a gap if it exceeds both steps beside it by this factor.
 GAP = 1.5
 ENVELOPE = Limit(above=0, at_most=90)
 TURN = 2.0 * np.pi
-#: An elevation of this or more is straight above.
+#: An elevation of this or more counts as straight above.
 POLE = np.deg2rad(90.0 - 1e-9)
 
 
 @rcs_model("table")
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TableRCS:
     """A cross section that is tabulated over azimuth, or over azimuth and elevation.
 
-    Straight above and below, a table with azimuths alone takes λ = 0, and its gradient is NaN; so
-    does one whose elevations do not reach that far. An envelope has one value there and gradient 0.
+    Straight above and below the aircraft, λ is undefined. A table without elevations there uses
+    λ = 0, and its gradient is NaN. A table with these elevations has one value and gradient 0.
 
     Attributes:
         azimuth: λ of the nodes (n,) [rad], ascending, less than one turn.
@@ -92,7 +92,10 @@ class TableRCS:
     def __post_init__(self) -> None:
         for name in ("azimuth", "rcs", "elevation"):
             if getattr(self, name) is not None:
-                values = np.array(getattr(self, name), dtype=float)
+                try:
+                    values = np.array(getattr(self, name), dtype=float)
+                except (TypeError, ValueError) as error:
+                    raise InputError(f"{name} must be an array of numbers: {error}") from error
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
         self._check()
@@ -106,10 +109,16 @@ class TableRCS:
         object.__setattr__(self, "_upward", upward)
         object.__setattr__(self, "_cells", cells)
 
+    def __repr__(self) -> str:
+        nodes = " x ".join(str(size) for size in self.rcs.shape)
+        low, high = self.rcs.min(), self.rcs.max()
+        envelope = "" if self.envelope is None else f", envelope {np.rad2deg(self.envelope):g} deg"
+        return f"<TableRCS: {nodes} nodes, {low:.3g} to {high:.3g} m^2{envelope}>"
+
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
-        """σ_r (...) [m²] towards body-frame vectors (..., 3)."""
+        """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
-        with np.errstate(invalid="ignore"):  # a NaN among the angles stays one
+        with np.errstate(invalid="ignore"):  # NaN angles stay NaN
             cell, u, v = self._place(np.arctan2(y, x), x, y, z)
             c = self._polynomials(cell)
             if v is None:
@@ -147,7 +156,7 @@ class TableRCS:
         return sigma, gradient
 
     def uncovered(self, body_vector: FloatArray) -> NDArray[np.bool_]:
-        """Say which body-frame vectors (..., 3) are above or below all elevations of the table."""
+        """Return which body-frame vectors (..., 3) are outside the elevations of the table."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
         if self.elevation is None:
             return np.zeros(x.shape, dtype=bool)
@@ -163,31 +172,32 @@ class TableRCS:
             axes["elevation"] = self.elevation
         for name, angles in axes.items():
             if angles.ndim != 1 or not np.all(np.isfinite(angles)):
-                raise ValueError(f"{name} must be finite and of shape (n,)")
-            found = out_of_order(name, angles) or gap(name, angles)
-            if found:
-                raise ValueError(found[1])
+                raise InputError(f"{name} must be finite and of shape (n,)")
+            problem = out_of_order(name, angles) or gap(name, angles)
+            if problem:
+                raise InputError(problem[1])
         if self.azimuth[0] < -np.pi or self.azimuth[-1] > TURN:
-            raise ValueError("azimuth must lie between -pi and 2 pi")
+            raise InputError("azimuth must lie between -pi and 2 pi")
         if self.elevation is not None and abs(self.elevation).max() > np.pi / 2:
-            raise ValueError("elevation must lie between -pi/2 and pi/2")
+            raise InputError("elevation must lie between -pi/2 and pi/2")
         shape = tuple(len(angles) for angles in axes.values())
         if self.rcs.shape != shape:
-            raise ValueError(f"rcs must have shape {shape}, got {self.rcs.shape}")
+            raise InputError(f"rcs must have shape {shape}, got {self.rcs.shape}")
         if self.rcs.size > MAX_NODES:
-            raise ValueError(f"a table may have {MAX_NODES:,} nodes, got {self.rcs.size:,}")
+            raise InputError(f"a table may have {MAX_NODES:,} nodes, got {self.rcs.size:,}")
         if not np.all((self.rcs >= SMALLEST) & (self.rcs <= LARGEST)):
-            raise ValueError(f"rcs must be from {SMALLEST:g} to {LARGEST:g} m^2")
+            raise InputError(f"rcs must be from {SMALLEST:g} to {LARGEST:g} m^2")
         pole = None if self.elevation is None else differs_at_a_pole(self.elevation, self.rcs)
         if pole:
-            raise ValueError(pole[1])
-        if self.envelope is not None and not ENVELOPE.allows(np.rad2deg(self.envelope)):
-            raise ValueError(f"envelope in degrees must be {ENVELOPE}")
+            raise InputError(pole[1])
+        if self.envelope is not None:
+            check_number("envelope", self.envelope, POSITIVE)
+            check_number("envelope in degrees", float(np.rad2deg(self.envelope)), ENVELOPE)
 
     def _place(
         self, azimuth: FloatArray, x: FloatArray, y: FloatArray, z: FloatArray
     ) -> tuple[NDArray[np.intp], FloatArray, FloatArray | None]:
-        """Find the cell of each direction, and how far in it lies."""
+        """Return the cell of each direction, and the angles from its edges."""
         first = self._around.nodes[0]
         # The first node is within a turn of −π, so one turn more or less is enough.
         azimuth = np.where(azimuth < first, azimuth + TURN, azimuth)
@@ -210,9 +220,9 @@ class _Axis:
 
     Attributes:
         nodes: (n,) [rad], ascending; of a periodic axis the last is the first, one turn on.
-        periodic: Whether it goes around; else functions along it are even about both ends.
-        bins: The cell that the left end of each bin is in. Bins have one width and no more than one
-            node in them, which makes finding a cell quicker than a search would.
+        periodic: Whether the angle is periodic. Functions of other angles are even about both ends.
+        bins: Cell of the left end of each bin. Bins have equal widths and at most one node each, so
+            that a cell is found without a search.
         per_radian: Bins in a radian.
     """
 
@@ -223,40 +233,39 @@ class _Axis:
 
     @classmethod
     def closed(cls, azimuth: FloatArray) -> _Axis:
-        """Make the axis of azimuths, wherever they begin."""
+        """Return the periodic axis of azimuths (n,) [rad]."""
         return cls.of(np.append(azimuth, azimuth[0] + TURN), periodic=True)
 
     @classmethod
     def of(cls, nodes: FloatArray, *, periodic: bool) -> _Axis:
-        """Make an axis of all its nodes."""
+        """Return the axis with given nodes."""
         width = 0.999 * float(np.min(np.diff(nodes)))
         edges = nodes[0] + width * np.arange(int((nodes[-1] - nodes[0]) / width) + 1)
         bins = np.searchsorted(nodes, edges, side="right") - 1
         return cls(nodes, periodic, np.minimum(bins, len(nodes) - 2), 1.0 / width)
 
     def place(self, angle: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
-        """Find the cell (...) that each angle (...) is in, and how far from its left end."""
+        """Return the cell (...) of each angle (...), and the angle from its left end."""
         bins = ((angle - self.nodes[0]) * self.per_radian).astype(np.intp)
         cell = self.bins.take(bins, mode="clip")
         cell += (angle >= self.nodes.take(cell + 1)) & (cell < len(self.nodes) - 2)
         return cell, angle - self.nodes.take(cell)
 
     def through(self, values: FloatArray) -> FloatArray:
-        """Coefficients (4, cells, ...) of the cubic spline through values (n, ...) at the nodes."""
+        """Return coefficients (4, cells, ...) of the cubic spline through nodal values (n, ...)."""
         from scipy.interpolate import CubicSpline  # slow to import
 
         if self.periodic:
             values = np.concatenate([values, values[:1]])
         ends = "periodic" if self.periodic else "clamped"
-        found: FloatArray = CubicSpline(self.nodes, values, bc_type=ends).c[::-1]
-        return found
+        coefficients: FloatArray = CubicSpline(self.nodes, values, bc_type=ends).c[::-1]
+        return coefficients
 
     def with_control(self, values: FloatArray) -> FloatArray:
-        """Coefficients (4, cells, ...) of the cubic B-spline with control values (n, ...).
+        """Return coefficients (4, cells, ...) of the cubic B-spline with control values (n, ...).
 
-        It is a mean of the four control values about it, with positive weights that add up to 1
-        (C. de Boor, A Practical Guide to Splines, 1978, ch. IX): between the least and the greatest
-        of them.
+        The B-spline is a mean of four control values, with positive weights of sum 1 (C. de Boor,
+        A Practical Guide to Splines, 1978, ch. IX).
         """
         from scipy.interpolate import BSpline, CubicHermiteSpline  # slow to import
 
@@ -269,8 +278,8 @@ class _Axis:
             control = np.pad(values, [(1, 1), *rest], mode="reflect")
         spline = BSpline(knots, control, 3)
         at_nodes = spline(nodes), spline.derivative()(nodes)
-        found: FloatArray = CubicHermiteSpline(nodes, *at_nodes).c[::-1]
-        return found
+        coefficients: FloatArray = CubicHermiteSpline(nodes, *at_nodes).c[::-1]
+        return coefficients
 
     def divided(self, step: float) -> _Axis:
         """Return the axis with every cell divided evenly, into parts no wider than a step."""
@@ -285,7 +294,7 @@ class _Axis:
         return np.ceil(np.diff(self.nodes) / step * (1 - 1e-9)).astype(np.intp)
 
     def bezier(self, values: FloatArray, finer: _Axis) -> FloatArray:
-        """Bézier coefficients (4, finer cells, ...) of the spline through values (n, ...).
+        """Return Bézier coefficients (4, finer cells, ...) of the spline through values (n, ...).
 
         Args:
             values: Values at the nodes.
@@ -303,7 +312,7 @@ class _Axis:
         return np.stack([first, first + slope / 3.0, first + (2.0 * slope + bend) / 3.0, last])
 
     def affected(self) -> tuple[FloatArray, FloatArray]:
-        """First and last angle (n,) that the control value of each node affects."""
+        """Return the first and last angle (n,) that the control value of each node affects."""
         nodes = self.nodes
         if self.periodic:
             nodes = np.concatenate([nodes[-3:-1] - TURN, nodes, nodes[1:2] + TURN])
@@ -313,7 +322,7 @@ class _Axis:
 
 
 def _interpolated(around: _Axis, upward: _Axis | None, values: FloatArray) -> FloatArray:
-    """Coefficients (cells, 4) or (cells, 16) of the spline through values (n,) or (n, m)."""
+    """Return coefficients (cells, 4) or (cells, 16) of the spline through values (n,) or (n, m)."""
     by_azimuth = around.through(values)
     if upward is None:
         return np.ascontiguousarray(by_azimuth.T)
@@ -321,7 +330,7 @@ def _interpolated(around: _Axis, upward: _Axis | None, values: FloatArray) -> Fl
 
 
 def _by_cell(coefficients: FloatArray) -> FloatArray:
-    """Arrange coefficients (4, cells upward, 4, cells around) by cell (cells, 16)."""
+    """Return coefficients (4, cells upward, 4, cells around) by cell (cells, 16)."""
     return np.ascontiguousarray(coefficients.transpose(3, 1, 2, 0).reshape(-1, 16))
 
 
@@ -399,7 +408,7 @@ def _bounds(
 def _largest_between(
     values: FloatArray, edges: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Largest value of the cells that overlap each interval.
+    """Return the largest value of the cells that overlap each interval.
 
     Args:
         values: A value for each cell (..., cells).
@@ -415,13 +424,13 @@ def _largest_between(
     stop = np.minimum(np.searchsorted(edges, high + rounding), values.shape[-1])
     # Two runs of a power of two cells cover any interval.
     power = np.frexp(stop - start)[1] - 1
-    found = np.empty((*values.shape[:-1], len(low)))
+    largest = np.empty((*values.shape[:-1], len(low)))
     for exponent in range(int(power.max()) + 1):
         here, length = power == exponent, 1 << exponent
-        found[..., here] = np.maximum(values[..., start[here]], values[..., stop[here] - length])
+        largest[..., here] = np.maximum(values[..., start[here]], values[..., stop[here] - length])
         if exponent < power.max():
             values = np.maximum(values[..., :-length], values[..., length:])
-    return found
+    return largest
 
 
 #: What is wrong with a table: the index of the value that shows it, and the problem.
@@ -429,7 +438,7 @@ Problem = tuple[int, str]
 
 
 def out_of_order(name: str, angles: FloatArray) -> Problem | None:
-    """Find the first angle [rad] that does not come after the one before."""
+    """Return the first angle [rad] that is not above the previous one, or None."""
     wrong = np.flatnonzero(np.diff(angles) < MIN_STEP)
     if not len(wrong):
         return None
@@ -444,7 +453,7 @@ def out_of_order(name: str, angles: FloatArray) -> Problem | None:
 
 
 def gap(name: str, angles: FloatArray) -> Problem | None:
-    """Find a step that is wider than the table around it explains."""
+    """Return the first step between angles [rad] that is a gap, or None."""
     around = name == "azimuth"
     closed = np.append(angles, angles[0] + TURN) if around else angles
     steps = np.diff(closed)
@@ -471,7 +480,7 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
 
 
 def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
-    """Find a value straight above or below that is not that of the first azimuth."""
+    """Return the first value at a pole that differs from the value of azimuth 0, or None."""
     for j, reached, pole in (
         (0, elevation[0] <= -POLE, "below"),
         (len(elevation) - 1, elevation[-1] >= POLE, "above"),
@@ -487,12 +496,12 @@ def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
 
 
 def _horner(coefficients: list[FloatArray], t: FloatArray) -> FloatArray:
-    """Value of a cubic, its constant coefficient first."""
+    """Return the value of a cubic, constant coefficient first."""
     c0, c1, c2, c3 = coefficients
     return ((c3 * t + c2) * t + c1) * t + c0
 
 
 def _slope(coefficients: list[FloatArray], t: FloatArray) -> FloatArray:
-    """Slope of a cubic, its constant coefficient first."""
+    """Return the slope of a cubic, constant coefficient first."""
     _, c1, c2, c3 = coefficients
     return (3.0 * c3 * t + 2.0 * c2) * t + c1

@@ -31,9 +31,9 @@ def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> Floa
     """Return the attitude of coordinated flight without wind or angle of attack.
 
     With V_h the horizontal speed, yaw is the course χ = atan2(v_e, v_n), pitch is the climb angle
-    atan2(−v_d, V_h), and roll is the bank of a coordinated turn, tan φ = V_h χ̇ / g (R. W. Beard and
-    T. W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the right
-    is V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
+    atan2(−v_d, V_h), and roll is the bank of a coordinated turn, tan φ = V_h χ̇ / g (R. W. Beard
+    and T. W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the
+    right is V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
 
     Below the speed `HOVER` over ground, yaw is the last known course (before the first known
     course, the first) and the wings are level. Without any motion the nose is level too.
@@ -170,7 +170,8 @@ def turn_to_origin(
         if steep.any():
             raise InputError(
                 f"{source}: at time_s {float(time[some][steep][0])!r} the aircraft's nose points "
-                "straight up or down as the origin sees it, where roll and yaw have no covariance"
+                "straight up or down in the frame of the origin, where roll and yaw have no "
+                "covariance"
             )
         jacobian = np.zeros_like(part)
         jacobian[:, POSITION, POSITION] = turn

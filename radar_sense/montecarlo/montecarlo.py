@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from radar_sense.errors import InputError
-from radar_sense.limits import RUNS, SEED
+from radar_sense.limits import RUNS, SEED, WORKERS, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.canary import canary
@@ -297,8 +296,7 @@ def monte_carlo_states(
     aircraft, radar = np.atleast_2d(np.asarray(aircraft, float)), np.asarray(radar, float)
     cov_aircraft, cov_radar = np.asarray(cov_aircraft, float), np.asarray(cov_radar, float)
     for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
-        if not limit.allows(value):
-            raise InputError(f"{name} must be {limit}, got {value}")
+        check_number(name, value, limit)
     if aircraft.ndim != 2 or radar.ndim != 1 or cov_radar.ndim != 2:
         raise ValueError(
             "needs aircraft (n, 6), and one radar (4m,) with cov_radar (4m, 4m) for all poses; got "
@@ -335,6 +333,7 @@ def _compare(
     progress: Callable[[int], None] | None,
 ) -> MonteCarlo:
     """Draw states and compare P_D with a band."""
+    check_number("workers", workers, WORKERS)
     poses = len(states.aircraft)
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)

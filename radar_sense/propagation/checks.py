@@ -1,7 +1,7 @@
-"""Checks of a method of propagation: where its moments are not to be trusted.
+"""Checks of a method of propagation: the poses where its moments are unreliable.
 
-A check is not part of a method. It costs more than `linear` and `probit` themselves, so it is made
-once an analysis, on the total, where its warning is shown.
+A check costs more than `linear` and `probit` themselves. An analysis calls it once, on the total,
+and shows its warning.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from radar_sense.propagation.standard_space import (
 )
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
-#: A method is nonlinear at a pose where higher orders would change σ by more than this part of it,
+#: A pose is nonlinear where higher orders would change σ by more than this fraction of σ,
 STD_CHANGE = 0.02
 #: or a bound by more than this.
 BOUND_CHANGE = 0.005
 
 #: Draws about each centre, where a check draws.
 DRAWS = 256
-#: Part of BOUND_CHANGE that the draws of a check allow, since they have an error of their own,
+#: Fraction of BOUND_CHANGE that a check by draws allows, because draws have a sampling error,
 SAFETY = 0.7
-#: and the change of σ that they allow, as a part of σ or of SMALL_STD if that is greater.
+#: and the change of σ that it allows, as a fraction of the greater of σ and SMALL_STD.
 DRAWN_STD_CHANGE, SMALL_STD = 0.03, 1e-3
 
 #: Distance along each axis of u within which the limits of a radar must not lie. A limit 3 away
@@ -47,31 +47,31 @@ def second_order_matters(
     """Return where (k,) the second-order terms of z would change the moments of P_D, or σ of z.
 
     With H the second derivatives of z by u and g the gradient, z has to second order the mean
-    z(0) + tr H/2, the variance gᵀg + tr H²/2 and the third cumulant 3 gᵀHg + tr H³. No eigenvectors
-    are needed. σ of z is tested too, because a P_D that is nearly always 0 or 1 does not show what
-    becomes of z.
+    z(0) + tr H/2, the variance gᵀg + tr H²/2 and the third cumulant 3 gᵀHg + tr H³. σ of z is
+    compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
-    found = []
+    unreliable = []
     for part, given in _blocks(states, moments):
         probit = RelativeProbit.of(part)
         value, gradient, second = probit.derivatives()
-        root = probit.sqrt_cov
-        g = np.einsum("kij,ki->kj", root, gradient)
-        h = root.swapaxes(1, 2) @ second @ root
+        sqrt_cov = probit.sqrt_cov
+        g = np.einsum("kij,ki->kj", sqrt_cov, gradient)
+        h = sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov
         first = np.sum(g * g, axis=1)
         variance = first + 0.5 * np.sum(h * h, axis=(1, 2))
         hg = np.einsum("kij,kj->ki", h, g)
         third = 3.0 * np.sum(g * hg, axis=1) + np.sum((h @ h) * h, axis=(1, 2))
         mean = value + 0.5 * np.trace(h, axis1=1, axis2=2)
-        skewness = third / np.where(variance > 0, variance, 1.0) ** 1.5
+        cube = variance**1.5  # 0 for variances below 1e-216
+        skewness = third / np.where(cube > 0, cube, 1.0)
         better = _skewed(mean, np.sqrt(variance), skewness, beta)
         bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
         warned = _differ(given, better) | bends | limit_matters(part, given[0], beta)
         warned |= _expansion_is_off(probit, value, g, h, beta)
         if part.model.rcs.lobed:
             warned |= _lobe_beyond(probit, given, beta)
-        found.append(warned)
-    return np.concatenate(found)
+        unreliable.append(warned)
+    return np.concatenate(unreliable)
 
 
 def _expansion_is_off(
@@ -79,12 +79,12 @@ def _expansion_is_off(
 ) -> NDArray[np.bool_]:
     """Return where (k,) the second-order expansion of z is off a distance β along the gradient."""
     k, g, h = len(value), np.nan_to_num(g), np.nan_to_num(h)  # other tests warn where NaN
-    root = np.broadcast_to(probit.sqrt_cov, (k, *probit.sqrt_cov.shape[1:]))
+    sqrt_cov = np.broadcast_to(probit.sqrt_cov, (k, *probit.sqrt_cov.shape[1:]))
     length = np.sqrt(np.sum(g * g, axis=1))
     u = (beta / np.where(length > 0, length, np.inf))[:, np.newaxis] * g
     u = np.where(np.isfinite(u), u, 0.0)  # the model refuses NaN; no gradient is warned of anyway
     bend = 0.5 * np.sum(u * np.einsum("kij,kj->ki", h, u), axis=1)
-    error = np.einsum("kij,kj->ik", root, u)
+    error = np.einsum("kij,kj->ik", sqrt_cov, u)
     exact, _ = probit(np.hstack([error, -error]), np.tile(np.arange(k), 2))
     floor = probit.floor
     expanded = np.maximum(value + beta * np.array([[1.0], [-1.0]]) * length + bend, floor)
@@ -97,12 +97,14 @@ def _lobe_beyond(
     probit: RelativeProbit, given: tuple[FloatArray, FloatArray, FloatArray], beta: float
 ) -> NDArray[np.bool_]:
     """Return where (k,) a lobe of the RCS within the ball |u| ≤ β takes P_D beyond a bound."""
-    root = probit.sqrt_cov
-    found = scan(probit, np.broadcast_to(root, (len(probit.states), *root.shape[1:])), beta)
+    sqrt_cov = probit.sqrt_cov
+    scanned = scan(
+        probit, np.broadcast_to(sqrt_cov, (len(probit.states), *sqrt_cov.shape[1:])), beta
+    )
     _, lower, upper = given
     floor = probit.floor
-    highest = ndtr(np.maximum(found.promise.max(axis=0), floor))
-    lowest = ndtr(np.maximum(found.threat.min(axis=0), floor))
+    highest = ndtr(np.maximum(scanned.promise.max(axis=0), floor))
+    lowest = ndtr(np.maximum(scanned.threat.min(axis=0), floor))
     beyond: NDArray[np.bool_] = ~(
         (highest <= upper + BOUND_CHANGE) & (lowest >= lower - BOUND_CHANGE)
     )
@@ -110,12 +112,12 @@ def _lobe_beyond(
 
 
 def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
-    """Return where (k,) the moments by `form` are not to be trusted.
+    """Return where (k,) the moments by `form` are unreliable.
 
-    Poses are suspect where orders above the second change the moments, the second changes σ of z,
-    or an extreme lies on another lobe. Draws then tell whether the moments are off.
+    A pose is suspect where orders above the second change the moments, where the second order
+    changes σ of z, or where an extreme lies on another lobe. Draws at suspect poses decide.
     """
-    found = []
+    unreliable = []
     for part, given in _blocks(states, moments):
         space = StandardNormalSpace.of(part)
         betas = _form.betas_for(beta)
@@ -134,8 +136,8 @@ def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArr
         for pose in np.flatnonzero(suspect):
             ends_given = [float(values[pose]) for values in given]
             off[pose] = _draws_refute(space, int(pose), centres[:, :, pose], ends_given, beta)
-        found.append(off)
-    return np.concatenate(found)
+        unreliable.append(off)
+    return np.concatenate(unreliable)
 
 
 def _draws_refute(
@@ -147,8 +149,8 @@ def _draws_refute(
 ) -> bool:
     """Return whether weighted draws show that σ or a bound is off.
 
-    Draws are from a mixture of unit normals about u = 0 and about the extremes, so that as many lie
-    beyond the bounds as are needed (G. I. Schuëller and R. Stix, Structural Safety 4(4), 1987).
+    The draws are from a mixture of unit normals about u = 0 and about the extremes, so that enough
+    of them lie beyond the bounds (G. I. Schuëller and R. Stix, Structural Safety 4(4), 1987).
     """
     r = len(centres)
     normals = _normals(r)
@@ -185,9 +187,9 @@ def _normals(r: int) -> FloatArray:
 def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDArray[np.bool_]:
     """Return where (k,) a limit to what a radar sees is within reach and matters to P_D.
 
-    A radar that may see or not adds at most p²/4 to the variance of P_D, with p a bound of its P_D.
-    It is left out where that changes σ by less than a quarter of what is allowed, since it may be
-    correlated with the rest, and where p is less than what is allowed for a bound.
+    A limit within reach adds at most p²/4 to the variance of P_D, with p a bound of the radar's
+    P_D. The limit is ignored where p²/4 changes σ by less than a quarter of STD_CHANGE and p is
+    less than BOUND_CHANGE. The quarter allows for correlation with the other terms.
     """
     k, m = len(states), len(states.log_constant)
     matters = np.zeros(k, dtype=bool)
@@ -203,10 +205,12 @@ def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDAr
             near |= states.model.visible(aircraft, radar + error) != visible
     allowed = np.minimum(BOUND_CHANGE, np.sqrt(2.0 * STD_CHANGE) * std)
     for i in np.flatnonzero(near.any(axis=0)):
-        own = slice(len(RADAR) * i, len(RADAR) * (i + 1))
-        z, by_aircraft, by_radar = states.model.models[i].linearize_probit(aircraft, radar[:, own])
+        components = slice(len(RADAR) * i, len(RADAR) * (i + 1))
+        z, by_aircraft, by_radar = states.model.models[i].linearize_probit(
+            aircraft, radar[:, components]
+        )
         variance = variance_along(by_aircraft, states.cov_aircraft)
-        variance = variance + variance_along(by_radar, states.cov_radar[:, own, own])
+        variance = variance + variance_along(by_radar, states.cov_radar[:, components, components])
         matters |= near[:, i] & ~(ndtr(z + beta * np.sqrt(variance)) <= allowed)
     return matters
 
@@ -250,6 +254,6 @@ def _differ(
     given: tuple[FloatArray, FloatArray, FloatArray],
     better: tuple[FloatArray, FloatArray, FloatArray],
 ) -> NDArray[np.bool_]:
-    """Return where (k,) σ or a bound is too far from a better one, or either is not known."""
+    """Return where (k,) σ or a bound differs too much from a better one, or is NaN."""
     std, lower, upper = (abs(g - b) for g, b in zip(given, better, strict=True))
     return ~((std <= STD_CHANGE * better[0]) & (lower <= BOUND_CHANGE) & (upper <= BOUND_CHANGE))

@@ -1,7 +1,7 @@
 """The first-order reliability method (FORM), corrected to second order.
 
-FORM takes for the quantile of z at Φ(β) the greatest z in the ball |u| ≤ β of standard normal
-space, or the least in |u| ≤ |β| where β is negative (A. M. Hasofer and N. C. Lind, J. Eng. Mech.
+FORM approximates the quantile of z at Φ(β) by the greatest z in the ball |u| ≤ β of standard normal
+space, or by the least z in |u| ≤ |β| for negative β (A. M. Hasofer and N. C. Lind, J. Eng. Mech.
 Div. ASCE 100(1), 1974). That is exact where z is linear in u, or a monotone function of one
 variable. The extreme does not account for the curvature of z across its gradient. The second-order
 expansion of z has that curvature, an extreme of its own in the same ball, and a quantile that can
@@ -55,9 +55,9 @@ def form_upper(states: UncertainStates, beta: float) -> FloatArray:
     bounds = []
     for part in states.blocks(_numbers(states, 1)):
         space = StandardNormalSpace.of(part)
-        found = quantiles(space, np.array([beta]), beta)
-        upper = ndtr(np.maximum(found.corrected[0], space.probit.floor))
-        bounds.append(np.where(found.converged, upper, np.nan))
+        solution = quantiles(space, np.array([beta]), beta)
+        upper = ndtr(np.maximum(solution.corrected[0], space.probit.floor))
+        bounds.append(np.where(solution.converged, upper, np.nan))
     return np.concatenate(bounds)
 
 
@@ -69,10 +69,10 @@ def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
     probabilities = []
     for part in states.blocks(_numbers(states, len(EXCEEDANCE_NODES))):
         space = StandardNormalSpace.of(part)
-        found = quantiles(space, EXCEEDANCE_NODES, np.nan)
-        z = np.maximum(found.corrected, space.probit.floor)
+        solution = quantiles(space, EXCEEDANCE_NODES, np.nan)
+        z = np.maximum(solution.corrected, space.probit.floor)
         probability = exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
-        probabilities.append(np.where(found.converged, probability, np.nan))
+        probabilities.append(np.where(solution.converged, probability, np.nan))
     return np.concatenate(probabilities)
 
 
@@ -98,33 +98,33 @@ def exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
 def form_std(states: UncertainStates) -> StdFunction:
     """Return a function from covariances to σ of P_D, which shares the derivatives of z.
 
-    The derivatives are those with all of the states' uncertainty. The searches for the extremes
-    start from them.
+    The derivatives are computed once, with the covariances of the states. The searches for the
+    extremes start from them.
     """
     blocks = []
     for part in states.blocks(_numbers(states, len(NODES))):
         blocks.append((part, RelativeProbit.of(part).derivatives()))
 
     def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
-        found, start = [], 0
+        std_blocks, start = [], 0
         for part, derivatives in blocks:
             changed = part.with_covariances(cov_aircraft, cov_radar, start)
             space = StandardNormalSpace.expanded(RelativeProbit.of(changed), *derivatives)
-            found.append(moments_in(space, 3.0).std)
+            std_blocks.append(moments_in(space, 3.0).std)
             start += len(part)
-        return np.concatenate(found)
+        return np.concatenate(std_blocks)
 
     return std
 
 
 def moments_in(space: StandardNormalSpace, beta: float) -> Moments:
     """Return the moments of P_D at the poses of a standard normal space."""
-    found = quantiles(space, betas_for(beta), beta)
-    values = spread(space, found.corrected, beta)
-    mean, std, lower, upper = (np.where(found.converged, v, np.nan) for v in values)
+    solution = quantiles(space, betas_for(beta), beta)
+    values = spread(space, solution.corrected, beta)
+    mean, std, lower, upper = (np.where(solution.converged, v, np.nan) for v in values)
     states = space.probit.states
     p_d = states.model.p_d(states.aircraft, states.radar) + np.zeros(len(states))
-    return Moments(p_d, mean, std, lower, upper, found.converged)
+    return Moments(p_d, mean, std, lower, upper, solution.converged)
 
 
 class Quantiles(NamedTuple):
@@ -154,21 +154,21 @@ def betas_for(beta: float) -> FloatArray:
 def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Quantiles:
     """Return quantiles of z at Φ(β) for each of k poses and n values of β.
 
-    Where the RCS has lobes, those within reach are searched too for β = ± `bound`.
+    Lobes of the RCS within reach are searched too for β = ± `bound`.
     """
     known = np.isfinite(space.value + space.gradient.sum(axis=0) + space.curvature.sum(axis=0))
     pose = np.flatnonzero(known)
     shape = (len(betas), len(pose))
-    # One row for each β and pose, with the sign turned so that all look for a maximum.
+    # One row for each β and pose. With the sign of β, every row is a maximization.
     row, beta = np.tile(pose, len(betas)), np.repeat(betas, len(pose))
     sign, radius = np.where(beta < 0, -1.0, 1.0), np.abs(beta)
     g, lam = sign * space.gradient[:, row], sign * space.curvature[:, row]
     start = ball_maximum(g, lam, radius)
     expanded = space.value[row] + sign * np.sum((g + 0.5 * lam * start) * start, axis=0)
     first = climb(space, row, sign, radius, g, lam, start)
-    found = first
+    extremes = first
     if space.probit.states.model.rcs.lobed:
-        found = _highest_lobes(space, row, sign, radius, g, lam, first, radius == bound)
+        extremes = _highest_lobes(space, row, sign, radius, g, lam, first, radius == bound)
 
     second_order = np.zeros((len(betas), len(known)))
     second_order[:, pose] = space.value[pose] + quadratic_quantile(
@@ -177,14 +177,14 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Qu
     corrected = second_order.copy()
     corrected[:, pose] += (sign * first.value - expanded).reshape(shape)
     # The expansion is not that of another lobe, and its correction does not apply there.
-    moved = (found.value > first.value).reshape(shape)
-    corrected[:, pose] = np.where(moved, (sign * found.value).reshape(shape), corrected[:, pose])
+    moved = (extremes.value > first.value).reshape(shape)
+    corrected[:, pose] = np.where(moved, (sign * extremes.value).reshape(shape), corrected[:, pose])
     u = np.zeros((len(space.gradient), len(betas), len(known)))
-    u[:, :, pose] = found.u.reshape(len(u), *shape)
+    u[:, :, pose] = extremes.u.reshape(len(u), *shape)
     u_first = np.zeros_like(u)
     u_first[:, :, pose] = first.u.reshape(len(u), *shape)
     converged = known & np.isfinite(corrected).all(axis=0)
-    converged[pose] &= found.converged.reshape(shape).all(axis=0)
+    converged[pose] &= extremes.converged.reshape(shape).all(axis=0)
     corrected[:, ~converged] = 0.0  # any finite number
     return Quantiles(corrected, second_order, converged, u, u_first)
 
@@ -211,18 +211,18 @@ def _highest_lobes(
     rows = np.flatnonzero(searched)
     if not rows.size:
         return first
-    found = scan(space.probit, space.sqrt_cov, float(radius[rows[0]]))
+    scanned = scan(space.probit, space.sqrt_cov, float(radius[rows[0]]))
     up = sign[rows] > 0
-    promise = np.where(up, found.promise[:, row[rows]], -found.threat[:, row[rows]])
+    promise = np.where(up, scanned.promise[:, row[rows]], -scanned.threat[:, row[rows]])
     point = np.argmax(promise, axis=0)
     size = np.sqrt(np.sum(g[:, rows] ** 2 + 0.5 * lam[:, rows] ** 2, axis=0))
     more = promise[point, np.arange(len(rows))] > first.value[rows] + WORTH * size
     rows, point, up = rows[more], point[more], up[more]
     if not rows.size:
         return first
-    start = np.where(up, found.best[:, point, row[rows]], found.worst[:, point, row[rows]])
-    own = g[:, rows], lam[:, rows]
-    other = climb(space, row[rows], sign[rows], radius[rows], *own, start)
+    start = np.where(up, scanned.best[:, point, row[rows]], scanned.worst[:, point, row[rows]])
+    expansion = g[:, rows], lam[:, rows]
+    other = climb(space, row[rows], sign[rows], radius[rows], *expansion, start)
     better = other.converged & (other.value > first.value[rows] + WORTH * size[more])
     rows = rows[better]
     u, value, converged = first.u.copy(), first.value.copy(), first.converged.copy()
@@ -241,11 +241,12 @@ def climb(
 ) -> Extremes:
     """Return the maxima of sign · z over the ball |u| ≤ radius, from one start each.
 
-    Each step goes to where z would be greatest in the ball with its gradient here and its curvature
-    at u = 0. Without the curvature that is β times the unit vector of the gradient (R. Rackwitz and
-    B. Fiessler, Computers & Structures 9(5), 1978). A step that loses is taken back, and the next
-    one damped as by Levenberg and Marquardt, which turns it towards the gradient. Where a step
-    gains far more than the curvature at u = 0 promises, the next one takes less of that curvature.
+    Each step goes to the maximum in the ball of the expansion with the gradient at the present
+    point and the curvature at u = 0. Without the curvature that is β times the unit vector of the
+    gradient (R. Rackwitz and B. Fiessler, Computers & Structures 9(5), 1978). A step that decreases
+    z is undone, and the next step is damped as by Levenberg and Marquardt, which turns the step
+    towards the gradient. After a step that gains far more than the curvature at u = 0 predicts, the
+    next step uses less of that curvature.
 
     Args:
         space: Standard normal space.
@@ -273,7 +274,7 @@ def climb(
         expected = np.sum((slope[:, left] + 0.5 * model * step) * step, axis=0)
         value, by_u = space(trial, row[left])
         value, by_u = sign[left] * value, sign[left] * by_u
-        # Where there is no gradient, as straight above the aircraft, the search cannot go on.
+        # Without a gradient, as straight above the aircraft, the search stops.
         gains = (value >= best[left] - 1e-12) & np.isfinite(by_u).all(axis=0)
         won, lost = left[gains], left[~gains]
         gain = (value - best[left]) / np.where(expected > 0, expected, np.inf)
@@ -297,7 +298,7 @@ def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArr
     It is u_i = g_i/(μ − λ_i) with the least μ ≥ max(0, λ_i) for which |u| ≤ radius, found by
     Newton's iteration for 1/|u| = 1/radius (J. J. Moré and D. C. Sorensen, SIAM J. Sci. Stat.
     Comput. 4(3), 1983). Where g has no component along the greatest λ, u and its mirror image may
-    be as good as each other, and u goes the positive way.
+    both be maxima; the one with the positive component is returned.
     """
     highest = np.max(lam, axis=0, initial=-np.inf)
     size = np.sqrt(np.sum(g * g, axis=0)) + radius * np.max(np.abs(lam), axis=0, initial=0.0)
@@ -329,8 +330,8 @@ def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArr
 def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> FloatArray:
     """Return quantiles (n, k) of Σ (g_i u_i + λ_i u_i²/2) at Φ(β) for β (n,); g, λ are (r, k).
 
-    They are by the saddlepoint approximation r* (O. E. Barndorff-Nielsen, Biometrika 73(2), 1986).
-    From the cumulant generating function K(t) = ½ Σ [t² g²/(1 − λt) − ln(1 − λt)],
+    The quantiles are by the saddlepoint approximation r* (O. E. Barndorff-Nielsen, Biometrika
+    73(2), 1986). From the cumulant generating function K(t) = ½ Σ [t² g²/(1 − λt) − ln(1 − λt)],
 
         x = K'(t) is the quantile at β = r + ln(v/r)/r,  r = sign(t) √(2(tx − K)),  v = t √K''(t).
 
@@ -354,17 +355,17 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
             break
         here, target = w[left], beta[left]
         pole = np.where(here > 0, highest[row[left]], lowest[row[left]])
-        found, slope, x[left] = _beta_at(g2[:, row[left]], lam[:, row[left]], here, pole)
-        above = found > target
+        beta_here, slope, x[left] = _beta_at(g2[:, row[left]], lam[:, row[left]], here, pole)
+        above = beta_here > target
         high[left[above]], low[left[~above]] = here[above], here[~above]
-        new = here + (target - found) / slope
+        new = here + (target - beta_here) / slope
         # Newton's step, or the middle in asinh(w) where the step leaves the bracket
         outside = ~((new > low[left]) & (new < high[left]))
         if outside.any():
             ends = np.arcsinh(low[left[outside]]) + np.arcsinh(high[left[outside]])
             new[outside] = np.sinh(0.5 * ends)
         w[left] = new
-        left = left[np.abs(found - target) > 1e-9]
+        left = left[np.abs(beta_here - target) > 1e-9]
     quantile: FloatArray = spread * x.reshape(n, k)
     return quantile
 

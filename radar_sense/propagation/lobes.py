@@ -1,8 +1,8 @@
 """Lobes of the RCS within reach of the states, where an extreme of z may lie far from the nearest.
 
-A search that starts at the nominal states finds the extreme of the lobe that it is in. Others can
-only be seen from elsewhere. An RCS depends on aspect alone, which has two dimensions. The aspects
-within reach of the states are scanned therefore.
+A search from the nominal states finds the extreme of one lobe only. An RCS depends on aspect alone,
+and aspect has two dimensions. A scan of the aspects within reach of the states finds the other
+lobes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.propagation.standard_space import RelativeProbit
 from radar_sense.states import RADAR, FloatArray
 
-#: Rings of the scan, as parts of the radius, and directions on each of them.
+#: Rings of the scan, as fractions of the radius, and directions on each ring.
 RINGS = (1 / 3, 2 / 3, 1.0)
 DIRECTIONS = 8
 
@@ -26,10 +26,10 @@ class Scan(NamedTuple):
     Attributes:
         u: Points (r, s, k).
         value: z (s, k).
-        best: u (r, s, k) where z promises to be greatest in the ball, from the point on.
-        promise: z (s, k) promised there.
-        worst: u (r, s, k) where z promises to be least in the ball, from the point on.
-        threat: z (s, k) promised there.
+        best: u (r, s, k) of the greatest z in the ball, extrapolated linearly from the point.
+        promise: Extrapolated z (s, k) at `best`.
+        worst: u (r, s, k) of the least z in the ball, extrapolated linearly from the point.
+        threat: Extrapolated z (s, k) at `worst`.
     """
 
     u: FloatArray
@@ -40,53 +40,55 @@ class Scan(NamedTuple):
     threat: FloatArray
 
 
-def scan(probit: RelativeProbit, root: FloatArray, radius: float) -> Scan:
-    """Scan the aspects of every radar within a ball |u| ≤ radius.
+def scan(probit: RelativeProbit, sqrt_cov: FloatArray, radius: float) -> Scan:
+    """Return z at aspects of every radar within a ball |u| ≤ radius.
 
-    Range and radar constant are left to a linear step: what the radius allows beyond the point,
-    along the gradient there and across the axes of aspect.
+    Range and radar constant are extrapolated linearly. From each point a step goes to the surface
+    of the ball, along the part of the gradient that is perpendicular to the axes of aspect.
 
     Args:
         probit: z as a function of the relative states, of k poses.
-        root: F (k, n, r).
+        sqrt_cov: F (k, n, r).
         radius: Radius of the ball.
     """
-    k, _, r = root.shape
+    k, _, r = sqrt_cov.shape
     angles = 2.0 * np.pi * np.arange(DIRECTIONS) / DIRECTIONS
     disc = np.array([(p * np.cos(a), p * np.sin(a)) for p in RINGS for a in angles])
     points, axes = [], []
     for i in range(len(probit.states.log_constant)):
-        pair = _aspect_axes(probit, root, i)  # (k, 2, r)
-        points.append(radius * np.einsum("sa,kar->rsk", disc, pair))
+        axes_of_radar = _aspect_axes(probit, sqrt_cov, i)  # (k, 2, r)
+        points.append(radius * np.einsum("sa,kar->rsk", disc, axes_of_radar))
         axes.append(
-            np.broadcast_to(pair.transpose(1, 2, 0)[:, :, np.newaxis], (2, r, len(disc), k))
+            np.broadcast_to(
+                axes_of_radar.transpose(1, 2, 0)[:, :, np.newaxis], (2, r, len(disc), k)
+            )
         )
     u, across = np.concatenate(points, axis=1), np.concatenate(axes, axis=2)
     pose = np.tile(np.arange(k), u.shape[1])
-    error = np.einsum("kij,jsk->isk", root, u)
+    error = np.einsum("kij,jsk->isk", sqrt_cov, u)
     value, by_y = probit(error.reshape(len(error), len(pose)), pose)
     value, by_y = value.reshape(u.shape[1:]), by_y.reshape(error.shape)
-    slope = np.einsum("kij,isk->jsk", root, by_y)
+    slope = np.einsum("kij,isk->jsk", sqrt_cov, by_y)
     for axis in across:
         slope -= axis * np.sum(axis * slope, axis=0)
     steep = np.sqrt(np.sum(slope * slope, axis=0))
-    left = np.sqrt(np.maximum(radius**2 - np.sum(u * u, axis=0), 0.0))
-    step = slope * (left / np.where(steep > 0, steep, 1.0))
-    return Scan(u, value, u + step, value + steep * left, u - step, value - steep * left)
+    remaining = np.sqrt(np.maximum(radius**2 - np.sum(u * u, axis=0), 0.0))
+    step = slope * (remaining / np.where(steep > 0, steep, 1.0))
+    return Scan(u, value, u + step, value + steep * remaining, u - step, value - steep * remaining)
 
 
-def _aspect_axes(probit: RelativeProbit, root: FloatArray, radar: int) -> FloatArray:
+def _aspect_axes(probit: RelativeProbit, sqrt_cov: FloatArray, radar: int) -> FloatArray:
     """Return the unit vectors (k, 2, r) of u-space along which the aspect of a radar changes most.
 
-    Where the aspect does not change they are 0.
+    The vectors are 0 where the aspect does not change.
     """
-    k, n, r = root.shape
+    k, n, r = sqrt_cov.shape
     step = 0.1
-    error = step * np.concatenate([root, -root], axis=2).transpose(1, 2, 0)  # (n, 2r, k)
+    error = step * np.concatenate([sqrt_cov, -sqrt_cov], axis=2).transpose(1, 2, 0)  # (n, 2r, k)
     pose = np.tile(np.arange(k), 2 * r)
     aircraft, states, _ = probit.shifted(error.reshape(n, len(pose)), pose)
-    own = slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
-    line = body_vector(aircraft, states[:, own])
+    components = slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
+    line = body_vector(aircraft, states[:, components])
     with np.errstate(invalid="ignore"):
         line = line / np.linalg.norm(line, axis=1, keepdims=True)
     ends = line.reshape(2, r, k, 3)

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
 from radar_sense.errors import InputError, did_you_mean
+from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.propagation import checks
@@ -45,7 +46,7 @@ MomentsFunction: TypeAlias = Callable[[UncertainStates, float], Moments]
 UpperFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
 #: From uncertain states and p_max to P(P_D > p_max) (k,).
 ExceedanceFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
-#: From uncertain states, moments and β to where (k,) the moments are not to be trusted.
+#: From uncertain states, moments and β to where (k,) the moments are unreliable.
 Check: TypeAlias = Callable[[UncertainStates, Moments, float], NDArray[np.bool_]]
 
 
@@ -56,9 +57,9 @@ class Method:
     Attributes:
         name: Its name, as an option or an argument has it.
         moments: Its function.
-        nonlinear: Its check, which is made on request.
-        log_normal: Whether it takes a radar constant with tolerances for log-normal, and not for
-            Gaussian.
+        nonlinear: Its check.
+        log_normal: Whether the method assumes that a radar constant with tolerances is log-normal,
+            and not Gaussian.
         upper: The upper bound alone, where that is cheaper than all moments.
         std: Makes a function from covariances to σ, which costs less than all moments for each of
             many covariances of the same states.
@@ -121,7 +122,7 @@ def propagate(
 ) -> Moments:
     """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
-    `nonlinear` tells where they are not to be trusted.
+    `nonlinear` returns where they are unreliable.
 
     Args:
         model: The detection model, of a radar or of a network.
@@ -141,7 +142,7 @@ def propagate(
     shape, states = _checked(
         model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
     )
-    return METHODS[method].moments(states, beta).certain_where_std_is_zero().reshaped(shape)
+    return _moments(shape, states, method, beta)
 
 
 def upper_bound(
@@ -157,7 +158,7 @@ def upper_bound(
 ) -> FloatArray:
     """Return `upper` of `propagate` (...) at less cost. The arguments are the same.
 
-    Where `form` converges at this β alone there is a bound while `propagate` has none.
+    `form` needs to converge at this β only, so a bound may exist where `propagate` has NaN.
     """
     shape, states = _checked(
         model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
@@ -180,11 +181,11 @@ def nonlinear(
     log_constant: ArrayLike = False,
     moments: Moments | None = None,
 ) -> NDArray[np.bool_]:
-    """Return where (...) the moments of a method are not to be trusted, by the method's check.
+    """Return where (...) the moments of a method are unreliable.
 
-    A method is nonlinear at a pose where higher orders would change σ by more than 2 %, or a bound
-    by more than 0.005. All methods warn where a limit to what a radar sees is within reach of the
-    states, since none of them accounts for such an edge.
+    Moments are unreliable where higher orders would change σ by more than 2 %, or a bound by more
+    than 0.005. No method accounts for the edge at a limit of a radar, so moments are unreliable too
+    where such a limit is within reach of the states.
 
     Args:
         model: As in `propagate`, with all other arguments but the last.
@@ -204,23 +205,25 @@ def nonlinear(
     if moments is None:
         moments = chosen.moments(states, beta)
     flat = moments.reshaped((len(states),))
-    found: NDArray[np.bool_] = chosen.nonlinear(states, flat, beta).reshape(shape)[()]
-    return found
+    unreliable: NDArray[np.bool_] = chosen.nonlinear(states, flat, beta).reshape(shape)[()]
+    return unreliable
 
 
 def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: float = 3.0) -> Moments:
-    """Moments of P_D (n,) at every pose of a scenario, at its level of radar uncertainty.
+    """Return the moments of P_D (n,) at every pose of a scenario, at its level.
 
     Raises:
         InputError: If there is no such method.
     """
-    return propagate(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
+    _check_choices(method, beta)
+    shape, states = _states_of(scenario)
+    return _moments(shape, states, method, beta)
 
 
 def nonlinear_in_scenario(
     scenario: Scenario, moments: Moments, *, method: str = "linear", beta: float = 3.0
 ) -> NDArray[np.bool_]:
-    """Return where (n,) the moments of a scenario are not to be trusted."""
+    """Return where (n,) the moments of a scenario are unreliable."""
     return nonlinear(
         *_of(scenario),
         method=method,
@@ -238,7 +241,7 @@ def exceedance_probability(
     One minus it is the conformance probability of JCGM 106:2012, clause 7. NaN where the method
     has no answer.
     """
-    _, states = uncertain_states(*_of(scenario), log_constant=scenario.log_constant)
+    _, states = _states_of(scenario)
     chosen = METHODS[method]
     if chosen.exceedance is not None:
         return chosen.exceedance(states, p_max)
@@ -252,10 +255,10 @@ def exceedance_probability(
 def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
     """Return a function from C_aa and C_rr to σ of P_D (n,) at every pose of a scenario.
 
-    For many covariances it costs less than as many calls of `propagate`. An iterative method
-    starts from what it finds with the scenario's own covariances.
+    The function shares the derivatives of all calls, and costs less than calls of `propagate`. An
+    iterative method starts from its solution for the covariances of the scenario.
     """
-    _, states = uncertain_states(*_of(scenario), log_constant=scenario.log_constant)
+    _, states = _states_of(scenario)
     chosen = METHODS[method]
     if chosen.std is not None:
         return chosen.std(states)
@@ -270,6 +273,20 @@ def check_method(method: str, besides: Sequence[str] = ()) -> None:
             f"method must be one of {', '.join(allowed)}, got {method!r}"
             + did_you_mean(method, allowed)
         )
+
+
+def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta: float) -> Moments:
+    return METHODS[method].moments(states, beta).certain_where_std_is_zero().reshaped(shape)
+
+
+def _check_choices(method: str, beta: float) -> None:
+    check_method(method)
+    check_number("beta", beta, POSITIVE)
+
+
+def _states_of(scenario: Scenario) -> tuple[tuple[int, ...], UncertainStates]:
+    """Return the uncertain states of a scenario, whose arrays are checked already."""
+    return uncertain_states(*_of(scenario), log_constant=scenario.log_constant, check=False)
 
 
 def _of(scenario: Scenario) -> tuple[NetworkModel, FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -287,9 +304,7 @@ def _checked(
     beta: float,
     log_constant: ArrayLike,
 ) -> tuple[tuple[int, ...], UncertainStates]:
-    check_method(method)
-    if not 0 < beta < np.inf:
-        raise ValueError(f"beta must be positive, got {beta}")
+    _check_choices(method, beta)
     return uncertain_states(
         model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
     )

@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from radar_sense.states import FloatArray
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Moments:
     """Mean, standard deviation and bounds of a probability at each pose.
 
@@ -32,6 +32,10 @@ class Moments:
     lower: FloatArray
     upper: FloatArray
     converged: NDArray[np.bool_]
+
+    def __repr__(self) -> str:
+        names = ", ".join(f.name for f in fields(self))
+        return f"<Moments of P_D at {np.size(self.p_d)} poses: {names}>"
 
     def certain_where_std_is_zero(self) -> Moments:
         """Return the moments with mean and bounds equal to P_D where σ is 0, without rounding."""
@@ -62,13 +66,13 @@ def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatA
 
 
 def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation of Φ(z) for normal z with mean m (k,) and deviation s (k,).
+    """Return mean and standard deviation of Φ(z) for normal z with mean m and deviation s (k,).
 
     The mean is Φ(h) with h = m/√(1 + s²), the variance 2 [T(h, 1) − T(h, a)] with a = 1/√(1 + 2s²)
-    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of
-    exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0. The difference is the integral from a to 1. Taken as one
-    integral it is exact to rounding where s is small and the two T would cancel. With 32 points it
-    is exact to rounding for s up to 30, with 8 points for s up to 0.5.
+    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of exp(−h²(1 +
+    t²)/2)/(2π(1 + t²)) from 0. Their difference is the integral from a to 1, in which nothing
+    cancels for small s. With 32 points it is exact to rounding for s up to 30, with 8 points for s
+    up to 0.5.
     """
     h = m / np.sqrt(1.0 + s * s)
     a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)

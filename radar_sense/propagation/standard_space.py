@@ -1,17 +1,17 @@
 """Uncertain states, and z = Φ⁻¹(P_D) as a function of independent standard normals u (u-space).
 
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
-through the radars' positions relative to the aircraft. The relative states y of m radars are
-therefore the aircraft's attitude (3) and the radars' states (4m), with the aircraft's position
-error subtracted from that of each radar. That saves three of 6 + 4m components.
+through the radars' positions relative to the aircraft. The relative states y are therefore the
+aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
+aircraft. They have 3 + 4m components instead of 6 + 4m.
 
-With F Fᵀ the covariance of y, y = F u turns independent standard normals u into errors of y. F is
-free up to a rotation. The rotation taken here makes the second derivatives of z by u a diagonal
-matrix. To second order z is then a sum over components,
+With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
+determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
+diagonal matrix. To second order z is then a sum over components,
 
     z(u) ≈ z(0) + Σ (g_i u_i + λ_i u_i²/2).
 
-Which radars see the aircraft is held as it is at u = 0, so that z is smooth.
+The radars that see the aircraft are those at u = 0, so that z is smooth.
 """
 
 from __future__ import annotations
@@ -39,14 +39,13 @@ from radar_sense.states import (
 )
 
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
-#: They describe the region where the states are rather than a point.
+#: They then describe z over the region of the states, not at a point.
 STEP = 0.5
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
 #: Most poses in a block: the arrays of its finite differences stay in the processor's cache.
 BLOCK = 1024
-#: ln of the largest growth of a radar constant, beyond which numbers would overflow. P_D has long
-#: been 1 there.
+#: Largest ln of the growth of a radar constant. P_D is 1 far below, and larger ones overflow.
 MOST_NEPERS = 300.0
 
 _ATTITUDE = slice(0, 3)  # in the relative states
@@ -61,7 +60,7 @@ StdFunction: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 class UncertainStates:
     """Nominal states of k poses, their covariances, and the model that detects.
 
-    Arrays that are the same at all poses may have one row instead of k.
+    An array with the same rows at all poses may have one row instead of k.
 
     Attributes:
         model: The detection model, of a radar or of a network of m.
@@ -91,7 +90,7 @@ class UncertainStates:
         return aircraft, radar
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
-        """Cut the poses into blocks for an algorithm that needs so many numbers a pose."""
+        """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
         size = max(1, min(BLOCK, MAX_NUMBERS // numbers))
         for start in range(0, max(len(self), 1), size):
             arrays = (a if len(a) == 1 else a[start : start + size] for a in self._arrays)
@@ -122,8 +121,18 @@ def uncertain_states(
     cov_radar: ArrayLike,
     *,
     log_constant: ArrayLike = False,
+    check: bool = True,
 ) -> tuple[tuple[int, ...], UncertainStates]:
-    """Broadcast states and covariances against each other, and lay the poses out in one row.
+    """Broadcast states and covariances against each other, with all poses along one axis.
+
+    Args:
+        model: The detection model, of a radar or of a network of m.
+        aircraft: Nominal aircraft states (..., 6).
+        radar: Nominal radar states (..., 4m).
+        cov_aircraft: C_aa (..., 6, 6).
+        cov_radar: C_rr (..., 4m, 4m).
+        log_constant: Whether ln c_r is Gaussian, of all radars or of each (m,).
+        check: Whether to check values. The arrays of a `Scenario` are checked already.
 
     Returns:
         The shape (...) of all poses, and the states.
@@ -146,9 +155,9 @@ def uncertain_states(
             expected = ", ".join(("...", *map(str, tail)))
             raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")
         whose = name.split()[0]
-        if len(tail) == 1:
+        if check and len(tail) == 1:
             check_finite(whose, array)
-        else:
+        elif check:
             checked(whose, array)
         arrays.append((array, tail))
     shape = np.broadcast_shapes(*(array.shape[: -len(tail)] for array, tail in arrays))
@@ -179,7 +188,7 @@ class RelativeProbit:
 
     @classmethod
     def of(cls, states: UncertainStates) -> RelativeProbit:
-        """Make the function from uncertain states."""
+        """Return z as a function of the relative states."""
         visible = states.model.visible(states.aircraft, states.radar)
         visible = np.broadcast_to(visible, (len(states), visible.shape[-1]))
         return cls(states, _sqrt_cov(states), visible)
@@ -196,9 +205,9 @@ class RelativeProbit:
         return self.states.model.floor(self.visible)
 
     def __call__(self, error: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return z (j,) and its gradient by y (n, j) at errors (n, j), each row at its pose (j,).
+        """Return z (j,) and its gradient by y (n, j) at errors (n, j) of the poses (j,).
 
-        The gradient by a component without uncertainty is 0, also where there is none.
+        The gradient by a component without uncertainty is 0, also where it is undefined.
         """
         states = self.states
         aircraft, radar, growth = self.shifted(error, pose)
@@ -217,9 +226,9 @@ class RelativeProbit:
     def shifted(
         self, error: FloatArray, pose: NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Return states (j, 6) and (j, 4m) with errors (n, j), and ∂c_r/∂Δ (m, j) if any is not 1.
+        """Return states (j, 6) and (j, 4m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
 
-        Positions relative to the aircraft are right, and those of the aircraft are nominal.
+        The position of the aircraft stays nominal, and the radars have all errors of position.
         """
         states = self.states
         nominal = [a.T if len(a) == 1 else a.T[:, pose] for a in (states.aircraft, states.radar)]
@@ -282,7 +291,7 @@ class StandardNormalSpace:
 
     @classmethod
     def of(cls, states: UncertainStates) -> StandardNormalSpace:
-        """Expand z about the nominal states."""
+        """Return the expansion of z about the nominal states."""
         probit = RelativeProbit.of(states)
         return cls.expanded(probit, *probit.derivatives())
 
@@ -290,22 +299,22 @@ class StandardNormalSpace:
     def expanded(
         cls, probit: RelativeProbit, value: FloatArray, gradient: FloatArray, second: FloatArray
     ) -> StandardNormalSpace:
-        """Make the space from the derivatives of z by the relative states."""
-        root = probit.sqrt_cov
+        """Return the space for given derivatives of z by the relative states."""
+        sqrt_cov = probit.sqrt_cov
         known = np.all(np.isfinite(second), axis=(1, 2))
         second = np.where(known.reshape(-1, 1, 1), second, 0.0)
-        curvature, rotation = np.linalg.eigh(root.swapaxes(1, 2) @ second @ root)
+        curvature, rotation = np.linalg.eigh(sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov)
         curvature[~known] = np.nan
-        rotated = root @ rotation
+        rotated = sqrt_cov @ rotation
         by_u = np.einsum("kij,ki->jk", rotated, gradient)
         return cls(probit, rotated, value, by_u, np.ascontiguousarray(curvature.T))
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
-        """Return z (j,) and its gradient (r, j) at u (r, j), each row at its pose (j,)."""
-        root = self.sqrt_cov[pose]
-        error = np.einsum("kij,jk->ik", root, u)
+        """Return z (j,) and its gradient (r, j) at u (r, j) of the poses (j,)."""
+        sqrt_cov = self.sqrt_cov[pose]
+        error = np.einsum("kij,jk->ik", sqrt_cov, u)
         value, gradient = self.probit(error, pose)
-        return value, np.einsum("kij,ik->jk", root, gradient)
+        return value, np.einsum("kij,ik->jk", sqrt_cov, gradient)
 
 
 def _sqrt_cov(states: UncertainStates) -> FloatArray:
@@ -314,16 +323,16 @@ def _sqrt_cov(states: UncertainStates) -> FloatArray:
     if len(states.log_constant) == 1:
         cov_aircraft = to_relative_aircraft @ states.cov_aircraft @ to_relative_aircraft.T
         cov_radar = to_relative_radar @ states.cov_radar @ to_relative_radar.T
-        root = square_root(cov_aircraft + cov_radar)
+        sqrt_cov = square_root(cov_aircraft + cov_radar)
     else:
         parts = (
             to_relative_aircraft @ square_root(states.cov_aircraft),
             to_relative_radar @ square_root(states.cov_radar),
         )
         k = max(map(len, parts)) if len(states) else 0
-        root = np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=-1)
-    used = np.any(root != 0, axis=(0, 1))
-    return root if used.all() else root[:, :, used]
+        sqrt_cov = np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=-1)
+    used = np.any(sqrt_cov != 0, axis=(0, 1))
+    return sqrt_cov if used.all() else sqrt_cov[:, :, used]
 
 
 def _to_relative(radars: int) -> tuple[FloatArray, FloatArray]:

@@ -137,9 +137,9 @@ def read_route(
         InputError: As in `load_route`.
     """
     source = str(path)
-    if origin is not None and not (np.all(np.isfinite(origin)) and abs(origin[0]) <= np.pi / 2):
+    if origin is not None and not geodesy.is_place(origin):
         raise InputError(
-            f"origin must be latitude and longitude [rad] and height [m], got {origin}"
+            f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
     if max_gap_s is not None and not max_gap_s > 0:
         raise InputError(f"max_gap_s must be a number greater than 0, got {max_gap_s}")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenarios import OVERHEAD, scenario
+from helpers import OVERHEAD, scenario
 
 import radar_sense as rs
 from radar_sense import analyses

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from scenarios import document, scenario
+from helpers import document, scenario
 
 import radar_sense as rs
 from radar_sense import cli as command_line

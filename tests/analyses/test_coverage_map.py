@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from helpers import document, scenario
 from matplotlib.collections import LineCollection
-from scenarios import document, scenario
 
 import radar_sense as rs
 from radar_sense import files as output

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 import pytest
+from helpers import legend_off_data, scenario
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from scenarios import legend_off_data, scenario
 
 from radar_sense import analyses, plotting
 from radar_sense.analyses import threshold as planning
@@ -92,13 +92,14 @@ def test_layout_of_detectors(p_fa):
 @pytest.mark.parametrize("analysis", ["budget", "sensitivity"])
 def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
     (axes,) = ALL[analysis](load_scenario()).plot().axes
-    dashes = [str(line._unscaled_dash_pattern) for line in axes.lines]
     colours = [line.get_color() for line in axes.lines]
-    # the total alone is solid like the first line, and black
-    others = [dash for dash, colour in zip(dashes, colours, strict=True) if colour != "black"]
-    assert len(others) >= 3
-    assert len(set(others)) == len(others)
-    assert colours.count("black") == (analysis == "budget")
+    styles = [
+        (str(line._unscaled_dash_pattern), colour == "black")
+        for line, colour in zip(axes.lines, colours, strict=True)
+    ]
+    assert len(axes.lines) == (5 if analysis == "budget" else 3)
+    assert len(set(styles)) == len(styles)
+    assert len(set(colours)) == len(colours)
 
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():

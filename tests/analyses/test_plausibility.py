@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 
 import yaml
-from scenarios import document, scenario, write_path
+from helpers import document, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses

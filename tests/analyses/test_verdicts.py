@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scenarios import scenario, write_path
+from helpers import scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses

@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the tests have p
 import numpy as np
 import peers
 from chain_rule import linearize as chain_rule
-from scenarios import scenario
+from helpers import scenario
 from scipy.special import ndtr
 
 import radar_sense as rs

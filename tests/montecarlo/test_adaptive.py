@@ -10,8 +10,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from helpers import single
-from scenarios import scenario
+from helpers import scenario, single
 from scipy import stats
 from scipy.integrate import quad
 from scipy.special import ndtr

@@ -10,7 +10,7 @@ from concurrent.futures import CancelledError, Executor, Future
 from types import SimpleNamespace
 
 import pytest
-from scenarios import scenario
+from helpers import scenario
 
 from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.montecarlo import cluster as module

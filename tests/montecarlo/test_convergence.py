@@ -7,9 +7,8 @@ from pathlib import Path
 import chain_rule
 import numpy as np
 import pytest
-from helpers import single
+from helpers import OVERHEAD, scenario, single
 from matplotlib.backends.backend_agg import FigureCanvasAgg
-from scenarios import OVERHEAD, scenario
 
 from radar_sense.analyses.convergence import (
     ESTIMATORS,

@@ -12,8 +12,7 @@ from concurrent.futures import Executor, Future
 import chain_rule
 import numpy as np
 import pytest
-from helpers import single
-from scenarios import scenario
+from helpers import scenario, single
 from scipy.special import ndtr
 from scipy.stats import binom
 

@@ -9,7 +9,7 @@ from itertools import combinations
 
 import numpy as np
 import pytest
-from scenarios import scenario
+from helpers import scenario
 from scipy.special import ndtr
 from scipy.stats import chisquare, kstest, qmc
 

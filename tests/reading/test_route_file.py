@@ -407,9 +407,9 @@ def test_who_hovers_keeps_the_last_course_and_is_level():
     np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 0], 0.0)
     np.testing.assert_array_equal(attitude[[0, 1, 2], 1], 0.0)
     np.testing.assert_allclose(attitude[[8, 9], 1], np.pi / 2)  # straight up
-    position = np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]])
+    upwards = motion_of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
     with pytest.raises(ValueError, match="never moves"):
-        attitude_from_motion(*motion_of_samples(np.arange(3.0), position))
+        attitude_from_motion(*upwards)
 
 
 # Interpolation.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from scenarios import document, legend_off_data
+from helpers import document, legend_off_data
 
 import radar_sense as rs
 from radar_sense import plotting
@@ -33,7 +33,7 @@ def mission(scenario, *, m_of_n=None, **options):
     return rs.analyses.mission(scenario, m=m, n=n, **options)
 
 
-CONFIGS = Path(__file__).parent.parent / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 #: Straight and level at one heading, so that a pose between two is their weighted mean.

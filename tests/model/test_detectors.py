@@ -3,9 +3,9 @@
 import numpy as np
 import oracle
 import pytest
+from helpers import scenario
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
-from scenarios import scenario
 from scipy.integrate import quad
 from scipy.special import chndtr
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from helpers import scenario
 from mpmath import mp, mpf
-from scenarios import scenario
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import directions

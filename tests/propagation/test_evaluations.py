@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scenarios import scenario
+from helpers import scenario
 
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel

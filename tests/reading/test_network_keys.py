@@ -5,17 +5,15 @@ A refusal is one line that names file, line, key path and what is allowed, as in
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, place, refusal, write
+from helpers import place, refusal, write
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs
-from radar_sense.analyses.rcs import rcs
 from radar_sense.covariance import block_diagonal
 from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.reading.parse import default_text
@@ -107,7 +105,8 @@ def test_constants_are_made_of_what_a_radar_is_made_of():
 @pytest.mark.parametrize("count", [1, 2, 64])
 def test_a_network_reads_back(tool, count):
     limits = {"horizon": True, "max_range_km": 700, "scan_period_s": 4}
-    radars = [radar(f"r{i}", position_m=[10.0 * i, 0, 0], **limits) for i in range(count)]
+    # on a mountain, because from the ground the paper's aircraft is below the horizon
+    radars = [radar(f"r{i}", position_m=[10.0 * i, 0, -5e3], **limits) for i in range(count)]
     first = parsed(*radars)
     text = yaml.safe_dump(first.resolved(), sort_keys=False, default_flow_style=None)
     second = rs.parse_scenario(text)
@@ -327,135 +326,3 @@ def test_every_radar_is_within_an_rcs_table(tool):
     path, complaint, _ = refused(tool, radar("a"), above, aircraft=aircraft)
     assert path == "geometry"
     assert complaint.startswith("at azimuth 0 deg the aircraft sees radar 'b' at elevation 66.9")
-
-
-# What is done with it.
-
-
-def test_a_level_is_one_of_the_radars(tool):
-    text = text_of(document(radar("a"), radar("b")))
-    write(text)
-    code, out, err = tool("variance", "my.yaml", "--level", "hgh", "--no-plot")
-    assert_refused(code, out, err)
-    assert "must be one of low, high" in err
-
-
-@pytest.mark.parametrize("name", ["paper", "covariance", "s_band_surveillance", "path"])
-def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, name):
-    config = CONFIGS / f"{name}.yaml"
-    content = yaml.safe_load(config.read_text())
-    of_radar = content["uncertainty"].pop("radar")
-    content["radars"] = [{"name": "one", **content.pop("radar"), "uncertainty": of_radar}]
-    for where in (content["geometry"], content["aircraft"]["rcs"]):
-        if "file" in where:
-            where["file"] = str(CONFIGS / where["file"])
-    if "azimuth_deg" in content["geometry"]:
-        content["geometry"]["azimuth_deg"]["step"] = 30
-        single = yaml.safe_load(config.read_text())
-        single["geometry"] = content["geometry"]
-        for where in (single["geometry"], single["aircraft"]["rcs"]):
-            if "file" in where:
-                where["file"] = str(CONFIGS / where["file"])
-        config = Path(write(text_of(single), "single.yaml"))
-    write(text_of(content))
-    for command in (
-        ["variance"],
-        ["variance", "--method", "form"],
-        ["sensitivity", "--method", "probit"],
-        ["budget"],
-        ["montecarlo", "--runs", "64"],
-        ["montecarlo", "--runs", "64", "--sampler", "sobol"],
-    ):
-        if name == "path" and command[0] != "variance":
-            continue
-        tables = []
-        for file, out in (("my.yaml", "a"), (str(config), "b")):
-            code, _, err = tool(*command, file, "--no-plot", "--out", out)
-            assert code == 0, err
-            (table,) = Path(out).glob("*.csv")
-            tables.append(table.read_bytes())
-            table.unlink()
-        assert tables[0] == tables[1], command
-
-
-NETWORK = document(
-    radar("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
-    radar("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
-)
-
-
-@pytest.mark.parametrize(
-    ("command", "columns"),
-    [
-        (["variance"], ["p_d", "p_d_east", "sigma_pd_west", "snr_db_east", "range_m_west"]),
-        (["sensitivity"], ["three_sigma_low", "three_sigma_high"]),
-        (["budget"], ["three_sigma_east", "three_sigma_west_constant", "three_sigma_aircraft"]),
-        (["budget", "--method", "montecarlo", "--runs", "256"], ["share_east"]),
-        (["budget", "--target", "0.01", "--at", "45"], ["three_sigma_west"]),
-        (["montecarlo", "--runs", "50"], ["coverage_3sigma"]),
-        (["compare", "--runs", "50"], ["upper_3sigma_form"]),
-        (["detectors"], ["p_d_north"]),
-        (["rcs"], ["rcs_m2"]),
-    ],
-)
-def test_every_analysis_takes_a_network(tool, command, columns):
-    write(text_of(NETWORK))
-    code, out, err = tool(*command, "my.yaml", "--format", "png", "--out", "out")
-    assert code == 0, err
-    assert out
-    (table,) = Path("out").glob("*.csv")
-    with table.open() as file:
-        header = next(line for line in file if not line.startswith("#")).strip().split(",")
-    assert set(columns) <= set(header)
-    (record,) = Path("out").glob("*.json")
-    scenario = json.loads(record.read_text())["scenario"]
-    assert [entry["name"] for entry in scenario["radars"]] == ["east", "west"]
-    assert rs.parse_scenario(yaml.safe_dump(scenario)).resolved() == scenario
-
-
-@pytest.mark.parametrize("method", ["linear", "probit", "form"])
-def test_the_map_of_a_network(tool, method):
-    write(text_of(NETWORK))
-    command = ["map", "my.yaml", "--upper", "--method", method, "--step-km", "100"]
-    ends = ["--north-km", "-400", "400", "--east-km", "-700", "700"]
-    code, _, err = tool(*command, *ends, "--format", "png", "--out", "out")
-    assert code == 0, err
-    with np.load("out/paper_map.npz") as file:
-        found = dict(file)
-    s = rs.parse_scenario(text_of(NETWORK))
-    states = np.tile(s.aircraft[0], (9, 15, 1))
-    states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
-    p_d = s.model.p_d(states, s.radar)
-    assert_array_equal(found["p_d"], p_d.astype(np.float32))
-    moments = rs.propagate(
-        s.model, states, s.radar, s.cov_aircraft, s.cov_radar["low"], method=method
-    )
-    np.testing.assert_allclose(found["upper_3sigma"], moments.upper, rtol=1e-6)
-    seen = s.model.visible(states, s.radar)
-    assert not seen[..., 0].all()  # the limit of one of them is on the map
-    for i, model in enumerate(s.model.models):
-        by_itself = model.p_d(states, s.radar[4 * i : 4 * i + 4])
-        assert np.all(p_d >= np.where(seen[..., i], by_itself, 0))
-
-
-def test_the_map_where_no_radar_sees_is_zero(tool):
-    write(text_of(document(*(radar(n, max_range_km=150) for n in ("a", "b")))))
-    code, _, err = tool(
-        *("map", "my.yaml", "--upper", "--method", "probit", "--step-km", "100"), "--no-plot"
-    )
-    assert code == 0, err
-    (path,) = Path().rglob("*_map.npz")
-    with np.load(path) as file:
-        found = dict(file)
-    assert found["upper_3sigma"][0, 0] == found["p_d"][0, 0] == 0
-    assert np.isfinite(found["upper_3sigma"]).all()
-    assert found["p_d"].max() > 0.99
-
-
-def test_the_cross_sections_seen_are_those_towards_every_radar():
-    above, below = radar("a", position_m=[0, 0, -60e3]), radar("b", position_m=[0, 0, -30])
-    seen = [rcs(parsed(*radars)).summary["geometry"] for radars in ([above], [below])]
-    both = rcs(parsed(below, above)).summary["geometry"]
-    for key in ("elevation_deg", "rcs_m2"):
-        ends = np.array([part[key] for part in seen])
-        assert_array_equal(both[key], [ends.min(), ends.max()])

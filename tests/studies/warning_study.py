@@ -1,6 +1,6 @@
 """How often the methods miss a bound without a warning, and how often a warning is false.
 
-    python tests/warning_study.py [SCENARIOS]
+    python tests/studies/warning_study.py [SCENARIOS]
 
 Random scenarios of one radar and of several, with tables of sharp lobes among their RCS, three
 poses each. A bound is off where it differs by more than 0.005 from that of draws, by more than

@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 import yaml
-from scenarios import document
+from helpers import document
 from scipy.special import ndtr
 
 import radar_sense as rs
@@ -196,7 +196,7 @@ def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
     cov = {level: 0.0 * c for level, c in s.cov_radar.items()}
     parts = dict.fromkeys(cov, ((),) * 2)
-    s = dataclasses.replace(s, cov_radar=cov, constant_parts=parts)
+    s = dataclasses.replace(s, cov_radar=cov, tolerances=parts)
     for event in importance_sampling(*with_schedule(s), (2, 3))[0]:
         for values in (event.mean, event.lower, event.upper):
             np.testing.assert_array_equal(values, event.p)
@@ -214,7 +214,7 @@ def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
     apart = np.diag(std**2)
     together, independent = (
         importance_sampling(
-            *with_schedule(dataclasses.replace(s, cov_radar={"one": cov}, constant_parts=parts)),
+            *with_schedule(dataclasses.replace(s, cov_radar={"one": cov}, tolerances=parts)),
             (2, 3),
         )[0][0]
         for cov in (same, apart)

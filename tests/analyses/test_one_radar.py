@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, write
-from test_network_parts import document, network, radars, text
+from helpers import assert_refused, mixed_document, mixed_network, mixed_radars, write, yaml_text
 
 from radar_sense import analyses
 from radar_sense.errors import InputError
@@ -33,7 +32,7 @@ POSE = (60, 60, 1)
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_one_radar_by_itself(tool, command):
-    write(text(document(sweep=POSE)))
+    write(yaml_text(mixed_document(sweep=POSE)))
     options = [*COMMANDS[command], "--no-plot", "--out"]
     code, out, err = tool(command, "my.yaml", *options, "out", "--radar", "b")
     assert code in (0, 3), err
@@ -66,12 +65,11 @@ def test_a_mission_of_one_radar(tool):
     header = "time_s,north_m,east_m,down_m"
     rows = [f"{10 * i},60e3,{35 - i}e3,-3000" for i in range(5)]
     Path("route.csv").write_text("\n".join([header, *rows, ""]))
-    content = document(geometry={"type": "path", "file": "route.csv"})
+    content = mixed_document(geometry={"type": "path", "file": "route.csv"})
     del content["aircraft"]["attitude_deg"]
-    for entry, period in zip(content["radars"], (None, 5, 20), strict=True):
-        if period:
-            entry["scan_period_s"] = period
-    write(text(content))
+    for entry, period in zip(content["radars"], (10, 5, 20), strict=True):
+        entry["scan_period_s"] = period
+    write(yaml_text(content))
     for name, looks in (("a", 5), ("b", 9), ("c", 3)):
         code, _, err = tool("mission", "my.yaml", "--radar", name, "--no-plot", "--out", "out")
         assert code == 0, err
@@ -81,7 +79,7 @@ def test_a_mission_of_one_radar(tool):
 
 @pytest.mark.parametrize("command", [*COMMANDS, "mission"])
 def test_a_radar_that_there_is_not(tool, command):
-    write(text(document(sweep=POSE)))
+    write(yaml_text(mixed_document(sweep=POSE)))
     code, out, err = tool(command, "my.yaml", "--radar", "bb", "--out", "new")
     assert_refused(code, out, err)
     assert "radar must be one of a, b, c, got 'bb'; did you mean 'b'?" in err
@@ -92,7 +90,7 @@ def test_a_radar_that_there_is_not(tool, command):
 
 
 def test_only_is_alone_under_another_name():
-    s = network()
+    s = mixed_network()
     one, expected = for_radar(s, "c"), single_radar_scenarios(s)["c"]
     assert isinstance(one.model, NetworkModel)
     assert one.model.names == ("c",)
@@ -106,12 +104,12 @@ def test_only_is_alone_under_another_name():
     with pytest.raises(InputError, match="single radar"):
         for_radar(load_scenario(), "radar")
     with pytest.raises(InputError, match="more than 100 letters"):
-        for_radar(network(name="x" * 99), "c")
+        for_radar(mixed_network(name="x" * 99), "c")
 
 
 @pytest.mark.parametrize("method", ["linear", "form"])
 def test_a_network_says_of_each_radar_what_it_would_do_by_itself(method):
-    s = network(runs=64)
+    s = mixed_network(runs=64)
     for analyse in (analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity):
         result = analyse(s, method=method)
         found = result.summary["largest_three_sigma_by_itself"]
@@ -134,9 +132,9 @@ def test_a_network_says_of_each_radar_what_it_would_do_by_itself(method):
 
 def test_a_radar_that_sees_nothing_is_validated(tool):
     """Beyond its range there is no deviation, no tolerance from it, and nothing to divide by."""
-    several = radars(max_range_km=60)
-    write(text(document(several, sweep=POSE)))
+    several = mixed_radars(max_range_km=60)
+    write(yaml_text(mixed_document(several, sweep=POSE)))
     options = ["--radar", "a", "--digits", "1", "--method", "form", "--format", "svg"]
     code, out, err = tool("validate", "my.yaml", *options)
     assert code == 0, err
-    assert "farthest for what is allowed: 0 at 60 deg" in out
+    assert "worst: bound off by 0 at 60 deg" in out

@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
-from warning_study import counts, study
+from studies.warning_study import counts, study
 
 from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
@@ -33,7 +33,7 @@ from radar_sense.propagation import (
     standard_space,
 )
 
-REFERENCE = np.load(Path(__file__).parent / "reference" / "propagation.npz")
+REFERENCE = np.load(Path(__file__).parents[1] / "reference" / "propagation.npz")
 THETA_DEG = REFERENCE["theta_deg"]
 
 MODEL = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
@@ -709,9 +709,9 @@ def test_many_factors_at_once_are_those_one_by_one():
     ("arguments", "says"),
     [
         ({"method": "fosm"}, "method must be one of linear, probit, form, got 'fosm'"),
-        ({"beta": 0.0}, "beta must be positive"),
-        ({"beta": -3.0}, "beta must be positive"),
-        ({"beta": np.nan}, "beta must be positive"),
+        ({"beta": 0.0}, "beta must be a number greater than 0"),
+        ({"beta": -3.0}, "beta must be a number greater than 0"),
+        ({"beta": np.nan}, "beta must be a number greater than 0"),
         ({"cov_aircraft": np.zeros((4, 4))}, "aircraft covariance must have shape"),
         ({"cov_radar": np.zeros(4)}, "radar covariance must have shape"),
         ({"aircraft": np.zeros(5)}, "aircraft states must have shape"),
@@ -798,7 +798,7 @@ def test_form_finds_a_far_lobe_or_warns(far_deg, monkeypatch):
 
 
 def test_no_bound_is_off_without_a_warning_in_random_scenarios():
-    """A small part of tests/warning_study.py, with tables of sharp lobes among its RCS."""
+    """A small part of tests/studies/warning_study.py, with tables of sharp lobes among its RCS."""
     verdicts = study(scenarios=6, draws=20_000, seed=1, kinds=("lobes", "table", "lobes"))
     for method, of_method in verdicts.items():
         poses, off, _, missed, _, false = counts(of_method)

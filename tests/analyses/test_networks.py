@@ -1,0 +1,140 @@
+"""Every analysis takes a network: budgets, tables, figures and maps."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import paper_network
+from numpy.testing import assert_allclose, assert_array_equal
+
+from radar_sense import analyses
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
+from radar_sense.propagation import (
+    nonlinear_in_scenario,
+    propagate,
+    propagate_scenario,
+)
+from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario import single_radar_scenarios
+
+PAPER = load_scenario()
+RADAR_MODEL = PAPER.model.radars[0].model
+
+
+def moments(scenario, method="linear"):
+    return propagate_scenario(scenario, method=method)
+
+
+def warned(scenario, method):
+    return nonlinear_in_scenario(scenario, moments(scenario, method), method=method)
+
+
+# Budgets and analyses.
+
+
+def test_budget_has_rows_for_the_aircraft_and_each_radar():
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0), (0, -2e5, 0)], [60, 100, 30])
+    found = error_budget(scenario)
+    assert list(found.alone) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "r2"]
+    assert list(found.finer) == [
+        "aircraft",
+        *(f"r{i}_{part}" for i in range(3) for part in ("position", "constant")),
+    ]
+    squares = {name: std**2 for name, std in {**found.alone, **found.finer}.items()}
+    assert_allclose(sum(squares[s] for s in found.alone), found.std**2, rtol=1e-12)
+    assert_allclose(
+        squares["aircraft"], squares["aircraft_position"] + squares["aircraft_orientation"]
+    )
+    lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
+    assert_allclose(
+        found.alone["r1"] ** 2,
+        np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar["medium"]), axis=1),
+    )
+    for i in range(3):
+        parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
+        assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
+        assert_allclose(found.finer[f"r{i}_constant"], 5 * lin.jac_radar[:, 4 * i + 3])
+    allowed = required_accuracies(
+        paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
+    )
+    assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
+
+
+def test_budget_by_sobol_indices_of_a_network():
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 271, 90))
+    linear = error_budget(scenario)
+    found = error_budget(dataclasses.replace(scenario, runs=8192), "montecarlo")
+    assert list(found.alone) == list(linear.alone)
+    form = moments(scenario, "form")
+    assert_allclose(found.std, form.std, rtol=0.03)
+    shares, first = found.shares(), linear.shares()
+    near = ~warned(scenario, "probit")
+    for source, share in shares.items():
+        assert np.all(abs(share - first[source])[near] < 0.1)
+
+
+def test_each_radar_by_itself():
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
+    # the second is twice as uncertain as the first
+    worse = {level: np.kron(np.diag([1, 4]), c) for level, c in PAPER.cov_radar.items()}
+    scenario = dataclasses.replace(scenario, cov_radar=worse)
+    parts = single_radar_scenarios(scenario)
+    assert list(parts) == ["r0", "r1"]
+    assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])
+    assert_array_equal(parts["r0"].cov_radar["high"], PAPER.cov_radar["high"])
+    assert_array_equal(parts["r1"].cov_radar["high"], 4 * PAPER.cov_radar["high"])
+    expected = propagate(
+        RADAR_MODEL,
+        scenario.aircraft,
+        parts["r1"].radar,
+        scenario.cov_aircraft,
+        4 * PAPER.cov_radar["medium"],
+    )
+    assert_array_equal(moments(parts["r1"]).std, expected.std)
+
+
+@pytest.mark.parametrize(
+    "analysis",
+    [
+        analyses.variance,
+        analyses.sensitivity,
+        analyses.budget,
+        analyses.montecarlo,
+        analyses.compare,
+        analyses.detectors,
+    ],
+)
+def test_analyses_and_figures_take_a_network(analysis):
+
+    from radar_sense import plotting
+
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 60))
+    result = analysis(dataclasses.replace(scenario, runs=64))
+    assert all(np.all(np.isfinite(column)) for column in result.table.values())
+    assert len({len(column) for column in result.table.values()}) == 1
+    assert plotting.render(result.plot(), "svg")
+
+
+def test_variance_table_has_each_radar_and_the_network():
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], max_range=5.005e5)
+    table = analyses.variance(scenario, method="probit").table
+    for i in range(2):
+        part = single_radar_scenarios(scenario)[f"r{i}"]
+        single = propagate(
+            part.model,
+            part.aircraft,
+            part.radar,
+            part.cov_aircraft,
+            part.cov_radar["medium"],
+            method="probit",
+        )
+        assert_array_equal(table[f"p_d_r{i}"], single.p_d)
+        assert_array_equal(table[f"sigma_pd_r{i}"], single.std)
+        away = np.linalg.norm(scenario.aircraft[:, :3] - part.radar[:3], axis=1)
+        assert_allclose(table[f"range_m_r{i}"], away, rtol=1e-14)
+        assert_array_equal(table[f"snr_db_r{i}"] == -np.inf, away > 5.005e5)
+        assert_array_equal(single.p_d == 0, away > 5.005e5)
+    hidden = table["snr_db_r1"] == -np.inf
+    assert 0 < hidden.sum() < len(hidden)
+    miss = (1 - table["p_d_r0"]) * (1 - table["p_d_r1"])
+    assert_allclose(table["p_d"], 1 - miss, rtol=0, atol=1e-15)

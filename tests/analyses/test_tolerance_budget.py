@@ -1,0 +1,204 @@
+"""Budgets and warnings where tolerances of a data sheet make the radar constant uncertain."""
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import (
+    TOLERANCES,
+    part_name,
+    sheet_document,
+    sheet_scenario,
+    yaml_text,
+)
+
+from radar_sense import analyses
+from radar_sense.analyses.error_budget import error_budget, required_accuracies
+from radar_sense.model.radar_constant import (
+    Tolerance,
+    shape_warning,
+)
+from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.states import SOURCES
+
+# Where c_r is not what a method takes it for.
+
+
+def test_doubt_says_what_the_distribution_is():
+    decibel = [Tolerance("loss_db", 8, 1.0, -1, decibels=True)]
+    said = shape_warning(decibel, "linear", log_normal=False)
+    s = math.log(10) / 10
+    growth = math.exp(s * s)
+    mean, std = math.sqrt(growth), math.sqrt(growth * (growth - 1))
+    skewness = (growth + 2) * math.sqrt(growth - 1)
+    assert f"its mean is {mean:.1%} (Gaussian: 100.0%)" in said
+    assert f"standard deviation {std:.1%} ({s:.1%})" in said
+    assert f"skewness {skewness:.2f} (0.00)" in said
+    # a tolerance in decibels is what probit and form assume
+    assert shape_warning(decibel, "probit", log_normal=True) is None
+    assert shape_warning(decibel, "form", log_normal=True) is None
+    assert (
+        shape_warning([Tolerance("loss_db", 8, 0.2, -1, decibels=True)], "linear", log_normal=False)
+        is None
+    )
+    power = [Tolerance("average_power_kw", 10, 3, 1, decibels=False)]
+    assert shape_warning(power, "linear", log_normal=False) is None
+    assert "c_r is not log-normal, the assumption of form" in shape_warning(
+        power, "form", log_normal=True
+    )
+    assert (
+        shape_warning([Tolerance("loss_db", 8, 0, -1, decibels=True)], "linear", log_normal=False)
+        is None
+    )
+
+
+@pytest.mark.parametrize(
+    "analyse", [analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity]
+)
+def test_every_analysis_says_so(analyse):
+    said = "c_r is not Gaussian, the assumption of linear"
+    warnings = [w for w in analyse(sheet_scenario()).warnings if said in w]
+    assert len(warnings) == 1
+    assert warnings[0].startswith("sheet: ") == (analyse is analyses.sensitivity)
+    plain = sheet_scenario(level="number")
+    if analyse is not analyses.sensitivity:
+        assert not [w for w in analyse(plain).warnings if said in w]
+
+
+# The budget.
+
+
+@pytest.mark.parametrize("kind", TOLERANCES)
+def test_parts_add_up_in_quadrature(kind):
+    s = sheet_scenario(kind)
+    found = error_budget(s)
+    assert list(found.parts) == [part_name(part.key) for part in s.tolerances_at_level[0]]
+    assert {part.key for part in s.tolerances_at_level[0]} == set(TOLERANCES[kind])
+    together = np.sqrt(np.sum([std**2 for std in found.parts.values()], axis=0))
+    np.testing.assert_allclose(together, found.alone["radar_constant"], rtol=1e-12)
+    by_c = s.model.linearize(s.aircraft, s.radar).jac_radar[:, 3]
+    for part in s.tolerances_at_level[0]:
+        expected = abs(by_c * s.radar[3] * part.slope)
+        np.testing.assert_allclose(found.parts[part_name(part.key)], expected, rtol=1e-10)
+    assert list(found.shares()) == [*SOURCES, "interaction"]
+    np.testing.assert_allclose(np.sum(list(found.shares().values()), axis=0), 1, rtol=1e-12)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_part_alone_is_the_scenario_with_nothing_else(method):
+    found = error_budget(sheet_scenario(), method)
+    for key, std in TOLERANCES["surveillance"].items():
+        d = sheet_document(tolerances={key: std})
+        d["uncertainty"]["aircraft"] = {"position_m": 0, "attitude_deg": 0}
+        d["uncertainty"]["radar"]["sheet"]["position_m"] = 0
+        alone = propagate_scenario(parse_scenario(yaml_text(d)), method=method).std
+        # by the search for extremes to its tolerance
+        np.testing.assert_allclose(found.parts[part_name(key)], alone, rtol=1e-4)
+
+
+def test_indices_of_parts_by_monte_carlo():
+    s = sheet_scenario(steps={"start": 40, "stop": 40, "step": 1}, runs=2**14)
+    found = error_budget(s, "montecarlo")
+    form = error_budget(s, "form")
+    assert found.std[0] == pytest.approx(form.std[0], rel=0.01)
+    shares, errors = found.part_shares(), found.share_error
+    for key in TOLERANCES["surveillance"]:
+        assert errors[part_name(key)][0] < 0.02
+        assert shares[part_name(key)][0] == pytest.approx(
+            form.part_shares()[part_name(key)][0], rel=0.35
+        )
+    of_sources = [errors[source][0] for source in SOURCES]
+    assert errors["interaction"][0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)
+    # what a part brings about alone, and averaged over the others, are not quite the same
+    together = sum(share[0] for share in shares.values())
+    whole = found.shares()["radar_constant"][0]
+    assert 0.9 * whole < together < whole + 0.02
+    assert np.sum(list(found.shares().values()), axis=0) == pytest.approx(1)
+    # the index of the whole does not depend on its parts being listed too
+    assert whole == pytest.approx(found.total_index["radar_constant"][0], abs=0.02)
+
+
+def test_budget_shows_the_parts(tool):
+    Path("my.yaml").write_text(yaml_text(sheet_document()))
+    code, out, _ = tool("budget", "my.yaml", "--out", "out", "--no-plot")
+    assert code == 0
+    result = analyses.budget(load_scenario("my.yaml"))
+    assert out.splitlines()[:-2] == list(result.report)
+    rows = re.findall(r"^    (\w+) +([\d.]+) +([\d.]+)%$", out, re.MULTILINE)
+    assert [key for key, _, _ in rows] == ["loss_db", "noise_figure_db", "average_power_kw"]
+    assert out.index("radar_constant ") < out.index("    loss_db") < out.index("  total")
+    columns = (Path("out") / "paper_budget.csv").read_text().splitlines()[0].split(",")
+    assert columns == [
+        "theta_r_deg",
+        *(f"three_sigma_{source}" for source in SOURCES),
+        "three_sigma_total",
+        *(
+            f"three_sigma_radar_constant_{part.key}"
+            for part in result.scenario.tolerances_at_level[0]
+        ),
+    ]
+    summary = json.loads((Path("out") / "paper_budget.json").read_text())["summary"]
+    at_largest = summary["radar_constant_parts_at_largest"]
+    for key, three_sigma, share in rows:
+        assert at_largest[key] == pytest.approx(float(three_sigma), abs=5e-5)
+        assert summary["shares_of_radar_constant_parts_at_largest"][key] == pytest.approx(
+            float(share) / 100, abs=5e-4
+        )
+    assert sum(at**2 for at in at_largest.values()) == pytest.approx(
+        summary["at_largest"]["radar_constant"] ** 2
+    )
+
+
+def test_budget_says_what_to_measure_better():
+    s = sheet_scenario()
+    result = analyses.budget(s)
+    line = next(line for line in result.report if "measure better" in line)
+    assert "loss_db is what to measure better first" in line
+    better = sheet_scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
+    pose = s.theta_r_deg.tolist().index(
+        result.summary["largest_three_sigma_total"]["theta_r_deg"][0]
+    )
+    total = 3 * propagate_scenario(better).std[pose]
+    assert line.endswith(f"with half its deviation the total would be {total:.4f}")
+    plain = analyses.budget(sheet_scenario(level="number"))
+    assert not [line for line in plain.report if "measure better" in line]
+    assert not [column for column in plain.table if "radar_constant_" in column]
+    assert not [key for key in plain.summary if "parts" in key]
+
+
+@pytest.mark.parametrize("method", ["linear", "probit"])
+def test_how_much_a_part_must_be_reduced(method):
+    s = sheet_scenario()
+    # as small as it gets with half of the loss's deviation, so that 0.5 is the answer
+    half = sheet_scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
+    target = 3 * propagate_scenario(half, method=method).std.max()
+    allowed = required_accuracies(s, target, method=method)
+    parts = [part_name(part.key) for part in s.tolerances_at_level[0]]
+    assert list(allowed) == [*SOURCES, *parts, "all"]
+    assert allowed["radar_constant_loss_db"].factor == pytest.approx(0.5, rel=1e-6)
+    assert allowed["radar_constant_average_power_kw"].factor is None
+    assert allowed["radar_constant_average_power_kw"].residual_from == "radar_constant_loss_db"
+    assert allowed["aircraft_position"].residual_from == "radar_constant"
+    report = "\n".join(analyses.budget(s, method=method, target=target).report)
+    assert re.search(r"^    loss_db +0\.5$", report, re.MULTILINE)
+
+
+def test_certain_parts_bring_nothing():
+    s = sheet_scenario(tolerances={"loss_db": 0.0, "average_power_kw": 0})
+    found = error_budget(s)
+    assert not found.alone["radar_constant"].any()
+    assert not np.any(list(found.parts.values()))
+    assert shape_warning(s.tolerances_at_level[0], "linear", log_normal=False) is None
+    assert analyses.budget(s, method="montecarlo").report
+
+
+def test_figure_of_a_budget_with_parts(tool):
+
+    labels = [
+        str(line.get_label()) for line in analyses.budget(sheet_scenario()).plot().axes[0].lines
+    ]
+    assert {"loss_db", "noise_figure_db", "average_power_kw"} < set(labels)

@@ -1,0 +1,178 @@
+"""Budgets of networks whose radar constants are uncertain by their tolerances."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers import (
+    MIXED_SEARCH_STD,
+    MIXED_TRACK_STD,
+    assert_refused,
+    mixed_document,
+    mixed_network,
+    mixed_radars,
+    write,
+    yaml_text,
+)
+from numpy.testing import assert_allclose
+
+from radar_sense import analyses
+from radar_sense.analyses.error_budget import error_budget, required_accuracies, value_function
+from radar_sense.model.network import name_problem
+from radar_sense.propagation import (
+    METHODS,
+    propagate_scenario,
+)
+from radar_sense.reading.parse import parse_scenario
+
+# The budget.
+
+ROWS = [
+    *(f"a_constant_{key}" for key in MIXED_SEARCH_STD),
+    *(f"b_constant_{key}" for key in MIXED_TRACK_STD),
+]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_rows_of_parts(method):
+    s = mixed_network()
+    found = error_budget(s, method)
+    assert list(found.parts) == ROWS
+    assert list(found.alone) == ["aircraft_position", "aircraft_orientation", "a", "b", "c"]
+    for name in "ab":
+        mine = [std for row, std in found.parts.items() if row.startswith(f"{name}_")]
+        together = np.sqrt(np.sum(np.square(mine), axis=0))
+        within = {"linear": 1e-12, "probit": 0.05, "form": 0.15}[method]
+        assert_allclose(together, found.finer[f"{name}_constant"], rtol=within)
+    # a part alone is the network with nothing else uncertain, and the other radars as they are
+    nothing = {"position_m": 0, "attitude_deg": 0}
+    for name, keys in (("a", MIXED_SEARCH_STD), ("b", MIXED_TRACK_STD)):
+        for key, std in keys.items():
+            of = [{"loss_db": 0}, {"loss_db": 0}]
+            of["ab".index(name)] = {key: std}
+            several = mixed_radars(*of, position_m=0)
+            several[2]["uncertainty"]["sheet"]["constant"] = 0
+            expected = propagate_scenario(
+                mixed_network(several, aircraft=nothing), method=method
+            ).std
+            assert_allclose(found.parts[f"{name}_constant_{key}"], expected, rtol=1e-4)
+
+
+def test_indices_of_parts():
+    """With a quarter of the tolerances P_D is nearly linear, and indices are linear shares."""
+    quarter = [
+        {k: std / 4 for k, std in stds.items()} for stds in (MIXED_SEARCH_STD, MIXED_TRACK_STD)
+    ]
+    s = mixed_network(mixed_radars(*quarter), sweep=(60, 60, 1), runs=2**14)
+    found, linear = error_budget(s, "montecarlo"), error_budget(s)
+    assert list(found.parts) == list(linear.parts) == ROWS
+    assert found.std[0] == pytest.approx(linear.std[0], rel=0.02)
+    for mine, theirs in (
+        (found.part_shares(), linear.part_shares()),
+        (found.shares(), linear.shares()),
+    ):
+        assert list(mine) == list(theirs)
+        for name, share in mine.items():
+            assert found.share_error[name][0] < 0.02
+            assert share[0] == pytest.approx(theirs[name][0], abs=0.03)
+    assert max(share[0] for share in linear.part_shares().values()) > 0.2
+    assert sum(share[0] for share in found.shares().values()) == pytest.approx(1)
+
+
+def test_how_much_a_part_of_one_radar_must_be_reduced():
+    def known_to(gain):
+        several = mixed_radars(
+            {**MIXED_SEARCH_STD, "loss_db": 0.2}, {**MIXED_TRACK_STD, "gain_dbi": gain}
+        )
+        several[1]["uncertainty"]["sheet"]["position_m"] = 6000
+        return mixed_network(several, sweep=(60, 60, 1))
+
+    s, half = known_to(0.5), known_to(0.25)
+    target = 3 * propagate_scenario(half).std.max()
+    three_sigma = value_function(s, "linear")
+    assert three_sigma(["b_constant_gain_dbi"], 0.5) == pytest.approx(target, rel=1e-12)
+    allowed = required_accuracies(s, target)
+    assert list(allowed) == [*error_budget(s).alone, *ROWS, "all"]
+    assert allowed["b_constant_gain_dbi"].factor == pytest.approx(0.5, rel=1e-6)
+    found = error_budget(s)
+    rest = {**found.alone, **found.parts, "b_position": found.finer["b_position"]}
+    for name in ("b", "a_constant_average_power_kw", "a_constant_temperature_k",
+                 "a_constant_loss_db", "b_constant_gain_dbi"):  # fmt: skip
+        del rest[name]
+    # of the radar that it is a part of there is the rest, not the whole
+    assert max(rest, key=lambda n: rest[n][0]) == "b_position"
+    assert allowed["b_constant_gain_dbi"].residual_from == "b_position"
+    both = three_sigma(["a_constant_loss_db", "b_constant_gain_dbi"], 0.0) ** 2 / 9
+    gone = found.parts["a_constant_loss_db"] ** 2 + found.parts["b_constant_gain_dbi"] ** 2
+    assert_allclose(both, found.std**2 - gone, rtol=1e-12)
+
+
+def test_the_command_shows_the_parts(tool):
+    write(yaml_text(mixed_document(sweep=(60, 60, 1))))
+    code, out, err = tool("budget", "my.yaml", "--target", "0.1", "--no-plot", "--out", "out")
+    assert code == 0, err
+    lines = out.splitlines()
+    rows = [line.split()[0] for line in lines[1 : 1 + 12]]
+    at = {row: i for i, row in enumerate(rows)}
+    # under the radar that they are of, largest first
+    for name, keys in (("a", MIXED_SEARCH_STD), ("b", MIXED_TRACK_STD)):
+        mine = rows[at[name] + 1 : at[name] + 4]
+        assert set(mine) == {f"constant_{key}" for key in keys}
+    shown = [re.search(r" (\d\.\d{4})", line).start() for line in lines[1:13]]
+    assert len(set(shown)) == 1  # in one column
+    assert re.search(
+        r"^of the radar constants, [ab]_constant_\w+ is what to measure better first: with half "
+        r"its deviation the total would be 0\.\d{4}$",
+        out,
+        re.MULTILINE,
+    )
+    assert re.search(r"^  b_constant_gain_dbi +", out, re.MULTILINE)
+    header = Path("out/paper_budget.csv").read_text().splitlines()[0].split(",")
+    assert header[-6:] == [f"three_sigma_{row}" for row in ROWS]
+    assert len(set(header)) == len(header)
+    record = json.loads(Path("out/paper_budget.json").read_text())
+    assert list(record["summary"]["radar_constant_parts_at_largest"]) == ROWS
+    again = parse_scenario(yaml.safe_dump(record["scenario"]))
+    assert again.tolerances == mixed_network().tolerances
+
+
+def test_the_figure_shows_the_parts():
+    lines = analyses.budget(mixed_network()).plot().axes[0].lines
+    labels = {str(line.get_label()): line for line in lines}
+    assert {"a loss_db", "b loss_db", "b gain_dbi"} < set(labels)
+    assert labels["b loss_db"].get_color() == labels["b"].get_color()
+    assert labels["a loss_db"].get_color() == labels["a"].get_color() != labels["b"].get_color()
+
+
+def test_check_says_how_every_constant_is_distributed(tool):
+    write(yaml_text(mixed_document()))
+    code, out, _ = tool("check", "my.yaml")
+    assert code == 0
+    said = [line for line in out.splitlines() if "has mean" in line]
+    assert [line[:21] for line in said] == ["# a, sheet: c_r has m", "# b, sheet: c_r has m"]
+    assert parse_scenario(out).tolerances == mixed_network().tolerances
+
+
+@pytest.mark.parametrize(
+    "names", [("a", "a_constant_loss_db"), ("error_a_constant_x", "a"), ("a_constant_b", "c", "a")]
+)
+def test_names_that_a_part_may_have_are_refused(tool, names):
+    assert "begins parts of c_r" in name_problem(names)
+    several = [{**mixed_radars()[0], "name": name} for name in names]
+    write(yaml_text(mixed_document(several)))
+    code, out, err = tool("variance", "my.yaml")
+    assert_refused(code, out, err)
+    assert name_problem(["a", "b", "a_loss_db", "a_constan"]) is None
+
+
+def test_tolerances_need_a_radar_that_has_them(tool):
+    several = mixed_radars()
+    several[2]["uncertainty"]["sheet"]["constant"] = {"loss_db": 1}
+    write(yaml_text(mixed_document(several)))
+    code, out, err = tool("variance", "my.yaml")
+    assert_refused(code, out, err)
+    assert "radars[3].uncertainty.sheet.constant: " in err
+    assert "in place of radar.constant" in err

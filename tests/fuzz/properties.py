@@ -1,0 +1,192 @@
+"""What holds for the command line whatever its input is; broken properties are `BrokenError`."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import dataclasses
+import io
+import json
+import random
+import re
+import shlex
+import traceback
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from click.testing import CliRunner
+from fuzz.grammar import CONFIG, Case, case
+
+import radar_sense as rs
+from radar_sense.cli import cli
+from radar_sense.reading.parse import parse_scenario
+
+#: Problems of a file as a whole, which are on no line.
+_WHOLE_FILE = re.compile(
+    r"is empty|is nested too deeply|has no rows|cannot be read|is larger than|is a directory"
+    r"|is not a regular file|has \d+ row"
+)
+
+
+class BrokenError(AssertionError):
+    """A property that does not hold."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """How a run ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+def run(case: Case) -> Outcome:
+    """Run a case in the working folder; every Python warning is an error."""
+    for name, content in case.files.items():
+        Path(name).write_bytes(content)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result = CliRunner().invoke(cli, list(case.args))
+    if result.exception is not None and not isinstance(result.exception, SystemExit):
+        raise BrokenError("".join(traceback.format_exception(result.exception)))
+    return Outcome(result.exit_code, result.stdout, result.stderr)
+
+
+def check(case: Case) -> Outcome:
+    """Run a case in the working folder, and insist on all properties.
+
+    Raises:
+        BrokenError: If one does not hold.
+    """
+    before = sorted(Path().rglob("*"))
+    outcome = run(case)
+    written = sorted({*Path().rglob("*")} - {*before, *map(Path, case.files)})
+    _require(outcome.code in (0, 2, 3), f"exit code {outcome.code}", outcome)
+    if outcome.code == 2:
+        _check_refusal(case, outcome, written)
+    elif "--help" not in case.args:
+        for line in outcome.err.splitlines():
+            _require(line.startswith("Warning: "), f"on standard error: {line!r}", outcome)
+        if case.args[0] == "check":
+            check_reads_back(case, outcome)
+        else:
+            check_files(outcome, written)
+    return outcome
+
+
+def _check_refusal(case: Case, outcome: Outcome, written: list[Path]) -> None:
+    _require(re.fullmatch(r"Error: [^\n]+\n", outcome.err), "not one line of error", outcome)
+    _require(outcome.err.rstrip("\n").isprintable(), "control characters", outcome)
+    _require(not outcome.out, "something on standard output", outcome)
+    _require(not written, f"wrote {written}", outcome)
+    _require(len(outcome.err) < 2000, "an error of more than 2000 characters", outcome)
+    if case.args[0] == "check":
+        place = re.match(r"Error: ([\w./ -]+?):(\d+)?:? ", outcome.err)
+        _require(place, "no file named", outcome)
+        assert place
+        lines = case.files.get(place[1], b"").count(b"\n") + case.files[CONFIG].count(b"\r") + 1
+        _require(
+            _WHOLE_FILE.search(outcome.err)
+            if place[2] is None
+            else 1 <= int(place[2]) <= lines + 9,
+            "no line named",
+            outcome,
+        )
+
+
+def check_reads_back(case: Case, outcome: Outcome) -> None:
+    """Insist that a resolved scenario reads back to the same scenario."""
+    if "-q" in case.args:
+        return
+    scenario = rs.load_scenario(CONFIG)
+    try:
+        again = parse_scenario(outcome.out, "resolved.yaml")
+    except rs.InputError as error:
+        raise BrokenError(f"the resolved scenario is refused: {error}\n{outcome.out}") from error
+    _require(again.resolved() == scenario.resolved(), "resolved again to another text", outcome)
+    for name in ("aircraft", "radar", "cov_aircraft", "time_s"):
+        first, second = getattr(scenario, name), getattr(again, name)
+        same = first is second or np.array_equal(first, second)
+        _require(same, f"{name} differs when read back: {first} {second}", outcome)
+    for level, matrix in scenario.cov_radar.items():
+        second = again.cov_radar[level]
+        _require(np.array_equal(matrix, second), f"cov_radar differs: {matrix} {second}", outcome)
+    for name in ("name", "level", "runs", "seed", "correlation_s", "origin", "constant_parts"):
+        first, second = getattr(scenario, name), getattr(again, name)
+        _require(first == second, f"{name} differs when read back: {first} {second}", outcome)
+
+
+def check_files(outcome: Outcome, written: list[Path]) -> None:
+    """Insist on numbers in tables, probabilities within 0 and 1, and a record beside each table."""
+    for path in written:
+        if path.suffix == ".csv":
+            rows = list(csv.reader(io.StringIO(path.read_text())))
+            names, numbers = rows[0], np.array(rows[1:], dtype=float)
+            columns = dict(zip(names, numbers.T, strict=True))
+        elif path.suffix == ".npz":
+            with np.load(path) as arrays:
+                columns = {name: arrays[name] for name in arrays.files}
+        elif path.suffix == ".json":
+            json.loads(path.read_text(), parse_constant=lambda text: _not_json(text, outcome))
+            continue
+        else:
+            continue
+        _require(path.with_suffix(".json") in written, f"{path} without a record", outcome)
+        for name, values in columns.items():
+            _require(len(values), f"{name} is empty", outcome)
+            # a radar that cannot see the aircraft has no SNR: -inf dB
+            shown = values[values != -np.inf] if name.startswith("snr_db") else values
+            _require(not np.isinf(shown).any(), f"{name} has infinity", outcome)
+            if np.isnan(values).any():
+                _require("Warning: " in outcome.err, f"{name} has NaN without a warning", outcome)
+            finite = values[~np.isnan(values)]
+            if re.fullmatch(r"p_d(_\w+)?|mc_mean|mc_lower|mc_upper|coverage_3sigma", name):
+                ok = np.all((finite >= 0) & (finite <= 1))
+                _require(ok, f"{name} is no probability: {finite}", outcome)
+            if re.match(r"sigma|mc_std|three_sigma", name):
+                _require(np.all(finite >= 0), f"{name} is negative: {finite}", outcome)
+
+
+def _not_json(text: str, outcome: Outcome) -> None:
+    _require(False, f"{text} in the record", outcome)
+
+
+def _require(holds: object, what: str, outcome: Outcome) -> None:
+    if not holds:
+        shown = f"exit code {outcome.code}\n{outcome.out[:2000]}\n{outcome.err[:2000]}"
+        raise BrokenError(f"{what}\n{shown}")
+
+
+def numbered_case(seed: int, number: int, *, analyses: float) -> Case:
+    """Return a case by its number."""
+    return case(random.Random(f"{seed} {number}"), analyses=analyses)
+
+
+def reproducer(case: Case) -> str:
+    """Return shell commands that make the files of a case and run the command."""
+    lines = [f"# broken by: {'; '.join(case.mutations) or 'nothing'}"]
+    for name, content in case.files.items():
+        with contextlib.suppress(UnicodeDecodeError):
+            lines.append(f"# {name}:\n" + content.decode())
+        lines.append(f"python3 -c \"open('{name}', 'wb').write({content!r})\"")
+    lines.append(shlex.join(["radar-sense", *case.args]))
+    return "\n".join(lines)
+
+
+def failures(
+    seed: int, numbers: range, *, analyses: float
+) -> Iterator[tuple[int, Case, BrokenError]]:
+    """Run numbered cases in the working folder, and yield the ones that break a property."""
+    for n in numbers:
+        some = numbered_case(seed, n, analyses=analyses)
+        try:
+            check(some)
+        except BrokenError as error:
+            yield n, some, error
+        for name in some.files:
+            Path(name).unlink(missing_ok=True)
+        for path in Path("out").glob("*") if Path("out").is_dir() else ():
+            path.unlink()

@@ -1,0 +1,377 @@
+"""Networks: fused P_D and its partials, and what a radar does not see."""
+
+import dataclasses
+
+import numpy as np
+import oracle
+import pytest
+from helpers import paper_network
+from mpmath import mp, mpf
+from numpy.testing import assert_allclose, assert_array_equal
+
+from radar_sense import analyses
+from radar_sense.analyses.error_budget import error_budget
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import Marcum, North, Swerling1
+from radar_sense.model.geodesy import ECCENTRICITY_2, SEMI_MAJOR
+from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
+from radar_sense.model.network import NetworkModel, Radar, _fuse
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.propagation import (
+    METHODS,
+    nonlinear,
+    nonlinear_in_scenario,
+    propagate,
+    propagate_scenario,
+)
+from radar_sense.reading.parse import load_scenario
+from radar_sense.states import CONSTANTS
+
+PAPER = load_scenario()
+RADAR_MODEL = PAPER.model.radars[0].model
+RCS = EllipsoidRCS(0.15, 0.13, 0.21)
+ELLIPSOID = ("ellipsoid", 0.15, 0.13, 0.21)
+
+
+def p_d_each(network, aircraft, radar):
+    """P_D (..., m) of each radar of a network by its own model and limits."""
+    states = np.split(np.asarray(radar), len(network.radars), axis=-1)
+    return np.stack(
+        [
+            np.where(r.visible(aircraft, state), r.model.p_d(aircraft, state), 0)
+            for r, state in zip(network.radars, states, strict=True)
+        ],
+        axis=-1,
+    )
+
+
+def moments(scenario, method="linear"):
+    return propagate_scenario(scenario, method=method)
+
+
+def warned(scenario, method):
+    return nonlinear_in_scenario(scenario, moments(scenario, method), method=method)
+
+
+def fields_of(found):
+    return [getattr(found, f.name) for f in dataclasses.fields(found)]
+
+
+# A network of one is the single radar.
+
+
+@pytest.mark.parametrize("limits", [{}, {"max_range": 1e7}, {"horizon": Horizon()}])
+def test_a_network_of_one_is_the_single_radar_bit_for_bit(limits):
+    aircraft = PAPER.aircraft - 30e3 * np.eye(6)[2]  # above the horizon
+    radar = np.array([3e3, -2e3, -100.0, 160.0])
+    one = NetworkModel((Radar(RADAR_MODEL, **limits),))
+    assert_array_equal(one.p_d(aircraft, radar), RADAR_MODEL.p_d(aircraft, radar))
+    assert_array_equal(one.snr(aircraft, radar)[:, 0], RADAR_MODEL.snr(aircraft, radar))
+    for name in ("linearize", "linearize_probit"):
+        mine, theirs = (getattr(model, name)(aircraft, radar) for model in (one, RADAR_MODEL))
+        if name == "linearize":
+            mine, theirs = fields_of(mine), fields_of(theirs)
+        for a, b in zip(mine, theirs, strict=True):
+            assert_array_equal(a, b)
+    cov = (PAPER.cov_aircraft, PAPER.cov_radar["high"])
+    for method in METHODS:
+        mine, theirs = (
+            propagate(model, aircraft[::20], radar, *cov, method=method)
+            for model in (one, RADAR_MODEL)
+        )
+        for a, b in zip(fields_of(mine), fields_of(theirs), strict=True):
+            if a.dtype == bool and limits.get("horizon"):
+                continue  # a horizon within reach is a doubt of its own
+            assert_array_equal(a, b)
+
+
+# The fused P_D and its partials.
+
+DETECTORS = {North: None, Marcum: oracle.marcum, Swerling1: oracle.swerling1}
+
+
+def exact_p_d(states, models):
+    """P_D of all radars at states of 6 + 4m numbers, and the product of the complements."""
+    miss = mpf(1)
+    for i, (detector, p_fa) in enumerate(models):
+        snr = oracle.snr(states[:6], states[6 + 4 * i : 10 + 4 * i], ELLIPSOID)
+        both = DETECTORS[detector]
+        miss *= (
+            both(snr, p_fa)[1]
+            if both
+            else mp.erfc(mp.sqrt(snr + mpf("0.5")) - mp.sqrt(-mp.log(mpf(p_fa)))) / 2
+        )
+    return miss
+
+
+def exact_partials(states, models):
+    states = [mpf(x) for x in states]
+    slopes = []
+    for i, state in enumerate(states):
+        step = mpf("1e-20") * (max(abs(state), mpf(1)))
+        ends = [
+            exact_p_d([*states[:i], state + s * step, *states[i + 1 :]], models) for s in (1, -1)
+        ]
+        slopes.append((ends[1] - ends[0]) / (2 * step))
+    return slopes
+
+
+@pytest.mark.parametrize(
+    "kinds",
+    [
+        [(North, 1.7e-4)] * 2,
+        [(North, 1e-6), (North, 1e-3), (North, 1e-9)],
+        [(Swerling1, 1e-5), (North, 1e-4)],
+        [(Marcum, 1e-3), (Swerling1, 1e-6)],
+    ],
+)
+# from P_D of a few per cent to 1 − P_D far below 1e-16
+@pytest.mark.parametrize("distance", [6e5, 4e5, 3e5])
+def test_fused_p_d_and_all_partials_against_fifty_digits(kinds, distance):
+    rng = np.random.default_rng(int(distance) + len(kinds))
+    models = [DetectionModel(RCS, p_fa, kind()) for kind, p_fa in kinds]
+    net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
+    direction = rng.standard_normal(3) * [1, 1, 0.1]
+    aircraft = np.array(
+        [*(distance * direction / np.linalg.norm(direction)), *rng.uniform(-1, 1, 3)]
+    )
+    radar = np.concatenate(
+        [[*(rng.standard_normal(3) * 5e4), rng.uniform(100, 200)] for _ in models]
+    )
+    lin = net.linearize(aircraft, radar)
+    z, z_aircraft, z_radar = net.linearize_probit(aircraft, radar)
+    with mp.workdps(50):
+        states = [*aircraft, *radar]
+        miss = exact_p_d(states, kinds)
+        slopes = exact_partials(states, kinds)
+        exact = np.array([float(s) for s in slopes])
+        found = np.concatenate([lin.jac_aircraft, lin.jac_radar])
+        scale = np.abs(exact).max()
+        assert scale > 0
+        units = np.array([distance] * 3 + [1.0] * 3 + ([distance] * 3 + [150.0]) * len(models))
+        assert_allclose(found * units, exact * units, rtol=1e-10, atol=1e-11 * max(exact * units))
+        assert_allclose(net.p_d(aircraft, radar), float(1 - miss), rtol=1e-13)
+        assert_allclose(lin.p_d, float(1 - miss), rtol=1e-12)
+        # z in terms of the lesser tail, and its slope, by φ(z)
+        lesser, side = (miss, -1) if miss < 0.5 else (1 - miss, 1)
+        tail = mp.ncdf(side * mpf(float(z)))
+        assert abs(tail / lesser - 1) < mpf("1e-13") * (1 + mpf(float(z)) ** 2)
+        by_z = np.array([float(s / mp.npdf(mpf(float(z)))) for s in slopes])
+    found = np.concatenate([z_aircraft, z_radar])
+    assert_allclose(found * units, by_z * units, rtol=1e-10, atol=1e-11 * max(by_z * units))
+
+
+def test_fusion_keeps_both_tails():
+    # from P_D of 1e-230 to 1 − P_D below 1e-300
+    rng = np.random.default_rng(3)
+    for m in (2, 3, 5):
+        z = rng.uniform(-30, 30, 60) + rng.standard_normal((m, 60)) * rng.uniform(0, 2, 60)
+        z[:, :10] = -9 + rng.standard_normal((m, 10)) / 100  # where the formula changes
+        fused = _fuse(z)
+        with mp.workdps(40):
+            for column, value in zip(z.T, fused, strict=True):
+                miss = mp.fprod(mp.ncdf(-mpf(x)) for x in column)
+                hit = mpf(0)
+                for x in column:
+                    hit += (1 - hit) * mp.ncdf(mpf(x))
+                lesser, side = (miss, -1) if miss < 0.5 else (hit, 1)
+                error = abs(mp.ncdf(side * mpf(float(value))) / lesser - 1)
+                # a rounding of z is worth z² of the tail
+                assert error < mpf("2e-15") * (2 + float(value) ** 2)
+
+
+def test_fusion_far_below_the_least_probability_there_is():
+    # where a constant below zero leads: Φ(−60) is 1e-784
+    z = np.array([[-60.0, -38.0], [-60.5, -45.0]])
+    with mp.workdps(40):
+        for column, value in zip(z.T, _fuse(z), strict=True):
+            error = mp.ncdf(mpf(float(value))) / sum(mp.ncdf(mpf(x)) for x in column) - 1
+            assert abs(error) < mpf("2e-15") * float(value) ** 2
+
+
+def test_fused_p_d_rises_with_every_radar_and_never_passes_1():
+    rng = np.random.default_rng(4)
+    radar = np.concatenate([[*rng.standard_normal(3) * 1e5, 10.0**i] for i in range(6)])
+    net = NetworkModel(tuple(Radar(RADAR_MODEL, f"r{i}") for i in range(6)))
+    each = p_d_each(net, PAPER.aircraft, radar)
+    fused = net.p_d(PAPER.aircraft, radar)
+    assert each.shape == (361, 6)
+    assert net.snr(PAPER.aircraft, radar).shape == (361, 6)
+    assert np.all(fused >= each.max(axis=1))
+    assert fused.max() == 1
+    assert_allclose(fused, 1 - np.prod(1 - each, axis=1), rtol=0, atol=4e-16)
+    last = RADAR_MODEL.p_d(PAPER.aircraft, radar[-4:])
+    assert_array_equal(each[:, -1], last)
+
+
+def test_states_broadcast():
+    net = NetworkModel((Radar(RADAR_MODEL, "a"), Radar(RADAR_MODEL, "b")))
+    rng = np.random.default_rng(0)
+    radar = rng.standard_normal((7, 1, 8)) * 1e4
+    radar[..., CONSTANTS] = 160
+    lin = net.linearize(PAPER.aircraft[:5], radar)
+    assert lin.p_d.shape == net.p_d(PAPER.aircraft[:5], radar).shape == (7, 5)
+    assert lin.jac_aircraft.shape == (7, 5, 6)
+    assert lin.jac_radar.shape == (7, 5, 8)
+    one = net.linearize(PAPER.aircraft[2], radar[3, 0])
+    assert_allclose(one.jac_radar, lin.jac_radar[3, 2], rtol=1e-13)
+    assert one.p_d.shape == ()
+
+
+# What a radar sees.
+
+
+def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
+    # the rule of thumb 4.12 km √(h/m), of every book on radar
+    assert_allclose(
+        horizon_range(np.array(0.0), np.array([100.0, 1e4])), [41.2e3, 412e3], rtol=5e-4
+    )
+    assert_allclose(horizon_range(np.array(25.0), np.array(100.0)), 61.8e3, rtol=5e-4)
+    assert_array_equal(horizon_range(np.array(-5.0), np.array(-1.0)), 0)
+    # the exact line of sight over a sphere of 4/3 the radius
+    for height in (100.0, 3e3, 20e3):
+        exact = np.sqrt(2 * EFFECTIVE_RADIUS * height + height**2)
+        assert_allclose(horizon_range(np.array(0.0), np.array(height)), exact, rtol=1e-3)
+
+
+@pytest.mark.parametrize("curved", [False, True])
+def test_a_target_below_the_horizon_is_not_seen(curved):
+    # where the ellipsoid's radius of curvature to the north is the mean radius of the earth
+    sine = np.sqrt(1 - (SEMI_MAJOR * (1 - ECCENTRICITY_2) / EARTH_RADIUS) ** (2 / 3))
+    place = (float(np.arcsin(sine / np.sqrt(ECCENTRICITY_2))), 0.0, 0.0)
+    station = Radar(RADAR_MODEL, horizon=Horizon(place if curved else None))
+    radar = np.array([0, 0, -10.0, 167])
+    height = np.array([50.0, 1e3, 3e3])
+    farthest = horizon_range(np.array(10.0), height)
+    for side, seen in ((0.999, True), (1.001, False)):
+        aircraft = np.zeros((3, 6))
+        aircraft[:, 0] = side * farthest
+        aircraft[:, 2] = -height
+        if curved:  # the same heights above a surface that falls away
+            aircraft[:, 2] += farthest**2 / 2 / EARTH_RADIUS * side**2
+        assert_array_equal(station.visible(aircraft, radar), seen)
+        assert np.all((NetworkModel((station,)).p_d(aircraft, radar) > 0) == seen)
+    # the paper's orbit, 500 km out and 3 km high, is far below it
+    seen = station.visible(PAPER.aircraft, np.array([0, 0, 0, 167.0]))
+    assert np.all(seen == curved)  # where 3 km above the plane are 22 above the surface
+
+
+def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
+    station = Radar(RADAR_MODEL, max_range=5e3)
+    aircraft = np.zeros((3, 6))
+    aircraft[:, 0], aircraft[:, 2] = 3e3, [-4e3, -4e3 - 1e-6, -3.9e3]  # slant: 3, 4, 5
+    assert_array_equal(station.visible(aircraft, np.array([0, 0, 0, 1.0])), [True, False, True])
+
+
+def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(None, None, 20))
+    near = Radar(RADAR_MODEL, "near", max_range=4.5e5)
+    far, _ = scenario.model.radars
+    scenario = dataclasses.replace(scenario, model=NetworkModel((far, near)))
+    seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 1]
+    assert 3 < seen.sum() < len(seen) - 3
+    assert not [w for w in analyses.budget(scenario).warnings if "near vanishes" in w]
+
+
+def test_a_radar_that_sees_nothing_adds_nothing():
+    aircraft, near, far = PAPER.aircraft, [0, 0, 0, 167.0], [-1e5, 0, 0, 167.0]
+    model = NetworkModel((Radar(RADAR_MODEL, "near"), Radar(RADAR_MODEL, "far", 5.5e5)))
+    radar = np.array([*near, *far])
+    hidden = ~model.visible(aircraft, radar)[:, 1]
+    assert 50 < hidden.sum() < 300
+    both, alone_ = model.linearize(aircraft, radar), RADAR_MODEL.linearize(aircraft, np.array(near))
+    assert_array_equal(model.p_d(aircraft, radar)[hidden], alone_.p_d[hidden])
+    assert_allclose(both.p_d[hidden], alone_.p_d[hidden], rtol=1e-12)
+    assert_allclose(both.jac_aircraft[hidden], alone_.jac_aircraft[hidden], rtol=1e-11, atol=1e-25)
+    assert_array_equal(both.jac_radar[hidden, 4:], 0)
+    assert np.all(both.jac_radar[~hidden, 7] > 0)
+    z, z_aircraft, z_radar = model.linearize_probit(aircraft, radar)
+    exact, by_aircraft, _ = RADAR_MODEL.linearize_probit(aircraft, np.array(near))
+    assert_allclose(z[hidden], exact[hidden], rtol=0, atol=1e-13)
+    assert_allclose(z_aircraft[hidden], by_aircraft[hidden], rtol=1e-11, atol=1e-25)
+    assert_array_equal(z_radar[hidden, 4:], 0)
+    assert_array_equal(p_d_each(model, aircraft, radar)[hidden, 1], 0)
+
+
+@pytest.mark.parametrize("radars", [1, 2])
+def test_a_pose_that_no_radar_sees_has_nothing_uncertain(radars):
+    unseen = paper_network([(0, 0, 0)] * radars, [100] * radars, max_range=4e5)
+    with np.errstate(all="raise", under="ignore"):
+        for method in METHODS:
+            found = moments(unseen, method)
+            for values in (found.p_d, found.mean, found.std, found.lower, found.upper):
+                assert_array_equal(values, 0)
+            assert not warned(unseen, method).any()
+            assert found.converged.all()
+        z, by_aircraft, by_radar = unseen.model.linearize_probit(unseen.aircraft, unseen.radar)
+        assert_array_equal(z, -np.inf)
+        assert not by_aircraft.any()
+        assert not by_radar.any()
+        lin = unseen.model.linearize(unseen.aircraft, unseen.radar)
+        assert not any(values.any() for values in fields_of(lin))
+        mc = monte_carlo(unseen, runs=50)
+        assert_array_equal(mc.std, 0)
+        assert_array_equal(mc.coverage, 1)
+        for std in error_budget(unseen).alone.values():
+            assert_array_equal(std, 0)
+
+
+def test_draws_see_an_edge_that_a_gradient_cannot():
+    # at a range within 1 m of the limit, with 100 m of uncertainty: seen in half of the draws
+    reach = float(np.hypot(500e3, 3e3))
+    nowhere = {"cov_aircraft": np.diag([10.0**2] * 3 + [1e-20] * 3), "runs": 4000}
+    for offset in (1.0, -1.0):
+        edge = dataclasses.replace(
+            paper_network([(0, 0, 0)], [100], max_range=reach + offset), **nowhere
+        )
+        seen = offset > 0
+        mc = monte_carlo(edge)
+        full = RADAR_MODEL.p_d(edge.aircraft, edge.radar)
+        assert_allclose(mc.mean / full, 0.5, atol=0.05)
+        for method in METHODS:
+            found = moments(edge, method)
+            assert np.all((found.p_d > 0) == seen)
+            assert warned(edge, method).all()
+    far = dataclasses.replace(paper_network([(0, 0, 0)], [100], max_range=reach + 2000), **nowhere)
+    assert_array_equal(
+        warned(far, "form"),
+        nonlinear(
+            RADAR_MODEL,
+            far.aircraft,
+            far.radar,
+            far.cov_aircraft,
+            far.cov_radar["medium"],
+            method="form",
+        ),
+    )
+
+
+# What is refused.
+
+
+def test_networks_that_cannot_be():
+    station = Radar(RADAR_MODEL, "a")
+    with pytest.raises(ValueError, match="one radar or more"):
+        NetworkModel(())
+    for names in (
+        "aa",
+        ("a", "a_position"),
+        ("a_constant", "a"),
+        ("total", "b"),
+        ("b", "aircraft"),
+    ):
+        with pytest.raises(ValueError, match="would mean two things"):
+            NetworkModel(tuple(dataclasses.replace(station, name=name) for name in names))
+    other = Radar(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
+    with pytest.raises(ValueError, match="RCS"):
+        NetworkModel((station, other))
+    for limit in (0, -1, np.nan):
+        with pytest.raises(ValueError, match="max_range"):
+            Radar(RADAR_MODEL, max_range=limit)
+    net = NetworkModel((station, dataclasses.replace(station, name="b")))
+    for method in (net.p_d, net.snr, net.linearize, net.linearize_probit, net.visible):
+        with pytest.raises(ValueError, match=r"radar states must have shape \(..., 8\)"):
+            method(PAPER.aircraft, np.zeros(4))
+    with pytest.raises(ValueError, match="negative"):
+        net.p_d(PAPER.aircraft, np.array([0, 0, 0, 1, 0, 0, 0, -1.0]))

@@ -1,0 +1,373 @@
+"""The radar constant from data-sheet parameters, and its uncertainty from theirs."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import SURVEILLANCE, TOLERANCES, sheet_document, sheet_scenario, yaml_text
+from mpmath import mp, mpf
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.radar_constant import (
+    LOWEST_DIVISOR,
+    MAX_DIVISOR_STD,
+    Tolerance,
+    factors,
+    relative_std,
+    shape,
+)
+from radar_sense.model.radar_equation import SEARCH_FACTORS, SurveillanceRadar, TrackingRadar
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.propagation import propagate_scenario
+from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
+from radar_sense.reading.parse import parse_scenario
+
+# The constant itself.
+
+#: Every key of the two kinds: its formula in SI, in mpmath.
+TO_SI = {
+    "average_power_w": ("P", lambda v: v),
+    "average_power_kw": ("P", lambda v: v * 1000),
+    "peak_power_w": ("P", lambda v: v),
+    "peak_power_kw": ("P", lambda v: v * 1000),
+    "aperture_m2": ("A", lambda v: v),
+    "temperature_k": ("T", lambda v: v),
+    "scan_time_s": ("t", lambda v: v),
+    "rotation_rpm": ("t", lambda v: 60 / v),
+    "search_volume_sr": ("O", lambda v: v),
+    "wavelength_m": ("lam", lambda v: v),
+    "frequency_ghz": ("lam", lambda v: mpf(299792458) / (v * 10**9)),
+    "bandwidth_mhz": ("B", lambda v: v * 10**6),
+    "pulse_width_us": ("B", lambda v: 1 / (v / 10**6)),
+    "gain_dbi": ("G", lambda v: mpf(10) ** (v / 10)),
+    "loss_db": ("L", lambda v: mpf(10) ** (v / 10)),
+    "noise_figure_db": ("F", lambda v: mpf(10) ** (v / 10)),
+}
+KEYS = {
+    "surveillance": [
+        ("average_power_w", "average_power_kw"),
+        ("aperture_m2",),
+        ("temperature_k",),
+        ("scan_time_s", "rotation_rpm"),
+        ("search_volume_sr",),
+        ("loss_db",),
+        ("noise_figure_db",),
+    ],
+    "tracking": [
+        ("peak_power_w", "peak_power_kw"),
+        ("gain_dbi",),
+        ("wavelength_m", "frequency_ghz"),
+        ("bandwidth_mhz", "pulse_width_us"),
+        ("temperature_k",),
+        ("loss_db",),
+        ("noise_figure_db",),
+    ],
+}
+
+
+def exactly(kind, values, factor="16"):
+    """c_r in fifty digits, from values by key."""
+    with mp.workdps(50):
+        p = {TO_SI[key][0]: TO_SI[key][1](mpf(value)) for key, value in values.items()}
+        if kind == "surveillance":
+            below = {"16": mpf(16), "4pi": 4 * mp.pi}[factor]
+            return p["P"] * p["A"] * p["t"] / (below * p["T"] * p["L"] * p["F"] * p["O"])
+        signal = p["P"] * p["G"] ** 2 * p["lam"] ** 2
+        return signal / ((4 * mp.pi) ** 3 * p["T"] * p["B"] * p["F"] * p["L"])
+
+
+def any_radar(kind, rng):
+    """Values by key over some decades, each parameter under one of its keys."""
+    while True:
+        values = {
+            (key := keys[rng.integers(len(keys))]): float(rng.uniform(0, 50))
+            if key.endswith("_db")  # losses, which are none below 0
+            else float(rng.uniform(-30, 50))
+            if key.endswith("_dbi")
+            else float(10 ** rng.uniform(-3, 1 if key == "search_volume_sr" else 3))
+            for keys in KEYS[kind]
+        }
+        if 1e-19 < exactly(kind, values) < 1e19:  # what a scenario allows
+            return values
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_constant_in_fifty_digits(kind):
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        values = any_radar(kind, rng)
+        given = dict(values)
+        factor = "16"
+        if kind == "surveillance":
+            factor = ["16", "4pi"][rng.integers(2)]
+            given["search_factor"] = factor if factor == "4pi" or rng.integers(2) else 16
+        exact = exactly(kind, values, factor)
+        assert sheet_scenario(kind, given, 0.0).radar[3] == pytest.approx(float(exact), rel=1e-13)
+
+
+def test_the_search_factor_is_a_key():
+    sixteen, none, four_pi = (
+        sheet_scenario("surveillance", {**SURVEILLANCE, **changed})
+        for changed in ({"search_factor": 16}, {}, {"search_factor": "4pi"})
+    )
+    assert none.radar[3] == sixteen.radar[3]
+    assert 10 * math.log10(four_pi.radar[3] / none.radar[3]) == pytest.approx(1.0491, abs=5e-5)
+    assert none.resolved()["radar"]["surveillance"]["search_factor"] == 16
+    with pytest.raises(ValueError, match="16 or 4π"):
+        SurveillanceRadar(1, 1, 1, 1, 1, 0, 0, search_factor=12.0)
+    assert SurveillanceRadar(1, 1, 1, 1, 1, 0, 0).search_factor == SEARCH_FACTORS["16"]
+
+
+def snr_db(radar, rcs, distance):
+    snr = DetectionModel(ConstantRCS(rcs), p_fa=1e-6).snr(
+        np.zeros(6), [distance, 0, 0, radar.constant()]
+    )
+    return 10 * np.log10(snr)
+
+
+def test_search_radar_numbers_of_the_radar_toolbox():
+    """MATLAB's reference pages; their solid angle of az, el ranges is Δaz (sin el₂ − sin el₁)."""
+    # radareqsearchpap: 1 m² at 111 km with 13 dB takes 2.3689e4 W m²
+    volume = 2 * np.pi * np.sin(np.pi / 4)
+    radar = SurveillanceRadar(2.3689e4, 1, 487, 60 / 12.5, volume, 20, 0, SEARCH_FACTORS["4pi"])
+    assert snr_db(radar, 1.0, 111e3) == pytest.approx(13, abs=10 * np.log10(1 + 0.5 / 2.3689e4))
+    # radareqsearchsnr: 3e6 W m², 10 s, −10 dBsm at 1000 km, 6 dB losses give 13.8182 dB
+    volume = np.radians(30) * np.sin(np.pi / 4)
+    radar = SurveillanceRadar(3e6, 1, 487, 10, volume, 6, 0, SEARCH_FACTORS["4pi"])
+    assert snr_db(radar, 0.1, 1000e3) == pytest.approx(13.8182, abs=0.00005)
+
+
+def test_tracking_radar_numbers_of_the_radar_toolbox():
+    """MATLAB's reference pages radareqsnr, radareqpow and radareqrng, with B = 1/τ."""
+    x_band = 299792458 / 10e9
+    radar = TrackingRadar(1e6, 40, x_band, 1 / 1e-6, 300, 3, 0)
+    assert snr_db(radar, 0.5, 100e3) == pytest.approx(14.3778, abs=0.00005)
+    radar = TrackingRadar(1e6, 20, 299792458 / 1e9, 1 / 0.2e-6, 290, 0, 0)
+    assert snr_db(radar, 1.0, 50e3) == pytest.approx(5.5868, abs=0.00005)
+    radar = TrackingRadar(2.2809e6, 30, x_band, 1 / 1e-6, 300, 3, 0)
+    assert snr_db(radar, 0.5, 50e3) == pytest.approx(10, abs=10 * np.log10(1 + 0.5e-4 / 2.2809))
+    radar = TrackingRadar(1e6, 40, x_band, 1 / 10e-6, 290, 3, 0)
+    assert snr_db(radar, 0.1, 1.9426e5) == pytest.approx(6, abs=40 * np.log10(1 + 0.5e-4 / 1.9426))
+
+
+def test_c_band_example_of_the_textbook():
+    """Mahafza (2000), section 1.4: 0.1 m² is seen with 20 dB as far as 86.2 km.
+
+    His sum of decibels is 61.761 + 90 − 25.421 − 10 − 32.976 + 136.987 − 3 − 20 = 197.351, with
+    k = 1.38e-23 and c = 3e8; these, and three decimals of a decibel, are worth 0.01 dB.
+    """
+    radar = TrackingRadar(1.5e6, 45, 3e8 / 5.6e9, 5e6, 290, 0, 3)
+    assert snr_db(radar, 0.1, 10 ** (19.7351 / 4)) == pytest.approx(20, abs=0.01)
+
+
+# Its uncertainty.
+
+
+def parts_of(kind, values, std):
+    """Parts by key, by way of a scenario."""
+    found = sheet_scenario(kind, values, std).tolerances["sheet"][0]
+    assert {part.key: part.std for part in found} == std
+    return found
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_derivatives_are_those_of_the_formula(kind):
+    rng = np.random.default_rng(7)
+    for _ in range(25):
+        values = any_radar(kind, rng)
+        std = {
+            key: float(rng.uniform(0.01, 0.15) * (5 if key.endswith(("_db", "_dbi")) else value))
+            for key, value in values.items()
+        }
+        parts = parts_of(kind, values, std)
+        total = mpf(0)
+        with mp.workdps(50):
+            nominal = exactly(kind, values)
+            for part in parts:
+                step = mpf(std[part.key]) * mpf("1e-15")
+                ahead, behind = (
+                    exactly(kind, {**values, part.key: mpf(values[part.key]) + h})
+                    for h in (step, -step)
+                )
+                slope = (ahead - behind) / (2 * step) * mpf(std[part.key]) / nominal
+                assert part.slope == pytest.approx(float(slope), rel=1e-13)
+                total += slope**2
+        assert relative_std(parts) == pytest.approx(float(mp.sqrt(total)), rel=1e-13)
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_covariance_is_that_of_first_order(kind):
+    s = sheet_scenario(kind)
+    assert s.cov_radar["sheet"][3, 3] == pytest.approx(
+        (s.radar[3] * relative_std(s.tolerances_at_level[0])) ** 2, rel=1e-14
+    )
+    assert s.cov_radar["number"][3, 3] == pytest.approx(0.01, rel=1e-14)
+    assert s.with_analysis(level="number").tolerances_at_level == ((),)
+    off = s.cov_radar["sheet"] - np.diag(np.diag(s.cov_radar["sheet"]))
+    assert not off.any()
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_factors_are_those_of_the_formula(kind):
+    """A draw multiplies c_r by what the formula makes of the parameters drawn."""
+    rng = np.random.default_rng(9)
+    for _ in range(20):
+        values = any_radar(kind, rng)
+        std = {
+            key: 1.0 if key.endswith(("_db", "_dbi")) else 0.1 * value
+            for key, value in values.items()
+        }
+        parts = parts_of(kind, values, std)
+        white = rng.standard_normal(len(parts))
+        moved = dict(values)
+        for part, u in zip(parts, white, strict=True):
+            moved[part.key] = mpf(values[part.key]) + mpf(std[part.key]) * mpf(u)
+        exact = exactly(kind, moved) / exactly(kind, values)
+        assert factors(parts, white) == pytest.approx(float(exact), rel=1e-12)
+
+
+EVERY_PART = [
+    Tolerance("loss_db", 8, 1.2, -1, decibels=True),
+    Tolerance("gain_dbi", 40, 0.5, 2, decibels=True),
+    Tolerance("gain_dbi", -3, 0.0, 2, decibels=True),
+    Tolerance("average_power_kw", 10, 0.5, 1, decibels=False),
+    Tolerance("average_power_kw", 10, 6, 1, decibels=False),  # 5 % of the draws are below zero
+    Tolerance("wavelength_m", 0.03, 0.003, 2, decibels=False),
+    Tolerance("wavelength_m", 0.03, 0.02, 2, decibels=False),
+    Tolerance("frequency_ghz", 9.0, 0.2, -2, decibels=False),
+    Tolerance("frequency_ghz", 9.0, 1.5, -2, decibels=False),
+    Tolerance("temperature_k", 290, 0, -1, decibels=False),
+    Tolerance("temperature_k", 290, 290 / 6, -1, decibels=False),
+]
+
+
+@pytest.mark.parametrize("part", EVERY_PART, ids=lambda part: f"{part.key} {part.std:g}")
+def test_moments_of_a_factor_in_fifty_digits(part):
+    def factor(u):
+        x = part.value + mpf(part.std) * u
+        if part.decibels:
+            return mpf(10) ** (part.power * (x - part.value) / 10)
+        if part.power > 0:
+            return max(x / part.value, mpf(0)) ** part.power
+        return (max(x, part.value - 5 * mpf(part.std)) / part.value) ** part.power
+
+    zero = -part.value / part.std if part.std else -100
+    # the integrand has corners where a draw is set to zero or to the least that there is
+    corners = sorted({-40.0, -5.0, 0.0, 5.0, 12.0, 40.0} | ({zero} if -40 < zero < 0 else set()))
+    with mp.workdps(25):
+        for order in (1, 2, 3):
+            exact = mp.quad(lambda u, n=order: factor(u) ** n * mp.npdf(u), corners)
+            assert part.moment(order) == pytest.approx(float(exact), rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KEYS)
+def test_draws_have_the_moments(kind):
+    s = sheet_scenario(kind)
+    sampler = Sampler.of(s)
+    runs = 400_000
+    white = np.random.default_rng(3).standard_normal((runs, sampler.radar_normals))
+    assert sampler.radar_normals == 3 + len(TOLERANCES[kind])
+    radar, zero = sampler.draw_radar(white)
+    drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances_at_level[0])
+    assert not zero.any()
+    # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
+    assert drawn.mean() == pytest.approx(exact.mean, abs=4.5 * exact.std / math.sqrt(runs))
+    centred = (drawn - drawn.mean()) / drawn.std()
+    error = math.sqrt((np.mean(centred**4) - 1) / (4 * runs))
+    assert drawn.std() == pytest.approx(exact.std, rel=4.5 * error)
+    assert np.mean(centred**3) == pytest.approx(exact.skewness, abs=0.05)
+    # and they are far from the first order, which would not pass
+    assert exact.std / relative_std(s.tolerances_at_level[0]) - 1 > 3 * 4.5 * error
+    np.testing.assert_allclose(radar[:, :3].std(axis=0), 100, rtol=0.01)
+    assert np.max(abs(np.corrcoef(radar.T) - np.eye(4))) < 0.01
+
+
+def test_a_power_below_zero_is_no_power():
+    sampler = Sampler.of(sheet_scenario(tolerances={"average_power_kw": 6, "loss_db": 1}))
+    white = np.zeros((4, 5))
+    white[:, 3] = [-3, -1.7, -1.6, 0]  # 10 + 6 u kW
+    radar, zero = sampler.draw_radar(white)
+    assert zero.tolist() == [True, True, False, False]
+    np.testing.assert_allclose(radar[:, 3] / radar[3, 3], [0, 0, 0.04, 1], rtol=1e-12, atol=0)
+
+
+def test_a_divisor_never_comes_near_zero():
+    part = Tolerance("temperature_k", 300, 300 * MAX_DIVISOR_STD, -1, decibels=False)
+    lowest = 1 + LOWEST_DIVISOR * MAX_DIVISOR_STD
+    assert part.factor(np.array([-100.0, -5.0])).tolist() == pytest.approx([1 / lowest] * 2)
+
+
+def test_radar_positions_stay_as_they_were_drawn():
+    """Parts take the place of c_r's unit normal; the first three remain the position's."""
+    sampler = Sampler.of(sheet_scenario())
+    white = np.random.default_rng(1).standard_normal((50, sampler.radar_normals))
+    radar, _ = sampler.draw_radar(white)
+    np.testing.assert_allclose(radar[:, :3], 100 * white[:, :3], rtol=1e-14)
+
+
+@pytest.mark.parametrize("sampler", ["random", "sobol"])
+def test_monte_carlo_draws_the_true_distribution(sampler):
+    """P_D far from any pose's edge, with nothing uncertain but c_r: E and σ by quadrature."""
+    d = sheet_document(tolerances={"loss_db": 1.0}, steps={"start": 40, "stop": 40, "step": 1})
+    d["uncertainty"]["aircraft"] = {"position_m": 0, "attitude_deg": 0}
+    d["uncertainty"]["radar"]["sheet"]["position_m"] = 0
+    s = parse_scenario(yaml_text(d))
+    u = np.linspace(-8, 8, 4001)
+    weight = np.exp(-u * u / 2)
+    weight /= weight.sum()
+    states = np.broadcast_to(s.radar, (len(u), 4)).copy()
+    states[:, 3] *= 10 ** (-u / 10)
+    p_d = s.model.p_d(s.aircraft[0], states)
+    mean = np.sum(weight * p_d)
+    std = math.sqrt(np.sum(weight * (p_d - mean) ** 2))
+    mc = monte_carlo(s, runs=2**15, sampler=sampler)
+    within = 4.5 / math.sqrt(2**15) if sampler == "random" else 2e-3
+    assert mc.mean[0] == pytest.approx(mean, abs=within * std)
+    assert mc.std[0] == pytest.approx(std, rel=within)
+    # in one dimension, P_D at the quantiles of the loss, but for the tolerance of the search
+    form = propagate_scenario(s, method="form")
+    lower, upper = (
+        s.model.p_d(s.aircraft[0], [*s.radar[:3], s.radar[3] * 10 ** (side * 0.3)])
+        for side in (-1, 1)
+    )
+    assert form.lower[0] == pytest.approx(lower, rel=1e-3)
+    assert form.upper[0] == pytest.approx(upper, rel=1e-3)
+    assert form.std[0] == pytest.approx(std, rel=2e-3)
+    assert form.mean[0] == pytest.approx(mean, rel=1e-3)
+
+
+def test_first_order_does_not_know_of_logarithms():
+    s = sheet_scenario()
+    cov = s.cov_aircraft, s.cov_radar["sheet"]
+    linear = s.model.linearize(s.aircraft, s.radar).std(*cov)
+    np.testing.assert_allclose(propagate_scenario(s).std, linear, rtol=1e-14)
+    as_number, as_log = (
+        rs.propagate(s.model, s.aircraft, s.radar, *cov, method="form", log_constant=log)
+        for log in (False, True)
+    )
+    assert np.max(abs(as_number.lower - as_log.lower)) > 0.05
+    np.testing.assert_array_equal(as_log.lower, propagate_scenario(s, method="form").lower)
+
+
+def test_gradient_of_z_where_ln_c_is_gaussian():
+    s = sheet_scenario()
+    states = s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["sheet"]
+    z = StandardNormalSpace.of(uncertain_states(*states, log_constant=True)[1])
+    pose = np.arange(len(s.aircraft))
+    u = np.random.default_rng(2).standard_normal(z.gradient.shape)
+    gradient = z(u, pose)[1]
+    for i in range(len(u)):
+        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
+        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
+        np.testing.assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-7)
+
+
+def test_validation_draws_the_true_distribution():
+    d = sheet_document(steps={"start": 40, "stop": 40, "step": 1})
+    found = analyses.validate(parse_scenario(yaml_text(d)), method="form", digits=1)
+    assert found.passed
+    assert not analyses.validate(parse_scenario(yaml_text(d)), digits=1).passed

@@ -1,0 +1,179 @@
+"""Draws of networks whose radar constants are uncertain by their tolerances."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import (
+    MIXED_AREA,
+    MIXED_DOWN,
+    MIXED_NUMBER,
+    MIXED_P_FA,
+    MIXED_POSITIONS,
+    MIXED_RANGE,
+    mixed_document,
+    mixed_network,
+    mixed_radars,
+    yaml_text,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.special import erfc
+
+import radar_sense as rs
+from radar_sense.analyses.error_budget import error_budget
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler, columns, normals
+from radar_sense.propagation import (
+    propagate_scenario,
+)
+from radar_sense.reading.parse import parse_scenario
+
+
+def mission(scenario, *, m_of_n=None, **options):
+    """Call the analysis with m and n as a pair."""
+    m, n = m_of_n or (None, None)
+    return rs.analyses.mission(scenario, m=m, n=n, **options)
+
+
+# Draws.
+
+
+def brute_force(draws, azimuth_deg, seed):
+    """Fused P_D of draws (draws,), written out without any of the package."""
+    rng = np.random.default_rng(seed)
+    normal = rng.standard_normal
+    azimuth = math.radians(azimuth_deg)
+    here = [MIXED_RANGE * math.cos(azimuth), MIXED_RANGE * math.sin(azimuth), MIXED_DOWN]
+    aircraft = np.array(here) + 50 * normal((draws, 3))
+
+    def missed(name, constant):
+        radar = np.array(MIXED_POSITIONS[name]) + 20 * normal((draws, 3))
+        squared = np.sum((aircraft - radar) ** 2, axis=1)
+        ratio = constant * MIXED_AREA / (1.380649e-23 * squared**2)
+        return 1 - 0.5 * erfc(math.sqrt(-math.log(MIXED_P_FA)) - np.sqrt(ratio + 0.5))
+
+    power, temperature = 2100 + 100 * normal(draws), 487 + 30 * normal(draws)
+    loss = 22.5 + 1.2 * normal(draws)
+    search = power * 2.874 * (60 / 12.5) / (16 * temperature * 10 ** (loss / 10) * 4.039)
+    gain, ghz = 36 + 0.5 * normal(draws), 9.4 + 0.3 * normal(draws)
+    loss = 6 + 0.8 * normal(draws)
+    length = 299792458 / (ghz * 1e9)
+    track = 2000e3 * 10 ** (2 * gain / 10) * length**2 * 0.8e-6
+    track /= (4 * math.pi) ** 3 * 290 * 10 ** ((loss + 4) / 10)
+    number = MIXED_NUMBER[0] + MIXED_NUMBER[1] * normal(draws)
+    return 1 - missed("a", search) * missed("b", track) * missed("c", number)
+
+
+@pytest.mark.parametrize("azimuth", [30, 90])
+def test_a_network_drawn_by_hand(azimuth):
+    draws = 200_000
+    drawn = brute_force(draws, azimuth, seed=4)
+    s = mixed_network(sweep=(azimuth, azimuth, 1), runs=100_000)
+    each = [m.p_d(s.aircraft, s.radar[4 * i : 4 * i + 4])[0] for i, m in enumerate(s.model.models)]
+    assert len(set(np.round(each, 2))) == 3
+    found = monte_carlo(s)
+    noise = drawn.std() * math.sqrt(1 / draws + 1 / found.runs)
+    assert found.mean[0] == pytest.approx(drawn.mean(), abs=4.5 * noise)
+    # 3 or so is the fourth standardized moment; the quantiles have 270 and 135 draws beyond them
+    assert found.std[0] == pytest.approx(drawn.std(), rel=4.5 * 0.7 * math.sqrt(1.5e-5))
+    ends = np.quantile(drawn, [0.00135, 0.99865])
+    near = 0.15 * drawn.std()
+    assert_allclose([found.lower[0], found.upper[0]], ends, atol=near)
+    form = propagate_scenario(s, method="form")
+    assert_allclose([form.lower[0], form.upper[0]], ends, atol=near)
+    assert form.std[0] == pytest.approx(drawn.std(), rel=0.03)
+    assert form.mean[0] == pytest.approx(drawn.mean(), abs=0.025 * drawn.std() + 4.5 * noise)
+    # what it would be with Gaussian constants is not the same
+    linear = propagate_scenario(s)
+    assert max(abs(linear.lower[0] - ends[0]), abs(linear.upper[0] - ends[1])) > 2 * near
+
+
+def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
+    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+    route = tmp_path / "route.csv"
+    route.write_text(f"{header}\n0,60e3,35e3,-3000,0,0,0\n10,60e3,34e3,-3000,0,0,0\n")
+    path = {"type": "path", "file": str(route)}
+    content = mixed_document(mixed_radars(scan_period_s=100), geometry=path)
+    del content["aircraft"]["attitude_deg"]
+    s = parse_scenario(yaml_text(content))
+    found = mission(s, runs=20_000)
+    expected = monte_carlo(s.part(slice(1)), runs=20_000, seed=5)
+    assert 0.1 < expected.mean[0] < 0.9
+    assert found.table["mc_mean"] == pytest.approx(expected.mean, abs=5 * expected.std[0] / 100)
+    assert found.table["mc_std"] == pytest.approx(expected.std, rel=0.03)
+    end = 0.2 * expected.std[0]
+    assert found.table["mc_lower"] == pytest.approx(expected.lower, abs=end)
+    assert found.table["mc_upper"] == pytest.approx(expected.upper, abs=end)
+    assert [w[:2] for w in found.warnings if "log-normal" in w] == []
+
+
+def test_every_part_has_a_unit_normal_of_its_own():
+    s = mixed_network()
+    inputs = columns(12, s.tolerances_at_level)
+    assert inputs == [[3, 12, 13], [7, 14, 15], []]
+    assert normals(12, s.tolerances_at_level) == Sampler.of(s).radar_normals == 16
+    assert columns(4, s.tolerances_at_level[:1]) == [[3, 4, 5]]  # as ever for a single radar
+    assert columns(12, ()) == [] == columns(12, ((), (), ()))[0]
+    sampler = Sampler.of(s)
+    at_rest = sampler.draw_radar(np.zeros((1, 16)))[0][0]
+    assert_array_equal(at_rest, s.radar)
+    for i, (parts, own) in enumerate(zip(s.tolerances_at_level, inputs, strict=True)):
+        for part, column in zip(parts, own, strict=True):
+            drawn, negative = sampler.draw_radar(np.eye(16)[[column]])
+            changed = np.flatnonzero(drawn[0] != s.radar)
+            assert list(changed) == [4 * i + 3]
+            assert drawn[0, changed] / s.radar[changed] == pytest.approx(
+                part.factor(np.array(1.0)), rel=1e-15
+            )
+            assert not negative
+    # the third is a number still
+    assert sampler.draw_radar(np.eye(16)[[11]])[0][0, 11] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
+
+
+#: A place known better across than along; its eigenvectors are not in the order of its axes.
+ALONG = [[1e4, 9e3, 0], [9e3, 1e4, 0], [0, 0, 25]]
+
+
+def test_a_part_moves_its_constant_and_nothing_else():
+    """Also beside places whose errors are correlated, and beside a radar with all of them so."""
+    several = mixed_radars(position_m=ALONG)
+    whole = np.zeros((4, 4))
+    whole[:3, :3], whole[3, 3] = ALONG, 1e-7
+    several[2]["uncertainty"]["sheet"] = {"covariance": whole.tolist()}
+    for radar in (several, several[1:], several[:1]):
+        s = mixed_network(radar)
+        sampler = Sampler.of(s)
+        moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - s.radar
+        own = columns(len(s.radar), s.tolerances_at_level)
+        for i, of_radar in enumerate(own):
+            assert np.all(moved[of_radar, 4 * i + 3])
+            assert_array_equal(np.delete(moved[of_radar], 4 * i + 3, axis=1), 0.0)
+            others = np.setdiff1d(np.arange(len(moved)), of_radar) if of_radar else []
+            assert_array_equal(moved[others, 4 * i + 3], 0.0)
+        root = sampler.sqrt_cov_radar
+        assert_allclose(root @ root.T, s.cov_radar["sheet"], rtol=1e-12, atol=1e-10)
+
+
+@pytest.mark.parametrize("several", [1, 3])
+def test_indices_of_parts_do_not_have_the_place(several):
+    """Of a place that is all of the variance, and constants that are as good as certain."""
+    known = {"loss_db": 1e-6}
+    far = [[1e6, 9e5, 0], [9e5, 1e6, 0], [0, 0, 25]]
+    s = mixed_network(mixed_radars(known, known, position_m=far)[:several], runs=4096)
+    found = error_budget(s, "montecarlo")
+    for share in found.part_shares().values():
+        assert share.max() < 0.05
+
+
+def test_a_power_below_zero_is_counted_once_a_run():
+    s = mixed_network(
+        mixed_radars({"average_power_kw": 0.7}, {"peak_power_kw": 400, "gain_dbi": 2})
+    )
+    white = np.zeros((5, 13))
+    white[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
+    white[[0, 2], 3] = -3.5
+    white[[0, 1], 7] = -5.5
+    radar, negative = Sampler.of(s).draw_radar(white)
+    assert_array_equal(negative, [True, True, True, False, False])
+    assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
+    assert_array_equal(radar[:, 7] == 0, [True, True, False, False, False])

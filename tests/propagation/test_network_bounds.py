@@ -1,0 +1,261 @@
+"""Propagation through networks: what radars share, and constants drawn below zero."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import paper_network
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.special import ndtr
+
+from radar_sense.covariance import variance_along
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
+from radar_sense.montecarlo.adaptive import validate
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.propagation import (
+    nonlinear_in_scenario,
+    propagate_scenario,
+)
+from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
+from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario import single_radar_scenarios
+from radar_sense.states import CONSTANTS
+
+PAPER = load_scenario()
+RADAR_MODEL = PAPER.model.radars[0].model
+RCS = EllipsoidRCS(0.15, 0.13, 0.21)
+
+
+def p_d_each(network, aircraft, radar):
+    """P_D (..., m) of each radar of a network by its own model and limits."""
+    states = np.split(np.asarray(radar), len(network.radars), axis=-1)
+    return np.stack(
+        [
+            np.where(r.visible(aircraft, state), r.model.p_d(aircraft, state), 0)
+            for r, state in zip(network.radars, states, strict=True)
+        ],
+        axis=-1,
+    )
+
+
+def moments(scenario, method="linear"):
+    return propagate_scenario(scenario, method=method)
+
+
+def warned(scenario, method):
+    return nonlinear_in_scenario(scenario, moments(scenario, method), method=method)
+
+
+# Two radars at one place, and nothing uncertain but their constants.
+
+
+def north(constant, sigma_over_r4, p_fa=1.7e-4):
+    from scipy.constants import Boltzmann
+    from scipy.special import erfc
+
+    snr = np.maximum(constant, 0) * sigma_over_r4 / Boltzmann
+    return 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+
+
+@pytest.mark.parametrize("std", [5.0, 20.0])
+def test_two_radars_at_one_place_with_independent_constants_against_quadrature(std):
+    scenario = paper_network([(0, 0, 0)] * 2, [80, 80])
+    cov = np.zeros((8, 8))
+    cov[3, 3] = cov[7, 7] = std**2
+    scenario = dataclasses.replace(
+        scenario, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": cov}, runs=100_000
+    )
+    where = scenario.aircraft
+    body_sigma = RCS.cross_section(_body(where))
+    ratio = body_sigma / np.sum(where[:, :3] ** 2, axis=1) ** 2
+    x, w = np.polynomial.hermite_e.hermegauss(80)
+    w = w / w.sum()
+    miss = 1 - north(80 + std * x[:, np.newaxis], ratio)
+    # the constants are independent, so that E (Q₁Q₂)ⁿ = (E Qⁿ)²
+    first, second = w @ miss, w @ miss**2
+    mean, variance = 1 - first**2, second**2 - first**4
+    step = 1e-3
+    slope = (north(80 + step, ratio) - north(80 - step, ratio)) / (2 * step)
+    nominal = 1 - north(80, ratio)
+    lin = moments(scenario)
+    assert_allclose(lin.std, np.sqrt(2) * nominal * slope * std, rtol=1e-7)
+    found = moments(scenario, "form")
+    assert_allclose(found.mean, mean, rtol=0, atol=2e-5 * (std / 5) ** 3.5)
+    assert_allclose(found.std, np.sqrt(variance), rtol=0.003 * (std / 5) ** 2)
+    mc = monte_carlo(scenario)
+    error = np.sqrt(variance / mc.runs)
+    assert np.all(abs(mc.mean - mean) < 4.5 * error)
+    assert_allclose(mc.std, np.sqrt(variance), rtol=0.015)
+    # the larger noise is where first order fails: a wrong reference would not tell them apart
+    if std == 20:
+        assert np.max(abs(lin.std / np.sqrt(variance) - 1)) > 0.03
+
+
+def _body(aircraft):
+    """Level and heading east, seen from the origin: forward is east, right is south."""
+    north_, east, down = aircraft[:, :3].T
+    return np.stack([-east, north_, -down], axis=-1)
+
+
+# What all radars share.
+
+
+@pytest.mark.parametrize(("attitude_deg", "factor"), [(1.0, 1.7), (3.0, 2.66)])
+def test_independence_understates_the_variance(attitude_deg, factor):
+    """Three radars near each other, 3 % uncertain: every one sees the same wrong aspect."""
+    scenario = paper_network(
+        [(0, 0, 0), (1e4, -1e4, 0), (-1e4, 1e4, 0)],
+        [70, 70, 70],
+        poses=slice(90, 91),
+        attitude_deg=attitude_deg,
+    )
+    cov = np.diag([10.0**2] * 3 + [2.14**2])
+    scenario = dataclasses.replace(
+        scenario, cov_radar={"medium": np.kron(np.eye(3), cov)}, runs=200_000
+    )
+    lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
+    joint = lin.std(scenario.cov_aircraft, scenario.cov_radar["medium"]) ** 2
+    # independence: an aircraft of its own for each radar
+    each = p_d_each(scenario.model, scenario.aircraft, scenario.radar)
+    apart = variance_along(lin.jac_radar, scenario.cov_radar["medium"])
+    for i, model in enumerate(scenario.model.models):
+        single = model.linearize(scenario.aircraft, scenario.radar[4 * i : 4 * i + 4])
+        others = np.prod(np.delete(1 - each, i, axis=1), axis=1)
+        apart = apart + others**2 * variance_along(single.jac_aircraft, scenario.cov_aircraft)
+    # the same by draws: the aircraft drawn once for all radars, and once for each
+    mc = monte_carlo(scenario, sampler="sobol")
+    sampler = Sampler.of(scenario)
+    rng = np.random.default_rng(1)
+    radar, _ = sampler.draw_radar(rng.standard_normal((scenario.runs, 12)))
+    miss = 1.0
+    for i, s in enumerate(single_radar_scenarios(scenario).values()):
+        white = rng.standard_normal((scenario.runs, 1, 6))
+        drawn = Sampler.of(s).draw_p_d(white, radar[:, 4 * i : 4 * i + 4])[:, 0]
+        miss = miss * (1 - drawn)
+    assert_allclose(joint / apart, factor, rtol=0.02)
+    assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
+    assert_allclose(mc.std**2, joint, rtol=0.1)
+
+
+def test_monte_carlo_agrees_with_form_and_probit_at_a_size_that_can_tell():
+    scenario = paper_network(
+        [(0, 0, 0), (1e5, 0, 0), (0, -2e5, 0)], [60, 100, 30], poses=slice(0, None, 40)
+    )
+    scenario = dataclasses.replace(scenario, runs=1 << 17)
+    mc = monte_carlo(scenario, sampler="sobol")
+    found = moments(scenario, "form")
+    # against the spread, which runs over four orders of magnitude along the orbit
+    assert np.all(abs(found.mean - mc.mean) < 0.01 * mc.std)
+    assert_allclose(found.std, mc.std, rtol=0.01)
+    assert np.all(abs(found.lower - mc.lower) < 0.1 * mc.std)
+    assert np.all(abs(found.upper - mc.upper) < 0.1 * mc.std)
+    better = moments(scenario, "probit")
+    trusted = ~warned(scenario, "probit")
+    assert trusted.sum() >= 5
+    assert_allclose(better.std[trusted], mc.std[trusted], rtol=0.03)
+
+
+def test_a_network_is_validated_and_no_method_but_linear_leaves_0_to_1():
+    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 180))
+    verdict = validate(scenario, method="form", digits=1)
+    assert verdict.verdict == "validated"
+    steep = paper_network([(0, 0, 0), (1e5, 0, 0)], [100, 100], attitude_deg=4)
+    assert moments(steep).upper.max() > 1
+    for method in ("probit", "form"):
+        found = moments(steep, method)
+        assert found.lower.min() >= 0
+        assert found.upper.max() <= 1
+
+
+# Radar constants drawn below zero.
+
+
+def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
+    scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
+    cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
+    sampler = Sampler.of(dataclasses.replace(scenario, cov_radar={"medium": cov}))
+    white = np.zeros((3, 8))
+    white[:, 7] = 0, -0.25, -1
+    white[2, 3] = -200
+    radar, negative = sampler.draw_radar(white)
+    assert_array_equal(negative, [False, False, True])
+    assert_array_equal(radar[:, 7], [1, 0.5, 0])
+    assert_array_equal(radar[:, 3], [100, 100, 0])
+
+
+def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
+    models = [DetectionModel(RCS, p_fa) for p_fa in (1e-2, 1e-4, 1e-3)]
+    net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
+    radar = np.tile([0.0, 0, 0, 0, 0, 0, 0, 70, 0, 0, 0, 20], (7, 1))
+    radar[:, 3] = 10.0, 1.0, 0.0, -1.0, -30.0, -100.0, -1e6
+    aircraft = np.repeat(PAPER.aircraft[90:91], len(radar), axis=0)
+    seen = np.ones((len(radar), 3), dtype=bool)
+    z, by_aircraft, by_radar = net.extrapolated_probit(aircraft, radar, seen)
+    exact = net.p_d(aircraft, np.maximum(radar, 0))
+    # as it is down to zero, smooth there, and falling by less than the first radar's noise alone
+    noise = models[0].p_d(aircraft[0], np.zeros(4))
+    assert_allclose(ndtr(z[:3]), exact[:3], rtol=1e-13)
+    assert np.all(np.diff(z) <= 0)
+    assert np.all(ndtr(z[2]) - ndtr(z[3:]) < noise)
+    assert ndtr(z[2]) - ndtr(z[-1]) > 0.5 * noise
+    ahead, behind = (
+        net.extrapolated_probit(aircraft[:1], radar[2:3] + sign * 1e-4 * np.eye(12)[3], seen[:1])[
+            0
+        ][0]
+        for sign in (1, -1)
+    )
+    assert_allclose((ahead - behind) / 2e-4, by_radar[2, 3], rtol=1e-4)
+    assert np.all(np.isfinite(by_aircraft))
+
+
+def test_draws_and_bounds_where_a_constant_may_be_zero():
+    scenario = paper_network([(0, 0, 0)] * 2, [60, 60], poses=slice(60, 121, 30))
+    cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 25**2])
+    scenario = dataclasses.replace(
+        scenario, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": cov}, runs=1 << 16
+    )
+    mc = monte_carlo(scenario, sampler="sobol")
+    assert 0.006 * mc.runs < mc.clipped < 0.01 * mc.runs  # Φ(−2.4)
+    # no draw is below the first radar by itself by more than its own noise makes it
+    first = moments(single_radar_scenarios(scenario)["r0"])
+    assert np.all(mc.lower > first.p_d - 5 * first.std)
+    assert np.all(mc.lower < moments(scenario).p_d)
+
+
+@pytest.mark.parametrize("detector", [North, Marcum, Swerling1, Swerling3])
+def test_no_signal_anywhere_is_the_floor(detector):
+    models = [DetectionModel(ConstantRCS(1.0), p_fa, detector()) for p_fa in (1e-3, 1e-5)]
+    net = NetworkModel(tuple(Radar(m, f"r{i}") for i, m in enumerate(models)))
+    radar = np.zeros(8)
+    z, _, _ = net.linearize_probit(PAPER.aircraft[:2], radar)
+    assert_allclose(net.floor(np.ones((2, 2), dtype=bool)), z, rtol=1e-14)
+    noise = [m.p_d(PAPER.aircraft[0], np.zeros(4)) for m in models]
+    by_itself = net.floor(np.array([[True, False], [False, True]]))
+    assert_allclose(ndtr(by_itself), noise, rtol=1e-13)
+
+
+# Constants whose logarithm is Gaussian.
+
+
+@pytest.mark.parametrize("models", [None, [DetectionModel(RCS, 1e-4), RADAR_MODEL]])
+def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
+    net = paper_network([(0, 0, 0), (1e5, -2e5, 0)], (160.0, 90.0), models=models)
+    cov = 400.0 * net.cov_radar["high"]  # constants to 200: a normal one would be below zero
+    states = net.model, net.aircraft, net.radar, net.cov_aircraft, cov
+    z = StandardNormalSpace.of(uncertain_states(*states, log_constant=True)[1])
+    pose = np.arange(len(net.aircraft))
+    u = np.random.default_rng(3).uniform(-0.7, 0.7, z.gradient.shape)
+    shift = np.einsum("kij,jk->ki", z.sqrt_cov, u)
+    aircraft, radar = net.aircraft.copy(), net.radar + shift[:, 3:]
+    aircraft[:, 3:] += shift[:, :3]
+    radar[:, CONSTANTS] = net.radar[CONSTANTS] * np.exp(shift[:, 3:][:, CONSTANTS] / (160.0, 90.0))
+    value, gradient = z(u, pose)
+    assert_allclose(ndtr(value), net.model.p_d(aircraft, radar), rtol=1e-12)
+    for i in range(len(u)):
+        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
+        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
+        assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-7)

@@ -1,0 +1,182 @@
+"""Propagation where tolerances make the constants of some radars of a network log-normal."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import (
+    MIXED_SEARCH_STD,
+    mixed_document,
+    mixed_network,
+    mixed_radars,
+    yaml_text,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+
+from radar_sense import analyses
+from radar_sense.analyses.convergence import LinearModel
+from radar_sense.analyses.error_budget import error_budget, value_function
+from radar_sense.model.radar_constant import shape_warning
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.propagation import (
+    METHODS,
+    nonlinear_in_scenario,
+    propagate,
+    propagate_scenario,
+)
+from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
+from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.scenario import single_radar_scenarios
+from radar_sense.states import CONSTANTS
+
+# Propagation.
+
+
+@pytest.mark.parametrize("logarithmic", [(True, False), (False, True), (True, True)])
+def test_log_normal_constants_are_those_of_each_radar(logarithmic):
+    s = alone_pair()
+    cov = 30 * s.cov_radar["sheet"]
+    states = s.model, s.aircraft, s.radar, s.cov_aircraft, cov
+    z = StandardNormalSpace.of(uncertain_states(*states, log_constant=logarithmic)[1])
+    pose = np.arange(len(s.aircraft))
+    u = np.random.default_rng(3).uniform(-0.3, 0.3, z.gradient.shape)
+    shift = np.einsum("kij,jk->ki", z.sqrt_cov, u)
+    aircraft, radar = s.aircraft.copy(), s.radar + shift[:, 3:]
+    aircraft[:, 3:] += shift[:, :3]
+    nominal, changed = s.radar[CONSTANTS], shift[:, 3:][:, CONSTANTS]
+    radar[:, CONSTANTS] = np.where(
+        logarithmic, nominal * np.exp(changed / nominal), nominal + changed
+    )
+    value, gradient = z(u, pose)
+    expected = s.model.linearize_probit(aircraft, radar)[0]
+    assert_allclose(value, expected, rtol=1e-11)
+    for i in range(len(u)):
+        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
+        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
+        assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-6)
+
+
+def alone_pair():
+    return mixed_network(mixed_radars()[1:])
+
+
+def test_form_settles_where_one_radar_fades_and_the_others_do_not():
+    """With a certain pose, and one uncertain c_r, quantiles are known: P_D grows with it."""
+    s = mixed_network()
+    cov = np.zeros((12, 12))
+    cov[3, 3] = s.cov_radar["sheet"][3, 3]
+    nothing = np.zeros((6, 6))
+    found = propagate(
+        s.model, s.aircraft, s.radar, nothing, cov, method="form", log_constant=s.log_constant
+    )
+    assert found.converged.all()
+    relative = math.sqrt(cov[3, 3]) / s.radar[3]
+    for bound, beta in ((found.lower, -3), (found.upper, 3)):
+        radar = s.radar.copy()
+        radar[3] *= math.exp(beta * relative)
+        assert_allclose(bound, s.model.p_d(s.aircraft, radar), atol=5e-5)
+    u, weight = np.polynomial.hermite_e.hermegauss(60)
+    radars_ = np.tile(s.radar, (60, 1))
+    radars_[:, 3] *= np.exp(relative * u)
+    p_d = s.model.p_d(s.aircraft[:, np.newaxis], radars_)
+    mean = p_d @ weight / weight.sum()
+    std = np.sqrt((p_d - mean[:, np.newaxis]) ** 2 @ weight / weight.sum())
+    # less well in the middle, where the search for extremes has little to say
+    assert_allclose(found.mean, mean, atol=0.002)
+    assert_allclose(found.std, std, rtol=0.03)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_tolerances_beyond_all_reason_overflow_nothing(method):
+    s = mixed_network(mixed_radars({"loss_db": 20}, {"gain_dbi": 20}))
+    assert nonlinear_in_scenario(s, propagate_scenario(s, method=method), method=method).all()
+    three_sigma = value_function(mixed_network(), method)(["a_constant_loss_db"], 1e6)
+    assert np.all((three_sigma <= 1.5) | (method == "linear") | np.isnan(three_sigma))
+
+
+def test_which_constants_are_log_normal():
+    s = mixed_network()
+    assert list(s.log_constant) == [True, True, False]
+    assert list(s.with_analysis(level="plain").log_constant) == [False, False, False]
+    assert s.with_analysis(level="plain").tolerances_at_level == ((), (), ())
+    assert [[part.key for part in parts] for parts in s.tolerances_at_level] == [
+        ["average_power_kw", "temperature_k", "loss_db"],
+        ["gain_dbi", "frequency_ghz", "loss_db"],
+        [],
+    ]
+    assert len(load_scenario().log_constant) == 1
+
+
+def test_each_radar_by_itself_has_its_parts():
+    s = mixed_network()
+    parts = single_radar_scenarios(s)
+    for i, (name, one) in enumerate(parts.items()):
+        assert one.tolerances_at_level == (s.tolerances_at_level[i],)
+        assert one.with_analysis(level="plain").tolerances_at_level == ((),)
+        given = next(r for r in mixed_radars() if r["name"] == name)
+        del given["name"]
+        single = mixed_document()
+        single["uncertainty"]["radar"] = given.pop("uncertainty")
+        del single["radars"]
+        expected = propagate_scenario(
+            parse_scenario(yaml_text(single | {"radar": given})), method="form"
+        )
+        assert_array_equal(propagate_scenario(one, method="form").upper, expected.upper)
+
+
+@pytest.mark.parametrize("sampler", ["random", "sobol"])
+def test_a_network_of_one_is_the_single_radar_bit_for_bit(sampler):
+    """What the command writes is compared in `test_radars`; this is what is beside it."""
+    (of_a, *_) = mixed_radars()
+    one = mixed_network([of_a])
+    content = mixed_document()
+    del content["radars"], of_a["name"]
+    content["uncertainty"]["radar"] = of_a.pop("uncertainty")
+    single = parse_scenario(yaml_text(content | {"radar": of_a}))
+    for mine, theirs in (
+        (error_budget(one, method), error_budget(single, method))
+        for method in ("linear", "form", "montecarlo")
+    ):
+        assert mine.finer == theirs.finer == {}
+        assert (
+            list(mine.parts)
+            == list(theirs.parts)
+            == [f"radar_constant_{k}" for k in MIXED_SEARCH_STD]
+        )
+        for group in ("alone", "parts"):
+            for name, std in getattr(mine, group).items():
+                assert_array_equal(std, getattr(theirs, group)[name])
+    assert single_radar_scenarios(one) == single_radar_scenarios(single) == {}
+    mine, theirs = (monte_carlo(s, sampler=sampler) for s in (one, single))
+    assert_array_equal(mine.sample_paths, theirs.sample_paths)
+    mine, theirs = (LinearModel.of(Sampler.of(s)) for s in (one, single))
+    assert_array_equal(mine.by_radar, theirs.by_radar)
+    assert analyses.budget(one).report == analyses.budget(single).report
+    assert analyses.budget(one).warnings == analyses.budget(single).warnings
+
+
+def test_the_control_variate_knows_the_parts_of_every_radar():
+    s = mixed_network()
+    linear = LinearModel.of(Sampler.of(s))
+    assert linear.by_radar.shape == (3, 16)
+    assert_allclose(linear.std, propagate_scenario(s).std, rtol=1e-12)
+    sampler, step = Sampler.of(s), 1e-5
+    for i in range(16):
+        ahead, behind = (
+            s.model.p_d(s.aircraft, sampler.draw_radar(side * np.eye(16)[[i]])[0])
+            for side in (step, -step)
+        )
+        assert_allclose(linear.by_radar[:, i], (ahead - behind) / (2 * step), atol=1e-8)
+
+
+def test_doubts_say_of_whom():
+    s = mixed_network()
+    said = [w for w in analyses.variance(s).warnings if "c_r is not" in w]
+    assert said == [
+        f"{name}: {shape_warning(s.tolerances_at_level[i], 'linear', log_normal=False)}"
+        for i, name in enumerate("ab")
+    ]
+    assert not [w for w in analyses.variance(s, method="form").warnings if "c_r is not" in w]
+    by_level = analyses.sensitivity(s).warnings
+    assert [w[:10] for w in by_level if "c_r is not" in w] == ["sheet: a: ", "sheet: b: "]

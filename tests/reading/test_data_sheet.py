@@ -1,0 +1,202 @@
+"""Radars by their data sheets: what a scenario may say of them, and what it may not."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import (
+    SURVEILLANCE,
+    TOLERANCES,
+    TRACKING,
+    document,
+    sheet_document,
+    sheet_scenario,
+    yaml_text,
+)
+
+from radar_sense.errors import ScenarioError
+from radar_sense.model.radar_constant import (
+    relative_std,
+    shape,
+)
+from radar_sense.montecarlo.montecarlo import monte_carlo
+from radar_sense.reading.parse import load_scenario, parse_scenario
+
+# What a scenario may say.
+
+
+@pytest.mark.parametrize("kind", TOLERANCES)
+@pytest.mark.parametrize("level", ["sheet", "number"])
+def test_resolved_scenario_reads_back(tool, kind, level):
+    Path("my.yaml").write_text(yaml_text(sheet_document(kind, level=level)))
+    code, out, err = tool("check", "my.yaml")
+    assert (code, err) == (0, "")
+    first, again = load_scenario("my.yaml"), parse_scenario(out)
+    assert again.resolved() == first.resolved()
+    np.testing.assert_array_equal(again.radar, first.radar)
+    for name, cov in first.cov_radar.items():
+        np.testing.assert_array_equal(again.cov_radar[name], cov)
+    assert again.tolerances == first.tolerances
+    assert again.tolerances_at_level == (first.tolerances["sheet"] if level == "sheet" else ((),))
+
+
+def test_check_shows_the_distribution(tool):
+    Path("my.yaml").write_text(yaml_text(sheet_document()))
+    _, out, _ = tool("check", "my.yaml")
+    s = load_scenario("my.yaml")
+    exact, c = shape(s.tolerances_at_level[0]), s.radar[3]
+    assert out.splitlines()[1] == (
+        f"# sheet: c_r has mean {c * exact.mean:.4g}, standard deviation {c * exact.std:.4g} "
+        f"(first order {c * relative_std(s.tolerances_at_level[0]):.4g}), "
+        f"skewness {exact.skewness:.2f}"
+    )
+    assert "# number" not in out
+
+
+def changed(kind, without=(), tolerances=None, **added):
+    base = {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
+    radar = {key: value for key, value in {**base, **added}.items() if key not in without}
+    return sheet_document(kind, radar, tolerances)
+
+
+BAD = {
+    "two keys of one parameter": (
+        changed("surveillance", average_power_w=1),
+        "radar.surveillance: needs exactly one of the keys 'average_power_w' and "
+        "'average_power_kw'",
+    ),
+    "no key of a parameter": (
+        changed("tracking", without=["frequency_ghz"]),
+        "radar.tracking: needs exactly one of the keys 'frequency_ghz' and 'wavelength_m'",
+    ),
+    "missing": (
+        changed("tracking", without=["gain_dbi"]),
+        "radar.tracking: missing key 'gain_dbi'",
+    ),
+    "misspelled": (
+        changed("tracking", without=["gain_dbi"], gain_db=40),
+        "radar.tracking: unknown key 'gain_db', allowed: .*did you mean 'gain_dbi'",
+    ),
+    "key of the other kind": (
+        changed("tracking", search_factor=16),
+        "radar.tracking: unknown key 'search_factor'",
+    ),
+    "search factor": (
+        changed("surveillance", search_factor="4π"),
+        "radar.surveillance.search_factor: must be one of 16, 4pi, got '4π'",
+    ),
+    "search factor as a number": (
+        changed("surveillance", search_factor=12.566),
+        "must be one of 16, 4pi, got 12.566",
+    ),
+    "zero": (
+        changed("tracking", frequency_ghz=0),
+        "radar.tracking.frequency_ghz: must be a number greater than 0, got 0",
+    ),
+    "decibels": (
+        changed("tracking", gain_dbi=4000),
+        "radar.tracking.gain_dbi: must be a number not less than -200 and not greater than 200",
+    ),
+    "impossible constant": (
+        changed("tracking", gain_dbi=200, peak_power_kw=1e10),
+        r"radar.tracking: makes the radar constant 1.\d+e\+\d+ J m\^2/K",
+    ),
+    "two kinds": (
+        {
+            **sheet_document(),
+            "radar": {
+                "position_m": [0, 0, 0],
+                "surveillance": SURVEILLANCE,
+                "tracking": TRACKING,
+                "p_fa": 1e-6,
+            },
+        },
+        "radar: needs one of the keys 'constant', 'surveillance' and 'tracking', and not both",
+    ),
+    "tolerance of what is not given": (
+        changed("surveillance", tolerances={"average_power_w": 500}),
+        "sheet.constant: unknown key 'average_power_w', allowed: average_power_kw, .*"
+        "did you mean 'average_power_kw'",
+    ),
+    "tolerance of the search factor": (
+        changed("surveillance", tolerances={"search_factor": 1}, search_factor=16),
+        "sheet.constant: unknown key 'search_factor'",
+    ),
+    "no tolerance": (
+        changed("surveillance", tolerances={}),
+        "sheet.constant: needs at least one of the keys average_power_kw, aperture_m2",
+    ),
+    "negative tolerance": (
+        changed("surveillance", tolerances={"loss_db": -1}),
+        "sheet.constant.loss_db: must be a number not less than 0 and not greater than 20, got -1",
+    ),
+    "absurd tolerance": (
+        changed("surveillance", tolerances={"loss_db": 21}),
+        "sheet.constant.loss_db: must be .* not greater than 20, got 21",
+    ),
+    "tolerance that is no number": (
+        changed("surveillance", tolerances={"loss_db": "1 dB"}),
+        "sheet.constant.loss_db: must be a number .*, got '1 dB'",
+    ),
+    "divisor that may be zero": (
+        changed("surveillance", tolerances={"temperature_k": 50}),
+        "sheet.constant.temperature_k: must be a number not less than 0 and not greater than "
+        "48.3333, 1/6 of the parameter, as c_r is divided by it; got 50",
+    ),
+    "divisor in inverse units": (
+        changed("surveillance", tolerances={"rotation_rpm": 2}),
+        "sheet.constant.rotation_rpm: must be .*not greater than 1.66667",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_what_is_refused(tool, case):
+    bad, says = BAD[case]
+    Path("my.yaml").write_text(yaml_text(bad))
+    code, out, err = tool("budget", "my.yaml", "--out", "out")
+    assert (code, out) == (2, "")
+    assert re.fullmatch(rf"Error: my.yaml:\d+: .*{says}.*\n", err), err
+    assert not Path("out").exists()
+
+
+def test_parts_need_a_radar_that_has_them(tool):
+    bad = document(uncertainty__radar__low__constant={"loss_db": 1})
+    with pytest.raises(ScenarioError, match=r"low.constant: must be a number not less than 0, got"):
+        parse_scenario(yaml_text(bad))
+    with pytest.raises(ScenarioError, match=r"need radar.surveillance or radar.tracking in place"):
+        parse_scenario(yaml_text(bad))
+
+
+def test_wide_tolerance_of_a_factor_is_allowed():
+    s = sheet_scenario("tracking", tolerances={"pulse_width_us": 0.8, "wavelength_m": 0.01}, radar={
+        **{key: value for key, value in TRACKING.items() if key != "frequency_ghz"},
+        "wavelength_m": 0.03,
+    })  # fmt: skip
+    mc = monte_carlo(s, runs=500)
+    assert np.isfinite(mc.mean).all()
+    # Φ(−1) of the pulse widths and Φ(−3) of the wavelengths are below zero
+    assert 50 < mc.clipped < 110
+
+
+# The configurations.
+
+
+@pytest.mark.parametrize("name", ["s_band_surveillance", "x_band_tracking"])
+def test_configurations(name):
+    s = load_scenario(f"configs/{name}.yaml")
+    assert s.name == name
+    p_d = s.model.p_d(s.aircraft, s.radar)
+    assert 0.2 < p_d.min() < 0.6
+    assert 0.9 < p_d.max() < 1
+    for level in s.cov_radar:
+        assert s.with_analysis(level=level).tolerances_at_level[0]
+
+
+def test_s_band_configuration_is_as_published():
+    """MATLAB's radareqsearchrng: 34 dB at 2.5 GHz, az ±180°, el 0 to 40°, 12.5 rpm."""
+    given = load_scenario("configs/s_band_surveillance.yaml").resolved()["radar"]["surveillance"]
+    aperture = 10**3.4 * (299792458 / 2.5e9) ** 2 / (4 * np.pi)
+    assert given["aperture_m2"] == pytest.approx(aperture, abs=5e-4)
+    assert given["search_volume_sr"] == pytest.approx(2 * np.pi * np.sin(np.radians(40)), abs=5e-4)

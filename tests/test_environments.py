@@ -1,0 +1,115 @@
+"""Environments that users have: settings of Matplotlib and Python, locales, closed streams."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+TINY = """\
+name: tiny
+radar: {position_m: [0, 0, 0], constant: 167, p_fa: 1.7e-4}
+aircraft:
+  rcs: {model: ellipsoid, a_m: 0.15, b_m: 0.13, c_m: 0.21}
+  attitude_deg: [0, 0, 90]
+geometry:
+  type: orbit
+  range_km: 500
+  down_km: -3
+  azimuth_deg: {start: 0, stop: 90, step: 30}
+uncertainty:
+  aircraft: {position_m: 10, attitude_deg: 1}
+  radar: {low: {position_m: 10, constant: 1}}
+analysis: {level: low, runs: 20}
+"""
+FILES = ["tiny_variance.csv", "tiny_variance.json", "tiny_variance.png"]
+
+
+def tool(folder: Path, *args: str, shell: str = "", **environment: str | None):
+    """Run the tool in another process, with some variables of the environment set or unset."""
+    (folder / "tiny.yaml").write_text(TINY)
+    env = {**os.environ, **{k: v for k, v in environment.items() if v is not None}}
+    for name in [name for name, value in environment.items() if value is None]:
+        env.pop(name, None)
+    command = [sys.executable, "-m", "radar_sense", *args]
+    if shell:
+        command = ["sh", "-c", f'"$@" {shell}', "sh", *command]
+    return subprocess.run(command, cwd=folder, env=env, capture_output=True, check=False)
+
+
+def assert_all_written(folder: Path, done: subprocess.CompletedProcess[bytes]) -> None:
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == b""
+    assert sorted(path.name for path in (folder / "figures").iterdir()) == FILES
+
+
+#: What is set to what; None unsets.
+ENVIRONMENTS = {
+    "a notebook's backend, warnings as errors, no home": {
+        "MPLBACKEND": "module://matplotlib_inline.backend_inline",
+        "PYTHONWARNINGS": "error",
+        "HOME": "/nonexistent",
+        "MPLCONFIGDIR": None,
+        "XDG_CACHE_HOME": None,
+        "XDG_CONFIG_HOME": None,
+        "NO_COLOR": "1",
+    },
+    "the C locale, no UTF-8, no docstrings": {
+        "LC_ALL": "C",
+        "PYTHONUTF8": "0",
+        "PYTHONCOERCECLOCALE": "0",
+        "PYTHONOPTIMIZE": "2",
+        "MPLCONFIGDIR": "/dev/null/none",
+        "TERM": "dumb",
+        "COLUMNS": "0",
+    },
+}
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_the_environment_changes_no_number(tmp_path, name):
+    done = tool(tmp_path, "variance", "tiny.yaml", **ENVIRONMENTS[name])
+    assert_all_written(tmp_path, done)
+    plain = tmp_path / "plain"
+    plain.mkdir()
+    assert tool(plain, "variance", "tiny.yaml", "--no-plot").returncode == 0
+    table = Path("figures/tiny_variance.csv")
+    assert (tmp_path / table).read_bytes() == (plain / table).read_bytes()
+
+
+def test_tex_in_the_settings_of_the_user(tmp_path):
+    settings = tmp_path / "settings"
+    settings.mkdir()
+    (settings / "matplotlibrc").write_text("text.usetex: True\nbackend: nonsense\n")
+    (tmp_path / "matplotlibrc").write_text("text.usetex: True\nnonsense: 1\n")
+    done = tool(tmp_path, "variance", "tiny.yaml", MPLCONFIGDIR=str(settings))
+    assert_all_written(tmp_path, done)
+
+
+def test_help_without_docstrings(tmp_path):
+    done = tool(tmp_path, "variance", "--help", PYTHONOPTIMIZE="2", LC_ALL="C", PYTHONUTF8="0")
+    assert done.returncode == 0
+    assert b"--threshold" in done.stdout
+    assert b"Traceback" not in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("args", "shell", "code"),
+    [
+        (["check", "missing.yaml"], "2>&-", 2),
+        (["check", "tiny.yaml"], "2>&-", 0),
+        (["variance", "tiny.yaml", "--level", "none"], "2>&- <&-", 2),
+        (["check", "missing.yaml"], ">&-", 2),
+        (["check", "tiny.yaml"], ">&-", None),
+        (["check", "tiny.yaml"], "| true", 0),  # the code of `true`
+    ],
+)
+def test_closed_streams(tmp_path, args, shell, code):
+    done = tool(tmp_path, *args, shell=shell)
+    assert code is None or done.returncode == code, done.stderr
+    assert b"Traceback" not in done.stderr
+    assert b"Exception" not in done.stderr
+    assert len(done.stderr.splitlines()) <= 1
