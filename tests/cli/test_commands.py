@@ -600,7 +600,7 @@ def test_no_setting_of_the_user_changes_a_figure(tool, tmp_path):
     settings.write_bytes(b"text.usetex: True\nfigure.dpi: 20\nno setting: \xff\n")
     env = {
         "MATPLOTLIBRC": str(settings),
-        "MPLBACKEND": "module://matplotlib_inline.no_such_backend",
+        "MPLBACKEND": "no such backend",
         "MPLCONFIGDIR": "/dev/null/nothing",
         "LC_ALL": "C",
         "HOME": "/nonexistent",
