@@ -17,6 +17,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -591,14 +592,15 @@ def test_bad_input_with_standard_error_closed(tmp_path):
 
 
 def test_no_setting_of_the_user_changes_a_figure(tool, tmp_path):
-    """A backend that is not installed, TeX, another style, no folder for Matplotlib, no locale."""
+    """A backend that is not installed, broken settings, no folder for Matplotlib, no locale."""
     assert tool("budget").code == 0
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
-    settings = "text.usetex: True\nfigure.dpi: 20\nlines.linewidth: 9\nno setting at all\n"
-    (elsewhere / "matplotlibrc").write_text(settings)
+    settings = tmp_path / "settings"
+    settings.write_bytes(b"text.usetex: True\nfigure.dpi: 20\nno setting: \xff\n")
     env = {
-        "MPLBACKEND": "module://matplotlib_inline.no_such_backend",
+        "MATPLOTLIBRC": str(settings),
+        "MPLBACKEND": "no such backend",
         "MPLCONFIGDIR": "/dev/null/nothing",
         "LC_ALL": "C",
         "HOME": "/nonexistent",
@@ -608,6 +610,15 @@ def test_no_setting_of_the_user_changes_a_figure(tool, tmp_path):
     assert all(line.startswith("Warning: ") for line in done.stderr.splitlines()), done.stderr
     # nothing is looked for beside the package or in the current folder
     assert files(elsewhere / "figures") == files()
+
+
+def test_no_style_of_the_user_changes_a_figure(tool):
+    """As a matplotlibrc in the working folder sets them."""
+    assert tool("budget").code == 0
+    found = files()
+    with mpl.rc_context({"text.usetex": True, "lines.linewidth": 9, "figure.dpi": 20}):
+        assert tool("budget").code == 0
+    assert files() == found
 
 
 def test_control_characters_do_not_reach_the_terminal(tool):
