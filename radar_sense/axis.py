@@ -15,10 +15,10 @@ class Axis:
     """The coordinate of the poses in tables, figures and words, in one unit.
 
     Attributes:
-        key: Its column in tables, and its name in records.
-        name: Its name in a sentence.
+        key: Column in tables, and name in records.
+        name: Name in a sentence.
         unit: Unit of `values` and of the values that a user gives.
-        values: The coordinate of each pose (n,), never falling on a path.
+        values: Coordinate of each pose (n,). It does not decrease along a path.
         digits: Format of a value in a sentence.
         tolerance: Largest distance of a pose from the value that a user gives.
     """
@@ -75,5 +75,5 @@ def distance(values: FloatArray) -> Axis:
 
 
 def pose_number(count: int) -> Axis:
-    """Return the axis of poses that have nothing but a number, from 0 on."""
+    """Return the axis of pose numbers, from 0."""
     return Axis("pose", "pose", "", np.arange(float(count)), "g", 1e-9)

@@ -7,16 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radar_sense.errors import InputError
 from radar_sense.states import FloatArray, at_pose
 
-#: Deviations of a correlation matrix from symmetric and semidefinite up to this are rounding.
+#: Largest deviation of a correlation matrix from symmetric and semidefinite by rounding.
 TOLERANCE = 1e-9
-#: Number of matrices factored at a time; the result does not depend on it.
+#: Matrices factored at a time.
 BLOCK = 16_384
 
 
 def from_std(std: ArrayLike) -> FloatArray:
-    """Covariance (n, n) of independent components with standard deviations (n,)."""
+    """Return the covariance (n, n) of independent components with standard deviations (n,)."""
     return np.diag(np.square(np.asarray(std, dtype=float)))
 
 
@@ -43,7 +44,7 @@ def problem(covariance: FloatArray) -> str | None:
 
 
 def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
-    """Return the first of many matrices (k, n, n) that is not a covariance, faster than `problem`.
+    """Return the first matrix (k, n, n) that is not a covariance, faster than `problem`.
 
     Args:
         covariances: Symmetric matrices.
@@ -51,9 +52,7 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
     Returns:
         Index and problem of that matrix, or None.
     """
-    try:
-        np.linalg.cholesky(covariances)
-    except np.linalg.LinAlgError:  # not all are definite; semidefinite is enough
+    if not _all_definite(covariances):  # semidefinite is enough
         variances = np.diagonal(covariances, axis1=-2, axis2=-1)
         negative = np.any(variances < 0, axis=-1)
         alone = np.any((variances == 0)[..., np.newaxis] & (covariances != 0), axis=(-2, -1))
@@ -67,42 +66,60 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
     return None
 
 
+def _all_definite(covariances: FloatArray) -> bool:
+    """Return whether symmetric matrices (k, n, n) are all positive definite.
+
+    All are eliminated at once without pivoting, entry by entry. `numpy.linalg.cholesky` takes the
+    matrices one by one, which costs ten times as long for small ones.
+    """
+    entries = np.moveaxis(covariances, 0, -1).copy()
+    for j in range(len(entries)):
+        if not np.all(entries[j, j] > 0):
+            return False
+        for i in range(j + 1, len(entries)):
+            factor = entries[i, j] / entries[j, j]
+            entries[i, j + 1 : i + 1] -= factor * entries[j + 1 : i + 1, j]
+    return True
+
+
 def checked(whose: str, covariance: ArrayLike) -> FloatArray:
     """Return covariances (..., n, n) as an array, if they are covariances.
 
     Args:
-        whose: What to call the state in errors.
+        whose: Name of the state in errors.
         covariance: One matrix or many.
 
     Raises:
-        ValueError: If a matrix is not square, finite, symmetric and positive semidefinite.
+        InputError: If a matrix is not square, finite, symmetric and positive semidefinite.
     """
     matrices = np.asarray(covariance, dtype=float)
     n, poses = matrices.shape[-1] if matrices.ndim else 0, matrices.shape[:-2]
     if matrices.shape[-2:] != (n, n):
-        raise ValueError(f"{whose} covariance must have shape (..., n, n), got {matrices.shape}")
+        raise InputError(f"{whose} covariance must have shape (..., n, n), got {matrices.shape}")
     flat = matrices.reshape(-1, n, n)
     for start in range(0, len(flat), BLOCK):
-        found = _first_wrong(flat[start : start + BLOCK])
-        if found:
-            place = at_pose([int(i) for i in np.unravel_index(start + found[0], poses)])
-            raise ValueError(f"{whose} covariance{place} {found[1]}")
+        wrong = _first_wrong(flat[start : start + BLOCK])
+        if wrong:
+            place = at_pose([int(i) for i in np.unravel_index(start + wrong[0], poses)])
+            raise InputError(f"{whose} covariance{place} {wrong[1]}")
     return matrices
 
 
 def _first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
-    """Find the first of matrices (k, n, n) that is not a covariance, finite or symmetric or not."""
+    """Return the first matrix (k, n, n) that is not a finite covariance, and its problem."""
     finite = np.isfinite(matrices)
     if not finite.all():
         index, i, j = np.argwhere(~finite)[0].tolist()
         return index, f"must be finite, got {matrices[index, i, j]:g} for entry [{i + 1}][{j + 1}]"
     asymmetry = abs(matrices - np.swapaxes(matrices, -1, -2))
+    if not asymmetry.any():
+        return first_problem(matrices)
     std = np.sqrt(abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
     rounding = TOLERANCE * std[:, :, np.newaxis] * std[:, np.newaxis, :]
     for index in np.flatnonzero((asymmetry > rounding).any(axis=(-2, -1))):
-        found = problem(matrices[index])
-        if found:
-            return int(index), found
+        text = problem(matrices[index])
+        if text:
+            return int(index), text
     return first_problem(matrices)
 
 
@@ -123,14 +140,14 @@ def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
 
 
 def keep_components(covariance: FloatArray, components: slice) -> FloatArray:
-    """Return the covariance (..., n, n) of some components, with all others certain."""
+    """Return the covariance (..., n, n) with zeros for all but some components."""
     masked = np.zeros_like(covariance)
     masked[..., components, components] = covariance[..., components, components]
     return masked
 
 
 def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
-    """Variance A C Aᵀ of a linear function of the state, `eq:pd_var`.
+    """Return the variance A C Aᵀ of a linear function of the state, `eq:pd_var`.
 
     Args:
         jacobian: Partials A (..., n).
@@ -140,13 +157,13 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
         (...), never negative.
 
     Raises:
-        ValueError: If the covariance is not (..., n, n).
+        InputError: If the covariance is not (..., n, n).
     """
     covariance = np.asarray(covariance, dtype=float)
     n = jacobian.shape[-1]
     if covariance.shape[-2:] != (n, n):
-        raise ValueError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
-    # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
+        raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
+    # An undefined partial of a certain component must not make the variance NaN.
     jacobian = np.where(np.any(covariance != 0, axis=-1), jacobian, 0.0)
     variance: FloatArray = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
     # A C Aᵀ of a semidefinite C can round to just below zero.
@@ -156,8 +173,8 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
 def without_rounding(covariance: FloatArray) -> FloatArray:
     """Return C (..., n, n) with correlations below 1e-14 set to 0.
 
-    A turned covariance of equal variances is then diagonal again. Otherwise rounding would decide
-    which factor it has, and so what is drawn.
+    A covariance of equal variances that is turned is then diagonal again. Otherwise its square
+    root, and so the draws, would depend on rounding.
     """
     std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     least = 1e-14 * std[..., :, np.newaxis] * std[..., np.newaxis, :]
@@ -167,8 +184,8 @@ def without_rounding(covariance: FloatArray) -> FloatArray:
 def square_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C; C may be singular.
 
-    F comes from the eigenvectors of the correlation matrix, so that metres beside radians cost no
-    accuracy. For independent components F is the diagonal matrix of standard deviations.
+    F comes from the eigenvectors of the correlation matrix, which have no units. For independent
+    components F is the diagonal matrix of standard deviations.
     """
     if covariance.ndim > 2 and len(covariance) > BLOCK:  # temporaries of one block at a time
         sqrt_cov = np.empty_like(covariance)
@@ -187,14 +204,14 @@ def square_root(covariance: FloatArray) -> FloatArray:
 
 
 def block_square_root(covariance: FloatArray, independent: Sequence[int]) -> FloatArray:
-    """Return F (n, n) with F Fᵀ = C, in which some components have a unit normal of their own.
+    """Return F (n, n) with F Fᵀ = C, with a separate unit normal for some components.
 
-    The columns of `square_root` are in the order of eigenvalues. Column i of this F belongs to
-    component i, where the component is independent.
+    The columns of `square_root` are in the order of eigenvalues. Column i of this F belongs to an
+    independent component i.
 
     Args:
         covariance: C (n, n).
-        independent: Places of components that are independent of all others.
+        independent: Indices of components that are independent of all others.
     """
     others = np.setdiff1d(np.arange(len(covariance)), independent)
     sqrt_cov = np.diag(np.sqrt(np.diagonal(covariance)))
@@ -206,8 +223,9 @@ def symmetric_square_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C, continuous in C; C may be singular.
 
     F is D S, with D the standard deviations and S the symmetric square root of the correlation
-    matrix; F does not depend on units. The eigenvectors of `square_root` can change sign and order
-    between nearly equal matrices. This F can carry one error from pose to pose.
+    matrix, and does not depend on units. The eigenvectors of `square_root` can change sign and
+    order between nearly equal matrices. Use this F for errors that are correlated from pose to
+    pose.
     """
     std: FloatArray = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     eigenvalues, eigenvectors = np.linalg.eigh(_correlation(covariance))
@@ -223,8 +241,8 @@ def draws(
 ) -> FloatArray:
     """Return draws (..., n) with covariance F Fᵀ from independent unit normals (..., n).
 
-    The sums are written out, because the rounding of a matrix product depends on the library
-    behind it and on the number of draws.
+    The sums are explicit, because the rounding of a matrix product depends on the BLAS library and
+    on the number of draws.
 
     Args:
         mean: Mean of the draws, broadcast against them.

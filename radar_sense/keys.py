@@ -40,7 +40,7 @@ class Key:
 
     Attributes:
         name: The key, with the unit in the name.
-        help: What the value is.
+        help: Meaning of the value.
         limit: The numbers allowed, in the unit of the key; None if the value is no number.
         unit: SI value of 1 in the unit of the key.
         size: How many numbers the value has.
@@ -95,7 +95,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return what the docstring of a class says of an attribute."""
+    """Return the text about an attribute in the docstring of a class."""
     lines = (cls.__doc__ or "").splitlines()
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):

@@ -1,4 +1,4 @@
-"""What a scenario file says that arrays cannot say: files, orbits, places and data sheets.
+"""The origin of the arrays of a scenario: files, orbits, places and data sheets.
 
 Each object keeps the arrays that were made from it. A record repeats the object only if the
 scenario still has these arrays.
@@ -85,12 +85,12 @@ class StatedCovariance:
 
 @dataclass(frozen=True, eq=False)
 class RadarSource:
-    """What a scenario file says of one radar.
+    """The origin of the state and the covariances of one radar.
 
     Attributes:
-        state: The state made from it (4,).
-        place: Latitude, longitude [rad] and height [m]; None if it has north, east, down.
-        data_sheet: What the radar constant is computed from, or None.
+        state: State made from the file (4,).
+        place: Latitude, longitude [rad] and height [m]; None for north, east, down.
+        data_sheet: Parameters of the radar constant, or None.
         covariances: C_rr of each level.
     """
 
@@ -102,11 +102,11 @@ class RadarSource:
 
 @dataclass(frozen=True, eq=False)
 class Provenance:
-    """Where the arrays of a scenario come from; nothing for a scenario made in Python.
+    """The origin of the arrays of a scenario; empty for a scenario made in Python.
 
     Attributes:
         geometry: The orbit or the path.
-        aircraft: The states made from it (n, 6).
+        aircraft: States made from the orbit or the path (n, 6).
         cov_aircraft: C_aa.
         rcs: The file of an RCS table.
         radars: The radars, by name; the name of a single radar is "".

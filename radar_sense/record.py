@@ -43,8 +43,8 @@ def radar_block(
 
     Args:
         model: P_fa and detector.
-        state: Its state (4,).
-        source: What the file says of the radar, or None.
+        state: State of the radar (4,).
+        source: Origin of the state, or None.
         scan_period: Time from one look to the next [s], or None.
     """
     block: Block = {}
@@ -84,8 +84,8 @@ def level_block(
 ) -> Block:
     """Return the uncertainty of one radar at one level.
 
-    Tolerances need the data sheet of the file. Without it they stand under a key that no file
-    has, because the standard deviation alone would be another scenario.
+    Tolerances need the data sheet of the file. Without a data sheet they are under a key that files
+    do not have, because a standard deviation alone would describe another scenario.
     """
     stated = source.covariances.get(level) if source else None
     block = covariance_block(as_stated(covariance, stated), keys.COV_RADAR)

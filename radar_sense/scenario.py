@@ -47,7 +47,7 @@ class Scenario:
         radar: Nominal radar state (4,), or (4m,) of a network of m.
         cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
         cov_radar: C_rr (4, 4), or (4m, 4m), for each level of radar uncertainty.
-        name: Stem of the names of the files written.
+        name: Stem of the names of output files.
         axis: Azimuth, time or distance of the poses (n,). The default is time where `time_s` is
             given, else the number of the pose.
         level: The level for analyses of one level. The default is the first.
@@ -325,7 +325,7 @@ class Scenario:
     def with_analysis(
         self, *, level: str | None = None, runs: int | None = None, seed: int | None = None
     ) -> Scenario:
-        """Return the scenario with other choices of analysis; None leaves one as it is.
+        """Return the scenario with other choices of analysis; None keeps a choice.
 
         Raises:
             InputError: If there is no such level, or runs or seed are out of range.
@@ -397,12 +397,12 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
 
 
 def _components(radar: int) -> slice:
-    """Return the components of a radar in the states of several."""
+    """Return the components of one radar in the states of all radars."""
     return slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
 
 
 def _read_only(name: str, values: Any) -> FloatArray:
-    """Return an array that nobody can write to; a copy unless the array is one already."""
+    """Return a read-only array, a copy unless the array is read-only already."""
     if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
         return values
     try:

@@ -1,7 +1,7 @@
 """The two state vectors: their components, in order, and the sources of uncertainty in them.
 
-Every array of states has its components on the last axis, in the order given here. Nothing else
-in the package spells that order out. The states of several radars follow one after the other.
+Every array of states has its components on the last axis, in the order given here. The states of
+several radars follow one after the other.
 """
 
 from __future__ import annotations
@@ -13,6 +13,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radar_sense.errors import InputError
+
 FloatArray: TypeAlias = NDArray[np.float64]
 #: x_a of the paper: position in the north-east-down frame [m] and ZYX Euler angles [rad].
 AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
@@ -21,13 +23,13 @@ RADAR = ("north", "east", "down", "constant")
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
 CONSTANT = 3
-#: All of a radar.
+#: All components of a radar.
 ALL = slice(0, len(RADAR))
 #: The radar constants in the states of one radar or of several.
 CONSTANTS = slice(CONSTANT, None, len(RADAR))
-#: A source of uncertainty: whose state, and which of its components.
+#: A source of uncertainty: "aircraft" or "radar", and components of that state.
 Source: TypeAlias = tuple[str, slice]
-#: The sources of the paper's error budget: whose state, and which of its components.
+#: The sources of the paper's error budget.
 SOURCES: dict[str, Source] = {
     "aircraft_position": ("aircraft", POSITION),
     "aircraft_orientation": ("aircraft", ATTITUDE),
@@ -37,11 +39,11 @@ SOURCES: dict[str, Source] = {
 
 
 def sources(radars: Sequence[str] = ()) -> dict[str, Source]:
-    """Return the sources of an error budget, which together are all components, by name.
+    """Return the sources of an error budget by name. Together they are all components.
 
     Args:
-        radars: The names of several radars, each a source of its own. For a single radar, named or
-            not, they are `SOURCES`.
+        radars: Names of the radars. Each of several radars is one source. The sources of a single
+            radar are `SOURCES`.
     """
     if len(radars) < 2:
         return dict(SOURCES)
@@ -50,22 +52,22 @@ def sources(radars: Sequence[str] = ()) -> dict[str, Source]:
 
 
 def finer_sources(radars: Sequence[str] = ()) -> dict[str, Source]:
-    """Return what else a budget of several radars shows: the aircraft as a whole, radars in parts.
+    """Return further sources of a budget of several radars: the aircraft, and parts of radars.
 
     Args:
-        radars: The names of the radars; for fewer than two there is nothing.
+        radars: Names of the radars; fewer than two have no further sources.
     """
     if len(radars) < 2:
         return {}
-    found: dict[str, Source] = {"aircraft": ("aircraft", slice(0, len(AIRCRAFT)))}
+    finer: dict[str, Source] = {"aircraft": ("aircraft", slice(0, len(AIRCRAFT)))}
     for i, name in enumerate(radars):
-        found[f"{name}_position"] = _of_radar(i, POSITION)
-        found[f"{name}_constant"] = _of_radar(i, slice(CONSTANT, CONSTANT + 1))
-    return found
+        finer[f"{name}_position"] = _of_radar(i, POSITION)
+        finer[f"{name}_constant"] = _of_radar(i, slice(CONSTANT, CONSTANT + 1))
+    return finer
 
 
 def constant_names(radars: Sequence[str] = ()) -> list[str]:
-    """Return the names that the radar constants have among both kinds of sources."""
+    """Return the names of the radar constants among `sources` or `finer_sources`."""
     return ["radar_constant"] if len(radars) < 2 else [f"{name}_constant" for name in radars]
 
 
@@ -75,29 +77,29 @@ def _of_radar(number: int, components: slice) -> Source:
 
 
 def check_finite(whose: str, states: ArrayLike) -> None:
-    """Raise ValueError if states (..., n) of "aircraft" or "radar" are not all finite.
+    """Raise InputError if states (..., n) of "aircraft" or "radar" are not all finite.
 
-    The error names the first such value, its component and its pose. Poses count from 0.
+    The error names the first value that is not finite, its component and its pose, from 0.
     """
     values = np.asarray(states, dtype=float)
     with np.errstate(over="ignore", invalid="ignore"):
-        if math.isfinite(values.sum()):  # far quicker than to look at each value
+        if math.isfinite(values.sum()):  # faster than np.isfinite
             return
     wrong = np.argwhere(~np.isfinite(values))
-    if not len(wrong):  # the sum alone is too large
+    if not len(wrong):  # only the sum overflows
         return
     *pose, component = wrong[0].tolist()
     names = AIRCRAFT if whose == "aircraft" else RADAR
     name = names[component % len(names)]
     if whose == "radar" and values.shape[-1] > len(RADAR):
         name += f" of radar {component // len(RADAR) + 1}"
-    raise ValueError(
+    raise InputError(
         f"{whose} states must be finite, got {values[tuple(wrong[0])]:g} for {name}{at_pose(pose)}"
     )
 
 
 def at_pose(index: Sequence[int]) -> str:
-    """Say which pose an index is; nothing if there is a single one."""
+    """Return the pose of an index for an error, or nothing for ()."""
     if not index:
         return ""
     return f" at pose {', '.join(map(str, index))} (counted from 0)"

@@ -142,7 +142,7 @@ def propagate(
     shape, states = _checked(
         model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
     )
-    return METHODS[method].moments(states, beta).certain_where_std_is_zero().reshaped(shape)
+    return _moments(shape, states, method, beta)
 
 
 def upper_bound(
@@ -215,7 +215,9 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
     Raises:
         InputError: If there is no such method.
     """
-    return propagate(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
+    _check_choices(method, beta)
+    shape, states = _states_of(scenario)
+    return _moments(shape, states, method, beta)
 
 
 def nonlinear_in_scenario(
@@ -239,7 +241,7 @@ def exceedance_probability(
     One minus it is the conformance probability of JCGM 106:2012, clause 7. NaN where the method
     has no answer.
     """
-    _, states = uncertain_states(*_of(scenario), log_constant=scenario.log_constant)
+    _, states = _states_of(scenario)
     chosen = METHODS[method]
     if chosen.exceedance is not None:
         return chosen.exceedance(states, p_max)
@@ -256,7 +258,7 @@ def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
     The function shares the derivatives of all calls, and costs less than calls of `propagate`. An
     iterative method starts from its solution for the covariances of the scenario.
     """
-    _, states = uncertain_states(*_of(scenario), log_constant=scenario.log_constant)
+    _, states = _states_of(scenario)
     chosen = METHODS[method]
     if chosen.std is not None:
         return chosen.std(states)
@@ -271,6 +273,20 @@ def check_method(method: str, besides: Sequence[str] = ()) -> None:
             f"method must be one of {', '.join(allowed)}, got {method!r}"
             + did_you_mean(method, allowed)
         )
+
+
+def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta: float) -> Moments:
+    return METHODS[method].moments(states, beta).certain_where_std_is_zero().reshaped(shape)
+
+
+def _check_choices(method: str, beta: float) -> None:
+    check_method(method)
+    check_number("beta", beta, POSITIVE)
+
+
+def _states_of(scenario: Scenario) -> tuple[tuple[int, ...], UncertainStates]:
+    """Return the uncertain states of a scenario, whose arrays are checked already."""
+    return uncertain_states(*_of(scenario), log_constant=scenario.log_constant, check=False)
 
 
 def _of(scenario: Scenario) -> tuple[NetworkModel, FloatArray, FloatArray, FloatArray, FloatArray]:
@@ -288,8 +304,7 @@ def _checked(
     beta: float,
     log_constant: ArrayLike,
 ) -> tuple[tuple[int, ...], UncertainStates]:
-    check_method(method)
-    check_number("beta", beta, POSITIVE)
+    _check_choices(method, beta)
     return uncertain_states(
         model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
     )

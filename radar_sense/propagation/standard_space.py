@@ -121,8 +121,18 @@ def uncertain_states(
     cov_radar: ArrayLike,
     *,
     log_constant: ArrayLike = False,
+    check: bool = True,
 ) -> tuple[tuple[int, ...], UncertainStates]:
     """Broadcast states and covariances against each other, with all poses along one axis.
+
+    Args:
+        model: The detection model, of a radar or of a network of m.
+        aircraft: Nominal aircraft states (..., 6).
+        radar: Nominal radar states (..., 4m).
+        cov_aircraft: C_aa (..., 6, 6).
+        cov_radar: C_rr (..., 4m, 4m).
+        log_constant: Whether ln c_r is Gaussian, of all radars or of each (m,).
+        check: Whether to check values. The arrays of a `Scenario` are checked already.
 
     Returns:
         The shape (...) of all poses, and the states.
@@ -145,9 +155,9 @@ def uncertain_states(
             expected = ", ".join(("...", *map(str, tail)))
             raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")
         whose = name.split()[0]
-        if len(tail) == 1:
+        if check and len(tail) == 1:
             check_finite(whose, array)
-        else:
+        elif check:
             checked(whose, array)
         arrays.append((array, tail))
     shape = np.broadcast_shapes(*(array.shape[: -len(tail)] for array, tail in arrays))

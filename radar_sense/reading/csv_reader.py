@@ -47,8 +47,8 @@ class Format:
     """A kind of CSV file.
 
     Attributes:
-        kind: What a file of this format is, for errors.
-        columns: The columns that it may have, by name.
+        kind: Kind of file, for errors.
+        columns: Allowed columns by name.
         allowed: The columns in words.
         max_bytes: Largest file.
         max_rows: Most rows.
@@ -63,7 +63,7 @@ class Format:
 
 @dataclass(frozen=True)
 class Header:
-    """The names of the columns, and where they stand."""
+    """The names of the columns, with file and line."""
 
     source: str
     line: int
@@ -132,7 +132,7 @@ def read_csv(
         path: The file.
         layout: Its format.
         check_header: Called with the columns, and raises InputError if some are missing.
-        check_block: Called with each block of rows in turn, to check or keep what it holds.
+        check_block: Called with each block of rows in turn.
         sha256: Digest that the file must have; None allows any.
 
     Raises:
@@ -144,7 +144,7 @@ def read_csv(
         except FileError:
             raise
         except InputError:
-            file.sha256(sha256)  # another file than the recorded one explains all other errors
+            file.sha256(sha256)  # a wrong digest explains all other errors
             raise
         return Table(header, blocks, file.sha256(sha256))
 
@@ -250,8 +250,7 @@ def _header(content: bytes, first_line: int, source: str, layout: Format) -> Hea
 def _unknown_column(header: Header, name: str, layout: Format) -> InputError:
     """Return the error for a column that is not allowed.
 
-    A file that names no column of the format may be any file, and hold what nobody may see. Its
-    text is not repeated.
+    A file without any column of the format may be a confidential file. Its text is not repeated.
     """
     suggestion = did_you_mean(name[:100], set(layout.columns) - set(header.names))
     separated = re.split("[,;\t]", ",".join(header.names))
@@ -268,10 +267,10 @@ def _unknown_column(header: Header, name: str, layout: Format) -> InputError:
 def _numbers(block: Block, layout: Format) -> FloatArray:
     """Return all numbers of a block (rows, columns).
 
-    NumPy reads them at once. Where NumPy cannot, they are read one by one, to name the cell.
+    NumPy reads all at once. Where NumPy fails, cells are read one by one, to name the wrong cell.
     """
     names, content = block.header.names, block.content
-    # NumPy takes more than plain numbers for numbers, and never sees anything else.
+    # NumPy accepts other texts as numbers too. It only gets plain numbers.
     if content.strip() and not content.translate(None, delete=_PLAIN_BYTES):
         try:
             rows = np.loadtxt(

@@ -33,19 +33,19 @@ class RadarEntry:
     """A radar of a scenario file.
 
     Attributes:
-        state: North, east, down [m] and c_r (4,). A radar with a `place` has its position once it
-            is `placed`.
+        state: North, east, down [m] and c_r (4,). `placed` sets the position of a radar with a
+            `place`.
         p_fa: Probability of false alarm.
-        detector: Its detector.
-        data_sheet: What c_r is computed from, or None.
+        detector: Detector.
+        data_sheet: Parameters of c_r, or None.
         place: Latitude, longitude [rad] and height [m], or None.
         place_entry: The place in the file, for errors.
         scan_period: Time from one look to the next [s], or None.
-        name: Its name among several, else "".
+        name: Name among several radars, else "".
         max_range: Slant range beyond which it detects nothing [m].
-        horizon: Whether it detects nothing below the horizon.
-        levels: Its uncertainty, in the frame of the poses once it is `placed`.
-        stated: Its uncertainty as the file states it.
+        horizon: Whether P_D is 0 below the horizon.
+        levels: Uncertainty of the radar, in the frame of the poses after `placed`.
+        stated: Uncertainty of the radar as in the file.
     """
 
     state: FloatArray
@@ -63,12 +63,12 @@ class RadarEntry:
 
     @property
     def called(self) -> str:
-        """What errors call it."""
+        """Name of the radar in errors."""
         return f"radar {self.name!r}" if self.name else "the radar"
 
     @property
     def source(self) -> RadarSource:
-        """What the record needs beside the arrays."""
+        """Origin of the state and the covariances, for the record."""
         covariances = {
             level: StatedCovariance(matrix, self.levels.covariance[level])
             for level, matrix in self.stated.covariance.items()
@@ -79,12 +79,12 @@ class RadarEntry:
 def read_radar(
     entry: Entry, required: Sequence[str] = (), optional: Sequence[str] = ()
 ) -> RadarEntry:
-    """Read the keys that every radar has.
+    """Read the keys of every radar.
 
     Args:
         entry: The mapping.
-        required: More keys that must be there, but are read elsewhere.
-        optional: More keys that may be there, but are read elsewhere.
+        required: Further required keys, which the caller reads.
+        optional: Further optional keys, which the caller reads.
     """
     position, place = keys.RADAR_POSITION.name, keys.RADAR_PLACE.name
     given = entry.entries()

@@ -36,9 +36,11 @@ def read_uncertainty(
 
     Args:
         entry: The mapping.
-        poses: The poses; their route file may have C_aa.
+        poses: The poses, with C_aa if the route file has it.
         sheet: Data sheet of a single radar.
-        of_radar: Whether the levels of a single radar are here. Each of several has its own.
+        of_radar: Whether the mapping has the levels of a single radar. Entries of several radars
+        have
+            their levels.
     """
     aircraft, radar = (key.name for key in keys.UNCERTAINTY if key is not keys.CORRELATION)
     if not of_radar and radar in entry.entries():

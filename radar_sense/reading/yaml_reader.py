@@ -69,7 +69,7 @@ class Entry:
         return entries
 
     def mapping(self, required: Sequence[str], optional: Sequence[str] = ()) -> dict[str, Entry]:
-        """Read a mapping that has the required keys, may have the optional ones, and no other."""
+        """Read a mapping with all required keys, any optional keys, and no others."""
         entries = self.entries()
         allowed = [*required, *optional]
         for key_node, _ in self.node.value:
@@ -116,7 +116,7 @@ class Entry:
         """Read a whole number; `1e4` and `500.0` are whole numbers."""
         text = self._plain_text()
         if text is not None and re.fullmatch(r"[-+]?[0-9]{1,400}", text):
-            value = int(text)  # not by way of a float: a seed may have more digits than that holds
+            value = int(text)  # a seed may have more digits than a float
             if not limit.allows(value):
                 raise self.wrong(limit)
             return value
@@ -170,11 +170,11 @@ class Entry:
         return str(value)
 
     def section(self, keys: Sequence[Key], *besides: str) -> Section:
-        """Read a mapping that has the required ones of some keys, may have the others, and no more.
+        """Read a mapping with declared keys, of which it must have the required ones.
 
         Args:
-            keys: The keys.
-            besides: More keys that are allowed.
+            keys: The declared keys.
+            besides: Further keys that are allowed.
         """
         required = [key.name for key in keys if key.required]
         optional = [key.name for key in keys if not key.required]
@@ -200,7 +200,7 @@ class Entry:
 
         Args:
             cls: The dataclass.
-            besides: Keys that are required too, but are read elsewhere.
+            besides: Further required keys, which the caller reads.
         """
         attributes = {f.metadata["key"]: f.name for f in fields(cls)}  # type: ignore[arg-type]
         keys = declared(cls)
@@ -317,7 +317,7 @@ def parse(text: str, source: str) -> Entry:
 
 
 def _refuse_tags(root: Entry) -> None:
-    """Refuse `!!python/object` and the like; a scenario has no use for them."""
+    """Raise InputError for tags such as `!!python/object`."""
     # Aliases make the same node appear in many places; each is looked at once.
     seen: set[int] = set()
     waiting = [root]

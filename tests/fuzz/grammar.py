@@ -565,32 +565,33 @@ _CHEAP: Mapping[str, tuple[str, ...]] = {
 def options(analysis: Analysis, levels: list[str], rng: random.Random) -> list[str]:
     """Return options of a command, with values that are allowed or are not."""
     args: list[str] = []
+    wrong = rng.choice((0.0, 0.0, 0.3))
     must = {"runs", "step_km", "digits"} & {option.name for option in analysis.options}
     for option in analysis.options:
         if option.name == "dask" or not (option.name in must or rng.random() < 0.25):
             continue
         args.append(f"--{option.name.replace('_', '-')}")
         if not option.flag:
-            args += [_option_value(option, levels, rng) for _ in range(option.count)]
-    if rng.random() < 0.03:
+            args += [_option_value(option, levels, wrong, rng) for _ in range(option.count)]
+    if rng.random() < 0.1 * wrong:
         args.append(rng.choice(("--nonsense", "-z", "--runs", "--help", "--", "extra", "-q")))
     return args
 
 
-def _option_value(option: Option, levels: list[str], rng: random.Random) -> str:
+def _option_value(option: Option, levels: list[str], wrong: float, rng: random.Random) -> str:
     if option.limit is None:
         known = {
             "level": levels,
             "method": [*METHODS, "montecarlo"],
             "sampler": ["random", "sobol"],
         }.get(option.name, ["r0", "r1"])
-        return rng.choice(known if rng.random() < 0.8 else _WORDS)
+        return rng.choice(_WORDS if rng.random() < wrong else known)
     if option.name in _CHEAP:
         # the first values are allowed
-        return rng.choice(_CHEAP[option.name][:2] if rng.random() < 0.7 else _CHEAP[option.name])
-    if rng.random() < 0.6:
-        return number(rng, option.limit, None, 1.0)
-    return rng.choice(_OPTION_NUMBERS)
+        return rng.choice(_CHEAP[option.name][: None if rng.random() < wrong else 2])
+    if rng.random() < wrong:
+        return rng.choice(_OPTION_NUMBERS)
+    return number(rng, option.limit, None, rng.choice((0.0, 1.0)))
 
 
 # --- cases ---------------------------------------------------------------------------------------
@@ -610,7 +611,9 @@ def case(rng: random.Random, *, analyses: float) -> Case:
     tree = scenario.make()
     files = dict(scenario.files)
     mutations: list[str] = []
-    broken = rng.choice((0, 0, 0, 1, 1, 2, 4))
+    analysed = rng.random() < analyses
+    # a broken scenario shows the same under every command
+    broken = rng.choice((0, 0, 0, 0, 0, 0, 0, 1) if analysed else (0, 0, 0, 1, 1, 2, 4))
     of_text = 0
     for _ in range(broken):
         if tree and rng.random() < 0.55:
@@ -623,7 +626,7 @@ def case(rng: random.Random, *, analyses: float) -> Case:
         files[name], what = mutate_bytes(files[name], rng)
         mutations.append(f"{name}: {what}")
     args = ["check", CONFIG]
-    if rng.random() < analyses:
+    if analysed:
         name = rng.choice(ANALYSES)
         out = ["--out", "out", "--no-plot", "--workers", "1"]
         analysis = cli.load(name)

@@ -18,12 +18,12 @@ def insist(seed, numbers, *, analyses):
 @pytest.mark.parametrize("part", range(4))
 def test_random_scenarios_are_read_or_refused(tmp_path, monkeypatch, part):
     monkeypatch.chdir(tmp_path)
-    insist(SEED, range(part * 250, (part + 1) * 250), analyses=0.0)
+    insist(SEED, range(part * 120, (part + 1) * 120), analyses=0.0)
 
 
 def test_random_analyses_end_in_numbers_or_one_line(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    insist(SEED + 1, range(60), analyses=1.0)
+    insist(SEED + 1, range(30), analyses=1.0)
 
 
 def test_the_cases_are_neither_all_good_nor_all_bad(tmp_path, monkeypatch):

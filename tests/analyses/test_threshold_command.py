@@ -1,0 +1,172 @@
+"""`variance --threshold`: columns, report and record, and what is refused."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import scenario, write_path
+from scipy.special import erfc
+
+import radar_sense as rs
+from radar_sense import plotting
+from radar_sense.analyses import variance
+from radar_sense.analyses.threshold import require_threshold
+from radar_sense.errors import InputError
+from radar_sense.propagation import METHODS
+
+HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
+UNCERTAIN = f"""{HEADER},{STD}
+100,400e3,-200e3,-8000,0,0,80,10,20,30,1,2,3
+500,380e3,-100e3,-8000,2,0,170,100,20,30,1,0,3
+1000,350e3,0,-9000,0,1,-170,1000,20,30,1,2,0.1
+1500,350e3,100e3,-9000,0,0,-120,0,0,0,0,0,0
+"""
+PLACES = ["north_m", "east_m", "down_m"]
+
+
+def write(folder, text=UNCERTAIN, **changes):
+    return write_path(folder, text, "my.yaml", **{"name": "flight", **changes})
+
+
+def columns(path):
+    with Path(path).open(newline="") as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
+
+
+def record(path):
+    return json.loads(Path(path).read_text())
+
+
+@pytest.mark.parametrize("k", [3, 2, 0.5])
+@pytest.mark.parametrize("method", METHODS)
+def test_threshold_columns(tool, method, k):
+    args = ["variance", write(Path()), "--method", method, "--no-plot"]
+    assert tool(*args).code == 0
+    before = columns("figures/flight_variance.csv")
+    assert tool(*args, "--threshold", 0.5, "--k", k).code == 3
+    found = columns("figures/flight_variance.csv")
+    bound = f"upper_{k:g}sigma"
+    extra = ["margin", "violated", "not_known", "probability_above"]
+    names = [name for name in before if name not in PLACES]
+    assert list(found) == [*names, *([] if k == 3 else [bound]), *extra, *PLACES]
+    for column, values in before.items():
+        np.testing.assert_array_equal(found[column], values)
+    s = rs.load_scenario("my.yaml")
+    moments = rs.propagate(
+        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"], method=method, beta=k
+    )
+    np.testing.assert_allclose(found[bound], moments.upper, rtol=1e-13)
+    if method == "linear":
+        assert found[bound] == pytest.approx(found["p_d"] + k * found["sigma_pd"], rel=1e-12)
+    np.testing.assert_array_equal(found["margin"], 0.5 - found[bound])
+    known = found["not_known"] == 0
+    expected = np.where(known, found[bound] > 0.5, found["p_d"] > 0.5)
+    np.testing.assert_array_equal(found["violated"], expected)
+    tail = 0.5 * erfc(k / np.sqrt(2))
+    np.testing.assert_array_equal(found["probability_above"] > tail, found[bound] > 0.5)
+
+
+def test_threshold_report_and_record(tool):
+    filled = {"step_s": 100}  # then the poses of the table are those of the test
+    file = write(Path(), geometry__axis="distance", geometry__interpolate=filled)
+    assert tool("variance", file, "--no-plot", "--method", "form").code == 0
+    upper = columns("figures/flight_variance.csv")["upper_3sigma"]
+    p_max = 0.5 * (np.sort(upper)[7] + np.sort(upper)[8])
+    code, out, _ = tool("variance", file, "--threshold", p_max)
+    assert code == 3
+    found = columns("figures/flight_variance.csv")
+    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    # time, though the table is laid out along the distance
+    dense = np.linspace(100, 1500, 200_001)
+    share = np.mean(np.interp(dense, np.arange(100, 1501, 100), upper) > p_max)
+    assert test["share_above"] == pytest.approx(share, abs=1e-4)
+    assert test["above_s"] == pytest.approx(1400 * share, abs=0.1)
+    assert test["total_s"] == 1400
+    assert test["poses_violated"] == found["violated"].sum() == 7
+    first = int(np.argmax(found["violated"]))
+    assert test["first_violation"] == {"distance_m": found["distance_m"][first]}
+    worst = int(np.argmin(found["margin"]))
+    assert test["worst_margin"]["value"] == found["margin"][worst]
+    assert (test["passed"], test["k"], test["p_max"]) == (False, 3, p_max)
+    assert "(bound by form): VIOLATED at" in out
+    assert f"of 1400 s ({share:.1%}), first at {found['distance_m'][first]:.0f} m" in out
+    code, out, _ = tool("variance", file, "--threshold", min(1, upper.max() + 1e-9))
+    assert code == 0
+    assert "holds at every pose" in out
+    assert "first at" not in out
+    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    assert (test["passed"], test["above_s"], test["first_violation"]) == (True, 0, None)
+
+
+def test_threshold_on_the_orbit_of_the_paper(tool):
+    """At High the linear bound exceeds 1, so that not even 1 would do; a quantile never does."""
+    args = ("variance", "--level", "high", "--threshold", 1, "--no-plot")
+    assert tool(*args, "--method", "linear").code == 3
+    test = record("figures/paper_variance.json")["summary"]["threshold"]
+    assert set(test) >= {"above_deg", "total_deg"}
+    assert test["total_deg"] == 180
+    assert test["verdict"] == "not known"
+    assert tool(*args, "--method", "form").code == 0
+    assert tool(*args).code == 0
+    # by probit too, but its check warns at 78 to 102 deg
+    assert tool(*args, "--method", "probit").code == 3
+    assert record("figures/paper_variance.json")["summary"]["threshold"]["above_deg"] == 0
+
+
+@pytest.mark.parametrize(("p_max", "share"), [(0.1, 1.0), (0.99, 0.0)])
+def test_a_single_pose_is_above_as_a_whole_or_not_at_all(p_max, share):
+    one = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+    found = require_threshold(variance(one), p_max).summary["threshold"]
+    assert (found["share_above"], found["total_deg"]) == (share, 0.0)
+
+
+def test_no_bound_is_not_known(tool):
+    over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
+    code, out, _ = tool("variance", write(Path(), over), "--threshold", 1, "--method", "probit")
+    assert code == 3
+    assert "no bound at 10 s: counted as above it" in out
+    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    assert (test["poses_without_bound"], test["poses_not_known"] >= 1) == (1, True)
+    assert test["verdict"] == "not known"
+    assert test["worst_margin"] == {"value": None, "time_s": 10}
+    assert test["share_above"] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ("--threshold 0", "greater than 0"),
+        ("--threshold 1.01", "not greater than 1"),
+        ("--threshold nan", "greater than 0"),
+        ("--threshold 0.5 --k 0", "greater than 0"),
+        ("--threshold 0.5 --k -1", "greater than 0"),
+        ("--k 2", "--k belongs to --threshold"),
+    ],
+)
+def test_thresholds_that_are_refused(tool, options, words):
+    code, out, err = tool("variance", *options.split())
+    assert (code, out) == (2, "")
+    assert words in err
+    assert len(err.splitlines()) == 1
+    assert not Path("figures").exists()
+
+
+@pytest.mark.parametrize("bad", [{"p_max": 0}, {"p_max": 2}, {"k": 0}, {"k": 11}])
+def test_thresholds_that_the_package_refuses(bad):
+    with pytest.raises(InputError):
+        require_threshold(rs.variance(rs.load_scenario()), **{"p_max": 0.5, **bad})
+
+
+@pytest.mark.parametrize("k", [2, 3])
+def test_the_threshold_is_drawn(k):
+    result = require_threshold(rs.variance(rs.load_scenario()), 0.5, k)
+    (axes,) = result.plot().axes
+    labels = axes.get_legend_handles_labels()[1]
+    assert labels.count("violated") == 1
+    assert "threshold 0.5" in labels
+    assert len(labels) == (4 if k == 3 else 5)
+    assert plotting.render(result.plot(), "pdf")

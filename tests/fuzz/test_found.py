@@ -1,0 +1,88 @@
+"""Inputs that broke a property once, as the fuzzer found them, with fewer digits."""
+
+from __future__ import annotations
+
+import pytest
+from fuzz.grammar import CONFIG, Case
+from fuzz.properties import check
+
+ROUTE = """\
+time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
+0.4434383581784298,283353.6025474385,1e+08,-8443.032979733716,0.6019,2.26275,2.10198
+43.31149939656868,283778.93275520107,310338.53500715655,-9891.134020292988,-1,3,4.56351
+43.31186661869347,324596.69494980504,302556.8528025414,-8424.328962554786,3.96936,1.55517,4.3038
+43.72153997086076,292228.14495040366,277319.140926962,-9824.233859599015,218.9972,0.0966,4.6430850
+"""
+#: `budget --threshold` searched for a factor between two that form has an answer for; in between
+#: form had none, and SciPy's root finder raised ValueError.
+NO_ANSWER_BETWEEN = """\
+name: found
+radar:
+  position_m: [252.8, 189.52674142364836, 1414.2107533362171]
+  p_fa: 9.661974233168612e-09
+  tracking:
+    peak_power_w: 1.81014
+    gain_dbi: 2.79951901489752863
+    wavelength_m: 5.319
+    pulse_width_us: 0.2782933
+    temperature_k: 0.1625
+    loss_db: 0.20245028513338131
+    noise_figure_db: 0.1975736
+aircraft: {rcs: {model: spikeball, floor_m2: 0.2034, lobes: 8, amplitude_m2: 0.5319001089962548}}
+geometry: {type: path, file: route.csv}
+uncertainty:
+  aircraft: {position_m: 3.554989373360175, attitude_deg: 1.992765}
+  radar: {low: {position_m: 48.85541, constant: 9.18474174065536175}}
+analysis: {level: low}
+"""
+
+ORBIT = """\
+name: found
+radar:
+  position_m: [{position}]
+  p_fa: 1e-8
+  {constant}
+aircraft:
+  rcs: {rcs}
+  attitude_deg: [0.3, 3e-11, 32.4]
+geometry:
+  type: orbit
+  range_km: 10
+  down_km: {down}
+  azimuth_deg: {{start: 0, stop: 180, step: 90}}
+uncertainty:
+  aircraft: {{position_m: 100, attitude_deg: 30}}
+  radar: {{low: {{position_m: 200, constant: {std}}}}}
+analysis: {{level: low}}
+"""
+#: The variance of z was so small that its power 3/2 was 0: a RuntimeWarning.
+TINY_VARIANCE = ORBIT.format(
+    position="1700, 16000, 2400",
+    constant="constant: 52.5",
+    rcs="{model: ellipsoid_exact, x_m: 9.56e-15, y_m: 7.049e+18, z_m: 1.4e-16}",
+    down="-6.6e17",
+    std="0.0777",
+)
+#: A tolerance of 1e10 times the parameter: the moments of a log-normal c_r overflowed.
+HUGE_TOLERANCE = ORBIT.format(
+    position="0, 0, 0",
+    constant="surveillance: {average_power_w: 4e-14, aperture_m2: 983, temperature_k: 5.8e-20, "
+    "scan_time_s: 10, search_volume_sr: 12, loss_db: 51, noise_figure_db: 48}",
+    rcs="{model: constant, rcs_m2: 5e7}",
+    down="-3",
+    std="{average_power_w: 1.4e-4, loss_db: 0.1}",
+)
+
+FOUND = {
+    "no answer between": (NO_ANSWER_BETWEEN, ["budget", "--threshold", "0.999999"]),
+    "tiny variance": (TINY_VARIANCE, ["sensitivity"]),
+    "huge tolerance": (HUGE_TOLERANCE, ["sensitivity", "--method", "form"]),
+}
+
+
+@pytest.mark.parametrize("name", FOUND)
+def test_found(tmp_path, monkeypatch, name):
+    monkeypatch.chdir(tmp_path)
+    text, args = FOUND[name]
+    files = {CONFIG: text.encode(), "route.csv": ROUTE.encode()}
+    assert check(Case(files, (*args, "--no-plot", "--out", "out", CONFIG))).code in (0, 3)
