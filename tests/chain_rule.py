@@ -74,6 +74,16 @@ def ellipsoid_denominator(a, b, c, lam, phi):
     )
 
 
+def p_d(aircraft, radar, rcs, p_fa):
+    """P_D (m) of `eq:pd_approx`, without partials."""
+    (roll, pitch, yaw), _ = elementary_turns(aircraft)
+    line = radar[:, :3] - aircraft[:, :3]
+    x, y, z = np.einsum("mij,mj->im", roll @ pitch @ yaw, line)
+    sigma = cross_section(rcs, np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
+    snr = radar[:, 3] * sigma / (BOLTZMANN * np.sum(line**2, axis=1) ** 2)
+    return 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+
+
 def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     """P_D (m), A_Pa (m, 6) and A_Pr (m, 4) of `eq:pd_partial_long`.
 

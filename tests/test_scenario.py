@@ -54,17 +54,20 @@ def test_records_read_back_and_are_those_of_the_figures(config, monkeypatch):
             assert s.with_analysis(**recorded["analysis"]).resolved() == recorded, file
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 @given(
-    sizes=st.lists(st.floats(1e-6, 1e6), min_size=9, max_size=9),
+    sizes=st.lists(st.floats(1e-6, 1e6), min_size=36, max_size=36),
     angles=st.lists(st.floats(-360, 360).map(lambda x: round(x, 7)), min_size=3, max_size=3),
     km=st.floats(2, 1e5),
 )
 def test_any_numbers_read_back_exactly(sizes, angles, km):
     s = scenario(
         uncertainty__aircraft={"position_m": sizes[:3], "attitude_deg": sizes[3:6]},
-        uncertainty__radar={"a": {"position_m": sizes[6], "constant": sizes[7]}},
-        analysis__level="a",
+        uncertainty__radar={
+            f"level_{i}": {"position_m": sizes[i], "constant": sizes[i + 1]}
+            for i in range(6, 36, 2)
+        },
+        analysis__level="level_6",
         aircraft__attitude_deg=angles,
         geometry__range_km=km,
         geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},

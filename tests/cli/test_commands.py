@@ -36,7 +36,7 @@ COMMANDS = cli.list_commands(None)
 # path; it has tests of its own too.
 ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "mission", "validate")]
 
-#: DESIGN.md fixes these.
+#: The first columns of each table. Their names and order are fixed, because others read them.
 COLUMNS = {
     "variance": "theta_r_deg,range_m,rcs_m2,snr_db,p_d,sigma_pd,lower_3sigma,upper_3sigma",
     "montecarlo": "theta_r_deg,p_d,sigma_pd,lower_3sigma,upper_3sigma,"
