@@ -17,7 +17,6 @@ from scipy.special import ndtr
 from scipy.stats import beta as beta_distribution
 from scipy.stats import norm
 
-from radar_sense import propagation
 from radar_sense.axis import azimuth
 from radar_sense.errors import ScenarioError
 from radar_sense.model import detection_model as model
@@ -26,7 +25,7 @@ from radar_sense.montecarlo import adaptive as validation
 from radar_sense.montecarlo.adaptive import numerical_tolerance, validate
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import Random
-from radar_sense.propagation import Moments, propagate
+from radar_sense.propagation import Moments, propagate_scenario
 
 M = 37_040  # draws of a batch at β = 3: the next whole number above 100/(2 Φ(−3)) = 37 039.8
 SIX = {"start": 0, "stop": 90, "step": 18}
@@ -95,13 +94,15 @@ def paper(level="medium", **azimuth):
 def with_method(monkeypatch, **changes):
     """Change what the method says of a linear model: a function of it for each attribute."""
 
-    def said(model, *states, method, beta, **choices):
-        if not isinstance(model, LinearModel):
-            return propagate(model, *states, method=method, beta=beta, **choices)
-        exact = model.moments(*states, beta)
+    def moments_of(scenario, *, method, beta):
+        if not isinstance(scenario.model, LinearModel):
+            return propagate_scenario(scenario, method=method, beta=beta)
+        cov_radar = scenario.cov_radar[scenario.level]
+        states = scenario.aircraft, scenario.radar, scenario.cov_aircraft, cov_radar
+        exact = scenario.model.moments(*states, beta)
         return dataclasses.replace(exact, **{k: f(getattr(exact, k)) for k, f in changes.items()})
 
-    monkeypatch.setattr(propagation.methods, "propagate", said)
+    monkeypatch.setattr(validation, "propagate_scenario", moments_of)
 
 
 @pytest.fixture(autouse=True)

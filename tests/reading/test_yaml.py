@@ -83,8 +83,14 @@ def line_of(path: str, lines: Lines) -> int:
 
 def accepted(tool: Callable, lines: Lines) -> rs.Scenario:
     code, _, err = tool("check", write(yaml_text(lines)))
-    assert (code, err) == (0, "")
+    assert code == 0
+    assert only_warnings(err)
     return rs.load_scenario("my.yaml")
+
+
+def only_warnings(err: str) -> bool:
+    """Return whether there is nothing but warnings, of a scenario that is hardly meant."""
+    return all(line.startswith("Warning: ") for line in err.splitlines())
 
 
 # Every key of the scenario, misused in every way.
@@ -879,7 +885,7 @@ def test_check_prints_the_scenario_itself(tool, kind):
     before = accepted(tool, ROUND_TRIPS[kind])
     printed = tool("check", "my.yaml").out
     write(printed, "again.yaml")
-    assert tool("check", "again.yaml") == (0, printed, "")
+    assert tool("check", "again.yaml")[:2] == (0, printed)
     after = rs.load_scenario("again.yaml")
     assert after.resolved() == before.resolved()
     assert (after.aircraft == before.aircraft).all()
@@ -986,12 +992,12 @@ def refused_or_runs(tool: Callable, content: bytes) -> None:
     if code:
         assert_refused(code, out, err)
         return
-    assert err == ""
+    assert only_warnings(err)
     assume(int(re.match(r"# (\d+) poses", out)[1]) <= 100)
     for args in (["variance"], ["budget"], ["montecarlo", "--runs", "2", "--workers", "1"]):
         code, _, err = tool(*args, "my.yaml", "--no-plot")
         assert code == 0
-        assert all(line.startswith("Warning: ") for line in err.splitlines())
+        assert only_warnings(err)
 
 
 @anything(max_examples=200)
