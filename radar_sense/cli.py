@@ -58,6 +58,10 @@ ANALYSES: dict[str, tuple[str, str]] = {
         "radar_sense.analyses.montecarlo:montecarlo",
         "Monte Carlo draws of P_D against the band of a method.",
     ),
+    "range": (
+        "radar_sense.analyses.detection_range:detection_range",
+        "How far each radar detects the aircraft, by bearing or by aspect.",
+    ),
     "rcs": (
         "radar_sense.analyses.rcs:rcs",
         "The radar cross section by aspect: a polar cut and a map.",
@@ -245,6 +249,7 @@ def _option(option: Option) -> click.Option:
         [f"--{option.name.replace('_', '-')}"],
         help=option.help + default,
         is_flag=option.flag,
+        multiple=option.multiple,
         metavar=None if option.flag else option.metavar,
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
@@ -301,7 +306,7 @@ def _run(
     from radar_sense import files
     from radar_sense.errors import printable
 
-    chosen = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
         scenario = _scenario(config)

@@ -74,6 +74,7 @@ class Option:
         default_text: The default in words, where None stands for it.
         count: How many numbers the option takes.
         flag: Whether the option takes no value.
+        multiple: Whether the option may be given several times.
     """
 
     name: str
@@ -84,6 +85,7 @@ class Option:
     default_text: str = ""
     count: int = 1
     flag: bool = False
+    multiple: bool = False
 
 
 #: The options that mean the same everywhere.

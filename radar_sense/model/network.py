@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -83,6 +83,10 @@ class Radar:
         if self.horizon is not None:
             visible &= self.horizon.visible(aircraft, radar)
         return visible
+
+    def without_limits(self) -> Radar:
+        """Return the radar without maximum range and horizon."""
+        return replace(self, max_range=math.inf, horizon=None)
 
     @property
     def limited(self) -> bool:

@@ -12,6 +12,7 @@ from radar_sense.propagation.methods import (
     propagate_scenario,
     std_function,
     upper_bound,
+    upper_bound_in_scenario,
 )
 from radar_sense.propagation.moments import Moments, probit_moments
 
@@ -30,4 +31,5 @@ __all__ = [
     "propagate_scenario",
     "std_function",
     "upper_bound",
+    "upper_bound_in_scenario",
 ]
