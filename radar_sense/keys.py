@@ -183,6 +183,15 @@ RADAR_NAME = Key(
 MAX_RANGE = Key(
     "max_range_km", "Slant range beyond which P_D is 0.", POSITIVE, 1e3, default=math.inf
 )
+MIN_RANGE = Key(
+    "min_range_km", "Slant range within which P_D is 0.", NOT_NEGATIVE, 1e3, default=0.0
+)
+ECLIPSING = Key(
+    "eclipsing",
+    "Whether P_D is 0 within c tau/2 of pulse_width_us, where the transmitter hides the echo.",
+    choices=YES_NO,
+    default=False,
+)
 HORIZON = Key("horizon", "Whether P_D is 0 below the horizon.", choices=YES_NO, default=False)
 RADAR_UNCERTAINTY = Key("uncertainty", "Levels of uncertainty of this radar.")
 DATA_SHEETS = tuple(
@@ -190,7 +199,8 @@ DATA_SHEETS = tuple(
     for kind in RADARS
 )
 RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
-RADARS_ENTRY = (RADAR_NAME, *RADAR, MAX_RANGE, HORIZON, RADAR_UNCERTAINTY)
+LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
+RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
 SEARCH_FACTOR = Key(
     "search_factor",
     "Number below the power-aperture product of c_r.",

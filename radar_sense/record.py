@@ -66,11 +66,15 @@ def radar_block(
     return block
 
 
-def limits_block(max_range: float, horizon: Horizon | None, earth: Horizon) -> Block:
-    """Return the keys of the limits of one of several radars."""
+def limits_block(
+    max_range: float, min_range: float, horizon: Horizon | None, earth: Horizon
+) -> Block:
+    """Return the keys of the limits of one of several radars; eclipsing is a minimum range."""
     block: Block = {}
     if math.isfinite(max_range):
-        block["max_range_km"] = in_unit(max_range, keys.MAX_RANGE.unit)
+        block[keys.MAX_RANGE.name] = in_unit(max_range, keys.MAX_RANGE.unit)
+    if min_range:
+        block[keys.MIN_RANGE.name] = in_unit(min_range, keys.MIN_RANGE.unit)
     block["horizon"] = horizon == earth if horizon in (None, earth) else _fields(horizon)
     return block
 

@@ -318,7 +318,9 @@ class Scenario:
         return {
             "name": radar.name,
             **record.radar_block(radar.model, state, source, radar.scan_period),
-            **record.limits_block(radar.max_range, radar.horizon, self.provenance.earth),
+            **record.limits_block(
+                radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
+            ),
             "uncertainty": self._levels_document(i),
         }
 

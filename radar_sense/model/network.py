@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from radar_sense.errors import InputError
-from radar_sense.limits import POSITIVE, check_number
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
@@ -53,6 +53,7 @@ class Radar:
         max_range: Slant range beyond which P_D is 0 [m].
         horizon: Horizon below which P_D is 0; None for a transparent earth, as in the paper.
         scan_period: Time from one look to the next [s]; None if unknown.
+        min_range: Slant range within which P_D is 0 [m].
     """
 
     model: DetectionModel
@@ -60,6 +61,7 @@ class Radar:
     max_range: float = math.inf
     horizon: Horizon | None = None
     scan_period: float | None = None
+    min_range: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, DetectionModel):
@@ -68,6 +70,11 @@ class Radar:
             raise InputError(f"name must be text, got {self.name!r}")
         if self.max_range != math.inf:
             check_number("max_range", self.max_range, POSITIVE)
+        check_number("min_range", self.min_range, NOT_NEGATIVE)
+        if self.min_range >= self.max_range:
+            raise InputError(
+                f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
+            )
         if not isinstance(self.horizon, Horizon | None):
             raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
         if self.scan_period is not None:
@@ -80,14 +87,16 @@ class Radar:
         visible = np.ones(shape, dtype=bool)
         if self.max_range < math.inf:
             visible &= slant_range(aircraft, radar) <= self.max_range
+        if self.min_range > 0:
+            visible &= slant_range(aircraft, radar) >= self.min_range
         if self.horizon is not None:
             visible &= self.horizon.visible(aircraft, radar)
         return visible
 
     @property
     def limited(self) -> bool:
-        """Whether the radar has a maximum range or a horizon."""
-        return self.max_range < math.inf or self.horizon is not None
+        """Whether the radar has a maximum range, a minimum range or a horizon."""
+        return self.max_range < math.inf or self.min_range > 0 or self.horizon is not None
 
 
 #: The name until version 0.1.
@@ -140,7 +149,7 @@ class NetworkModel:
 
     @property
     def limited(self) -> bool:
-        """Whether any radar has a maximum range or a horizon."""
+        """Whether any radar has a limit to its range, or a horizon."""
         return any(radar.limited for radar in self.radars)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
