@@ -20,6 +20,7 @@ from radar_sense.limits import (
     PROBABILITY,
     RUNS,
     SEED,
+    STD_DB,
     Limit,
 )
 from radar_sense.model.detectors import DETECTORS
@@ -287,6 +288,12 @@ LEVEL_NAME = Key(
     allowed="the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
 )
 COVARIANCE = Key("covariance", "Covariance of the whole state.", ANY, default=None)
+RCS_DB = Key(
+    "rcs_db",
+    "Standard deviation of the RCS [dB], one factor for all radars and looks.",
+    STD_DB,
+    default=0.0,
+)
 #: Parts of a covariance: a standard deviation for all components, for each, or a matrix.
 COV_AIRCRAFT = (
     Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),
@@ -333,7 +340,7 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         "geometry.origin": PLACE,
         "geometry.interpolate": INTERPOLATE,
         "uncertainty": UNCERTAINTY,
-        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE),
+        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE, RCS_DB),
         "uncertainty.radar.LEVEL": (*COV_RADAR, COVARIANCE),
         "analysis": ANALYSIS,
     }

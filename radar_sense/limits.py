@@ -65,6 +65,8 @@ class Limit:
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
+#: Standard deviation in decibels.
+STD_DB = Limit(at_least=0, at_most=20)
 PROBABILITY = Limit(at_least=1e-100, below=1)
 #: Ends of a map [km], and the distance between its cells [km].
 MAP_KM = Limit(at_least=-1e5, at_most=1e5)

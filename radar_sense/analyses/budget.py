@@ -22,6 +22,7 @@ from radar_sense.analyses.error_budget import (
     error_budget,
     parts_of,
     required_accuracies,
+    sources_of,
     value_function,
 )
 from radar_sense.analyses.report import (
@@ -45,7 +46,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray, sources
+from radar_sense.states import AIRCRAFT_RCS, FloatArray
 
 #: The gradient for a source vanishes where its share of the total is smaller than its largest share
 #: by this factor.
@@ -204,8 +205,17 @@ def budget(
         method=method,
         table={
             axis.key: axis.values,
-            **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
+            **{
+                f"three_sigma_{source}": values
+                for source, values in three_sigma.items()
+                if source != AIRCRAFT_RCS  # a later column, as the first ones are fixed
+            },
             "three_sigma_total": total,
+            **{
+                f"three_sigma_{source}": values
+                for source, values in three_sigma.items()
+                if source == AIRCRAFT_RCS
+            },
             **{f"three_sigma_{source}": 3 * std for source, std in contributions.finer.items()},
             **mean_column(contributions.mean, method),
             **({} if method == "linear" else {f"share_{s}": v for s, v in shares.items()}),
@@ -296,7 +306,7 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
     """Return the lines of the figure: sources, and parts of radar constants with their labels."""
     names = scenario.model.names
     return {
-        "sources": list(sources(names)),
+        "sources": list(sources_of(scenario)),
         "several_radars": len(names) > 1,
         "parts": [
             {

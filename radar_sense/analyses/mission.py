@@ -331,11 +331,11 @@ def _first_order(
         schedule.model(scenario.model),
         schedule.time[pose],
         scenario.aircraft[pose],
-        scenario.radar,
+        scenario.shared,
     )
     covariances = (
         covariance if covariance.ndim == 2 else covariance[pose],
-        scenario.cov_radar[scenario.level],
+        scenario.cov_shared,
     )
     tau = scenario.correlation_s
     events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]

@@ -142,22 +142,25 @@ class Weighted:
 
 @dataclass(frozen=True, eq=False)
 class _Unit:
-    """Radars whose errors are drawn together: one radar, or all radars if they are correlated."""
+    """Radars whose errors are drawn together: one radar, or all radars if they are correlated.
+
+    An error of the RCS, which all radars share, correlates them.
+    """
 
     radars: tuple[int, ...]
     sampler: Sampler
     directions: Directions
 
     def draw(self, runs: int, together: int, *stream: int) -> tuple[FloatArray, FloatArray]:
-        """Draw states (runs, radars, 4) and weights (runs,), even over `together` in a row."""
+        """Draw states (runs, radars, 4 or 5) and weights (runs,), even over `together` in a row."""
         j, d = len(self.directions.widths), self.sampler.radar_normals
         points = _sobol_normals(runs, j + d, together, *stream).T
         normals, weight = self.directions.widen(np.ascontiguousarray(points[j:]), points[:j])
         return self.states(normals.T), weight
 
     def states(self, normals: FloatArray) -> FloatArray:
-        """Radar states (runs, radars, 4) from unit normals (runs, d)."""
-        return self.sampler.draw_radar(normals)[0].reshape(-1, len(self.radars), len(RADAR))
+        """Radar states (runs, radars, 4 or 5) from unit normals (runs, d)."""
+        return _drawn_states(self.sampler, normals)
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,7 +197,7 @@ class _Problem:
         Args:
             radar: The radar.
             poses: Aircraft states (K, p, 6).
-            states: Radar states (p, draws, 4).
+            states: Radar states (p, draws, 4 or 5).
         """
         model, own = self.radars[radar].model, self.looks[radar]
         aircraft = np.moveaxis(poses[own], 0, 1)[:, np.newaxis]
@@ -538,7 +541,7 @@ def _plan(problem: _Problem) -> tuple[_Plan, FloatArray]:
     blocks = [
         covariance[size * i : size * (i + 1), size * i : size * (i + 1)] for i in range(count)
     ]
-    independent = np.array_equal(covariance, block_diagonal(blocks))
+    independent = np.array_equal(covariance, block_diagonal(blocks)) and not scenario.rcs_std
     members = (
         [((i,), radar) for i, radar in enumerate(problem.radars)]
         if independent
@@ -639,7 +642,7 @@ class _Pilot:
         normals = PILOT_WIDTH * _sobol_normals(
             PILOT_DRAWS, sampler.radar_normals, 1, problem.scenario.seed, _PILOT, number
         )
-        states = sampler.draw_radar(normals)[0].reshape(1, PILOT_DRAWS, len(radars), len(RADAR))
+        states = _drawn_states(sampler, normals)[np.newaxis]
         poses = problem.scenario.aircraft[:, np.newaxis]
         events = [
             problem.events(radar, problem.hazard(radar, poses, states[:, :, place])[0])
@@ -691,7 +694,10 @@ def _pose_slopes(problem: _Problem, ends: NDArray[np.intp]) -> FloatArray:
     pose = schedule.pose
     covariance = scenario.cov_aircraft
     looks = linearize_looks(
-        schedule.model(scenario.model), schedule.time[pose], scenario.aircraft[pose], scenario.radar
+        schedule.model(scenario.model),
+        schedule.time[pose],
+        scenario.aircraft[pose],
+        scenario.shared,
     )
     slopes = pose_slopes(looks, covariance if covariance.ndim == 2 else covariance[pose])
     last = schedule.last[ends]
@@ -713,6 +719,11 @@ def _pose_slopes(problem: _Problem, ends: NDArray[np.intp]) -> FloatArray:
     by_normals[:, 1:] *= process.innovation_std[:, np.newaxis]
     by_event: FloatArray = by_normals.reshape(len(by_normals), -1)
     return by_event
+
+
+def _drawn_states(sampler: Sampler, normals: FloatArray) -> FloatArray:
+    """Return the states (runs, radars, 4 or 5) of a sampler's radars from normals (runs, d)."""
+    return np.stack(sampler.model.split(sampler.draw_radar(normals)[0]), axis=-2)
 
 
 def _sobol_normals(
