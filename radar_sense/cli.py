@@ -448,6 +448,21 @@ def init(file: Path, quiet: bool) -> None:
         click.echo(printable(f"{file} written; next: radar-sense check {file}"))
 
 
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of the scenario file, for editors.
+
+    `init` writes it beside a scenario, whose first line names it to the editor.
+
+    \b
+    Examples:
+      radar-sense schema
+    """
+    from radar_sense.schema import text
+
+    click.echo(text(), nl=False)
+
+
 def _scenario(config: Path | None) -> Scenario:
     from radar_sense.reading.parse import load_scenario
 

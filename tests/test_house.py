@@ -21,7 +21,7 @@ STOREYS = (
     ("montecarlo",),
     ("propagation",),
     ("scenario",),
-    ("record",),
+    ("record", "schema"),
     ("keys", "provenance"),
     ("model",),
     ("axis", "covariance"),

@@ -34,7 +34,7 @@ COMMANDS = cli.list_commands(None)
 #: Those that write results.
 # What validate draws takes longer; it has tests of its own, on a single pose. A mission needs a
 # path; it has tests of its own too.
-ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "mission", "validate")]
+ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "schema", "mission", "validate")]
 
 #: The first columns of each table. Their names and order are fixed, because others read them.
 COLUMNS = {
