@@ -419,33 +419,52 @@ def check(config: Path | None, quiet: bool) -> None:
 
 @cli.command()
 @click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
+@click.option("--network", is_flag=True, help="Start from several radars.")
+@click.option("--route", is_flag=True, help="Start from a flight; its route is written as CSV too.")
+@click.option("--data-sheet", is_flag=True, help="Start from a radar by its data sheet.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def init(file: Path, quiet: bool) -> None:
+def init(file: Path, quiet: bool, **kinds: bool) -> None:
     """Write a commented scenario to start from.
 
-    FILE is scenario.yaml if left out; - writes to the terminal.
+    FILE is scenario.yaml if left out; - writes to the terminal. The JSON Schema of the file is
+    written beside it, for editors that know the YAML language server. No file is overwritten,
+    except for the schema of another version.
 
     \b
     Examples:
       radar-sense init
       radar-sense init my.yaml
+      radar-sense init --route flight.yaml
+      radar-sense init --network radars.yaml
     """
     from radar_sense.errors import printable
     from radar_sense.files import write
-    from radar_sense.reading.parse import default_text
+    from radar_sense.reading.starters import is_old_schema, starter_files, starter_text
 
+    chosen = [kind for kind, given in kinds.items() if given]
+    if len(chosen) > 1:
+        options = " and ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
+        raise BadInput(f"{options} exclude each other; choose one")
+    kind = "".join(chosen)
     if str(file) == "-":
-        click.echo(default_text(), nl=False)
+        if kind == "route":
+            raise BadInput("--route writes two files, and - is the terminal; give a name")
+        click.echo(starter_text(kind), nl=False)
         return
     try:
-        if file.exists() or file.is_symlink():
-            raise BadInput(f"{file}: exists already; choose another name")
-        write(file.parent, {file.name: default_text().encode()})
+        contents = starter_files(kind, file)
+        paths = [file.parent / name for name in contents]
+        for path in paths:
+            if (path.exists() or path.is_symlink()) and not is_old_schema(path):
+                raise BadInput(f"{path}: exists already; choose another name")
+        write(file.parent, contents)
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
-        click.echo(printable(f"{file} written; next: radar-sense check {file}"))
+        first, *others = map(str, paths)
+        click.echo(printable(f"{first} written, with {' and '.join(others)}"))
+        click.echo(printable(f"next: radar-sense check {first}"))
 
 
 @cli.command()

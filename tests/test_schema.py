@@ -23,7 +23,7 @@ from radar_sense.reading.parse import parse_scenario
 from radar_sense.schema import FILE_NAME, schema
 
 ROOT = Path(__file__).parents[1]
-CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
+CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/**/*.yaml"))]
 SCHEMA = schema()
 VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
 
@@ -115,8 +115,8 @@ def judged(text):
     return bool(reader), bool(marks)
 
 
-@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
-def test_the_schema_accepts_the_files_in_configs(config):
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_the_schema_accepts_the_files_of_the_project(config):
     value = as_editor(config.read_text(encoding="utf-8"))
     assert [error.message for error in VALIDATOR.iter_errors(value)] == []
 
