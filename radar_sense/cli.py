@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
 from radar_sense.limits import FORMATS, Limit
@@ -120,10 +121,25 @@ class Cli(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands; no analysis is imported for it."""
+        with formatter.section("Commands"):
+            formatter.write_dl(self._lines())
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return the commands and options that begin so; no analysis is imported for it."""
+        return [
+            *(
+                CompletionItem(n, help=text)
+                for n, text in self._lines()
+                if n.startswith(incomplete)
+            ),
+            *click.Command.shell_complete(self, ctx, incomplete),
+        ]
+
+    def _lines(self) -> list[tuple[str, str]]:
+        """Return the commands, each with the first line of its help."""
         lines = {name: text for name, (_, text) in ANALYSES.items()}
         lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
-        with formatter.section("Commands"):
-            formatter.write_dl(sorted(lines.items()))
+        return sorted(lines.items())
 
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
@@ -249,8 +265,23 @@ def _option(option: Option) -> click.Option:
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
         show_default=option.default is not None and not option.flag,
+        shell_complete=lambda ctx, _, start: _complete(option, ctx, start),
         **several,
     )
+
+
+def _complete(option: Option, ctx: click.Context, start: str) -> list[CompletionItem]:
+    """Return the values of an option that begin so: words of the option, or of the scenario."""
+    from radar_sense.errors import InputError
+
+    words: Iterable[str] = option.choices
+    if option.name in ("level", "radar"):
+        # click leaves arguments before an option without a value unread, in ctx.args
+        config = ctx.params.get("config") or next(iter(ctx.args), None)
+        with suppress(InputError):  # there are no words in a file that cannot be read
+            scenario = _scenario(Path(config) if config else None)
+            words = scenario.cov_radar if option.name == "level" else scenario.model.names
+    return [CompletionItem(word) for word in words if word.startswith(start)]
 
 
 def _config() -> click.Argument:
