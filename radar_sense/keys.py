@@ -31,6 +31,24 @@ from radar_sense.model.trajectory import METHODS
 
 REQUIRED = object()
 YES_NO = ("true", "false")
+#: Units by the last word of the name of a key or a column.
+UNITS = {
+    "m": "m",
+    "km": "km",
+    "m2": "m²",
+    "deg": "°",
+    "s": "s",
+    "sr": "sr",
+    "k": "K",
+    "w": "W",
+    "kw": "kW",
+    "db": "dB",
+    "dbi": "dBi",
+    "rpm": "1/min",
+    "ghz": "GHz",
+    "mhz": "MHz",
+    "us": "µs",
+}
 #: Names that become parts of the names of columns.
 _LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
 
@@ -67,6 +85,17 @@ class Key:
     def required(self) -> bool:
         """Whether the key must be in the file."""
         return self.default is REQUIRED
+
+    @property
+    def unit_name(self) -> str:
+        """The unit of a number, which the name of the key ends with; "" if it has none."""
+        return "" if self.limit is None else unit_name(self.name)
+
+
+def unit_name(name: str) -> str:
+    """Return the unit that a name ends with, as in `range_km`; "" if it ends with none."""
+    stem, _, unit = name.rpartition("_")
+    return UNITS.get(unit, "") if stem else ""
 
 
 def declared(cls: Any) -> tuple[Key, ...]:

@@ -10,6 +10,8 @@ from typing import Any
 from radar_sense.errors import InputError, shorten
 
 DEG = math.pi / 180.0
+#: Most radars of a scenario.
+MAX_RADARS = 64
 #: Letters that the name of a scenario may have.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.

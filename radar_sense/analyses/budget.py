@@ -88,6 +88,7 @@ def plot(result: Result, figure: Figure) -> None:
 _METHOD = dataclasses.replace(
     OPTIONS["method"],
     help=f"{OPTIONS['method'].help} Or montecarlo, for Sobol' indices.",
+    choices=(*METHODS, MONTE_CARLO),
     default=None,
     default_text="linear; with --threshold form",
 )

@@ -22,6 +22,7 @@ from radar_sense import files
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
+from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario, for_radar
 from radar_sense.states import FloatArray
@@ -73,6 +74,7 @@ class Option:
         default: The value where none is given.
         default_text: The default in words, where None stands for it.
         count: How many numbers the option takes.
+        choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
     """
 
@@ -83,6 +85,7 @@ class Option:
     default: Any = None
     default_text: str = ""
     count: int = 1
+    choices: Collection[str] = ()
     flag: bool = False
 
 
@@ -97,6 +100,7 @@ OPTIONS: Mapping[str, Option] = {
             f"Method of propagation: {', '.join(METHODS)}.",
             metavar="NAME",
             default="linear",
+            choices=METHODS,
         ),
         Option("runs", "Number of runs.", RUNS, default_text="the scenario's"),
         Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's"),
@@ -105,6 +109,7 @@ OPTIONS: Mapping[str, Option] = {
             "random, or sobol: quasi-random points, fewer for the same accuracy of mean and sigma.",
             metavar="NAME",
             default="random",
+            choices=SAMPLERS,
         ),
         Option(
             "workers",

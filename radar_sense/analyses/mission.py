@@ -160,6 +160,7 @@ _METHOD = dataclasses.replace(
     OPTIONS["method"],
     help="importance: importance sampling; or first order, probit or linear.",
     default=IMPORTANCE,
+    choices=METHODS,
 )
 _M = Option("m", "With --n: detections that start a track.", WINDOW)
 _N = Option("n", "Looks in a row that they must be within; of radars with one period.", WINDOW)
