@@ -226,10 +226,10 @@ class Scenario:
         """Coordinate of each pose on the axis (n,): on an orbit θ_r [deg]."""
         return self.axis.values
 
-    def part(self, poses: slice | NDArray[np.intp]) -> Scenario:
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with some of its poses."""
         return self._with(
-            axis=self.axis.part(poses),
+            axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
             cov_aircraft=self.cov_aircraft
             if self.cov_aircraft.ndim == 2

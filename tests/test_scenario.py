@@ -111,7 +111,7 @@ def test_the_record_is_that_of_what_was_replaced():
     higher = changed(aircraft=s.aircraft - [0, 0, 1, 0, 0, 0])
     assert higher["geometry"]["type"] == "states"
     assert higher["geometry"]["poses"] == 361
-    assert higher["geometry"]["sha256"] != s.part(slice(0, 5)).resolved()["geometry"]["sha256"]
+    assert higher["geometry"]["sha256"] != s.at_poses(slice(0, 5)).resolved()["geometry"]["sha256"]
     with pytest.raises(InputError, match="geometry"):  # no file can say this
         rs.parse_scenario(json.dumps({**plain, **higher}))
 

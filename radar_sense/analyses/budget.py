@@ -390,7 +390,7 @@ def _measure_better(
     advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (advice,)
-    (halved,) = value_function(scenario.part(np.array([pose])), method)([ranked[0]], 0.5)
+    (halved,) = value_function(scenario.at_poses(np.array([pose])), method)([ranked[0]], 0.5)
     return (f"{advice}: with half its deviation the total would be {halved:.4f}",)
 
 
@@ -427,7 +427,7 @@ def _inverse_summary(
 def _inverse_report(
     goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
 ) -> list[str]:
-    place = "at all poses" if at is None else f"at {axis.say(at)}"
+    place = "at all poses" if at is None else f"at {axis.format(at)}"
     lines = [
         f"to keep {goal} {place}, largest factor on the standard deviations of one source (others "
         "unchanged), or of all:"
@@ -453,7 +453,9 @@ def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
             return f"no reduction needed; may grow {factor:.4g}-fold, and more is not known"
         return f"{factor:.4g}, and more is not known: this method has no answer"
     if factor is None:
-        words = f"not enough alone: {accuracy.residual:.4f} remains at {axis.say(accuracy.place)}"
+        words = (
+            f"not enough alone: {accuracy.residual:.4f} remains at {axis.format(accuracy.place)}"
+        )
         return words + (f", most from {accuracy.residual_from}" if accuracy.residual_from else "")
     if np.isinf(factor):
         return "any factor"

@@ -233,7 +233,7 @@ def measure(
         progress: Called with 1 after each of `replications` + REFERENCES parts.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
-    subset = scenario.part(poses)
+    subset = scenario.at_poses(poses)
     sampler = Sampler.of(subset)
     linear = LinearModel.of(sampler)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]

@@ -46,7 +46,7 @@ from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
 from radar_sense.mission import cumulative
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
 from radar_sense.mission.draws import Drawn, MissionDraws, mission_monte_carlo
-from radar_sense.mission.importance import importance_sampling
+from radar_sense.mission.importance.sampling import importance_sampling
 from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
@@ -304,7 +304,7 @@ def _events(
     parts = []
     for i, radar in enumerate(radars.values()):
         own, rows = schedule.of_radar(i)
-        parts.append((radar.part(rows), own, rows))
+        parts.append((radar.at_poses(rows), own, rows))
     if method == IMPORTANCE:
         every = importance_sampling(scenario, schedule, m_of_n, workers=workers)
     else:
@@ -568,7 +568,7 @@ def _event(name: str, scenario: Scenario, method: str, found: dict[str, Any]) ->
     ]
     for level, times in found["reaches"].items():
         time, earliest, latest = (
-            "never" if value is None else scenario.axis.say(value) for value in times.values()
+            "never" if value is None else scenario.axis.format(value) for value in times.values()
         )
         said = f"never reaches {level}" if time == "never" else f"reaches {level} at {time}"
         lines.append(f"  {said} (upper bound: {earliest}, lower bound: {latest})")
