@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -292,3 +293,16 @@ def test_quantiles_are_those_of_repeated_values():
     for row, level in zip(found, (0.0013499, 0.9986501), strict=True):
         exact = np.quantile(repeated, level, axis=0, method="hazen")
         np.testing.assert_allclose(row, exact, atol=0.05)
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_progress_adds_up_to_the_replicates_and_then_to_the_runs(tmp_path):
+    shown = []
+
+    def progress(total, what):
+        shown.append((total, what, []))
+        return nullcontext(shown[-1][2].append)
+
+    mission(load(tmp_path, ["two"], 60.0), runs=20, progress=progress)
+    assert [(total, what) for total, what, _ in shown] == [(8, "replicates"), (20, "runs")]
+    assert all(sum(steps) == total for total, _, steps in shown)

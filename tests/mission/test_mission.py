@@ -479,7 +479,7 @@ def test_an_undefined_gradient_is_said(tool):
     code, out, err = tool("mission", file, "--runs", 20, "--method", "probit")
     assert code == 0
     assert err.rstrip().endswith("use --method importance")
-    assert "its uncertainty is undefined at 10 to 20 s" in err
+    assert "the uncertainty is undefined at 10 to 20 s; the radar is straight above" in err
     assert "its uncertainty is undefined" in out
     assert record("figures/flight_mission.json")["summary"]["detection"]["at_end"]["sigma"] is None
 
