@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import html
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -112,6 +111,7 @@ class Scenario:
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
+        object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
         if not len(self.axis):
             along = axes.pose_number(len(self.aircraft))
             if self.time_s is not None:
@@ -262,10 +262,10 @@ class Scenario:
         """Coordinate of each pose on the axis (n,): on an orbit θ_r [deg]."""
         return self.axis.values
 
-    def part(self, poses: slice | NDArray[np.intp]) -> Scenario:
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with some of its poses."""
         return self._with(
-            axis=self.axis.part(poses),
+            axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
             cov_aircraft=self.cov_aircraft
             if self.cov_aircraft.ndim == 2
@@ -396,10 +396,28 @@ class Scenario:
 
     def _with(self, **changes: Any) -> Scenario:
         """Return the scenario with fields that need no new check."""
-        changed = copy.copy(self)
-        for name, value in changes.items():
+        changed = object.__new__(type(self))
+        for name, value in (vars(self) | changes).items():
             object.__setattr__(changed, name, value)
         return changed
+
+    def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[dict[str, Any]]]:
+        # A mapping proxy cannot be pickled.
+        mappings = {"cov_radar": dict(self.cov_radar), "tolerances": dict(self.tolerances)}
+        return _make_scenario, (vars(self) | mappings,)
+
+
+def _make_scenario(fields: Mapping[str, Any]) -> Scenario:
+    """Make a scenario from its fields, as unpickling does."""
+    return Scenario(**fields)
+
+
+def check_scenario(scenario: object) -> None:
+    """Raise InputError unless the argument is a scenario."""
+    if not isinstance(scenario, Scenario):
+        raise InputError(
+            f"scenario must be a Scenario, as load_scenario returns, got {shorten(str(scenario))}"
+        )
 
 
 def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:

@@ -185,7 +185,7 @@ def paper_network(
         model=NetworkModel(
             tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
         ),
-        axis=paper.axis.part(poses),
+        axis=paper.axis.at_poses(poses),
         aircraft=paper.aircraft[poses],
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -47,6 +42,9 @@ from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT_RCS, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 #: The gradient for a source vanishes where its share of the total is smaller than its largest share
 #: by this factor.
@@ -401,7 +399,7 @@ def _measure_better(
     advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (advice,)
-    (halved,) = value_function(scenario.part(np.array([pose])), method)([ranked[0]], 0.5)
+    (halved,) = value_function(scenario.at_poses(np.array([pose])), method)([ranked[0]], 0.5)
     return (f"{advice}: with half its deviation the total would be {halved:.4f}",)
 
 
@@ -438,7 +436,7 @@ def _inverse_summary(
 def _inverse_report(
     goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
 ) -> list[str]:
-    place = "at all poses" if at is None else f"at {axis.say(at)}"
+    place = "at all poses" if at is None else f"at {axis.format(at)}"
     lines = [
         f"to keep {goal} {place}, largest factor on the standard deviations of one source (others "
         "unchanged), or of all:"
@@ -464,7 +462,9 @@ def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
             return f"no reduction needed; may grow {factor:.4g}-fold, and more is not known"
         return f"{factor:.4g}, and more is not known: this method has no answer"
     if factor is None:
-        words = f"not enough alone: {accuracy.residual:.4f} remains at {axis.say(accuracy.place)}"
+        words = (
+            f"not enough alone: {accuracy.residual:.4f} remains at {axis.format(accuracy.place)}"
+        )
         return words + (f", most from {accuracy.residual_from}" if accuracy.residual_from else "")
     if np.isinf(factor):
         return "any factor"

@@ -12,11 +12,11 @@ from __future__ import annotations
 import dataclasses
 import html
 import inspect
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol
 
 from radar_sense import files
 from radar_sense.analyses.plausibility import plausibility_warnings
@@ -24,14 +24,11 @@ from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import Scenario, for_radar
+from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
-
-
-T = TypeVar("T")
 
 
 class FigureError(RuntimeError):
@@ -51,15 +48,6 @@ class Progress(Protocol):
 def silent(total: int, what: str) -> AbstractContextManager[None]:
     """Show no progress."""
     return nullcontext()
-
-
-def counted(items: Collection[T], progress: Progress, what: str) -> Iterator[T]:
-    """Yield items and show how many of them are done."""
-    with progress(len(items), what) as advance:
-        for item in items:
-            yield item
-            if advance:
-                advance(1)
 
 
 @dataclass(frozen=True)
@@ -332,9 +320,10 @@ class Analysis:
                 `workers`, `executor` and `progress` are if the analysis has them.
 
         Raises:
-            InputError: If an option is not allowed.
+            InputError: If the scenario is no `Scenario`, or an option is not allowed.
             TypeError: If the analysis has no such option.
         """
+        check_scenario(scenario)
         for name in options:
             if name not in self.keywords and name not in _OF_SCENARIO:
                 allowed = sorted({*self.keywords, *_OF_SCENARIO})

@@ -206,7 +206,7 @@ def required_accuracies(
     above = ~(at_all_poses((), 1.0) <= limit)
     at_critical_poses = at_all_poses
     if above.any():
-        at_critical_poses = value_function(scenario.part(np.flatnonzero(above)), method, k)
+        at_critical_poses = value_function(scenario.at_poses(np.flatnonzero(above)), method, k)
 
     def excess(log_factor: float, names: Collection[str]) -> float:
         """Largest value less the limit; NaN where the method has no answer."""
@@ -327,10 +327,10 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
     pose = axis.find(at)
     if pose is None:
         raise InputError(
-            f"there is no pose at {axis.say(at)}, the nearest of {len(axis)} is at "
+            f"there is no pose at {axis.format(at)}, the nearest of {len(axis)} is at "
             f"{axis.at(axis.nearest(at))}"
         )
-    return scenario.part(slice(pose, pose + 1))
+    return scenario.at_poses(slice(pose, pose + 1))
 
 
 def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:

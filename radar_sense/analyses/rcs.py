@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -17,6 +12,9 @@ from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, RADAR, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 #: Steps of the table [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0

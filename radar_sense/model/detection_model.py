@@ -94,7 +94,8 @@ class DetectionModel:
     detector: Detector = field(default_factory=North)
 
     def __post_init__(self) -> None:
-        check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        object.__setattr__(self, "p_fa", p_fa)
         if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
             raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
         if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):

@@ -76,8 +76,11 @@ class Radar:
         if not isinstance(self.name, str):
             raise InputError(f"name must be text, got {self.name!r}")
         if self.max_range != math.inf:
-            check_number("max_range", self.max_range, POSITIVE)
-        check_number("min_range", self.min_range, NOT_NEGATIVE)
+            max_range = check_number("max_range", self.max_range, POSITIVE)
+            object.__setattr__(self, "max_range", max_range)
+        object.__setattr__(
+            self, "min_range", check_number("min_range", self.min_range, NOT_NEGATIVE)
+        )
         if self.min_range >= self.max_range:
             raise InputError(
                 f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
@@ -85,7 +88,8 @@ class Radar:
         if not isinstance(self.horizon, Horizon | None):
             raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
         if self.scan_period is not None:
-            check_number("scan_period", self.scan_period, POSITIVE)
+            period = check_number("scan_period", self.scan_period, POSITIVE)
+            object.__setattr__(self, "scan_period", period)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
