@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.states import FloatArray
+
+#: A pose is nonlinear where higher orders would change σ by more than this fraction of σ,
+STD_CHANGE = 0.02
+#: or a bound by more than this.
+BOUND_CHANGE = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,6 +29,8 @@ class Moments:
         upper: Bound that P_D stays below with probability Φ(β) (...).
         converged: Where the method's iteration has converged (...). Elsewhere mean, std and bounds
             are NaN.
+        suspect: Where the method's check has to compute more to decide (...). Elsewhere the method
+            has found its moments reliable; a method that cannot tell has True everywhere.
     """
 
     p_d: FloatArray
@@ -32,6 +39,11 @@ class Moments:
     lower: FloatArray
     upper: FloatArray
     converged: NDArray[np.bool_]
+    suspect: NDArray[np.bool_] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.suspect is None:
+            object.__setattr__(self, "suspect", np.ones(np.shape(self.std), dtype=bool)[()])
 
     def __repr__(self) -> str:
         names = ", ".join(f.name for f in fields(self))
@@ -43,17 +55,27 @@ class Moments:
         mean, lower, upper = (
             np.where(certain, self.p_d, values) for values in (self.mean, self.lower, self.upper)
         )
-        return Moments(self.p_d, mean, self.std, lower, upper, self.converged)
+        return replace(self, mean=mean, lower=lower, upper=upper)
 
     def reshaped(self, shape: tuple[int, ...]) -> Moments:
         """Return the moments as arrays of this shape, or scalars where it is ()."""
         return Moments(*(getattr(self, f.name).reshape(shape)[()] for f in fields(self)))
+
+    def at(self, rows: NDArray[np.intp]) -> Moments:
+        """Return the moments at some poses, of moments (k,)."""
+        return Moments(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     @classmethod
     def concatenated(cls, parts: Iterable[Moments]) -> Moments:
         """Return the moments of all parts (k,), one after the other."""
         parts = list(parts)
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+def differ(given: Sequence[FloatArray], better: Sequence[FloatArray]) -> NDArray[np.bool_]:
+    """Return where (k,) σ, lower or upper bound differs too much from a better one, or is NaN."""
+    std, lower, upper = (abs(g - b) for g, b in zip(given, better, strict=True))
+    return ~((std <= STD_CHANGE * better[0]) & (lower <= BOUND_CHANGE) & (upper <= BOUND_CHANGE))
 
 
 def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatArray:

@@ -96,6 +96,11 @@ class UncertainStates:
             arrays = (a if len(a) == 1 else a[start : start + size] for a in self._arrays)
             yield UncertainStates(self.model, self.log_constant, *arrays)
 
+    def at(self, rows: NDArray[np.intp]) -> UncertainStates:
+        """Return the states of some poses."""
+        arrays = (a if len(a) == 1 < len(self) else a[rows] for a in self._arrays)
+        return UncertainStates(self.model, self.log_constant, *arrays)
+
     def with_covariances(
         self, cov_aircraft: FloatArray, cov_radar: FloatArray, start: int = 0
     ) -> UncertainStates:
@@ -222,6 +227,13 @@ class RelativeProbit:
             rows = uncertain if uncertain.shape[1] == 1 else uncertain[:, pose]
             gradient = np.where(rows, gradient, 0.0)
         return value, gradient
+
+    def p_d(self, error: FloatArray, pose: NDArray[np.intp]) -> FloatArray:
+        """Return P_D (j,) at errors (n, j) of the poses (j,); a c_r below 0 counts as 0."""
+        aircraft, radar, _ = self.shifted(error, pose)
+        constants = radar[:, CONSTANTS]
+        np.maximum(constants, 0.0, out=constants)
+        return self.states.model.p_d(aircraft, radar)
 
     def shifted(
         self, error: FloatArray, pose: NDArray[np.intp]
