@@ -50,43 +50,65 @@ def second_order_matters(
     unreliable = []
     for part, given in _blocks(states, moments, _numbers(states)):
         probit = RelativeProbit.of(part)
-        value, gradient, second = probit.derivatives()
-        sqrt_cov = probit.sqrt_cov
-        g = np.einsum("kij,ki->kj", sqrt_cov, gradient)
-        h = sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov
-        first = np.sum(g * g, axis=1)
-        variance = first + 0.5 * np.sum(h * h, axis=(1, 2))
-        hg = np.einsum("kij,kj->ki", h, g)
-        third = 3.0 * np.sum(g * hg, axis=1) + np.sum((h @ h) * h, axis=(1, 2))
-        mean = value + 0.5 * np.trace(h, axis1=1, axis2=2)
+        # A lobe may be as narrow as the differences are wide.
+        value, gradient, second = probit.derivatives(sides=2 if part.model.rcs.lobed else 1)
+        g, h = _by_u(probit.sqrt_cov, gradient, second)
+        first = np.sum(g * g, axis=0)
+        variance = first + 0.5 * np.einsum("ijk,ijk->k", h, h)
+        hg = np.einsum("ijk,jk->ik", h, g)
+        curvature = np.sum(g * hg, axis=0)
+        third = 3.0 * curvature + np.einsum("ijk,jlk,lik->k", h, h, h)
+        mean = value + 0.5 * np.einsum("iik->k", h)
         cube = variance**1.5  # 0 for variances below 1e-216
         skewness = third / np.where(cube > 0, cube, 1.0)
         better = _skewed(mean, np.sqrt(variance), skewness, beta)
         bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
         warned = differ(given, better) | bends | limit_matters(part, given[0], beta)
-        warned |= _expansion_is_off(probit, value, g, h, beta)
+        warned |= _expansion_is_off(probit, value, g, curvature, beta)
         if part.model.rcs.lobed:
             warned |= _lobe_beyond(probit, given, beta)
         unreliable.append(warned)
     return np.concatenate(unreliable)
 
 
+def _by_u(
+    sqrt_cov: FloatArray, gradient: FloatArray, second: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gradient (r, k) and second derivatives (r, r, k) by u from those by y."""
+    if len(sqrt_cov) == 1:
+        (one,) = sqrt_cov
+        n, _, k = second.shape
+        half = (one.T @ second.reshape(n, n * k)).reshape(-1, n, k)
+        return one.T @ gradient, one.T @ half
+    each = np.ascontiguousarray(np.moveaxis(second, 2, 0))
+    by_u = sqrt_cov.swapaxes(1, 2) @ each @ sqrt_cov
+    return np.einsum("kij,ik->jk", sqrt_cov, gradient), np.moveaxis(by_u, 0, 2)
+
+
 def _expansion_is_off(
-    probit: RelativeProbit, value: FloatArray, g: FloatArray, h: FloatArray, beta: float
+    probit: RelativeProbit, value: FloatArray, g: FloatArray, curvature: FloatArray, beta: float
 ) -> NDArray[np.bool_]:
-    """Return where (k,) the second-order expansion of z is off a distance β along the gradient."""
-    k, g, h = len(value), np.nan_to_num(g), np.nan_to_num(h)  # other tests warn where NaN
-    sqrt_cov = np.broadcast_to(probit.sqrt_cov, (k, *probit.sqrt_cov.shape[1:]))
-    length = np.sqrt(np.sum(g * g, axis=1))
-    u = (beta / np.where(length > 0, length, np.inf))[:, np.newaxis] * g
-    u = np.where(np.isfinite(u), u, 0.0)  # the model refuses NaN; no gradient is warned of anyway
-    bend = 0.5 * np.sum(u * np.einsum("kij,kj->ki", h, u), axis=1)
-    error = np.einsum("kij,kj->ik", sqrt_cov, u)
-    exact, _ = probit(np.hstack([error, -error]), np.tile(np.arange(k), 2))
-    floor = probit.floor
-    expanded = np.maximum(value + beta * np.array([[1.0], [-1.0]]) * length + bend, floor)
-    error = np.abs(ndtr(np.maximum(exact.reshape(2, k), floor)) - ndtr(expanded))
-    off: NDArray[np.bool_] = error.max(axis=0) > BOUND_CHANGE
+    """Return where (k,) the second-order expansion of z is off a distance β along the gradient.
+
+    Args:
+        probit: z as a function of the relative states.
+        value: z at the nominal states (k,).
+        g: Gradient of z by u (r, k).
+        curvature: gᵀHg (k,).
+        beta: β.
+    """
+    square = np.sum(g * g, axis=0)
+    known = np.isfinite(square + curvature) & (square > 0)  # other tests warn elsewhere
+    step = np.divide(beta, np.sqrt(square), out=np.zeros_like(square), where=known)
+    u = np.where(known, g * step, 0.0)
+    one = probit.sqrt_cov[0]
+    error = one @ u if len(probit.sqrt_cov) == 1 else np.einsum("kij,jk->ik", probit.sqrt_cov, u)
+    exact = probit.p_d(np.stack([error, -error], axis=1))
+    bend = 0.5 * np.where(known, curvature, 0.0) * step * step
+    slope = step * square
+    expanded = np.stack([value + slope + bend, value - slope + bend])
+    change = np.abs(exact - ndtr(np.maximum(expanded, probit.floor)))
+    off: NDArray[np.bool_] = change.max(axis=0) > BOUND_CHANGE
     return off
 
 
