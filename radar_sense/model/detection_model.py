@@ -30,8 +30,8 @@ from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, RCS_ERROR, FloatArray,
 BLOCK = 131_072
 #: Poses per block with all partials, which need more arrays. They fit into a second-level cache.
 BLOCK_OF_PARTIALS = 16_384
-#: A function of a detector: from S and P_fa to a value and its slope by S.
-Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
+#: From S and P_fa to values of a detector, and the slope of the last value by S.
+Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
 
 
@@ -139,6 +139,19 @@ class DetectionModel:
         _check_states(aircraft, radar)
         return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
 
+    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
+        """Return P_D (...), and what `linearize_probit` returns, from one computation of S.
+
+        Raises:
+            ValueError: As `linearize_probit`.
+        """
+        _check_states(aircraft, radar)
+
+        def both(snr: FloatArray, p_fa: float) -> tuple[FloatArray, ...]:
+            return self.detector.p_d(snr, p_fa), *self.detector.linearize_probit(snr, p_fa)
+
+        return self._partials(both, aircraft, radar, values=2)
+
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -158,16 +171,19 @@ class DetectionModel:
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what `linearize_probit` does, NaN where a state is not finite."""
-        return self._partials(self.detector.linearize_probit, aircraft, radar)
-
-    def _partials(
-        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        tails = ((), (len(AIRCRAFT),), np.shape(radar)[-1:])
-        value, by_aircraft, by_radar = _in_blocks(
-            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
+        value, by_aircraft, by_radar = self._partials(
+            self.detector.linearize_probit, aircraft, radar
         )
         return value, by_aircraft, by_radar
+
+    def _partials(
+        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike, values: int = 1
+    ) -> tuple[FloatArray, ...]:
+        """Return the values of a detector, and the partials of the last one by both states."""
+        tails = (*((),) * values, (len(AIRCRAFT),), np.shape(radar)[-1:])
+        return _in_blocks(
+            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
+        )
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
@@ -180,7 +196,7 @@ class DetectionModel:
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, ...]:
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
@@ -196,7 +212,7 @@ class DetectionModel:
         ratio = snr(constant, sigma, range_squared)
         # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without the factor, and exist where it is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
-        value, by_snr = detector(ratio, self.p_fa)
+        *values, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
         by_range = -4.0 * by_snr * ratio / range_squared
@@ -213,7 +229,7 @@ class DetectionModel:
         of_radar = [*by_position, by_snr * ds_dconstant]
         if by_error is not None:
             of_radar.append(by_snr * ratio * by_error)
-        return value, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
+        return *values, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
 
 
 def _range_squared(line: Vector) -> FloatArray:

@@ -255,6 +255,16 @@ class NetworkModel:
         z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, visible, extrapolated=False)
         return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
+    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
+        """Return P_D (...), and what `linearize_probit` returns, at little more than its cost.
+
+        Raises:
+            ValueError: As `linearize_probit`.
+        """
+        if len(self.radars) == 1 and not self.limited:
+            return self.radars[0].model.p_d_and_probit(aircraft, radar)
+        return self.p_d(aircraft, radar), *self.linearize_probit(aircraft, radar)
+
     def extrapolated_probit(
         self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
