@@ -143,7 +143,7 @@ def _made(
     rows: list[tuple[str, ...]] = [("Seed", str(scenario.seed))]
     if command:
         rows.insert(0, ("Command", code(shlex.join(command))))
-    rows += [(f"Version of {name}", code(version)) for name, version in versions.items()]
+    rows.append(("Versions", ", ".join(f"{name} {number}" for name, number in versions.items())))
     yaml = element("pre", element("code", escaped(document)))
     return element(
         "section",

@@ -27,11 +27,12 @@ def scenario_sentence(scenario: Scenario) -> str:
     """Return who looks at whom, in a sentence or two."""
     document, names = scenario.resolved(), scenario.model.names
     count = len(scenario.model.radars)
-    looks = f"{count} radars look" if count > 1 else "One radar looks"
-    who = f" ({', '.join(names)})" if names else ""
+    who = f"{count} radars" if count > 1 else "One radar"
+    who += f" ({', '.join(names)})" if names else ""
+    looks = "look" if count > 1 else "looks"
     model = document["aircraft"]["rcs"]["model"]
     target = _RCS.get(model, f"the RCS model {model}")
-    return f"{looks}{who} at an aircraft with {target}. {_flight(document['geometry'], scenario)}"
+    return f"{who} {looks} at an aircraft with {target}. {_flight(document['geometry'], scenario)}"
 
 
 def levels_sentence(scenario: Scenario) -> str:
@@ -124,9 +125,10 @@ def _deviations(block: Mapping[str, Any], *keys: str) -> list[str]:
 def _place(block: Mapping[str, Any]) -> str:
     if "position_geodetic" in block:
         place = block["position_geodetic"]
+        latitude, longitude = place["latitude_deg"], place["longitude_deg"]
         return (
-            f"{place['latitude_deg']:g}° N, {place['longitude_deg']:g}° E, "
-            f"{place['altitude_m']:g} m"
+            f"{abs(latitude):.8g}° {'S' if latitude < 0 else 'N'}, "
+            f"{abs(longitude):.8g}° {'W' if longitude < 0 else 'E'}, {place['altitude_m']:g} m"
         )
     return f"{_value(block['position_m'])} m north, east, down"
 

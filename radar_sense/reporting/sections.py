@@ -348,35 +348,12 @@ def _threshold(evidence: Evidence) -> Section | None:
         "not known": f"Not known: the bound is unreliable somewhere, first at "
         f"{_first_place(test, result)}.",
     }
-    least, highest = test["worst_margin"], test["highest_probability_above"]
-    anywhere = test["probability_above_at_any_pose"]
-    unit = axis.unit if f"above_{axis.unit}" in test else "s"
-    rows = [
-        ("Verdict", test["verdict"]),
-        ("Poses tested", f"{test['poses']}, {test['poses_between_rows']} of them between rows"),
-        ("Above the threshold", f"{test['share_above']:.1%} of {test[f'total_{unit}']:g} {unit}"),
-        ("Least margin", f"{_number(least['value'])} at {axis.say(least[axis.key])}"),
-        (
-            f"Largest P(P_D > {test['p_max']:g}) of a pose",
-            f"{_number(highest['value'])} at {axis.say(highest[axis.key])}",
-        ),
-    ]
-    if anywhere["runs"]:
-        rows.append(
-            (
-                f"P(P_D > {test['p_max']:g}) at any pose",
-                f"{_number(anywhere['value'])} ± {anywhere['standard_error']:.1g} "
-                f"({anywhere['runs']:,} runs)",
-            )
-        )
     return Section(
         key="threshold",
         question=f"Does P_D + {test['k']:g}σ stay within {test['p_max']:g}?",
         answer=verdicts[test["verdict"]],
         body=(
-            element("p", "The test in full:"),
             items(lines),
-            table("The threshold test", (), rows),
             _required(evidence),
         ),
         by=_by(result),
@@ -391,13 +368,20 @@ def _first_place(test: Mapping[str, Any], result: Result) -> str:
 def _required(evidence: Evidence) -> Html:
     result = evidence.budget
     axis, asked = result.scenario.axis, result.summary["threshold"]
-    rows = []
-    for name, found in asked["required_accuracy"].items():
-        accuracy = RequiredAccuracy(
+    accuracies = {
+        name: RequiredAccuracy(
             **{("place" if key == axis.key else key): value for key, value in found.items()}
         )
-        label = "all together" if name == "all" else _words(name)
-        rows.append((label, accuracy_in_words(accuracy, axis)))
+        for name, found in asked["required_accuracy"].items()
+    }
+    helpful = sorted(accuracies, key=lambda name: accuracies[name].factor is None)
+    rows = [
+        (
+            "all together" if name == "all" else _words(name),
+            accuracy_in_words(accuracies[name], axis),
+        )
+        for name in helpful
+    ]
     place = axis.say(asked[f"at_{axis.unit}"])
     return table(
         f"What would keep it within the threshold at {place}, where the margin is least",
@@ -445,7 +429,7 @@ def _mission(evidence: Evidence) -> Section | None:
         question=question,
         answer=answer,
         body=(
-            items(result.report[:1]),
+            element("p", f"{result.report[0]}."),
             Drawing(
                 "figure-mission",
                 result,
