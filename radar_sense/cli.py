@@ -79,7 +79,7 @@ ANALYSES: dict[str, tuple[str, str]] = {
 #: Likewise the commands that gather several analyses.
 REPORTS: dict[str, tuple[str, str]] = {
     "report": (
-        "radar_sense.reporting.report:report",
+        "radar_sense.reporting.command:report",
         "One HTML page: what is asked of a scenario, and the answers.",
     ),
 }

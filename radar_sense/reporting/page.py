@@ -150,8 +150,9 @@ def _made(
         element("h2", _AGAIN, id="again-question"),
         element(
             "p",
-            "Save the scenario below as a file, and run the command with that file. The files it "
-            "names must be there as well. The same versions give the same report, byte for byte.",
+            "Run the command again in the same folder, or save the scenario below as a file there: "
+            "it has the level, the seed and the radars of this report. The files that it names "
+            "must be there as well. The same versions give the same report, byte for byte.",
             class_="answer",
         ),
         table("How this report was made", (), rows),

@@ -129,8 +129,8 @@ def _detection(evidence: Evidence) -> Section:
                 result,
                 f"P_D with its 3-sigma band, by {axis.name}",
                 f"{answer} The band by {result.method} goes from "
-                f"{_number(np.nanmin(columns['lower_3sigma']))} to "
-                f"{_number(np.nanmax(columns['upper_3sigma']))}.",
+                f"{_number(trough(columns['lower_3sigma'], axis)['value'])} to "
+                f"{_number(peak(columns['upper_3sigma'], axis)['value'])}.",
                 "P_D, and the ends of its band of 3 sigma."
                 + (" Thin lines are single radars." if _several(result) else "")
                 + (f" The dotted line is the threshold, {limit['p_max']:g}." if limit else ""),
@@ -178,8 +178,13 @@ def _sources(evidence: Evidence) -> Section:
     pose = first_largest(total)
     place, shares = axis.at(pose), summary["shares_at_largest"]
     first = summary["dominant"]
-    if first is None or not total[pose] > 0:
-        answer = f"The budget has no answer at {place}: see the warnings."
+    if first is None:
+        answer = (
+            f"Method {result.method} has no value for every source at {place}, where 3 sigma is "
+            "largest. Draws have one: radar-sense budget --method montecarlo."
+        )
+    elif not total[pose] > 0:
+        answer = "P_D has no uncertainty in this scenario: there is nothing to measure better."
     else:
         answer = (
             f"At {place}, where 3 sigma is largest ({_number(total[pose])}), "
@@ -330,7 +335,6 @@ def _threshold(evidence: Evidence) -> Section | None:
     if test is None:
         return None
     result = evidence.variance
-    axis = result.scenario.axis
     bound = f"P_D + {test['k']:g} sigma"
     start = f"{bound} <= {test['p_max']:g}"
     lines = [line.strip() for line in result.report]
@@ -354,7 +358,7 @@ def _threshold(evidence: Evidence) -> Section | None:
         answer=verdicts[test["verdict"]],
         body=(
             items(lines),
-            _required(evidence),
+            *_required(evidence),
         ),
         by=_by(result),
     )
@@ -365,7 +369,7 @@ def _first_place(test: Mapping[str, Any], result: Result) -> str:
     return "an unknown place" if first is None else result.scenario.axis.say(*first.values())
 
 
-def _required(evidence: Evidence) -> Html:
+def _required(evidence: Evidence) -> Iterator[Html]:
     result = evidence.budget
     axis, asked = result.scenario.axis, result.summary["threshold"]
     accuracies = {
@@ -374,6 +378,8 @@ def _required(evidence: Evidence) -> Html:
         )
         for name, found in asked["required_accuracy"].items()
     }
+    if all(accuracy.residual_from == "P_D itself" for accuracy in accuracies.values()):
+        return  # the test has said that no better knowledge helps
     helpful = sorted(accuracies, key=lambda name: accuracies[name].factor is None)
     rows = [
         (
@@ -383,7 +389,7 @@ def _required(evidence: Evidence) -> Html:
         for name in helpful
     ]
     place = axis.say(asked[f"at_{axis.unit}"])
-    return table(
+    yield table(
         f"What would keep it within the threshold at {place}, where the margin is least",
         ("Source", "Largest factor on its deviation, with all others as they are"),
         rows,
