@@ -447,13 +447,14 @@ def _inverse_report(
     return [
         *lines,
         *(
-            f"  {names[source]:{width}}{_accuracy_in_words(accuracy, axis)}"
+            f"  {names[source]:{width}}{accuracy_in_words(accuracy, axis)}"
             for source, accuracy in required.items()
         ),
     ]
 
 
-def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+    """Return the largest factor on the standard deviations of a source, or why there is none."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:
