@@ -1,6 +1,5 @@
 """Methods of propagation: from Gaussian states to mean, deviation and bounds of P_D."""
 
-from radar_sense.propagation.checks import BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.methods import (
     METHODS,
     Method,
@@ -14,7 +13,12 @@ from radar_sense.propagation.methods import (
     upper_bound,
     upper_bound_in_scenario,
 )
-from radar_sense.propagation.moments import Moments, probit_moments
+from radar_sense.propagation.moments import (
+    BOUND_CHANGE,
+    STD_CHANGE,
+    Moments,
+    probit_moments,
+)
 
 __all__ = [
     "BOUND_CHANGE",
