@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -53,12 +52,10 @@ def plot(result: Result, figure: Figure) -> None:
     columns = 1 if len(endings) == 1 else 2
     rows = -(-len(endings) // columns)
     figure.set_size_inches(WIDTH, rows * (WIDTH if columns == 1 else 0.62 * WIDTH))
-    panels: Any = figure.subplots(
-        rows, columns, squeeze=False, subplot_kw={"projection": "polar"}
-    ).flat
+    panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
     by = summary["by"]
     angle = np.deg2rad(table[f"{by}_deg"])
-    for panel, ending in zip(panels, endings, strict=False):
+    for panel, ending in zip(panels.flat, endings, strict=False):
         for value, (colour, dashes) in zip(summary["p_d"], LINES, strict=False):
             lower, reach, upper = (
                 _closed(angle, table[f"{kind}_{value:g}{ending}"] / 1e3)
@@ -69,7 +66,11 @@ def plot(result: Result, figure: Figure) -> None:
         limit = result.arrays.get(f"limit_m{ending}")
         if limit is not None:
             panel.plot(
-                *_closed(angle, limit / 1e3), color="0.35", lw=0.8, ls=":", label="limit of the radar"
+                *_closed(angle, limit / 1e3),
+                color="0.35",
+                lw=0.8,
+                ls=":",
+                label="limit of the radar",
             )
         panel.set_theta_zero_location("N")
         panel.set_theta_direction(-1)
@@ -88,9 +89,9 @@ def plot(result: Result, figure: Figure) -> None:
             panel.set_title(ending[1:], fontsize=8)
             panel.set_xticklabels([])
             panel.tick_params(labelsize=6)
-    for panel in list(panels):
-        panel.set_visible(False)
-    figure.suptitle(summary["title"], fontsize=7.5)
+    for panel in panels.flat[len(endings) :]:
+        panel.remove()
+    figure.supxlabel(summary["title"], fontsize=7.5)
     draw_legend(figure, figure.axes[0])
 
 
@@ -140,7 +141,13 @@ class RangeAt:
             default_text=f"{P_D:g}",
             multiple=True,
         ),
-        Option("by", "bearing, or aspect: the aircraft turns at one bearing.", metavar="NAME"),
+        Option(
+            "by",
+            "bearing, or aspect: the aircraft turns at one bearing.",
+            metavar="NAME",
+            default=BEARING,
+            choices=(BEARING, ASPECT),
+        ),
         Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), default=1.0),
         Option("down_km", "Down coordinate.", MAP_KM, default_text="as at the first pose"),
         Option(
@@ -274,7 +281,9 @@ def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
     p_fa = max(model.p_fa for model in scenario.model.models)
     for value in values:
         if not p_fa < value < 1:
-            raise InputError(f"p_d must be greater than p_fa, {p_fa:g}, and less than 1, got {value:g}")
+            raise InputError(
+                f"p_d must be greater than p_fa, {p_fa:g}, and less than 1, got {value:g}"
+            )
     if len({f"{value:g}" for value in values}) < len(values) or not values:
         raise InputError("p_d must have one value or more, each once")
 
@@ -282,45 +291,48 @@ def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
 def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
     """Return the detection range for each P_D, with σ and band."""
     around = seen.all_rays
-    reaches = [seen.reach(value) for value in values]
-    if method == "linear":
-        bands = [None] * len(values)
-        nodes = bands
-    else:
-        bands = bounds_of_reach(seen, values, method, BETA)
-        nodes = bounds_of_reach(seen, values, method, NODE)
     ranges = []
-    for value, reach, band, node in zip(values, reaches, bands, nodes, strict=True):
+    for value in values:
+        reach = seen.reach(value)
         exists = ~np.isnan(reach.distance)
-        distance = np.where(exists, reach.distance, FARTHEST)
-        slant = np.where(exists, around.slant_range(distance), 0.0)
+        slant = _slant(around, np.nan_to_num(reach.distance))
         defined = exists & ~reach.limited
+        # Where a limit comes first, the band is the band without the limit, cut off there.
+        unlimited = seen.reach(value, limits=False).distance
+        distance = np.where(exists, unlimited, FARTHEST)
         at = around.at(distance)
-        slope = np.where(defined, _slope(around, distance), np.nan)
+        slope = np.where(exists, _slope(around, distance), np.nan)
         budget = error_budget(at)
-        by_source = {name: std / abs(slope) for name, std in budget.alone.items()}
         std = budget.std / abs(slope)
-        if band is None or node is None:
-            lower, upper = _first_order_band(seen, slant, std, reach.limited)
+        by_source = {
+            name: np.where(defined, alone / abs(slope), np.nan)
+            for name, alone in budget.alone.items()
+        }
+        if method == "linear":
+            lower, upper = _first_order_band(seen, _slant(around, distance), std)
             moments = propagate_scenario(at, method="probit")
-            unreliable = defined & nonlinear_in_scenario(at, moments, method="probit")
+            unreliable = exists & nonlinear_in_scenario(at, moments, method="probit")
         else:
+            band = bounds_of_reach(seen, value, method, BETA)
             lower, upper = (_slant(around, end) for end in band)
-            first, last = (_slant(around, end) for end in node)
-            std = np.where(defined, _std_of_quantiles(first, slant, last), np.nan)
+            first, last = (
+                _slant(around, end) for end in bounds_of_reach(seen, value, method, NODE)
+            )
+            std = _std_of_quantiles(first, slant, last)
             unreliable = _unreliable(around, band, method)
+        std = np.where(defined, std, np.nan)
         ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
     return ranges
 
 
 def _first_order_band(
-    seen: Survey, slant: FloatArray, std: FloatArray, limited: NDArray[np.bool_]
+    seen: Survey, slant: FloatArray, std: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the range ∓ 3σ, between 0 and the limit of the radar."""
     limit = _limits(seen)
     farthest = np.inf if limit is None else limit
-    lower = np.maximum(slant - BETA * std, 0.0)
-    return lower, np.minimum(slant + BETA * std, farthest)
+    lower, upper = (np.clip(slant + sign * BETA * std, 0.0, farthest) for sign in (-1, 1))
+    return lower, upper
 
 
 def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:
@@ -426,5 +438,7 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         )
     far = at.slant >= 0.999 * FARTHEST
     if far.any():
-        lines.append(f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, where the search ends")
+        lines.append(
+            f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, where the search ends"
+        )
     return lines

@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from radar_sense import axis as axes
 from radar_sense.analyses.grid import DOWN, YAW, pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
-from radar_sense.propagation import propagate_scenario, upper_bound_in_scenario
+from radar_sense.propagation import LARGEST_PROBIT, propagate_scenario, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
 
@@ -29,9 +30,14 @@ NEAREST, FARTHEST = 1.0, 5e6
 SAMPLES = 768
 #: The bounds of P_D change more slowly, and are computed at every such sample.
 STRIDE = 8
-#: Halvings of a bracket. From 2 % they leave 1e-14 of a distance where P_D costs little, and 2e-8
-#: where a bound is computed.
-FINE, COARSE = 42, 20
+#: Halvings of a bracket of 2 %, which leave 1e-14 of a distance.
+HALVINGS = 42
+#: Factors by which a bracket of a bound grows, one after the other.
+EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
+#: Steps of regula falsi, and |z| of a root. A step of z by 1e-7 is one of 1e-8 in distance.
+FALSI_STEPS, FALSI_TOLERANCE = 40, 1e-7
+#: Part of a distance that is surely within a limit at this distance.
+INSIDE = 1.0 - 1e-9
 #: Rays computed at a time.
 _BLOCK = 64
 
@@ -87,7 +93,7 @@ class Rays:
         """Return the slant ranges (n,) [m] at distances (n,) [m]."""
         return slant_range(self.states(distance[:, np.newaxis])[:, 0], self.scenario.radar)
 
-    def part(self, rays: slice) -> Rays:
+    def part(self, rays: slice | NDArray[np.intp]) -> Rays:
         """Return some of the rays."""
         return dataclasses.replace(self, bearing=self.bearing[rays], yaw=self.yaw[rays])
 
@@ -108,7 +114,7 @@ class Rays:
     def upper(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
         """Return the upper bound of P_D (n, k) by a method at distances (n, k)."""
         bound = upper_bound_in_scenario(self.at(distance), method=method, beta=beta)
-        return bound.reshape(distance.shape)
+        return np.reshape(bound, distance.shape)
 
 
 def rays(
@@ -172,15 +178,18 @@ class Survey:
     p_d: FloatArray
     visible: NDArray[np.bool_]
 
-    def reach(self, p_d: float) -> Reach:
-        """Return how far the rays reach a P_D within the limits of the radar."""
+    def reach(self, p_d: float, *, limits: bool = True) -> Reach:
+        """Return how far the rays reach a P_D, within the limits of the radar or without limits."""
         mine = self.all_rays
-        inside = (self.p_d >= p_d) & self.visible
+        inside = self.p_d >= p_d
+        if limits:
+            inside &= self.visible
 
         def reaches(distance: FloatArray) -> NDArray[np.bool_]:
-            return (mine.p_d(distance) >= p_d) & mine.visible(distance)
+            reached: NDArray[np.bool_] = mine.p_d(distance) >= p_d
+            return reached & mine.visible(distance) if limits else reached
 
-        near, far = _farthest(inside, self.distance, reaches, FINE)
+        near, far = _farthest(inside, self.distance, reaches, HALVINGS)
         distance = np.sqrt(near * far)
         # Beyond the edge P_D is below the value, or else a limit made the edge.
         beyond = mine.p_d(np.where(np.isnan(far), NEAREST, far)[:, np.newaxis])[:, 0] >= p_d
@@ -190,7 +199,7 @@ class Survey:
 
     def limit(self) -> FloatArray:
         """Return the farthest distance (n,) [m] within the limits; NaN where there is none."""
-        near, far = _farthest(self.visible, self.distance, self.all_rays.visible, FINE)
+        near, far = _farthest(self.visible, self.distance, self.all_rays.visible, HALVINGS)
         return np.sqrt(near * far)
 
 
@@ -208,57 +217,140 @@ def survey(all_rays: Rays) -> Survey:
 
 
 def bounds_of_reach(
-    seen: Survey, values: list[float], method: str, beta: float
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Return how far the bounds of P_D at Φ(−β) and Φ(β) reach each value, within the limits.
+    seen: Survey, value: float, method: str, beta: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the bounds of P_D at Φ(−β) and Φ(β) reach a value, within the limits.
 
     The distance at which P_D falls below a value is random. Where P_D falls with distance, that
     distance exceeds r if P_D at r exceeds the value. Its quantiles are hence the distances at which
     the quantiles of P_D have the value.
 
+    The bounds by `probit`, which cost little, show where to look for the bounds by the method.
+
     Args:
         seen: P_D along the rays.
-        values: Values of P_D.
+        value: Value of P_D.
         method: Method of propagation.
         beta: β.
 
     Returns:
-        For each value two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method
-        has no answer.
+        Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no answer.
     """
-    mine = seen.all_rays
+    limit = np.nan_to_num(seen.limit())
+    lower, upper = (
+        _bound_of_reach(seen.all_rays, place, limit, value, method, beta, upper=end == 1)
+        for end, place in enumerate(_guesses(seen, value, beta))
+    )
+    return lower, upper
+
+
+def _guesses(seen: Survey, value: float, beta: float) -> list[FloatArray]:
+    """Return where (n,) the lower and upper bound by `probit` reach a value, or come closest."""
     distance = seen.distance[::STRIDE]
-    samples = np.broadcast_to(distance, (len(mine.bearing), len(distance)))
-    ends = mine.bounds(samples, method, beta)
-    visible = seen.visible[:, ::STRIDE]
+    samples = np.broadcast_to(distance, (len(seen.p_d), len(distance)))
+    guesses = []
+    for bound in seen.all_rays.bounds(samples, "probit", beta):
+        inside = bound >= value
+        last = len(distance) - 1 - np.argmax(inside[:, ::-1], axis=1)
+        highest = np.argmax(np.nan_to_num(bound), axis=1)
+        guesses.append(distance[np.where(inside.any(axis=1), last, highest)])
+    return guesses
 
-    def lower(at: FloatArray) -> FloatArray:
-        return mine.bounds(at, method, beta)[0]
 
-    def upper(at: FloatArray) -> FloatArray:
-        return mine.upper(at, method, beta)
+def _bound_of_reach(
+    mine: Rays,
+    guess: FloatArray,
+    limit: FloatArray,
+    value: float,
+    method: str,
+    beta: float,
+    *,
+    upper: bool,
+) -> FloatArray:
+    """Return how far (n,) one bound reaches a value; 0 where nowhere, NaN where not known."""
+    wanted = ndtri(value)
 
-    found = []
-    for value in values:
-        pair = []
-        for bound, sampled in zip((lower, upper), ends, strict=True):
+    def excess(some: NDArray[np.intp], distance: FloatArray) -> FloatArray:
+        """Return z of the bound less z of the value, on some rays."""
+        if not len(some):
+            return np.empty(0)
+        one = mine.part(some)
+        column = distance[:, np.newaxis]
+        bound = one.upper(column, method, beta) if upper else one.bounds(column, method, beta)[0]
+        z = ndtri(np.clip(bound[:, 0], 0.0, 1.0))
+        result: FloatArray = np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT) - wanted
+        return result
 
-            def reaches(
-                at: FloatArray,
-                bound: Callable[[FloatArray], FloatArray] = bound,
-                value: float = value,
-            ) -> NDArray[np.bool_]:
-                return (bound(at) >= value) & mine.visible(at)
+    everyone = np.arange(len(guess))
+    near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
+    at_near = excess(everyone, near)
+    far, at_far = near.copy(), at_near.copy()
+    for factor in EXPANSIONS:
+        some = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound ends nearer
+        far[some], at_far[some] = near[some], at_near[some]
+        near[some] = np.maximum(near[some] / factor, NEAREST)
+        at_near[some] = excess(some, near[some])
+        some = np.flatnonzero((at_far >= 0) & (far < limit))
+        near[some], at_near[some] = far[some], at_far[some]
+        far[some] = np.minimum(far[some] * factor, limit[some])
+        at_far[some] = excess(some, far[some])
+    reach = np.where(at_near < 0, 0.0, far)  # the limit, where the bound reaches it
+    unknown = np.isnan(at_near) | np.isnan(at_far)
+    some = np.flatnonzero((at_near >= 0) & (at_far < 0))
+    reach[some] = np.exp(
+        _falsi(
+            lambda active, x: excess(some[active], np.exp(x)),
+            np.log(near[some]),
+            np.log(far[some]),
+            at_near[some],
+            at_far[some],
+        )
+    )
+    reach[(reach > 0) & ~mine.visible(np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE)[:, 0]] = 0
+    reach[unknown | (limit == 0)] = np.nan
+    reach[limit == 0] = 0.0
+    return reach
 
-            # Where there is no bound the ray may reach farther.
-            inside = ~(sampled < value) & visible
-            near, far = _farthest(inside, distance, reaches, COARSE)
-            reach = np.nan_to_num(np.sqrt(near * far), nan=0.0)
-            unknown = np.isnan(sampled) & visible
-            reach[(unknown & (distance > 0.9 * reach[:, np.newaxis])).any(axis=1)] = np.nan
-            pair.append(reach)
-        found.append((pair[0], pair[1]))
-    return found
+
+def _falsi(
+    function: Callable[[NDArray[np.intp], FloatArray], FloatArray],
+    low: FloatArray,
+    high: FloatArray,
+    at_low: FloatArray,
+    at_high: FloatArray,
+) -> FloatArray:
+    """Return roots (k,) of functions between two ends of different signs; NaN where one is NaN.
+
+    The Illinois variant of regula falsi (M. Dowell and P. Jarratt, BIT 11, 1971), which halves the
+    value at an end that stays.
+
+    Args:
+        function: From indices of roots, and arguments, to values.
+        low: Lower ends (k,).
+        high: Upper ends (k,).
+        at_low: Values at the lower ends.
+        at_high: Values at the upper ends.
+    """
+    root = 0.5 * (low + high)
+    low, high, at_low, at_high = (np.array(end) for end in (low, high, at_low, at_high))
+    side = np.zeros(len(low))
+    active = np.arange(len(low))
+    for _ in range(FALSI_STEPS):
+        if not len(active):
+            break
+        a, b, fa, fb = low[active], high[active], at_low[active], at_high[active]
+        x = b - fb * (b - a) / (fb - fa)
+        value = function(active, x)
+        root[active] = np.where(np.isnan(value), np.nan, x)
+        left = (value >= 0) == (fa >= 0)
+        low[active], at_low[active] = np.where(left, x, a), np.where(left, value, fa)
+        high[active], at_high[active] = np.where(left, b, x), np.where(left, fb, value)
+        again = side[active] == np.where(left, 1, -1)
+        at_high[active[again & left]] *= 0.5
+        at_low[active[again & ~left]] *= 0.5
+        side[active] = np.where(left, 1, -1)
+        active = active[abs(value) > FALSI_TOLERANCE]
+    return root
 
 
 def _farthest(
@@ -287,7 +379,7 @@ def _farthest(
 
 
 def _bearing(scenario: Scenario) -> float:
-    """Return the bearing [rad] of the first pose from the radar, in the level plane of the radar."""
+    """Return the bearing [rad] of the first pose from the radar, in the radar's level plane."""
     line = scenario.aircraft[0, POSITION] - scenario.radar[POSITION]
     if scenario.origin is not None:
         place = geodesy.geodetic_from_ned(scenario.radar[POSITION], scenario.origin)

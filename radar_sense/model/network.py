@@ -105,8 +105,8 @@ class Radar:
         return visible
 
     def without_limits(self) -> Radar:
-        """Return the radar without maximum range and horizon."""
-        return replace(self, max_range=math.inf, horizon=None)
+        """Return the radar without minimum and maximum range and horizon."""
+        return replace(self, min_range=0.0, max_range=math.inf, horizon=None)
 
     @property
     def limited(self) -> bool:

@@ -1,6 +1,7 @@
 """Methods of propagation: from Gaussian states to mean, deviation and bounds of P_D."""
 
 from radar_sense.propagation.methods import (
+    LARGEST_PROBIT,
     METHODS,
     Method,
     check_method,
@@ -22,6 +23,7 @@ from radar_sense.propagation.moments import (
 
 __all__ = [
     "BOUND_CHANGE",
+    "LARGEST_PROBIT",
     "METHODS",
     "STD_CHANGE",
     "Method",

@@ -225,9 +225,7 @@ def upper_bound_in_scenario(
     scenario: Scenario, *, method: str = "linear", beta: float = 3.0
 ) -> FloatArray:
     """Return the upper bound of P_D (n,) at every pose of a scenario, at its level."""
-    return upper_bound(
-        *_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant
-    )
+    return upper_bound(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
 
 
 def nonlinear_in_scenario(
