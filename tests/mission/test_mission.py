@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import legend_off_data, scenario, write_path
+from helpers import lay_out, legend_off_data, scenario, write_path
 
 import radar_sense as rs
-from radar_sense import limits, plotting
+from radar_sense import limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
 from radar_sense.errors import InputError
 from radar_sense.mission import importance, tracks
@@ -53,6 +53,7 @@ def _few_draws(monkeypatch):
         monkeypatch.setattr(importance, name, 128)
     monkeypatch.setattr(importance, "PILOT_DRAWS", 128)
     monkeypatch.setattr(importance, "COMBINATIONS", 512)
+    monkeypatch.setattr(importance, "REPLICATES", 2)
 
 
 def write(folder, text=ROUTE, **changes):
@@ -488,8 +489,7 @@ def test_an_undefined_gradient_is_said(tool):
 @pytest.mark.parametrize("period", [None, 5, 1e5])
 def test_layout(tmp_path, runs, m_of_n, period):
     changes = {} if period is None else {"radar__scan_period_s": period}
-    figure = mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot()
-    plotting.render(figure, "png")
+    figure = lay_out(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot())
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend_off_data(figure)
     for axes in figure.axes:
