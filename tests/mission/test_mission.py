@@ -343,7 +343,8 @@ def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
 
 @pytest.mark.parametrize("options", ["", "--m 2 --n 3", "--runs 50", "--m 2 --n 3 --runs 50"])
 @pytest.mark.parametrize("method", [None, "linear", "probit"])
-def test_columns(tool, options, method):
+def test_columns(tool, monkeypatch, options, method):
+    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
     named = ["--method", method] if method else []
     code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split(), *named)
     assert code == 0
