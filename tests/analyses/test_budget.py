@@ -200,7 +200,7 @@ def test_where_a_method_has_no_answer_none_is_made_up():
         assert not found.known
         assert not found.factor
     report = analyses.budget(spiky, method="form", target=0.02).report
-    assert sum("this method has no answer" in line for line in report) == 5
+    assert sum("this method has no value" in line for line in report) == 5
 
 
 def test_undefined_gradients_of_what_is_certain_do_not_matter():
