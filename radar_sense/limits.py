@@ -10,6 +10,8 @@ from typing import Any
 from radar_sense.errors import InputError, shorten
 
 DEG = math.pi / 180.0
+#: Most radars of a scenario.
+MAX_RADARS = 64
 #: Letters that the name of a scenario may have.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.
@@ -65,6 +67,8 @@ class Limit:
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
+#: Standard deviation in decibels.
+STD_DB = Limit(at_least=0, at_most=20)
 PROBABILITY = Limit(at_least=1e-100, below=1)
 #: Ends of a map [km], and the distance between its cells [km].
 MAP_KM = Limit(at_least=-1e5, at_most=1e5)

@@ -19,10 +19,11 @@ from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.rcs import RCS
 from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
@@ -72,6 +73,8 @@ class Scenario:
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
+        rcs_db: Standard deviation of the RCS [dB], of one log-normal factor that all radars, poses
+            and looks share. 0 for an RCS table with a standard deviation of its own.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
             process: 0 for independent errors at every pose, infinity for one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
@@ -91,6 +94,7 @@ class Scenario:
     seed: int = SEED_KEY.default
     tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
+    rcs_db: float = 0.0
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
     provenance: Provenance = field(default_factory=Provenance)
@@ -164,6 +168,12 @@ class Scenario:
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
+        check_number("rcs_db", self.rcs_db, STD_DB)
+        if self.rcs_db and self._rcs_spread is not None:
+            raise InputError(
+                "rcs_db must be left out, or std_db of the RCS table: both say how uncertain the "
+                "RCS is"
+            )
 
     def _require_level(self, level: str) -> None:
         if level not in self.cov_radar:
@@ -200,6 +210,32 @@ class Scenario:
     def scan_period_s(self) -> float | None:
         """Time from look to look of the first radar [s]; None if it is not known."""
         return self.model.radars[0].scan_period
+
+    @property
+    def rcs_std(self) -> float:
+        """Standard deviation of the error ε of the RCS, see `model.rcs`; 0 if it is certain."""
+        return self.rcs_db if self._rcs_spread is None else 1.0
+
+    @property
+    def shared(self) -> FloatArray:
+        """Nominal states that all poses share (4m,) or (4m + 1,): the radars, and ε of the RCS."""
+        return np.append(self.radar, 0.0) if self.rcs_std else self.radar
+
+    @property
+    def cov_shared(self) -> FloatArray:
+        """Covariance of the shared states, at the level."""
+        matrix = self.cov_radar[self.level]
+        if not self.rcs_std:
+            return matrix
+        covariance = np.zeros((len(matrix) + 1, len(matrix) + 1))
+        covariance[:-1, :-1] = matrix
+        covariance[-1, -1] = self.rcs_std**2
+        return covariance
+
+    @property
+    def _rcs_spread(self) -> RCS | None:
+        spread: RCS | None = getattr(self.model.rcs, "spread", None)
+        return spread
 
     @property
     def _radar_count(self) -> int:
@@ -290,7 +326,9 @@ class Scenario:
         """
         document: dict[str, Any] = {"name": self.name}
         uncertainty = {
-            **record.cov_aircraft_block(self.cov_aircraft, self.provenance.cov_aircraft),
+            **record.cov_aircraft_block(
+                self.cov_aircraft, self.provenance.cov_aircraft, self.rcs_db
+            ),
             **record.correlation_block(self.correlation_s, has_times=self.time_s is not None),
         }
         if self.model.names:
@@ -318,7 +356,9 @@ class Scenario:
         return {
             "name": radar.name,
             **record.radar_block(radar.model, state, source, radar.scan_period),
-            **record.limits_block(radar.max_range, radar.horizon, self.provenance.earth),
+            **record.limits_block(
+                radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
+            ),
             "uncertainty": self._levels_document(i),
         }
 

@@ -17,6 +17,7 @@ from radar_sense.analyses.error_budget import (
     error_budget,
     parts_of,
     required_accuracies,
+    sources_of,
     value_function,
 )
 from radar_sense.analyses.report import (
@@ -40,7 +41,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray, sources
+from radar_sense.states import AIRCRAFT_RCS, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -85,6 +86,7 @@ def plot(result: Result, figure: Figure) -> None:
 _METHOD = dataclasses.replace(
     OPTIONS["method"],
     help=f"{OPTIONS['method'].help} Or montecarlo, for Sobol' indices.",
+    choices=(*METHODS, MONTE_CARLO),
     default=None,
     default_text="linear; with --threshold form",
 )
@@ -202,8 +204,17 @@ def budget(
         method=method,
         table={
             axis.key: axis.values,
-            **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
+            **{
+                f"three_sigma_{source}": values
+                for source, values in three_sigma.items()
+                if source != AIRCRAFT_RCS  # a later column, as the first ones are fixed
+            },
             "three_sigma_total": total,
+            **{
+                f"three_sigma_{source}": values
+                for source, values in three_sigma.items()
+                if source == AIRCRAFT_RCS
+            },
             **{f"three_sigma_{source}": 3 * std for source, std in contributions.finer.items()},
             **mean_column(contributions.mean, method),
             **({} if method == "linear" else {f"share_{s}": v for s, v in shares.items()}),
@@ -294,7 +305,7 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
     """Return the lines of the figure: sources, and parts of radar constants with their labels."""
     names = scenario.model.names
     return {
-        "sources": list(sources(names)),
+        "sources": list(sources_of(scenario)),
         "several_radars": len(names) > 1,
         "parts": [
             {
@@ -440,13 +451,14 @@ def _inverse_report(
     return [
         *lines,
         *(
-            f"  {names[source]:{width}}{_accuracy_in_words(accuracy, axis)}"
+            f"  {names[source]:{width}}{accuracy_in_words(accuracy, axis)}"
             for source, accuracy in required.items()
         ),
     ]
 
 
-def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+    """Return the largest factor on the standard deviations of a source, or why there is none."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:

@@ -97,7 +97,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
-    groups = (sources(names), finer_sources(names), parts_of(scenario))
+    groups = (sources_of(scenario), finer_sources(names), parts_of(scenario))
     std = std_function(scenario, method=method)
     alone, finer, parts = (
         {name: std(*_alone(scenario, name)) for name in group} for group in groups
@@ -110,6 +110,11 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         finer=finer,
         parts=parts,
     )
+
+
+def sources_of(scenario: Scenario) -> dict[str, Source]:
+    """Return the sources of the error budget of a scenario by name."""
+    return sources(scenario.model.names, rcs=scenario.rcs_std > 0)
 
 
 @dataclass(frozen=True)
@@ -287,7 +292,7 @@ def value_function(
         return upper_bound(
             scenario.model,
             scenario.aircraft,
-            scenario.radar,
+            scenario.shared,
             covariances["aircraft"],
             covariances["radar"],
             method=method,
@@ -346,12 +351,12 @@ def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
 
 def _source(scenario: Scenario, name: str) -> Source:
     names = scenario.model.names
-    return {**sources(names), **finer_sources(names)}[name]
+    return {**sources_of(scenario), **finer_sources(names)}[name]
 
 
 def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
     """Return C_aa and C_rr with the standard deviations of some sources multiplied."""
-    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[scenario.level]}
+    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_shared}
     parts = parts_of(scenario)
     scaled = [(_source(scenario, name), factor) for name in names if name not in parts]
     changed = [part for name, part in parts.items() if name in names]
@@ -369,8 +374,8 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)
-    parts, blocks_by_name = parts_of(scenario), sources(scenario.model.names)
-    cov_radar = scenario.cov_radar[scenario.level]
+    parts, blocks_by_name = parts_of(scenario), sources_of(scenario)
+    cov_radar = scenario.cov_shared
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
         blocks = [components for owner, components in blocks_by_name.values() if owner == whose]
         apart = sum(covariance.keep_components(matrix, components) for components in blocks)

@@ -160,6 +160,7 @@ _METHOD = dataclasses.replace(
     OPTIONS["method"],
     help="importance (importance sampling), or of first order: probit, linear.",
     default=IMPORTANCE,
+    choices=METHODS,
 )
 _M = Option("m", "With --n: detections that start a track.", WINDOW)
 _N = Option("n", "With --m: length of the window of consecutive looks.", WINDOW)
@@ -337,11 +338,11 @@ def _first_order(
         schedule.model(scenario.model),
         schedule.time[pose],
         scenario.aircraft[pose],
-        scenario.radar,
+        scenario.shared,
     )
     covariances = (
         covariance if covariance.ndim == 2 else covariance[pose],
-        scenario.cov_radar[scenario.level],
+        scenario.cov_shared,
     )
     tau = scenario.correlation_s
     events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]

@@ -155,7 +155,12 @@ def rcs(scenario: Scenario) -> Result:
     low, high = decibels(np.array([seen.min(), seen.max()]))
     return Result(
         scenario=scenario,
-        table={"azimuth_deg": columns[0], "elevation_deg": columns[1], "rcs_m2": sigma},
+        table={
+            "azimuth_deg": columns[0],
+            "elevation_deg": columns[1],
+            "rcs_m2": sigma,
+            **_spread(model, columns),
+        },
         summary=summary,
         report=(
             *(f"{name} RCS {_in_words(summary[name])}" for name in ("largest", "smallest")),
@@ -172,6 +177,12 @@ def rcs(scenario: Scenario) -> Result:
         },
         warnings=table_warnings(scenario),
     )
+
+
+def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
+    """Return the standard deviation [dB] of an RCS table that has one by aspect."""
+    spread = getattr(model, "spread", None)
+    return {} if spread is None else {"std_db": pattern(spread, *columns)}
 
 
 def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:

@@ -73,8 +73,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     for radar in radars:
         _refuse_collision(entries["geometry"], poses, radar)
         _refuse_uncovered(entries["geometry"], rcs, poses, radar)
-    cov_aircraft, correlation_s, levels = read_uncertainty(
-        entries["uncertainty"], poses, radars[0].data_sheet, of_radar=not several
+    cov_aircraft, correlation_s, rcs_db, levels = read_uncertainty(
+        entries["uncertainty"], poses, radars[0].data_sheet, of_radar=not several, rcs=rcs
     )
     if levels is not None:
         radars = [with_levels(radars[0], levels, poses)]
@@ -103,6 +103,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
             if any(level in radar.levels.tolerances for radar in radars)
         },
         time_s=poses.time_s,
+        rcs_db=rcs_db,
         correlation_s=correlation_s,
         origin=poses.origin,
         provenance=Provenance(

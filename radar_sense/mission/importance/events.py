@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from radar_sense.mission.schedule import Schedule
 from radar_sense.mission.tracks import m_of_n
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
 
@@ -49,7 +50,7 @@ class MissionEvents:
         Args:
             radar: The radar.
             poses: Aircraft states (K, p, 6).
-            states: Radar states (p, draws, 4).
+            states: Radar states (p, draws, 4 or 5).
         """
         model, looks = self.radars[radar].model, self.looks[radar]
         aircraft = np.moveaxis(poses[looks], 0, 1)[:, np.newaxis]
@@ -82,3 +83,8 @@ class MissionEvents:
         """Return values (..., looks) after each look of a radar at the nodes (..., J)."""
         latest = np.searchsorted(self.looks[radar], self.nodes, side="right") - 1
         return np.where(latest >= 0, values[..., np.maximum(latest, 0)], start)
+
+
+def draw_radars(sampler: Sampler, normals: FloatArray) -> FloatArray:
+    """Return the states (runs, radars, 4 or 5) of a sampler's radars from normals (runs, d)."""
+    return np.stack(sampler.model.split(sampler.draw_radar(normals)[0]), axis=-2)

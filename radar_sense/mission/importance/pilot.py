@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.mission.importance.events import MissionEvents
+from radar_sense.mission.importance.events import MissionEvents, draw_radars
 from radar_sense.mission.importance.widening import PILOT_STREAM, sobol_normals
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import FloatArray
 
 #: Draws of a pilot, their width, and the probability of the tails that directions point to.
 PILOT_DRAWS, PILOT_WIDTH, PILOT_TAIL = 1024, 1.8, float(ndtr(-2.5))
@@ -38,7 +38,7 @@ class Pilot:
         normals = PILOT_WIDTH * sobol_normals(
             PILOT_DRAWS, sampler.radar_normals, 1, events.scenario.seed, PILOT_STREAM, number
         )
-        states = sampler.draw_radar(normals)[0].reshape(1, PILOT_DRAWS, len(radars), len(RADAR))
+        states = draw_radars(sampler, normals)[np.newaxis]
         poses = events.scenario.aircraft[:, np.newaxis]
         by_radar = [
             events.of_radar(radar, events.hazard(radar, poses, states[:, :, place])[0])

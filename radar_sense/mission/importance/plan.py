@@ -39,6 +39,8 @@ DIRECTION_TIMES = 24
 class RadarUnit:
     """Radars whose errors are drawn together: one radar, or all radars if they are correlated.
 
+    An error of the RCS, which all radars share, correlates them.
+
     Attributes:
         radars: The radars.
         sampler: Draws the radar states.
@@ -130,7 +132,8 @@ def _members(events: MissionEvents) -> list[tuple[tuple[int, ...], Sampler]]:
     scenario, count, size = events.scenario, len(events.radars), len(RADAR)
     covariance = scenario.cov_radar[scenario.level]
     states = [slice(size * i, size * (i + 1)) for i in range(count)]
-    if np.array_equal(covariance, block_diagonal([covariance[s, s] for s in states])):
+    independent = np.array_equal(covariance, block_diagonal([covariance[s, s] for s in states]))
+    if independent and not scenario.rcs_std:
         return [((i,), Sampler.of(radar)) for i, radar in enumerate(events.radars)]
     return [(tuple(range(count)), Sampler.of(scenario))]
 
@@ -193,7 +196,10 @@ def _pose_slopes(events: MissionEvents, times: NDArray[np.intp]) -> FloatArray:
     pose = schedule.pose
     covariance = scenario.cov_aircraft
     looks = linearize_looks(
-        schedule.model(scenario.model), schedule.time[pose], scenario.aircraft[pose], scenario.radar
+        schedule.model(scenario.model),
+        schedule.time[pose],
+        scenario.aircraft[pose],
+        scenario.shared,
     )
     slopes = pose_slopes(looks, covariance if covariance.ndim == 2 else covariance[pose])
     last = schedule.last[times]

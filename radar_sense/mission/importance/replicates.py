@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.mission.importance.combinations import combine
+from radar_sense.mission.importance.events import draw_radars
 from radar_sense.mission.importance.plan import Plan, RadarUnit
 from radar_sense.mission.importance.quantiles import weighted_statistics
 from radar_sense.mission.importance.widening import (
@@ -18,7 +19,7 @@ from radar_sense.mission.importance.widening import (
     sobol_normals,
 )
 from radar_sense.montecarlo.sequences import random_stream
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray
 
 #: Combinations of the radars of one scan group for each draw. Each one takes a Markov chain.
 GROUP_COMBINATIONS = 2
@@ -87,15 +88,15 @@ def _draw_poses(
 
 
 def _draw_radars(plan: Plan, unit: RadarUnit, number: int, u: int) -> tuple[FloatArray, FloatArray]:
-    """Draw states (paths, draws, radars, 4) and weights (paths, draws) of a unit."""
+    """Draw states (paths, draws, radars, 4 or 5) and weights (paths, draws) of a unit."""
     runs, j = plan.paths * plan.draws, len(unit.directions.widths)
     dimensions = j + unit.sampler.radar_normals
     stream = (plan.events.scenario.seed, RADARS_STREAM, number, u)
     points = sobol_normals(runs, dimensions, plan.draws, *stream).T
     normals, weight = unit.directions.widen(np.ascontiguousarray(points[j:]), points[:j])
-    states = unit.sampler.draw_radar(normals.T)[0]
+    states = draw_radars(unit.sampler, normals.T)
     shape = plan.paths, plan.draws
-    return states.reshape(*shape, len(unit.radars), len(RADAR)), weight.reshape(shape)
+    return states.reshape(*shape, *states.shape[1:]), weight.reshape(shape)
 
 
 def _combine_group(
