@@ -198,12 +198,12 @@ def test_where_a_method_has_no_answer_none_is_made_up():
         assert found.factor > 5
         assert found.residual <= 1.5
     # Form does not settle where two lobes meet.
-    spiky = load_scenario("configs/spikeball.yaml").part(slice(0, None, 20))
+    spiky = load_scenario("configs/spikeball.yaml").at_poses(slice(0, None, 20))
     result = analyses.budget(spiky, method="form", target=0.02)
     for found in result.summary["target"]["required_accuracy"].values():
         assert not found["known"]
         assert not found["factor"]
-    assert sum("this method has no answer" in line for line in result.report) == 5
+    assert sum("this method has no value" in line for line in result.report) == 5
 
 
 def test_undefined_gradients_of_what_is_certain_do_not_matter():

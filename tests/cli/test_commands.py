@@ -215,7 +215,7 @@ def test_detectors(tool):
         assert abs(worst["error"]) == abs(difference[found["p_fa"] == p_fa]).max()
     assert largest[1.7e-4]["error"] == pytest.approx(0.0050, abs=5e-5)
     assert "P_fa 0.00017  +0.0050 at 5.7 dB" in out
-    assert "at a pose of this scenario at most 0.0039 at 0 and 180 deg" in out
+    assert "largest error at the poses of this scenario: 0.0039 at 0 and 180 deg" in out
 
 
 def test_a_detector_that_is_named_is_used(tool):
