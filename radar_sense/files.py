@@ -97,11 +97,7 @@ def record(
     content = {
         "analysis": analysis,
         "command": list(command),
-        "versions": {
-            "radar-sense": __version__,
-            "python": platform.python_version(),
-            **{package: version(package) for package in _PACKAGES},
-        },
+        "versions": versions(),
         "seed": seed,
         "scenario": scenario,
         "warnings": list(warnings),
@@ -122,6 +118,26 @@ def holds(path: Path, content: bytes) -> bool:
     except OSError:
         return False
     return place == len(content)
+
+
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """Return a resolved scenario as the text of a scenario file."""
+    import yaml  # not needed by most commands
+
+    # default_flow_style None: lists of numbers on one line, mappings spread out
+    text: str = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True
+    )
+    return text
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the tool, of Python and of the packages that compute and draw."""
+    return {
+        "radar-sense": __version__,
+        "python": platform.python_version(),
+        **{package: version(package) for package in _PACKAGES},
+    }
 
 
 def same_result(one: bytes, other: bytes) -> bool:

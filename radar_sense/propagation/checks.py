@@ -22,7 +22,7 @@ from radar_sense.propagation.standard_space import (
     StandardNormalSpace,
     UncertainStates,
 )
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
 #: Draws about each centre, where a check draws.
 DRAWS = 256
@@ -231,12 +231,14 @@ def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDAr
             near |= states.model.visible(aircraft, radar + error) != visible
     allowed = np.minimum(BOUND_CHANGE, np.sqrt(2.0 * STD_CHANGE) * std)
     for i in np.flatnonzero(near.any(axis=0)):
-        components = slice(len(RADAR) * i, len(RADAR) * (i + 1))
+        components = components_of([int(i)], m, radar.shape[-1])
         z, by_aircraft, by_radar = states.model.models[i].linearize_probit(
             aircraft, radar[:, components]
         )
         variance = variance_along(by_aircraft, states.cov_aircraft)
-        variance = variance + variance_along(by_radar, states.cov_radar[:, components, components])
+        variance = variance + variance_along(
+            by_radar, states.cov_radar[:, components][..., components]
+        )
         matters |= near[:, i] & ~(ndtr(z + beta * np.sqrt(variance)) <= allowed)
     return matters
 

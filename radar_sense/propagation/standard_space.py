@@ -3,7 +3,8 @@
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
 through the radars' positions relative to the aircraft. The relative states y are therefore the
 aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
-aircraft. They have 3 + 4m components instead of 6 + 4m.
+aircraft. They have 3 + 4m components instead of 6 + 4m. Where the RCS is uncertain its error is one
+component more, the last of the radar states.
 
 With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
 determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
@@ -68,9 +69,9 @@ class UncertainStates:
         model: The detection model, of a radar or of a network of m.
         log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
         aircraft: Nominal aircraft states (k, 6).
-        radar: Nominal radar states (k, 4m).
+        radar: Nominal radar states (k, 4m), or (k, 4m + 1) with the error of the RCS.
         cov_aircraft: C_aa (k, 6, 6).
-        cov_radar: C_rr (k, 4m, 4m).
+        cov_radar: C_rr (k, 4m, 4m), or (k, 4m + 1, 4m + 1).
     """
 
     model: NetworkModel
@@ -148,7 +149,8 @@ def uncertain_states(
         ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
     model = as_network(model)
-    radars = len(model.radars) * len(RADAR)
+    size = np.shape(radar)[-1:]
+    radars = size[0] if size and size[0] in model.sizes else model.sizes[0]
     arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
     wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
         ("aircraft states", aircraft, (len(AIRCRAFT),)),
@@ -349,7 +351,9 @@ class StandardNormalSpace:
 
 def _sqrt_cov(states: UncertainStates) -> FloatArray:
     """Return F (k or 1, n, r) of the relative states, without columns that are 0 at all poses."""
-    to_relative_aircraft, to_relative_radar = _to_relative(len(states.log_constant))
+    to_relative_aircraft, to_relative_radar = _to_relative(
+        len(states.log_constant), states.radar.shape[-1]
+    )
     if len(states.log_constant) == 1:
         cov_aircraft = to_relative_aircraft @ states.cov_aircraft @ to_relative_aircraft.T
         cov_radar = to_relative_radar @ states.cov_radar @ to_relative_radar.T
@@ -365,10 +369,10 @@ def _sqrt_cov(states: UncertainStates) -> FloatArray:
     return sqrt_cov if used.all() else sqrt_cov[:, :, used]
 
 
-def _to_relative(radars: int) -> tuple[FloatArray, FloatArray]:
-    """Return the matrices from errors of aircraft (6) and radars (4m) to those of y (n)."""
-    radar = np.vstack([np.zeros((3, 4 * radars)), np.eye(4 * radars)])
-    aircraft = np.zeros((3 + 4 * radars, len(AIRCRAFT)))
+def _to_relative(radars: int, size: int) -> tuple[FloatArray, FloatArray]:
+    """Return the matrices from errors of aircraft (6) and of m radars (size) to those of y (n)."""
+    radar = np.vstack([np.zeros((3, size)), np.eye(size)])
+    aircraft = np.zeros((3 + size, len(AIRCRAFT)))
     aircraft[_ATTITUDE, ATTITUDE] = np.eye(3)
     for i in range(radars):
         first = 3 + len(RADAR) * i

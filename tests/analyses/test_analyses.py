@@ -211,7 +211,7 @@ def test_validate_names_the_pose_that_is_worst_for_what_is_allowed():
 
 def test_poses_without_a_band_have_no_coverage():
     s = rs.load_scenario("configs/spikeball.yaml")
-    s = s.part(np.arange(0, len(s.aircraft), 4))
+    s = s.at_poses(np.arange(0, len(s.aircraft), 4))
     found = analyses.montecarlo(s, method="form")
     has_none = np.isnan(found.table["lower_3sigma"])
     coverage = found.table["coverage_3sigma"]
@@ -224,6 +224,6 @@ def test_poses_without_a_band_have_no_coverage():
     assert found.summary["poses_without_band"] == has_none.sum()
     assert any(f"{has_none.sum()} of {len(coverage)} poses have no" in x for x in found.report)
     assert f"{overall:.2%} of the draws" in found.report[0]
-    nowhere = analyses.montecarlo(s.part(np.flatnonzero(has_none)[:2]), method="form")
+    nowhere = analyses.montecarlo(s.at_poses(np.flatnonzero(has_none)[:2]), method="form")
     assert "no coverage" in nowhere.report[0]
     assert np.isnan(nowhere.summary["coverage_overall"])
