@@ -580,19 +580,37 @@ def _delayed(show: Callable[[], None]) -> Iterator[threading.Timer]:
 
 @contextmanager
 def _computing_line(name: str) -> Iterator[None]:
-    """Show a line on the terminal while an analysis without progress computes."""
-    line = f"{name}: computing ..."
-    shown = threading.Event()
+    """Show on the terminal what an analysis is computing, and how much of it is done."""
+    from radar_sense.progress import heard_by
+
+    line, shown = f"{name}: computing ...", False
+    lock = threading.Lock()
+
+    def draw(text: str) -> None:
+        nonlocal line
+        click.echo(f"\r{text:{len(line)}}", nl=False, err=True)
+        line = text
 
     def show() -> None:
-        shown.set()
-        click.echo(line, nl=False, err=True)
+        nonlocal shown
+        with lock:
+            shown = True
+            draw(line)
 
-    with _delayed(show):
+    def hear(what: str, done: int, total: int) -> None:
+        nonlocal line
+        text = f"{name}: {done:,} of {total:,} {what}"
+        with lock:
+            if shown:
+                draw(text)
+            else:
+                line = text
+
+    with _delayed(show), heard_by(hear):
         try:
             yield
         finally:
-            if shown.is_set():
+            if shown:
                 click.echo("\r" + " " * len(line) + "\r", nl=False, err=True)
 
 

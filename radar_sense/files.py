@@ -36,6 +36,10 @@ except ImportError:  # Windows has no locks on folders
 _PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
 #: Endings of the temporary names: the new content, and the old file until all are renamed.
 _NEW, _OLD = ".radar-sense-new", ".radar-sense-old"
+#: Rows of a CSV file that are turned into text at a time, which bounds the memory.
+_ROWS = 16_384
+#: Bytes of a file that are read at a time.
+_PART = 1 << 20
 #: Bytes that must fit on the disk before anything is computed.
 _ROOM = 65_536
 #: Options that choose where and how files are written, with the number of their values.
@@ -70,9 +74,14 @@ def npz(table: Mapping[str, FloatArray]) -> bytes:
 
 def csv(table: Mapping[str, FloatArray]) -> bytes:
     """Return header and numbers, with the digits that identify each float."""
-    rows = zip(*(column.tolist() for column in table.values()), strict=True)
-    lines = [",".join(table), *(",".join(map(repr, row)) for row in rows), ""]
-    return "\n".join(lines).encode()
+    content = io.BytesIO()
+    content.write(",".join(table).encode() + b"\n")
+    longest = max((len(column) for column in table.values()), default=0)
+    for start in range(0, longest, _ROWS):
+        part = (column[start : start + _ROWS].tolist() for column in table.values())
+        rows = zip(*part, strict=True)
+        content.write("".join([f"{','.join(map(repr, row))}\n" for row in rows]).encode())
+    return content.getvalue()
 
 
 def record(
@@ -95,6 +104,20 @@ def record(
         "summary": summary,
     }
     return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
+
+
+def holds(path: Path, content: bytes) -> bool:
+    """Return whether a file has this content; the file is read a part at a time."""
+    try:
+        with path.open("rb") as file:
+            place = 0
+            while part := file.read(_PART):
+                if content[place : place + len(part)] != part:
+                    return False
+                place += len(part)
+    except OSError:
+        return False
+    return place == len(content)
 
 
 def yaml_text(document: Mapping[str, Any]) -> str:

@@ -224,10 +224,11 @@ class Result:
         contents[f"{self.stem}.json"] = record
         paths = [folder / name for name in contents]
 
-        old_table, old_record = (_content(folder / f"{self.stem}.{e}") for e in (ending, "json"))
+        old_record = _content(folder / f"{self.stem}.json")
         replaced = files.replaced_command(old_record, record) if old_record else None
         removed = []
-        if table != old_table or not files.same_result(old_record, record):
+        same_table = files.holds(folder / f"{self.stem}.{ending}", table)
+        if not same_table or not files.same_result(old_record, record):
             stale = [folder / f"{self.stem}.{name}" for name in FORMATS if name not in figures]
             removed = [path for path in stale if path.is_file()]
         contents |= dict.fromkeys((path.name for path in removed), None)

@@ -19,6 +19,7 @@ from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import sobol_indices
+from radar_sense.progress import report
 from radar_sense.propagation import (
     Moments,
     check_method,
@@ -99,9 +100,12 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     names = scenario.model.names
     groups = (sources_of(scenario), finer_sources(names), parts_of(scenario))
     std = std_function(scenario, method=method)
-    alone, finer, parts = (
-        {name: std(*_alone(scenario, name)) for name in group} for group in groups
-    )
+    count = sum(len(group) for group in groups)
+    std_by_name: dict[str, FloatArray] = {}
+    for name in itertools.chain(*groups):
+        std_by_name[name] = std(*_alone(scenario, name))
+        report("sources of the budget", len(std_by_name), count)
+    alone, finer, parts = ({name: std_by_name[name] for name in group} for group in groups)
     return Budget(
         mean=total.mean,
         std=total.std,

@@ -18,6 +18,7 @@ from radar_sense.covariance import component_first, symmetric_square_root
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import binomial_interval
+from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
 
@@ -157,6 +158,7 @@ def _independent(sampler: Sampler, seed: int, stage: int, runs: int) -> Iterator
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((count, poses, len(AIRCRAFT)))
         yield sampler.draw_p_d(normals, radar, overwrite=True)
+        report("draws a pose", start + count, runs)
 
 
 def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
@@ -176,6 +178,7 @@ def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
         for i in range(1, poses):
             normals[i] = rho[i - 1] * normals[i - 1] + innovation_std[i - 1] * normals[i]
         yield sampler.draw_p_d(normals.swapaxes(0, 1), radar)
+        report("runs along the path", start + count, runs)
 
 
 def _correlations(path: Scenario) -> tuple[FloatArray, FloatArray]:

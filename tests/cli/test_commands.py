@@ -529,6 +529,10 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
         ("montecarlo --runs 2000", r"runs  \[#*\]  2000/2000  [\d,]+ runs/s"),
         ("map --step-km 20", r"cells  \[#*\]  (\d+)/\1  [\d,]+ cells/s"),
         ("variance", r"variance: computing \.\.\."),
+        ("variance --method form", r"variance: 361 of 361 poses propagated by form"),
+        ("variance --method form", r"variance: 361 of 361 poses checked by form"),
+        ("budget", r"budget: 4 of 4 sources of the budget"),
+        ("variance --threshold 0.5", r"variance: [\d,]+ of [\d,]+ runs along the path"),
     ],
 )
 @pytest.mark.parametrize("options", [[], ["-q"], ["elsewhere"]])
@@ -548,7 +552,8 @@ def test_a_sign_of_life_on_a_terminal_alone(tool, monkeypatch, command, shown, o
 
     monkeypatch.setattr(runner, "isolation", isolated)
     quiet = [o for o in options if o == "-q"]
-    assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == 0
+    code = 3 if "--threshold" in command else 0
+    assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
     if options:
         assert "[" not in terminal.getvalue()
         assert "computing" not in terminal.getvalue()
