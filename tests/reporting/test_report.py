@@ -186,16 +186,17 @@ def test_numbers_are_those_of_the_analyses(flight, page):
         pose = np.argmax(along.table[worst])
         for column in ("p_d", "lower_3sigma", "upper_3sigma"):
             assert f"{along.table[column][pose]:.4f}" in text
+        assert printed(3 * along.table["sigma_pd"][pose]) in text
     pose = int(np.argmax(sources.table["three_sigma_total"]))
     for name in ("P_D", "far", "aircraft_position", "aircraft_orientation"):
-        assert elements_number(sources.table[f"three_sigma_{name}"][pose]) in text
+        assert printed(sources.table[f"three_sigma_{name}"][pose]) in text
         assert f"{sources.summary['shares_at_largest'][name]:.1%}" in text
     looks = rs.analyses.mission(s)
     assert f"{looks.summary['detection']['at_end']['p']:.4f}" in text
     assert flight.passed == along.passed
 
 
-def elements_number(value: float) -> str:
+def printed(value: float) -> str:
     return f"{value:.0e}" if 0 < value < 5e-5 else f"{value:.4f}"
 
 
