@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
 from radar_sense.limits import FORMATS, Limit
@@ -127,10 +128,25 @@ class Cli(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands; no analysis is imported for it."""
+        with formatter.section("Commands"):
+            formatter.write_dl(self._lines())
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return the commands and options that begin so; no analysis is imported for it."""
+        return [
+            *(
+                CompletionItem(n, help=text)
+                for n, text in self._lines()
+                if n.startswith(incomplete)
+            ),
+            *click.Command.shell_complete(self, ctx, incomplete),
+        ]
+
+    def _lines(self) -> list[tuple[str, str]]:
+        """Return the commands, each with the first line of its help."""
         lines = {name: text for name, (_, text) in {**ANALYSES, **REPORTS}.items()}
         lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
-        with formatter.section("Commands"):
-            formatter.write_dl(sorted(lines.items()))
+        return sorted(lines.items())
 
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
@@ -257,8 +273,23 @@ def _option(option: Option) -> click.Option:
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
         show_default=option.default is not None and not option.flag,
+        shell_complete=lambda ctx, _, start: _complete(option, ctx, start),
         **several,
     )
+
+
+def _complete(option: Option, ctx: click.Context, start: str) -> list[CompletionItem]:
+    """Return the values of an option that begin so: words of the option, or of the scenario."""
+    from radar_sense.errors import InputError
+
+    words: Iterable[str] = option.choices
+    if option.name in ("level", "radar"):
+        # click leaves arguments before an option without a value unread, in ctx.args
+        config = ctx.params.get("config") or next(iter(ctx.args), None)
+        with suppress(InputError):  # there are no words in a file that cannot be read
+            scenario = _scenario(Path(config) if config else None)
+            words = scenario.cov_radar if option.name == "level" else scenario.model.names
+    return [CompletionItem(word) for word in words if word.startswith(start)]
 
 
 def _config() -> click.Argument:
@@ -425,33 +456,67 @@ def check(config: Path | None, quiet: bool) -> None:
 
 @cli.command()
 @click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
+@click.option("--network", is_flag=True, help="Start from several radars.")
+@click.option("--route", is_flag=True, help="Start from a flight; its route is written as CSV too.")
+@click.option("--data-sheet", is_flag=True, help="Start from a radar by its data sheet.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def init(file: Path, quiet: bool) -> None:
+def init(file: Path, quiet: bool, **kinds: bool) -> None:
     """Write a commented scenario to start from.
 
-    FILE is scenario.yaml if left out; - writes to the terminal.
+    FILE is scenario.yaml if left out; - writes to the terminal. The JSON Schema of the file is
+    written beside it, for editors that know the YAML language server. No file is overwritten,
+    except for the schema of another version.
 
     \b
     Examples:
       radar-sense init
       radar-sense init my.yaml
+      radar-sense init --route flight.yaml
+      radar-sense init --network radars.yaml
     """
     from radar_sense.errors import printable
     from radar_sense.files import write
-    from radar_sense.reading.parse import default_text
+    from radar_sense.reading.starters import is_old_schema, starter_files, starter_text
 
+    chosen = [kind for kind, given in kinds.items() if given]
+    if len(chosen) > 1:
+        options = " and ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
+        raise BadInput(f"{options} exclude each other; choose one")
+    kind = "".join(chosen)
     if str(file) == "-":
-        click.echo(default_text(), nl=False)
+        if kind == "route":
+            raise BadInput("--route writes two files, and - is the terminal; give a name")
+        click.echo(starter_text(kind), nl=False)
         return
     try:
-        if file.exists() or file.is_symlink():
-            raise BadInput(f"{file}: exists already; choose another name")
-        write(file.parent, {file.name: default_text().encode()})
+        contents = starter_files(kind, file)
+        paths = [file.parent / name for name in contents]
+        for path in paths:
+            if (path.exists() or path.is_symlink()) and not is_old_schema(path):
+                raise BadInput(f"{path}: exists already; choose another name")
+        write(file.parent, contents)
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
-        click.echo(printable(f"{file} written; next: radar-sense check {file}"))
+        first, *others = map(str, paths)
+        click.echo(printable(f"{first} written, with {' and '.join(others)}"))
+        click.echo(printable(f"next: radar-sense check {first}"))
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of the scenario file, for editors.
+
+    `init` writes it beside a scenario, whose first line names it to the editor.
+
+    \b
+    Examples:
+      radar-sense schema
+    """
+    from radar_sense.schema import text
+
+    click.echo(text(), nl=False)
 
 
 def _scenario(config: Path | None) -> Scenario:

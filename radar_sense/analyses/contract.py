@@ -12,25 +12,23 @@ from __future__ import annotations
 import dataclasses
 import html
 import inspect
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from radar_sense import files
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
+from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import Scenario, for_radar
+from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
-
-
-T = TypeVar("T")
 
 
 class FigureError(RuntimeError):
@@ -52,15 +50,6 @@ def silent(total: int, what: str) -> AbstractContextManager[None]:
     return nullcontext()
 
 
-def counted(items: Collection[T], progress: Progress, what: str) -> Iterator[T]:
-    """Yield items and show how many of them are done."""
-    with progress(len(items), what) as advance:
-        for item in items:
-            yield item
-            if advance:
-                advance(1)
-
-
 @dataclass(frozen=True)
 class Option:
     """A keyword of an analysis, and an option of its command.
@@ -73,6 +62,7 @@ class Option:
         default: The value where none is given.
         default_text: The default in words, where None stands for it.
         count: How many numbers the option takes.
+        choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
     """
 
@@ -83,6 +73,7 @@ class Option:
     default: Any = None
     default_text: str = ""
     count: int = 1
+    choices: Collection[str] = ()
     flag: bool = False
 
 
@@ -97,6 +88,7 @@ OPTIONS: Mapping[str, Option] = {
             f"Method of propagation: {', '.join(METHODS)}.",
             metavar="NAME",
             default="linear",
+            choices=METHODS,
         ),
         Option("runs", "Number of runs.", RUNS, default_text="the scenario's"),
         Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's"),
@@ -105,6 +97,7 @@ OPTIONS: Mapping[str, Option] = {
             "random, or sobol: quasi-random points, fewer for the same accuracy of mean and sigma.",
             metavar="NAME",
             default="random",
+            choices=SAMPLERS,
         ),
         Option(
             "workers",
@@ -329,9 +322,10 @@ class Command:
                 `workers`, `executor` and `progress` are if the command has them.
 
         Raises:
-            InputError: If an option is not allowed.
+            InputError: If the scenario is no `Scenario`, or an option is not allowed.
             TypeError: If the command has no such option.
         """
+        check_scenario(scenario)
         for name in options:
             if name not in self.keywords and name not in _OF_SCENARIO:
                 allowed = sorted({*self.keywords, *_OF_SCENARIO})

@@ -100,7 +100,7 @@ def gather(
         along = done(variance(scenario, threshold=threshold, k=k, **chosen))
         goal = {} if threshold is None else _goal(along)
         sources = done(budget(scenario, **chosen, **goal))
-        some = scenario.part(compared_poses(along)).with_analysis(runs=DRAWS)
+        some = scenario.at_poses(compared_poses(along)).with_analysis(runs=DRAWS)
         comparison = done(compare(some, workers=workers))
         repeated = done(compare(some, seed=some.seed + 1, workers=workers))
         looks = done(_mission(scenario, workers))
@@ -153,7 +153,7 @@ def _halved(sources: Result) -> dict[str, float]:
     columns = [name for name in sources.table if name.startswith("three_sigma_")]
     names = [name.removeprefix("three_sigma_") for name in columns]
     pose = first_largest(sources.table["three_sigma_total"])
-    three_sigma = value_function(scenario.part(np.array([pose])), sources.method)
+    three_sigma = value_function(scenario.at_poses(np.array([pose])), sources.method)
     return {name: float(three_sigma([name], 0.5)[0]) for name in names if name != "total"}
 
 

@@ -366,7 +366,7 @@ def _threshold(evidence: Evidence) -> Section | None:
 
 def _first_place(test: Mapping[str, Any], result: Result) -> str:
     first = test["first_violation"]
-    return "an unknown place" if first is None else result.scenario.axis.say(*first.values())
+    return "an unknown place" if first is None else result.scenario.axis.format(*first.values())
 
 
 def _required(evidence: Evidence) -> Iterator[Html]:
@@ -388,7 +388,7 @@ def _required(evidence: Evidence) -> Iterator[Html]:
         )
         for name in helpful
     ]
-    place = axis.say(asked[f"at_{axis.unit}"])
+    place = axis.format(asked[f"at_{axis.unit}"])
     yield table(
         f"What would keep it within the threshold at {place}, where the margin is least",
         ("Source", "Largest factor on its deviation, with all others as they are"),
@@ -414,7 +414,7 @@ def _mission(evidence: Evidence) -> Section | None:
         (
             f"reaches {level}",
             *(
-                "never" if times[key] is None else axis.say(times[key])
+                "never" if times[key] is None else axis.format(times[key])
                 for key in ("time_s", "earliest_s", "latest_s")
             ),
         )
