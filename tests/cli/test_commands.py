@@ -34,8 +34,9 @@ ROUTE = ROOT / "configs/path_route.csv"
 COMMANDS = cli.list_commands(None)
 #: Those that write results.
 # What validate draws takes longer; it has tests of its own, on a single pose. A mission needs a
-# path; it has tests of its own too.
-ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "schema", "mission", "validate")]
+# path; it has tests of its own too, as the report has, which gathers analyses.
+OTHERS = ("check", "init", "mission", "report", "schema", "validate")
+ANALYSES = [c for c in COMMANDS if c not in OTHERS]
 
 #: The first columns of each table. Their names and order are fixed, because others read them.
 COLUMNS = {
@@ -113,6 +114,7 @@ def examples(text: str) -> list[str]:
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
+    monkeypatch.setattr("radar_sense.reporting.evidence.DRAWS", 40)
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")
     lines = examples(out)
