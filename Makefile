@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 FIGURES := variance montecarlo sensitivity budget detectors rcs convergence
 
-.PHONY: figures test fuzz bench lint format clean
+.PHONY: figures test fuzz reference docs bench lint format clean
 
 # The runtime packages are enough for the figures; what tests and linting need is installed with them.
 $(VENV)/installed: pyproject.toml
@@ -57,6 +57,10 @@ test: $(VENV)/installed-dev
 # Random scenarios, files and options: make fuzz SECONDS=600 SEED=7
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python tests/fuzz --seconds $(or $(SECONDS),60) $(if $(SEED),--seed $(SEED))
+
+# The pages of docs/reference, and the schema in the package, from what the program declares.
+reference: $(VENV)/installed
+	$(BIN)/python docs/make_reference.py
 
 bench: $(VENV)/installed-bench
 	$(BIN)/python tests/bench
