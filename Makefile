@@ -62,6 +62,11 @@ fuzz: $(VENV)/installed-dev
 reference: $(VENV)/installed
 	$(BIN)/python docs/make_reference.py
 
+docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(BIN)/sphinx-build -W --keep-going --nitpicky -q -b html docs docs/_build
+	@echo "docs/_build/index.html"
+
 bench: $(VENV)/installed-bench
 	$(BIN)/python tests/bench
 
@@ -75,4 +80,4 @@ format: $(VENV)/installed-dev
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis
