@@ -7,6 +7,7 @@ from typing import Any
 
 import latex2mathml.converter
 from docutils.nodes import SkipNode
+from pygments.lexers.special import TextLexer
 
 import radar_sense
 
@@ -37,4 +38,5 @@ def setup(app: Any) -> dict[str, bool]:
     """Register the writer of formulas."""
     inline, block = (functools.partial(_write_math, display=d) for d in ("inline", "block"))
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
+    app.add_lexer("console", TextLexer)  # which would take a line with # for a command
     return {"parallel_read_safe": True, "parallel_write_safe": True}
