@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Any
 
 from radar_sense.limits import (
@@ -22,7 +22,7 @@ from radar_sense.limits import (
     SEED,
     Limit,
 )
-from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
 from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
@@ -76,10 +76,20 @@ def declared(cls: Any) -> tuple[Key, ...]:
             f.metadata["help"] or _attribute_help(cls, f.name),
             f.metadata["limit"],
             f.metadata["unit"],
+            default=REQUIRED if f.default is MISSING else f.default,
         )
-        for f in fields(cls)
+        for f in _fields(cls)
         if "key" in f.metadata
     )
+
+
+def declared_sections(cls: Any) -> dict[str, Field[Any]]:
+    """Return the fields that are declared as mappings by `limits.section`, by key."""
+    return {f.metadata["section"]: f for f in _fields(cls) if "section" in f.metadata}
+
+
+def _fields(cls: Any) -> tuple[Field[Any], ...]:
+    return fields(cls) if is_dataclass(cls) else ()
 
 
 def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
@@ -168,6 +178,8 @@ P_FA = Key("p_fa", "Probability of false alarm.", PROBABILITY)
 DETECTOR = Key(
     "detector", "Detector and fluctuation of the target.", choices=DETECTORS, default="north"
 )
+DETECTOR_MODEL = Key("model", "Name of the detector.", choices=DETECTORS)
+CFAR_TYPE = Key("type", "Kind of CFAR.", choices=CFARS)
 SCAN_PERIOD = Key(
     "scan_period_s",
     "Time from one look to the next; without it each pose is a look.",
@@ -308,12 +320,30 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         + ((SEARCH_FACTOR,) if kind == "surveillance" else ())
         for kind, cls in RADARS.items()
     }
+    detectors = {
+        f"radar.detector (model: {name})": (
+            DETECTOR_MODEL,
+            *declared(cls),
+            *(
+                Key(key, _attribute_help(cls, f.name), default=None)
+                for key, f in declared_sections(cls).items()
+            ),
+        )
+        for name, cls in DETECTORS.items()
+    }
+    cfars = {
+        f"radar.detector.cfar (type: {name})": (CFAR_TYPE, *declared(cls))
+        for name, cls in CFARS.items()
+    }
     return {
         "": SCENARIO,
         "radar": RADAR,
         "radars[]": RADARS_ENTRY,
         "radar.position_geodetic": PLACE,
         **sheets,
+        **detectors,
+        **cfars,
+        "radar.detector.binary": declared(BinaryIntegration),
         "aircraft": AIRCRAFT,
         **models,
         "aircraft.rcs (model: table)": TABLE,
