@@ -23,7 +23,7 @@ from radar_sense.limits import (
     Limit,
 )
 from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
-from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
+from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
 from radar_sense.model.trajectory import METHODS
@@ -105,8 +105,8 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text about an attribute in the docstring of a class."""
-    lines = (cls.__doc__ or "").splitlines()
+    """Return the text about an attribute in the docstring of a class or of its bases."""
+    lines = [line for base in cls.__mro__ for line in (base.__doc__ or "").splitlines()]
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
             text = [line.strip().removeprefix(f"{name}: ")]
@@ -203,6 +203,13 @@ DATA_SHEETS = tuple(
 )
 RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, MAX_RANGE, HORIZON, RADAR_UNCERTAINTY)
+LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
+LOSS_NAME = Key(
+    "loss",
+    "Name of a loss.",
+    pattern="[a-z][a-z0-9_]{0,29}",
+    allowed="the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
+)
 SEARCH_FACTOR = Key(
     "search_factor",
     "Number below the power-aperture product of c_r.",
@@ -317,7 +324,7 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
     }
     sheets = {
         f"radar.{kind}": tuple(key for units in declared_units(cls) for key in units)
-        + ((SEARCH_FACTOR,) if kind == "surveillance" else ())
+        + ((LOSSES_DB, SEARCH_FACTOR) if kind == "surveillance" else (LOSSES_DB,))
         for kind, cls in RADARS.items()
     }
     detectors = {

@@ -20,7 +20,7 @@ from radar_sense.keys import Key, declared, declared_sections, in_unit, shortest
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar_constant import Tolerance, relative_std
+from radar_sense.model.radar_constant import Tolerance, nested, relative_std
 from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.provenance import (
@@ -54,7 +54,7 @@ def radar_block(
         block["position_m"] = state[POSITION].tolist()
     sheet = _sheet(source, state)
     if sheet:
-        block[sheet.kind] = dict(sheet.values)
+        block[sheet.kind] = nested(sheet.values)
         if sheet.search_factor is not None:
             block[sheet.kind]["search_factor"] = sheet.search_factor
     else:
@@ -91,7 +91,7 @@ def level_block(
     block = covariance_block(as_stated(covariance, stated), keys.COV_RADAR)
     if not tolerances:
         return block
-    by_key = {tolerance.key: tolerance.std for tolerance in tolerances}
+    by_key = nested({tolerance.key: tolerance.std for tolerance in tolerances})
     sheet = _sheet(source, state)
     std = float(state[CONSTANT]) * relative_std(tolerances)
     if sheet and "constant" in block and covariance[CONSTANT, CONSTANT] == std * std:

@@ -302,7 +302,9 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
             {
                 "name": name,
                 "source": of.source,
-                "label": of.part.key if of.source == of.constant else f"{of.source} {of.part.key}",
+                "label": of.part.name
+                if of.source == of.constant
+                else f"{of.source} {of.part.name}",
             }
             for name, of in parts_of(scenario).items()
         ],

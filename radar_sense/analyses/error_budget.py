@@ -130,7 +130,7 @@ class OfConstant:
     @property
     def name(self) -> str:
         """Its name in a budget, which `network.name_problem` keeps from meaning anything else."""
-        return f"{self.constant}_{self.part.key}"
+        return f"{self.constant}_{self.part.name}"
 
 
 def parts_of(scenario: Scenario) -> dict[str, OfConstant]:

@@ -24,10 +24,11 @@ from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, erfcx, gammainc, i0e, ndtr, ndtri_exp
+from scipy.optimize import brentq
+from scipy.special import erfc, erfcx, gammainc, i0e, ndtr, ndtri, ndtri_exp
 
 from radar_sense.errors import InputError
-from radar_sense.limits import Limit, check_parameters, parameter, section
+from radar_sense.limits import Limit, check_number, check_parameters, parameter, section
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
 from radar_sense.model.lookup import ProbitTable
 from radar_sense.states import FloatArray
@@ -408,6 +409,25 @@ class Swerling4(Swerling3):
     def shape(self) -> float:
         """Shape K of the count of the signal in `integration`."""
         return 2.0 * self.pulses
+
+
+def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
+    """Return the signal-to-noise ratio at which a detector has a P_D, 0 if P_D is not above P_fa.
+
+    Raises:
+        InputError: If P_D is not a probability between 0 and 1.
+    """
+    check_number("p_d", p_d, Limit(above=0, below=1))
+    target = float(ndtri(p_d))
+
+    def excess(log_snr: float) -> float:
+        z, _ = detector.linearize_probit(np.asarray(math.exp(log_snr)), p_fa)
+        return float(z) - target
+
+    low, high = math.log(1e-12), math.log(1e30)
+    if excess(low) >= 0.0:
+        return 0.0
+    return math.exp(brentq(excess, low, high, xtol=1e-13, rtol=1e-14))
 
 
 @lru_cache(maxsize=128)

@@ -63,7 +63,8 @@ class ProbitTable:
 
     def probit(self, snr: FloatArray) -> FloatArray:
         """Return z (...) at signal-to-noise ratios (...) not below zero."""
-        snr = np.asarray(snr, dtype=float)
+        shape = np.shape(snr)
+        snr = np.atleast_1d(np.asarray(snr, dtype=float))
         cell, place = self._find(snr)
         z = self.coefficients[-1].take(cell)
         for coefficient in self.coefficients[-2::-1]:
@@ -72,12 +73,13 @@ class ProbitTable:
         beyond = snr > HIGHEST
         if beyond.any():
             z[beyond] = self.exact(snr[beyond])[0]
-        probit: FloatArray = z[()]
+        probit: FloatArray = z.reshape(shape)[()]
         return probit
 
     def linearize_probit(self, snr: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return z (...) and dz/dS (...)."""
-        snr = np.asarray(snr, dtype=float)
+        shape = np.shape(snr)
+        snr = np.atleast_1d(np.asarray(snr, dtype=float))
         cell, place = self._find(snr)
         z = self.coefficients[-1].take(cell)
         slope = np.zeros_like(z)
@@ -90,7 +92,7 @@ class ProbitTable:
         beyond = snr > HIGHEST
         if beyond.any():
             z[beyond], slope[beyond] = self.exact(snr[beyond])
-        return z[()], slope[()]
+        return z.reshape(shape)[()], slope.reshape(shape)[()]
 
     def _find(self, snr: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:
         """Return the cell of each S (...) and the place in the cell, from -1 to 1."""
