@@ -33,7 +33,9 @@ def test_a_detector_is_read_and_recorded(given, expected):
     s = scenario(radar__detector=given)
     assert single(s).detector == expected
     if isinstance(given, dict):
-        given = {"model": given["model"], "pulses": 1, **given} if len(given) > 1 else given["model"]
+        given = (
+            {"model": given["model"], "pulses": 1, **given} if len(given) > 1 else given["model"]
+        )
     assert s.resolved()["radar"]["detector"] == given
     again = parse_scenario(yaml_text(s.resolved()))
     assert single(again).detector == expected
