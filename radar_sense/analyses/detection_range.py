@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.analyses.columns import Column, quantity
 from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.analyses.grid import DOWN
@@ -128,8 +129,33 @@ class RangeAt:
     unreliable: NDArray[np.bool_]
 
 
+_OF_EACH = (
+    quantity("range_m_<p_d>", "Farthest slant range with P_D <p_d>; 0 where there is none."),
+    Column("sigma_range_m_<p_d>", "Standard deviation of this range.", "m"),
+    Column("lower_3sigma_m_<p_d>", "Lower 3-sigma bound of this range.", "m"),
+    Column("upper_3sigma_m_<p_d>", "Upper 3-sigma bound of this range.", "m"),
+    Column(
+        "sigma_range_m_<p_d>_from_<source>",
+        "Standard deviation from <source> alone, to first order.",
+        "m",
+    ),
+    Column("limited_<p_d>", "1 where a limit of the radar comes first, else 0.", ""),
+    Column("edges_<p_d>", "Number of times that P_D passes the value along the ray.", ""),
+)
+_TABLE = (
+    quantity("bearing_deg", "Bearing from the radar, clockwise from north."),
+    quantity("aspect_deg", "With --by aspect: azimuth in the body frame, clockwise from the nose."),
+    *_OF_EACH,
+    *(
+        Column(c.name.replace("<p_d>", "<p_d>_<radar>"), f"For radar <radar>: {c.meaning}", c.unit)
+        for c in _OF_EACH
+    ),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=[
         "level",
         "radar",
@@ -233,7 +259,7 @@ def detection_range(
                 f"upper_3sigma_m_{label}": at.upper,
             }
             after |= {
-                f"sigma_range_m_{label}_{source}": std for source, std in at.by_source.items()
+                f"sigma_range_m_{label}_from_{source}": std for source, std in at.by_source.items()
             }
             after[f"limited_{label}"] = at.reach.limited.astype(float)
             after[f"edges_{label}"] = at.reach.edges.astype(float)
@@ -301,7 +327,8 @@ def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
         unlimited = seen.reach(value, limits=False).distance
         distance = np.where(exists, unlimited, FARTHEST)
         at = around.at(distance)
-        slope = np.where(exists, _slope(around, distance), np.nan)
+        slope = _slope(around, distance)
+        slope = np.where(exists & (slope < 0), slope, np.nan)
         budget = error_budget(at)
         std = budget.std / abs(slope)
         by_source = {

@@ -30,6 +30,13 @@ def test_ranges_of_the_literature(constant, km):
     assert column(result, "range_m_0.1") / 1e3 == pytest.approx(km, abs=5e-4)
 
 
+def test_the_engagement_zone_of_the_literature():
+    """R(0.15) of arXiv 2509.02483."""
+    s = rs.load_scenario("configs/engagement_zone.yaml")
+    result = detection_range(s, p_d=0.15, **QUICK)
+    assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5e-4)
+
+
 def test_one_decibel_is_six_percent_of_range():
     def at(constant):
         s = scenario(radar__constant=constant, aircraft__rcs=SPHERE)
@@ -76,7 +83,7 @@ def test_the_band_is_the_band_of_drawn_ranges(method):
 
 def test_variances_of_the_sources_add_up():
     result = detection_range(scenario(), **QUICK)
-    of_sources = [c for n, c in result.table.items() if n.startswith("sigma_range_m_0.5_")]
+    of_sources = [c for n, c in result.table.items() if n.startswith("sigma_range_m_0.5_from_")]
     assert len(of_sources) == 4
     total = column(result, "sigma_range_m_0.5")
     assert np.sum(np.square(of_sources), axis=0) == pytest.approx(total**2, rel=1e-9)
