@@ -454,8 +454,10 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     none = at.slant == 0
     if none.any() and not none.all():
         lines.append(f"P_D {at.p_d:g}: at no range {describe_poses(none, axis)}")
-    if at.reach.limited.any():
-        place = describe_poses(at.reach.limited, axis)
+    far = at.slant >= 0.999 * FARTHEST
+    limited = at.reach.limited & ~far
+    if limited.any():
+        place = describe_poses(limited, axis)
         lines.append(f"P_D {at.p_d:g}: the limit of the radar comes first {place}")
     again = at.reach.edges > 1
     if again.any():
@@ -463,9 +465,8 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
             f"P_D {at.p_d:g}: passed several times, at up to {at.reach.edges.max()} ranges, "
             f"{describe_poses(again, axis)}; the farthest is given"
         )
-    far = at.slant >= 0.999 * FARTHEST
     if far.any():
         lines.append(
-            f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, where the search ends"
+            f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, the end of the search"
         )
     return lines

@@ -31,10 +31,10 @@ def test_ranges_of_the_literature(constant, km):
 
 
 def test_the_engagement_zone_of_the_literature():
-    """R(0.15) of arXiv 2509.02483."""
+    """R(0.15) of arXiv 2509.02483; its 745.41 K is rounded, which is worth 5.1 mm."""
     s = rs.load_scenario("configs/engagement_zone.yaml")
     result = detection_range(s, p_d=0.15, **QUICK)
-    assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5e-4)
+    assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5.6e-3)
 
 
 def test_one_decibel_is_six_percent_of_range():
