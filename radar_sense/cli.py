@@ -12,7 +12,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -20,12 +20,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
+from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
 from radar_sense.limits import FORMATS, Limit
 
 if TYPE_CHECKING:
-    from radar_sense.analyses.contract import Analysis, Option
+    from radar_sense.analyses.contract import Command, Option
     from radar_sense.scenario import Scenario
 
 #: Where each analysis is, and the first line of its docstring, which `--help` shows.
@@ -76,6 +77,13 @@ ANALYSES: dict[str, tuple[str, str]] = {
     ),
 }
 
+#: Likewise the commands that gather several analyses.
+REPORTS: dict[str, tuple[str, str]] = {
+    "report": (
+        "radar_sense.reporting.command:report",
+        "One HTML page: what is asked of a scenario, and the answers.",
+    ),
+}
 #: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
 MOST_THREADS = 8
 #: Seconds after which a computation shows a sign of life.
@@ -110,20 +118,35 @@ class Cli(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands."""
-        return sorted({*ANALYSES, *self.commands})
+        return sorted({*ANALYSES, *REPORTS, *self.commands})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command; that of an analysis is made from the analysis."""
-        if cmd_name not in ANALYSES:
+        if cmd_name not in {*ANALYSES, *REPORTS}:
             return super().get_command(ctx, cmd_name)
         return command_of(load(cmd_name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of commands; no analysis is imported for it."""
-        lines = {name: text for name, (_, text) in ANALYSES.items()}
-        lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
         with formatter.section("Commands"):
-            formatter.write_dl(sorted(lines.items()))
+            formatter.write_dl(self._lines())
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Return the commands and options that begin so; no analysis is imported for it."""
+        return [
+            *(
+                CompletionItem(n, help=text)
+                for n, text in self._lines()
+                if n.startswith(incomplete)
+            ),
+            *click.Command.shell_complete(self, ctx, incomplete),
+        ]
+
+    def _lines(self) -> list[tuple[str, str]]:
+        """Return the commands, each with the first line of its help."""
+        lines = {name: text for name, (_, text) in {**ANALYSES, **REPORTS}.items()}
+        lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
+        return sorted(lines.items())
 
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
@@ -220,20 +243,21 @@ def cli() -> None:
     """
 
 
-def load(name: str) -> Analysis:
-    """Import an analysis."""
-    module, _, function = ANALYSES[name][0].partition(":")
-    analysis: Analysis = getattr(import_module(module), function)
-    return analysis
+def load(name: str) -> Command:
+    """Import an analysis or a report."""
+    where, _ = {**ANALYSES, **REPORTS}[name]
+    module, _, function = where.partition(":")
+    command: Command = getattr(import_module(module), function)
+    return command
 
 
-def command_of(analysis: Analysis) -> click.Command:
+def command_of(analysis: Command) -> click.Command:
     """Make the command of an analysis: its options, then those of the output."""
     examples = "".join(f"\n  {line}" for line in analysis.examples)
     return click.Command(
         analysis.name,
         callback=click.pass_obj(lambda run, **given: _run(analysis, run, **given)),
-        params=[_config(), *map(_option, analysis.options), *_output()],
+        params=[_config(), *map(_option, analysis.options), *_output(analysis)],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
 
@@ -249,8 +273,23 @@ def _option(option: Option) -> click.Option:
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
         show_default=option.default is not None and not option.flag,
+        shell_complete=lambda ctx, _, start: _complete(option, ctx, start),
         **several,
     )
+
+
+def _complete(option: Option, ctx: click.Context, start: str) -> list[CompletionItem]:
+    """Return the values of an option that begin so: words of the option, or of the scenario."""
+    from radar_sense.errors import InputError
+
+    words: Iterable[str] = option.choices
+    if option.name in ("level", "radar"):
+        # click leaves arguments before an option without a value unread, in ctx.args
+        config = ctx.params.get("config") or next(iter(ctx.args), None)
+        with suppress(InputError):  # there are no words in a file that cannot be read
+            scenario = _scenario(Path(config) if config else None)
+            words = scenario.cov_radar if option.name == "level" else scenario.model.names
+    return [CompletionItem(word) for word in words if word.startswith(start)]
 
 
 def _config() -> click.Argument:
@@ -261,16 +300,19 @@ def _quiet() -> click.Option:
     return click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors.")
 
 
-def _output() -> list[click.Parameter]:
+def _output(analysis: Command) -> list[click.Parameter]:
+    out = click.Option(
+        ["--out"],
+        metavar="DIR",
+        default="figures",
+        show_default=True,
+        type=click.Path(path_type=Path),
+        help="Folder to write to.",
+    )
+    if not analysis.has_figures:
+        return [out, _quiet()]
     return [
-        click.Option(
-            ["--out"],
-            metavar="DIR",
-            default="figures",
-            show_default=True,
-            type=click.Path(path_type=Path),
-            help="Folder to write to.",
-        ),
+        out,
         click.Option(
             ["--format", "formats"],
             multiple=True,
@@ -285,14 +327,14 @@ def _output() -> list[click.Parameter]:
 
 
 def _run(
-    analysis: Analysis,
+    analysis: Command,
     run: Run,
     *,
     config: Path | None,
     out: Path,
-    formats: tuple[str, ...],
-    no_plot: bool,
     quiet: bool,
+    formats: tuple[str, ...] = (),
+    no_plot: bool = False,
     dask: str | None = None,
     workers: int | None = None,
     **options: Any,
@@ -309,7 +351,7 @@ def _run(
             scenario, **{name: value for name, value in chosen.items() if name in OF_SCENARIO}
         )
     stem = analysis.stem(selected)
-    paths = [out / f"{stem}.{ending}" for ending in ("csv", "npz", *formats, "json")]
+    paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
     try:
         files.require_writable(paths, _inputs(config, scenario))
     except (OSError, ValueError) as error:
@@ -385,9 +427,8 @@ def check(config: Path | None, quiet: bool) -> None:
       radar-sense check
       radar-sense check my.yaml
     """
-    import yaml
-
     from radar_sense.analyses.plausibility import plausibility_warnings
+    from radar_sense.files import yaml_text
     from radar_sense.model.radar_constant import describe
     from radar_sense.states import CONSTANTS
 
@@ -408,44 +449,74 @@ def check(config: Path | None, quiet: bool) -> None:
             for who, constant, parts in constants:
                 if parts:
                     click.echo(f"# {who}{level}: {describe(constant, parts)}")
-        # default_flow_style None: lists of numbers on one line, mappings spread out
-        resolved = yaml.safe_dump(
-            scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True
-        )
-        click.echo(resolved, nl=False)
+        click.echo(yaml_text(scenario.resolved()), nl=False)
         for warning in plausibility_warnings(scenario):
             click.echo(f"Warning: {warning}", err=True)
 
 
 @cli.command()
 @click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
+@click.option("--network", is_flag=True, help="Start from several radars.")
+@click.option("--route", is_flag=True, help="Start from a flight; its route is written as CSV too.")
+@click.option("--data-sheet", is_flag=True, help="Start from a radar by its data sheet.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def init(file: Path, quiet: bool) -> None:
+def init(file: Path, quiet: bool, **kinds: bool) -> None:
     """Write a commented scenario to start from.
 
-    FILE is scenario.yaml if left out; - writes to the terminal.
+    FILE is scenario.yaml if left out; - writes to the terminal. The JSON Schema of the file is
+    written beside it, for editors that know the YAML language server. No file is overwritten,
+    except for the schema of another version.
 
     \b
     Examples:
       radar-sense init
       radar-sense init my.yaml
+      radar-sense init --route flight.yaml
+      radar-sense init --network radars.yaml
     """
     from radar_sense.errors import printable
     from radar_sense.files import write
-    from radar_sense.reading.parse import default_text
+    from radar_sense.reading.starters import is_old_schema, starter_files, starter_text
 
+    chosen = [kind for kind, given in kinds.items() if given]
+    if len(chosen) > 1:
+        options = " and ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
+        raise BadInput(f"{options} exclude each other; choose one")
+    kind = "".join(chosen)
     if str(file) == "-":
-        click.echo(default_text(), nl=False)
+        if kind == "route":
+            raise BadInput("--route writes two files, and - is the terminal; give a name")
+        click.echo(starter_text(kind), nl=False)
         return
     try:
-        if file.exists() or file.is_symlink():
-            raise BadInput(f"{file}: exists already; choose another name")
-        write(file.parent, {file.name: default_text().encode()})
+        contents = starter_files(kind, file)
+        paths = [file.parent / name for name in contents]
+        for path in paths:
+            if (path.exists() or path.is_symlink()) and not is_old_schema(path):
+                raise BadInput(f"{path}: exists already; choose another name")
+        write(file.parent, contents)
     except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
-        click.echo(printable(f"{file} written; next: radar-sense check {file}"))
+        first, *others = map(str, paths)
+        click.echo(printable(f"{first} written, with {' and '.join(others)}"))
+        click.echo(printable(f"next: radar-sense check {first}"))
+
+
+@cli.command()
+def schema() -> None:
+    """Print the JSON Schema of the scenario file, for editors.
+
+    `init` writes it beside a scenario, whose first line names it to the editor.
+
+    \b
+    Examples:
+      radar-sense schema
+    """
+    from radar_sense.schema import text
+
+    click.echo(text(), nl=False)
 
 
 def _scenario(config: Path | None) -> Scenario:
@@ -473,7 +544,7 @@ def _threads(workers: int | None) -> int:
 
 @contextmanager
 def _computing(
-    analysis: Analysis, workers: int | None, dask: str | None, quiet: bool
+    analysis: Command, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
     """Choose threads or a cluster to compute with, and how progress is shown."""
     given: dict[str, Any] = {}

@@ -195,7 +195,7 @@ def paper_network(
         model=NetworkModel(
             tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
         ),
-        axis=paper.axis.part(poses),
+        axis=paper.axis.at_poses(poses),
         aircraft=paper.aircraft[poses],
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,
@@ -249,6 +249,18 @@ def network_document(*radars, **changes):
 def parsed_network(*radars, **changes):
     """Scenario of `network_document`."""
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
+
+
+def few_draws(patch, draws=128, combinations=512, replicates=2):
+    """Let importance sampling use few draws: its accuracy is tested in `test_importance`."""
+    from radar_sense.mission.importance import pilot, plan, sampling
+    from radar_sense.mission.importance import replicates as parts
+
+    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
+        patch.setattr(plan, name, draws)
+    patch.setattr(pilot, "PILOT_DRAWS", draws)
+    patch.setattr(parts, "COMBINATIONS", combinations)
+    patch.setattr(sampling, "REPLICATES", replicates)
 
 
 #: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.

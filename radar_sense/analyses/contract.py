@@ -12,25 +12,23 @@ from __future__ import annotations
 import dataclasses
 import html
 import inspect
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from radar_sense import files
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
+from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import Scenario, for_radar
+from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
-
-
-T = TypeVar("T")
 
 
 class FigureError(RuntimeError):
@@ -52,15 +50,6 @@ def silent(total: int, what: str) -> AbstractContextManager[None]:
     return nullcontext()
 
 
-def counted(items: Collection[T], progress: Progress, what: str) -> Iterator[T]:
-    """Yield items and show how many of them are done."""
-    with progress(len(items), what) as advance:
-        for item in items:
-            yield item
-            if advance:
-                advance(1)
-
-
 @dataclass(frozen=True)
 class Option:
     """A keyword of an analysis, and an option of its command.
@@ -73,6 +62,7 @@ class Option:
         default: The value where none is given.
         default_text: The default in words, where None stands for it.
         count: How many numbers the option takes.
+        choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
     """
 
@@ -83,6 +73,7 @@ class Option:
     default: Any = None
     default_text: str = ""
     count: int = 1
+    choices: Collection[str] = ()
     flag: bool = False
 
 
@@ -97,6 +88,7 @@ OPTIONS: Mapping[str, Option] = {
             f"Method of propagation: {', '.join(METHODS)}.",
             metavar="NAME",
             default="linear",
+            choices=METHODS,
         ),
         Option("runs", "Number of runs.", RUNS, default_text="the scenario's"),
         Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's"),
@@ -105,6 +97,7 @@ OPTIONS: Mapping[str, Option] = {
             "random, or sobol: quasi-random points, fewer for the same accuracy of mean and sigma.",
             metavar="NAME",
             default="random",
+            choices=SAMPLERS,
         ),
         Option(
             "workers",
@@ -300,36 +293,39 @@ def _content(path: Path) -> bytes:
         return b""
 
 
-@dataclass(frozen=True, eq=False)
-class Analysis:
-    """An analysis, called with a scenario.
+@dataclass(frozen=True, eq=False, repr=False)
+class Command:
+    """What a command computes from a scenario, with its options.
 
     Attributes:
         name: Name of the command.
         run: Computes the result.
-        plot: Draws the figure of a result into an empty figure; reads the result only.
         options: Options of the command.
         examples: Commands for the help.
+        endings: Endings of the files besides figures.
+        has_figures: Whether figures are files of their own.
     """
 
     name: str
-    run: Callable[..., Result]
-    plot: Callable[[Result, Figure], None]
+    run: Callable[..., Any]
     options: tuple[Option, ...]
     examples: tuple[str, ...]
+    endings: ClassVar[tuple[str, ...]]
+    has_figures: ClassVar[bool]
 
-    def __call__(self, scenario: Scenario, **options: Any) -> Result:
-        """Return the result of the analysis.
+    def __call__(self, scenario: Scenario, **options: Any) -> Any:
+        """Return what the command computes.
 
         Args:
             scenario: The scenario.
             options: Options of the command. `level`, `radar` and `seed` are always allowed;
-                `workers`, `executor` and `progress` are if the analysis has them.
+                `workers`, `executor` and `progress` are if the command has them.
 
         Raises:
-            InputError: If an option is not allowed.
-            TypeError: If the analysis has no such option.
+            InputError: If the scenario is no `Scenario`, or an option is not allowed.
+            TypeError: If the command has no such option.
         """
+        check_scenario(scenario)
         for name in options:
             if name not in self.keywords and name not in _OF_SCENARIO:
                 allowed = sorted({*self.keywords, *_OF_SCENARIO})
@@ -338,10 +334,7 @@ class Analysis:
                     + did_you_mean(name, allowed)
                 )
         of_run = {name: value for name, value in options.items() if name in self.keywords}
-        selected = self.selected(scenario, **options)
-        result = self.run(selected, **of_run)
-        warnings = (*plausibility_warnings(selected), *result.warnings)
-        return dataclasses.replace(result, warnings=warnings, by=self)
+        return self.run(self.selected(scenario, **options), **of_run)
 
     def selected(self, scenario: Scenario, **options: Any) -> Scenario:
         """Return the scenario at the level, with the runs and seed, and of the radar chosen.
@@ -374,7 +367,30 @@ class Analysis:
         return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
 
     def __repr__(self) -> str:
-        return f"<analysis {self.name}: {self.help.partition(chr(10))[0]}>"
+        kind = type(self).__name__.lower()
+        return f"<{kind} {self.name}: {self.help.partition(chr(10))[0]}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Analysis(Command):
+    """An analysis, called with a scenario.
+
+    Attributes:
+        plot: Draws the figure of a result into an empty figure; reads the result only.
+    """
+
+    plot: Callable[[Result, Figure], None]
+    endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
+    has_figures: ClassVar[bool] = True
+
+    def __call__(self, scenario: Scenario, **options: Any) -> Result:
+        """Return the result of the analysis; `Command.__call__` says more."""
+        result: Result = super().__call__(scenario, **options)
+        warnings = (
+            *plausibility_warnings(self.selected(scenario, **options)),
+            *result.warnings,
+        )
+        return dataclasses.replace(result, warnings=warnings, by=self)
 
 
 def analysis(
@@ -395,6 +411,6 @@ def analysis(
 
     def decorate(run: Callable[..., Result]) -> Analysis:
         chosen = tuple(OPTIONS[o] if isinstance(o, str) else o for o in options)
-        return Analysis(name or run.__name__, run, plot, chosen, tuple(examples))
+        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot)
 
     return decorate

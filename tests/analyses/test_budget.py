@@ -223,7 +223,7 @@ def test_what_has_no_value_dominates_nothing():
     """By `form` the orientation has no answer at -90 deg, nor the total where it did not settle."""
     for name in ("covariance", "spikeball"):
         s = rs.load_scenario(f"configs/{name}.yaml")
-        s = s.part(np.arange(0, len(s.aircraft), 4))
+        s = s.at_poses(np.arange(0, len(s.aircraft), 4))
         found = analyses.budget(s, method="form")
         columns = {
             source: found.table[f"three_sigma_{source}"]

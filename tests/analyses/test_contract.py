@@ -44,7 +44,7 @@ def inputs(name: str):
         return
     yield scenario(geometry__azimuth_deg=FEW)
     network = rs.load_scenario(ROOT / "configs/network.yaml")
-    yield network.part(slice(0, None, 120))
+    yield network.at_poses(slice(0, None, 120))
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -193,7 +193,7 @@ def test_a_new_method_of_propagation(tool, monkeypatch):
         rs.budget(few).table["three_sigma_total"],
     )
     assert "wide" in tool("variance", "--method", "wie").err
-    sheet = rs.load_scenario(ROOT / "configs/s_band_surveillance.yaml").part(slice(0, 3))
+    sheet = rs.load_scenario(ROOT / "configs/s_band_surveillance.yaml").at_poses(slice(0, 3))
     gaussian = [w for w in rs.variance(sheet).warnings if "c_r is not Gaussian" in w]
     assert len(gaussian) == len(
         [w for w in rs.variance(sheet, method="wide").warnings if "Gauss" in w]

@@ -35,7 +35,7 @@ COMMANDS = cli.list_commands(None)
 #: Those that write results.
 # What validate draws takes longer; it has tests of its own, on a single pose. A mission needs a
 # path; it has tests of its own too.
-ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "mission", "validate")]
+ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "schema", "mission", "validate")]
 
 #: The first columns of each table. Their names and order are fixed, because others read them.
 COLUMNS = {
@@ -464,31 +464,6 @@ def test_no_config_is_the_papers(tool):
     for config in ([], [ROOT / "configs/paper.yaml"]):
         assert tool("variance", *config, "--no-plot", "--out", f"out{len(config)}").code == 0
     assert files("out0")["paper_variance.csv"] == files("out1")["paper_variance.csv"]
-
-
-def test_init(tool):
-    code, out, err = tool("init")
-    assert (code, err) == (0, "")
-    assert "scenario.yaml" in out
-    assert files(".") == {"scenario.yaml": default_text().encode()}
-    assert tool("check", "scenario.yaml") == tool("check")
-    assert tool("init", "-") == (0, default_text(), "")
-
-
-@pytest.mark.parametrize("make", ["file", "folder", "dangling link"])
-def test_init_does_not_overwrite(tool, make):
-    path = Path("my.yaml")
-    if make == "file":
-        path.write_text("mine")
-    elif make == "folder":
-        path.mkdir()
-    else:
-        path.symlink_to("elsewhere.yaml")
-    code, out, err = tool("init", "my.yaml")
-    assert (code, out) == (2, "")
-    assert re.fullmatch(r"Error: my\.yaml: exists[^\n]*\n", err)
-    assert [p.name for p in Path().iterdir()] == ["my.yaml"]
-    assert make != "file" or path.read_text() == "mine"
 
 
 # Progress, pipes and processes.

@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, lay_out, legend_off_data
+from helpers import document, few_draws, lay_out, legend_off_data
 
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
 from radar_sense.errors import InputError
 from radar_sense.mission import cumulative as cu
-from radar_sense.mission import draws, importance, tracks
+from radar_sense.mission import draws, tracks
 from radar_sense.mission import looks as lk
 from radar_sense.model import geodesy as wgs84
 from radar_sense.montecarlo.sampler import Sampler
@@ -69,12 +69,7 @@ def radar(name, period):
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    """What is tested here is not how good the bounds of importance sampling are."""
-    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        monkeypatch.setattr(importance, name, 128)
-    monkeypatch.setattr(importance, "PILOT_DRAWS", 128)
-    monkeypatch.setattr(importance, "COMBINATIONS", 512)
-    monkeypatch.setattr(importance, "REPLICATES", 2)
+    few_draws(monkeypatch)
 
 
 def write(folder, periods, tau=0.0, route=ROUTE, **changes):
@@ -556,11 +551,7 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
         now = time == at
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
-    monkeypatch.undo()
-    for name in ("MAX_DETECTION_DRAWS", "PILOT_DRAWS"):
-        monkeypatch.setattr(importance, name, 512)  # a few times fewer draws than usual
-    monkeypatch.setattr(importance, "COMBINATIONS", 4096)
-    monkeypatch.setattr(importance, "REPLICATES", 4)
+    few_draws(monkeypatch, draws=512, combinations=4096, replicates=4)
     found = mission(s, workers=2).summary["detection"]
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930
