@@ -251,6 +251,18 @@ def parsed_network(*radars, **changes):
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
+def few_draws(patch, draws=128, combinations=512, replicates=2):
+    """Let importance sampling use few draws: its accuracy is tested in `test_importance`."""
+    from radar_sense.mission.importance import pilot, plan, sampling
+    from radar_sense.mission.importance import replicates as parts
+
+    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
+        patch.setattr(plan, name, draws)
+    patch.setattr(pilot, "PILOT_DRAWS", draws)
+    patch.setattr(parts, "COMBINATIONS", combinations)
+    patch.setattr(sampling, "REPLICATES", replicates)
+
+
 #: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.
 MIXED_SEARCH = {
     "average_power_kw": 2.1,

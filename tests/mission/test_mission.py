@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import lay_out, legend_off_data, scenario, write_path
+from helpers import few_draws, lay_out, legend_off_data, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
-from radar_sense.mission.importance import pilot, plan, replicates, sampling
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
@@ -49,12 +48,7 @@ UNCERTAIN = f"""{HEADER},{STD}
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    """Use few draws: the accuracy of importance sampling is tested elsewhere."""
-    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        monkeypatch.setattr(plan, name, 128)
-    monkeypatch.setattr(pilot, "PILOT_DRAWS", 128)
-    monkeypatch.setattr(replicates, "COMBINATIONS", 512)
-    monkeypatch.setattr(sampling, "REPLICATES", 2)
+    few_draws(monkeypatch)
 
 
 def write(folder, text=ROUTE, **changes):

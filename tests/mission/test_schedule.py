@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, lay_out, legend_off_data
+from helpers import document, few_draws, lay_out, legend_off_data
 
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
@@ -22,7 +22,6 @@ from radar_sense.errors import InputError
 from radar_sense.mission import cumulative as cu
 from radar_sense.mission import draws, tracks
 from radar_sense.mission import looks as lk
-from radar_sense.mission.importance import pilot, plan, replicates, sampling
 from radar_sense.model import geodesy as wgs84
 from radar_sense.montecarlo.sampler import Sampler
 
@@ -70,12 +69,7 @@ def radar(name, period):
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    """Use few draws: the accuracy of importance sampling is tested elsewhere."""
-    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        monkeypatch.setattr(plan, name, 128)
-    monkeypatch.setattr(pilot, "PILOT_DRAWS", 128)
-    monkeypatch.setattr(replicates, "COMBINATIONS", 512)
-    monkeypatch.setattr(sampling, "REPLICATES", 2)
+    few_draws(monkeypatch)
 
 
 def write(folder, periods, tau=0.0, route=ROUTE, **changes):
@@ -557,12 +551,7 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
         now = time == at
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
-    monkeypatch.undo()
-    # a few times fewer draws than usual
-    monkeypatch.setattr(plan, "MAX_DETECTION_DRAWS", 512)
-    monkeypatch.setattr(pilot, "PILOT_DRAWS", 512)
-    monkeypatch.setattr(replicates, "COMBINATIONS", 4096)
-    monkeypatch.setattr(sampling, "REPLICATES", 4)
+    few_draws(monkeypatch, draws=512, combinations=4096, replicates=4)
     found = mission(s, workers=2).summary["detection"]
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930
