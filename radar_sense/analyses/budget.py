@@ -207,7 +207,7 @@ def budget(
             **{
                 f"three_sigma_{source}": values
                 for source, values in three_sigma.items()
-                if source != AIRCRAFT_RCS  # a later column, as the first ones are fixed
+                if source != AIRCRAFT_RCS  # a later column, because the order of the first is fixed
             },
             "three_sigma_total": total,
             **{
@@ -458,7 +458,7 @@ def _inverse_report(
 
 
 def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
-    """Return the largest factor on the standard deviations of a source, or why there is none."""
+    """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:

@@ -296,7 +296,7 @@ def _content(path: Path) -> bytes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Command:
-    """What a command computes from a scenario, with its options.
+    """A command: a function of a scenario, and its options.
 
     Attributes:
         name: Name of the command.
@@ -304,7 +304,7 @@ class Command:
         options: Options of the command.
         examples: Commands for the help.
         endings: Endings of the files besides figures.
-        has_figures: Whether figures are files of their own.
+        has_figures: Whether the command writes figures as separate files.
     """
 
     name: str
@@ -315,7 +315,7 @@ class Command:
     has_figures: ClassVar[bool]
 
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
-        """Return what the command computes.
+        """Return the result of the command.
 
         Args:
             scenario: The scenario.
@@ -385,7 +385,7 @@ class Analysis(Command):
     has_figures: ClassVar[bool] = True
 
     def __call__(self, scenario: Scenario, **options: Any) -> Result:
-        """Return the result of the analysis; `Command.__call__` says more."""
+        """Return the result of the analysis, as `Command.__call__` does."""
         result: Result = super().__call__(scenario, **options)
         warnings = (
             *plausibility_warnings(self.selected(scenario, **options)),

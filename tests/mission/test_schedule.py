@@ -558,10 +558,10 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
     monkeypatch.undo()
-    for name in ("MAX_DETECTION_DRAWS", "PILOT_DRAWS"):
-        monkeypatch.setattr(importance, name, 512)  # a few times fewer draws than usual
-    monkeypatch.setattr(importance, "COMBINATIONS", 4096)
-    monkeypatch.setattr(importance, "REPLICATES", 4)
+    monkeypatch.setattr(plan, "MAX_DETECTION_DRAWS", 512)  # a few times fewer draws than usual
+    monkeypatch.setattr(pilot, "PILOT_DRAWS", 512)
+    monkeypatch.setattr(replicates, "COMBINATIONS", 4096)
+    monkeypatch.setattr(sampling, "REPLICATES", 4)
     found = mission(s, workers=2).summary["detection"]
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930

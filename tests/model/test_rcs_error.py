@@ -180,14 +180,14 @@ def test_a_limit_matters_where_the_error_makes_the_radar_see():
 
     content = sheet_document(tolerances={"loss_db": 0})
     content["uncertainty"]["aircraft"]["rcs_db"] = 3
-    of_rcs = rs.parse_scenario(yaml_text(content)).part(slice(0, 1))
+    of_rcs = rs.parse_scenario(yaml_text(content)).at_poses(slice(0, 1))
     of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 3})))
     warned = []
     for area in np.geomspace(1e-4, 1e-2, 7):
         model = rs.DetectionModel(ConstantRCS(area), 1e-6)
         network = NetworkModel((Radar(model, max_range=220.3e3),))
         one, other = (
-            dataclasses.replace(s, model=network) for s in (of_loss.part(slice(0, 1)), of_rcs)
+            dataclasses.replace(s, model=network) for s in (of_loss.at_poses(slice(0, 1)), of_rcs)
         )
         assert warns(one) == warns(other)
         warned.append(warns(other))
