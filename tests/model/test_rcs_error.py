@@ -275,7 +275,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     paper = rs.load_scenario()
     with pytest.raises(ValueError, match="rcs_db must be"):
         dataclasses.replace(paper, rcs_db=-1)
-    with pytest.raises(ValueError, match="both say how uncertain"):
+    with pytest.raises(ValueError, match="both are the uncertainty of the RCS"):
         rs.Scenario(
             model=rs.DetectionModel(TABLE, 1e-6), aircraft=paper.aircraft, radar=paper.radar,
             cov_aircraft=paper.cov_aircraft, cov_radar=dict(paper.cov_radar), rcs_db=1,
