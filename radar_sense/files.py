@@ -92,8 +92,9 @@ def record(
     scenario: Mapping[str, Any],
     warnings: Sequence[str],
     summary: Mapping[str, Any],
+    columns: Mapping[str, Mapping[str, str]],
 ) -> bytes:
-    """Return the JSON record: the inputs of a result, its warnings and its summary."""
+    """Return the JSON record: the inputs of a result, its warnings, its summary, its columns."""
     content = {
         "analysis": analysis,
         "command": list(command),
@@ -102,6 +103,7 @@ def record(
         "scenario": scenario,
         "warnings": list(warnings),
         "summary": summary,
+        "columns": columns,
     }
     return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
 
@@ -147,6 +149,7 @@ def same_result(one: bytes, other: bytes) -> bool:
         return False
     for content in (first, second):
         content.pop("versions", None)
+        content.pop("columns", None)
         content["command"] = _computed(content.get("command"))
     return first == second
 

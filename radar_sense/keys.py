@@ -7,6 +7,7 @@ sheets are declared with the fields of their classes (`declared`).
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -31,6 +32,7 @@ from radar_sense.model.trajectory import METHODS
 
 REQUIRED = object()
 YES_NO = ("true", "false")
+_BRACKETS = re.compile(r" \[([^]]*)\]")
 #: Units by the last word of the name of a key or a column.
 UNITS = {
     "m": "m",
@@ -87,9 +89,17 @@ class Key:
         return self.default is REQUIRED
 
     @property
+    def meaning(self) -> str:
+        """The help without the unit in brackets."""
+        return _BRACKETS.sub("", self.help)
+
+    @property
     def unit_name(self) -> str:
-        """The unit at the end of the name; "" without a unit."""
-        return "" if self.limit is None else unit_name(self.name)
+        """The unit of a number, from the name or else from the help; "" if it has none."""
+        brackets = _BRACKETS.search(self.help)
+        if self.limit is None:
+            return ""
+        return unit_name(self.name) or (brackets[1] if brackets else "")
 
 
 def unit_name(name: str) -> str:
@@ -116,8 +126,8 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     """Return the keys of a data sheet, for each parameter the keys of its units."""
     return tuple(
         tuple(
-            Key(key, _attribute_help(cls, f.name), f.metadata["limit"])
-            for key in f.metadata["units"]
+            Key(key, unit.meaning or _attribute_help(cls, f.name), f.metadata["limit"])
+            for key, unit in f.metadata["units"].items()
         )
         for f in fields(cls)
         if "units" in f.metadata
@@ -280,9 +290,9 @@ AZIMUTH_FROM = Key(
 )
 ORBIT = (GEOMETRY_TYPE, RANGE, DOWN, Key("azimuth_deg", "Azimuths of the poses."), AZIMUTH_FROM)
 SWEEP = (
-    Key("start", "First azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("stop", "Last azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("step", "Step of azimuth [deg].", ANY),
+    Key("start", "First azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("stop", "Last azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("step", "Step of azimuth [°].", ANY),
 )
 AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), default="time")
 MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
@@ -336,7 +346,12 @@ COV_RADAR = (
         NOT_NEGATIVE,
     ),
 )
-LEVEL = Key("level", "Level of uncertainty of the radar.")
+LEVEL = Key(
+    "level",
+    "Level of uncertainty of the radar.",
+    pattern=_LABEL,
+    allowed="one of the levels of the radar",
+)
 RUNS_KEY = Key("runs", "Monte Carlo runs.", RUNS, default=500)
 SEED_KEY = Key("seed", "Seed of the random numbers.", SEED, default=1)
 ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)

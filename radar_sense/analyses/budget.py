@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, MEAN, Column, quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.error_budget import (
     MONTE_CARLO,
@@ -109,8 +110,27 @@ _AT = Option(
 )
 
 
+_TABLE = (
+    *AXIS,
+    Column("three_sigma_<source>", "3 sigma of P_D from <source> alone.", ""),
+    quantity("three_sigma_total", "3 sigma of P_D from all sources together."),
+    MEAN,
+    Column("share_<source>", "Share of the variance of P_D from <source>; not by linear.", ""),
+    quantity(
+        "share_interaction", "Share of the variance from interactions of sources; not by linear."
+    ),
+    Column(
+        "total_index_<source>",
+        "Total Sobol' index of <source>: its share and all its interactions; by montecarlo.",
+        "",
+    ),
+    Column("share_error_<source>", "Standard error of the share of <source>; by montecarlo.", ""),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _METHOD, _TARGET, _THRESHOLD, _K, _AT, "runs", "seed"],
     examples=[
         "radar-sense budget",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, DRAWS, P_D, quantity
 from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     describe_extreme,
@@ -51,8 +52,20 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, top)
 
 
+_TABLE = (
+    *AXIS,
+    P_D,
+    *DRAWS,
+    quantity("mean_pd_<method>", "Mean of P_D by <method>."),
+    quantity("sigma_pd_<method>", "Standard deviation of P_D by <method>."),
+    quantity("lower_3sigma_<method>", "Lower 3-sigma bound of P_D by <method>."),
+    quantity("upper_3sigma_<method>", "Upper 3-sigma bound of P_D by <method>."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", "runs", "seed", "sampler", "workers", "dask"],
     examples=[
         "radar-sense compare",

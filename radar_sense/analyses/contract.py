@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from radar_sense import files
+from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
@@ -154,6 +155,13 @@ class Result:
         return self.by.stem(self.scenario) if self.by else f"{self.scenario.name}_result"
 
     @property
+    def columns(self) -> dict[str, Column]:
+        """Unit and meaning of the columns of the table that the analysis declares, by name."""
+        declared = self.by.columns if self.by else ()
+        found = {name: find(declared, name) for name in self.table}
+        return {name: column for name, column in found.items() if column}
+
+    @property
     def band_label(self) -> str:
         """Label of the 3σ band in the figure."""
         linear = self.method == "linear"
@@ -217,6 +225,10 @@ class Result:
             scenario=self.scenario.resolved(),
             warnings=self.warnings,
             summary=self.summary,
+            columns={
+                name: {"unit": column.unit, "meaning": column.meaning}
+                for name, column in self.columns.items()
+            },
         )
         figures, error = self._figures(formats)
         contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
@@ -378,9 +390,11 @@ class Analysis(Command):
 
     Attributes:
         plot: Draws the figure of a result into an empty figure; reads the result only.
+        columns: Columns that the table may have.
     """
 
     plot: Callable[[Result, Figure], None]
+    columns: tuple[Column, ...] = ()
     endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
     has_figures: ClassVar[bool] = True
 
@@ -399,6 +413,7 @@ def analysis(
     plot: Callable[[Result, Figure], None],
     options: Sequence[str | Option] = (),
     examples: Sequence[str] = (),
+    columns: Sequence[Column] = (),
     name: str = "",
 ) -> Callable[[Callable[..., Result]], Analysis]:
     """Make an analysis of a function from a scenario to a result.
@@ -407,11 +422,12 @@ def analysis(
         plot: Draws the figure.
         options: Names in `OPTIONS`, or options that only this analysis has.
         examples: Commands for the help.
+        columns: Columns that the table may have.
         name: Name of the command; the name of the function by default.
     """
 
     def decorate(run: Callable[..., Result]) -> Analysis:
         chosen = tuple(OPTIONS[o] if isinstance(o, str) else o for o in options)
-        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot)
+        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot, tuple(columns))
 
     return decorate

@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
@@ -316,8 +317,20 @@ _RUNS = Option(
 )
 
 
+_TABLE = (
+    quantity("runs", "Number of runs."),
+    quantity("error_mean_<estimator>", "RMS error of the mean by <estimator>, in sigma of P_D."),
+    quantity("error_std_<estimator>", "RMS error of sigma by <estimator>, in sigma of P_D."),
+    quantity(
+        "error_quantile_<estimator>",
+        "RMS error of the 3-sigma quantiles by <estimator>, in sigma of P_D.",
+    ),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _RUNS, "seed", "workers"],
     examples=[
         "radar-sense convergence --runs 4096",

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.grid import (
     BETA,
@@ -160,8 +161,18 @@ _OPTIONS = (
 )
 
 
+_TABLE = (
+    quantity("north_m", "North of the rows of cells, from the origin."),
+    quantity("east_m", "East of the columns of cells, from the origin."),
+    quantity("p_d", "P_D in each cell (rows, columns)."),
+    quantity("upper_3sigma", "With --upper: upper 3-sigma bound of P_D in each cell."),
+    quantity("worst_heading_deg", "With --worst-heading: the heading of the largest P_D."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", *_OPTIONS],
     examples=[
         "radar-sense map",

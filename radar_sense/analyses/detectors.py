@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.model.detectors import DETECTORS
@@ -66,8 +67,17 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, top, bottom)
 
 
+_TABLE = (
+    quantity("p_fa", "Probability of false alarm."),
+    quantity("snr_db", "Signal-to-noise ratio of a single pulse."),
+    quantity("p_d_<detector>", "P_D by the detector <detector>."),
+    quantity("north_less_marcum", "P_D by North's approximation minus the exact P_D."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=[],
     examples=[
         "radar-sense detectors",

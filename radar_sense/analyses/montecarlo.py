@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN
 from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
@@ -58,8 +59,12 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, top)
 
 
+_TABLE = (*AXIS, *BAND, *DRAWS, COVERAGE, MEAN)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", "method", "runs", "seed", "sampler", "workers", "dask"],
     examples=[
         "radar-sense montecarlo",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import table_warnings
 from radar_sense.model.geometry import body_vector
@@ -118,8 +119,16 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, polar, plane)
 
 
+_TABLE = (
+    quantity("azimuth_deg", "Azimuth of the radar seen from the aircraft, 0 off the nose."),
+    quantity("elevation_deg", "Elevation of the radar seen from the aircraft, positive above."),
+    quantity("rcs_m2", "Radar cross section in this direction."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=[],
     examples=[
         "radar-sense rcs",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN, quantity
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
@@ -72,8 +73,26 @@ _DIGITS = Option(
 )
 
 
+_TABLE = (
+    *AXIS,
+    *BAND,
+    *DRAWS,
+    quantity("delta", "Numerical tolerance of P_D, from the significant digits of sigma."),
+    quantity("distance_lower", "Distance between the lower bounds by the method and by the draws."),
+    quantity("distance_upper", "Distance between the upper bounds by the method and by the draws."),
+    quantity("runs", "Number of draws at this pose."),
+    COVERAGE,
+    quantity("coverage_low", "Lower end of the 95 % confidence interval of the coverage."),
+    quantity("coverage_high", "Upper end of the 95 % confidence interval of the coverage."),
+    quantity("stable", "1 where the draws are stable to the tolerance, else 0."),
+    quantity("validated", "1 where the method is validated, else 0."),
+    MEAN,
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", "method", _DIGITS, "seed", "workers"],
     examples=[
         "radar-sense validate --digits 1",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, BAND, LINK, MEAN, OF_THRESHOLD, PLACES, of_radars
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
@@ -81,8 +82,20 @@ _THRESHOLD = Option(
 _K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="3")
 
 
+_TABLE = (
+    *AXIS,
+    *LINK,
+    *BAND,
+    MEAN,
+    *of_radars((*LINK, *BAND)),
+    *OF_THRESHOLD,
+    *PLACES,
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _METHOD, _THRESHOLD, _K],
     examples=[
         "radar-sense variance",

@@ -559,7 +559,8 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
     monkeypatch.undo()
-    monkeypatch.setattr(plan, "MAX_DETECTION_DRAWS", 512)  # a few times fewer draws than usual
+    # a few times fewer draws than usual
+    monkeypatch.setattr(plan, "MAX_DETECTION_DRAWS", 512)
     monkeypatch.setattr(pilot, "PILOT_DRAWS", 512)
     monkeypatch.setattr(replicates, "COMBINATIONS", 4096)
     monkeypatch.setattr(sampling, "REPLICATES", 4)
