@@ -27,7 +27,7 @@ class Column:
     unit: str
 
     def named(self, name: str) -> Column | None:
-        """Return the column with the placeholder filled by a name; None if the name does not fit."""
+        """Return the column with the placeholder filled by a name, or None if there is no fit."""
         before, opening, rest = self.name.partition("<")
         word, _, after = rest.partition(">")
         filling = name[len(before) : len(name) - len(after)]
