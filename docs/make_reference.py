@@ -31,6 +31,19 @@ MADE = (
 )
 #: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
 EXAMPLES = {
+    "min_range_km": 3,
+    "m": 3,
+    "n": 5,
+    "type": "cell_averaging",
+    "eclipsing": "true",
+    "rcs_db": 1.5,
+    "losses_db": {"beam_shape": 1.6},
+    "coherent_pulses": 8,
+    "cfar": {"type": "cell_averaging", "cells": 24},
+    "binary": {"m": 3, "n": 5},
+    "rank": 18,
+    "cells": 24,
+    "pulses": 10,
     "peak_power_w": 2000,
     "wavelength_m": 0.0333,
     "bandwidth_mhz": 0.05,

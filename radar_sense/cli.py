@@ -45,7 +45,7 @@ ANALYSES: dict[str, tuple[str, str]] = {
     ),
     "detectors": (
         "radar_sense.analyses.detectors:detectors",
-        "P_D of every detector, and the error of North's approximation.",
+        "P_D of every detector, the error of North's approximation, and the integration of pulses.",
     ),
     "map": (
         "radar_sense.analyses.coverage_map:coverage_map",
