@@ -158,8 +158,8 @@ class Result:
     def columns(self) -> dict[str, Column]:
         """Unit and meaning of the columns of the table that the analysis declares, by name."""
         declared = self.by.columns if self.by else ()
-        found = {name: find(declared, name) for name in self.table}
-        return {name: column for name, column in found.items() if column}
+        columns = {name: find(declared, name) for name in self.table}
+        return {name: column for name, column in columns.items() if column}
 
     @property
     def band_label(self) -> str:
