@@ -69,6 +69,12 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         written = json.loads(record.read_text(encoding="utf-8"))
         assert written["analysis"] == name
         assert written["warnings"] == list(result.warnings)
+        # every column is declared with its meaning, and the record says both
+        assert list(written["columns"]) == list(result.table)
+        for column in written["columns"].values():
+            assert column["meaning"].isascii()
+            assert column["meaning"].endswith(".")
+            assert "<" not in column["meaning"]
 
 
 @pytest.mark.parametrize("name", ALL)
