@@ -152,14 +152,14 @@ class _Unit:
     directions: Directions
 
     def draw(self, runs: int, together: int, *stream: int) -> tuple[FloatArray, FloatArray]:
-        """Draw states (runs, radars, 4 or 5) and weights (runs,), even over `together` in a row."""
+        """Draw states (runs, radars, 4 to 6) and weights (runs,), even over `together` in a row."""
         j, d = len(self.directions.widths), self.sampler.radar_normals
         points = _sobol_normals(runs, j + d, together, *stream).T
         normals, weight = self.directions.widen(np.ascontiguousarray(points[j:]), points[:j])
         return self.states(normals.T), weight
 
     def states(self, normals: FloatArray) -> FloatArray:
-        """Radar states (runs, radars, 4 or 5) from unit normals (runs, d)."""
+        """Radar states (runs, radars, 4 to 6) from unit normals (runs, d)."""
         return _drawn_states(self.sampler, normals)
 
 
@@ -197,7 +197,7 @@ class _Problem:
         Args:
             radar: The radar.
             poses: Aircraft states (K, p, 6).
-            states: Radar states (p, draws, 4 or 5).
+            states: Radar states (p, draws, 4 to 6).
         """
         model, own = self.radars[radar].model, self.looks[radar]
         aircraft = np.moveaxis(poses[own], 0, 1)[:, np.newaxis]
@@ -722,7 +722,7 @@ def _pose_slopes(problem: _Problem, ends: NDArray[np.intp]) -> FloatArray:
 
 
 def _drawn_states(sampler: Sampler, normals: FloatArray) -> FloatArray:
-    """Return the states (runs, radars, 4 or 5) of a sampler's radars from normals (runs, d)."""
+    """Return the states (runs, radars, 4 to 6) of a sampler's radars from normals (runs, d)."""
     return np.stack(sampler.model.split(sampler.draw_radar(normals)[0]), axis=-2)
 
 

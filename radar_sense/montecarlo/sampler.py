@@ -13,7 +13,7 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, draw
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray, check_finite
+from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, constants_of
 
 #: All poses of a scenario.
 ALL_POSES = slice(None)
@@ -53,8 +53,8 @@ class Sampler:
     Attributes:
         model: The detection model, of a radar or of a network of m.
         aircraft: Nominal aircraft states (n, 6).
-        radar: Nominal radar state (4,), or (4m,) of a network of m. The error of the RCS follows
-            where it is uncertain. A draw of it holds for all radars and poses of a run.
+        radar: Nominal radar state (4,), or (4m,) of a network of m. The errors of further
+            parameters may follow, see `states`. A draw of them holds for all poses of a run.
         sqrt_cov_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
         sqrt_cov_radar: F (4, 4), or (4m, 4m), with F Fᵀ = C_rr.
         parts: The uncertain parameters of the c_r of each radar, where they are known. The
@@ -96,7 +96,7 @@ class Sampler:
             ValueError: If a state is not finite, or a matrix is not a covariance.
         """
         check_finite("aircraft", aircraft)
-        check_finite("radar", radar)
+        check_finite("radar", radar, len(as_network(model).radars))
         return cls(
             model=as_network(model),
             aircraft=aircraft,
@@ -121,13 +121,14 @@ class Sampler:
             Radar states (runs, 4m), and where a c_r was drawn below zero and set to zero (runs,).
         """
         radar = draws(self.radar, self.sqrt_cov_radar, normals[:, : len(self.radar)])
-        constants = radar[:, CONSTANTS]  # a view: assignments change `radar`
+        places = constants_of(len(self.model.radars))
+        constants = radar[:, places]  # a view: assignments change `radar`
         negative = constants < 0
         constants[negative] = 0.0
         used = columns(len(self.radar), self.parts)
         for i, (parts, part_columns) in enumerate(zip(self.parts, used, strict=True)):
             if parts:  # a negative parameter has been set to zero, and c_r is then zero too
-                constants[:, i] = draw(self.radar[CONSTANTS][i], parts, normals[:, part_columns])
+                constants[:, i] = draw(self.radar[places][i], parts, normals[:, part_columns])
                 negative[:, i] = constants[:, i] == 0
         return radar, np.asarray(negative.any(axis=1))
 

@@ -286,7 +286,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
     with pytest.raises(ValueError, match="got nan for the error of the RCS"):
         model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan]))
-    for network, sizes in ((NetworkModel((Radar(model),)), (3, 6)), (model, (3, 6))):
+    for network, sizes in ((NetworkModel((Radar(model),)), (3, 7)), (model, (3, 7))):
         for size in sizes:
             with pytest.raises(ValueError, match="radar states must have shape"):
                 network.p_d(np.ones(6), np.zeros(size))
