@@ -1,12 +1,13 @@
-"""The keys of a scenario file: what each means, its unit, its limits, and its default.
+"""The keys of a scenario file: meaning, unit, limits and default of each key.
 
-The reader reads by these declarations and `Scenario.resolved` writes by them. Keys of the RCS
-models and of the data sheets are declared with the fields of their classes (`declared`).
+The reader and `Scenario.resolved` use these declarations. Keys of the RCS models and of the data
+sheets are declared with the fields of their classes (`declared`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
@@ -31,6 +32,25 @@ from radar_sense.model.trajectory import METHODS
 
 REQUIRED = object()
 YES_NO = ("true", "false")
+_BRACKETS = re.compile(r" \[([^]]*)\]")
+#: Units by the last word of the name of a key or a column.
+UNITS = {
+    "m": "m",
+    "km": "km",
+    "m2": "m²",
+    "deg": "°",
+    "s": "s",
+    "sr": "sr",
+    "k": "K",
+    "w": "W",
+    "kw": "kW",
+    "db": "dB",
+    "dbi": "dBi",
+    "rpm": "1/min",
+    "ghz": "GHz",
+    "mhz": "MHz",
+    "us": "µs",
+}
 #: Names that become parts of the names of columns.
 _LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
 
@@ -44,11 +64,11 @@ class Key:
         help: Meaning of the value.
         limit: The numbers allowed, in the unit of the key; None if the value is no number.
         unit: SI value of 1 in the unit of the key.
-        size: How many numbers the value has.
-        choices: The words allowed; empty if any.
+        size: Number of numbers in the value.
+        choices: The words allowed; empty if any word is allowed.
         pattern: Regular expression of text.
         allowed: The pattern in words.
-        default: Value of a key that is left out; `REQUIRED` if the key must be there.
+        default: Value of a missing key; `REQUIRED` if the key must be present.
         infinite: Whether `.inf` is allowed.
     """
 
@@ -67,6 +87,25 @@ class Key:
     def required(self) -> bool:
         """Whether the key must be in the file."""
         return self.default is REQUIRED
+
+    @property
+    def meaning(self) -> str:
+        """The help without the unit in brackets."""
+        return _BRACKETS.sub("", self.help)
+
+    @property
+    def unit_name(self) -> str:
+        """The unit of a number, from the name or else from the help; "" if it has none."""
+        brackets = _BRACKETS.search(self.help)
+        if self.limit is None:
+            return ""
+        return unit_name(self.name) or (brackets[1] if brackets else "")
+
+
+def unit_name(name: str) -> str:
+    """Return the unit at the end of a name, as in `range_km`; "" without a unit."""
+    stem, _, unit = name.rpartition("_")
+    return UNITS.get(unit, "") if stem else ""
 
 
 def declared(cls: Any) -> tuple[Key, ...]:
@@ -87,8 +126,8 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     """Return the keys of a data sheet, for each parameter the keys of its units."""
     return tuple(
         tuple(
-            Key(key, _attribute_help(cls, f.name), f.metadata["limit"])
-            for key in f.metadata["units"]
+            Key(key, unit.meaning or _attribute_help(cls, f.name), f.metadata["limit"])
+            for key, unit in f.metadata["units"].items()
         )
         for f in fields(cls)
         if "units" in f.metadata
@@ -96,7 +135,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text about an attribute in the docstring of a class."""
+    """Return the text on an attribute in the docstring of a class."""
     lines = (cls.__doc__ or "").splitlines()
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
@@ -122,9 +161,9 @@ def in_unit(value: float, unit: float) -> float:
 
 
 def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> float | None:
-    """Return the shortest decimal near a guess that `to_si` turns into a value; None if none does.
+    """Return the shortest decimal near a guess with `to_si(decimal) == value`, or None.
 
-    The inverse of a product or of a square rounds, so neighbours of the guess are tried too.
+    Neighbours of the guess are tried too, because the inverse of a product or a square rounds.
     """
     near = [guess]
     for end in (math.inf, -math.inf):
@@ -203,7 +242,7 @@ MIN_RANGE = Key(
 )
 ECLIPSING = Key(
     "eclipsing",
-    "Whether P_D is 0 within c tau/2 of pulse_width_us, where the transmitter hides the echo.",
+    "Whether P_D is 0 within c tau/2 (tau: pulse_width_us), where the transmitter hides the echo.",
     choices=YES_NO,
     default=False,
 )
@@ -227,7 +266,7 @@ LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
 SEARCH_FACTOR = Key(
     "search_factor",
-    "Number below the power-aperture product of c_r.",
+    "Divisor of the power-aperture product in c_r.",
     choices=SEARCH_FACTORS,
     default="16",
 )
@@ -274,9 +313,9 @@ AZIMUTH_FROM = Key(
 )
 ORBIT = (GEOMETRY_TYPE, RANGE, DOWN, Key("azimuth_deg", "Azimuths of the poses."), AZIMUTH_FROM)
 SWEEP = (
-    Key("start", "First azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("stop", "Last azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("step", "Step of azimuth [deg].", ANY),
+    Key("start", "First azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("stop", "Last azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("step", "Step of azimuth [°].", ANY),
 )
 AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), default="time")
 MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
@@ -294,13 +333,13 @@ METHOD = Key("method", "Interpolation in time.", choices=METHODS, default="legs"
 INTERPOLATE = (STEP, METHOD)
 CORRELATION = Key(
     "aircraft_correlation_s",
-    "Correlation time of errors of the pose, for missions.",
+    "Correlation time of the pose errors.",
     NOT_NEGATIVE,
     default=0.0,
     infinite=True,
 )
 UNCERTAINTY = (
-    Key("aircraft", "Covariance of the pose; left out where the route file has it."),
+    Key("aircraft", "Covariance of the pose, unless the route file has the covariance."),
     CORRELATION,
     Key("radar", "Levels of uncertainty of the radar, by name."),
 )
@@ -330,14 +369,19 @@ COV_RADAR = (
         NOT_NEGATIVE,
     ),
 )
-LEVEL = Key("level", "Level of uncertainty of the radar.")
+LEVEL = Key(
+    "level",
+    "Level of uncertainty of the radar.",
+    pattern=_LABEL,
+    allowed="one of the levels of the radar",
+)
 RUNS_KEY = Key("runs", "Monte Carlo runs.", RUNS, default=500)
 SEED_KEY = Key("seed", "Seed of the random numbers.", SEED, default=1)
 ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)
 
 
 def sections() -> Mapping[str, tuple[Key, ...]]:
-    """Return all keys of a scenario file by the section that they stand in."""
+    """Return all keys of a scenario file by section."""
     models = {
         f"aircraft.rcs (model: {name})": (RCS_MODEL, *declared(cls))
         for name, cls in RCS_MODELS.items()

@@ -1,9 +1,9 @@
 """The two state vectors: their components, in order, and the sources of uncertainty in them.
 
 Every array of states has its components on the last axis, in the order given here. The states of
-several radars follow one after the other. The errors of further parameters come after the radars:
-ε of the RCS, and then of each radar the error of ln α, its attenuation. Like the states of the
-radars they are the same at all poses. States may end before the first, after ε, or after the last.
+several radars follow each other. The errors of further parameters come after the radars: ε of the
+RCS, and the error of ln α, the attenuation, of each radar. Like the radar states, these errors are
+the same at all poses. States have no further errors, ε alone, or ε and the error of each ln α.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ SOURCES: dict[str, Source] = {
 def sources(
     radars: Sequence[str] = (), *, rcs: bool = False, attenuation: bool = False
 ) -> dict[str, Source]:
-    """Return the sources of an error budget by name. Together they are all components.
+    """Return the sources of an error budget by name. Together they have all components.
 
     Args:
         radars: Names of the radars. Each of several radars is one source. The sources of a single
@@ -166,7 +166,7 @@ def check_finite(whose: str, states: ArrayLike, radars: int = 0) -> None:
 
 
 def at_pose(index: Sequence[int]) -> str:
-    """Return the pose of an index for an error, or nothing for ()."""
+    """Return the pose of an index for an error; "" for ()."""
     if not index:
         return ""
     return f" at pose {', '.join(map(str, index))} (counted from 0)"

@@ -39,8 +39,8 @@ from radar_sense.states import (
 BLOCK = 131_072
 #: Poses per block with all partials, which need more arrays. They fit into a second-level cache.
 BLOCK_OF_PARTIALS = 16_384
-#: A function of a detector: from S and P_fa to a value and its slope by S.
-Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
+#: From S and P_fa to values of a detector, and the slope of the last value by S.
+Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
 
 
@@ -107,8 +107,10 @@ class DetectionModel:
     attenuation: float = 0.0
 
     def __post_init__(self) -> None:
-        check_number("p_fa", self.p_fa, Limit(above=0, below=1))
-        check_number("attenuation", self.attenuation, NOT_NEGATIVE)
+        p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        object.__setattr__(self, "p_fa", p_fa)
+        attenuation = check_number("attenuation", self.attenuation, NOT_NEGATIVE)
+        object.__setattr__(self, "attenuation", attenuation)
         if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
             raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
         if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
@@ -152,6 +154,19 @@ class DetectionModel:
         _check_states(aircraft, radar)
         return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
 
+    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
+        """Return P_D (...), and what `linearize_probit` returns, from one computation of S.
+
+        Raises:
+            ValueError: As `linearize_probit`.
+        """
+        _check_states(aircraft, radar)
+
+        def both(snr: FloatArray, p_fa: float) -> tuple[FloatArray, ...]:
+            return self.detector.p_d(snr, p_fa), *self.detector.linearize_probit(snr, p_fa)
+
+        return self._partials(both, aircraft, radar, values=2)
+
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -171,16 +186,19 @@ class DetectionModel:
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what `linearize_probit` does, NaN where a state is not finite."""
-        return self._partials(self.detector.linearize_probit, aircraft, radar)
-
-    def _partials(
-        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        tails = ((), (len(AIRCRAFT),), np.shape(radar)[-1:])
-        value, by_aircraft, by_radar = _in_blocks(
-            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
+        value, by_aircraft, by_radar = self._partials(
+            self.detector.linearize_probit, aircraft, radar
         )
         return value, by_aircraft, by_radar
+
+    def _partials(
+        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike, values: int = 1
+    ) -> tuple[FloatArray, ...]:
+        """Return the values of a detector, and the partials of the last one by both states."""
+        tails = (*((),) * values, (len(AIRCRAFT),), np.shape(radar)[-1:])
+        return _in_blocks(
+            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
+        )
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
@@ -205,7 +223,7 @@ class DetectionModel:
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, ...]:
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
@@ -226,7 +244,7 @@ class DetectionModel:
             path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
             gain = np.exp(-path_loss)
             ratio, ds_dconstant = gain * ratio, gain * ds_dconstant
-        value, by_snr = detector(ratio, self.p_fa)
+        *values, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
         by_range = -4.0 * by_snr * ratio / range_squared
@@ -249,7 +267,7 @@ class DetectionModel:
             of_radar.append(by_snr * ratio * by_error)
         if radar.shape[-1] > ATTENUATION_ERROR:
             of_radar.append(-by_snr * ratio * path_loss)
-        return value, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
+        return *values, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
 
 
 def _range_squared(line: Vector) -> FloatArray:

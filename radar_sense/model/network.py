@@ -79,8 +79,11 @@ class Radar:
         if not isinstance(self.name, str):
             raise InputError(f"name must be text, got {self.name!r}")
         if self.max_range != math.inf:
-            check_number("max_range", self.max_range, POSITIVE)
-        check_number("min_range", self.min_range, NOT_NEGATIVE)
+            max_range = check_number("max_range", self.max_range, POSITIVE)
+            object.__setattr__(self, "max_range", max_range)
+        object.__setattr__(
+            self, "min_range", check_number("min_range", self.min_range, NOT_NEGATIVE)
+        )
         if self.min_range >= self.max_range:
             raise InputError(
                 f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
@@ -88,7 +91,8 @@ class Radar:
         if not isinstance(self.horizon, Horizon | None):
             raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
         if self.scan_period is not None:
-            check_number("scan_period", self.scan_period, POSITIVE)
+            period = check_number("scan_period", self.scan_period, POSITIVE)
+            object.__setattr__(self, "scan_period", period)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
@@ -253,6 +257,16 @@ class NetworkModel:
         visible = self.visible(aircraft, radar)
         z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, visible, extrapolated=False)
         return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
+
+    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
+        """Return P_D (...), and what `linearize_probit` returns, at little more than its cost.
+
+        Raises:
+            ValueError: As `linearize_probit`.
+        """
+        if len(self.radars) == 1 and not self.limited:
+            return self.radars[0].model.p_d_and_probit(aircraft, radar)
+        return self.p_d(aircraft, radar), *self.linearize_probit(aircraft, radar)
 
     def extrapolated_probit(
         self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]

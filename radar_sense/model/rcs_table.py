@@ -209,7 +209,7 @@ class TableRCS:
             if pole:
                 raise InputError(pole[1])
         if self.envelope is not None:
-            check_number("envelope", self.envelope, POSITIVE)
+            object.__setattr__(self, "envelope", check_number("envelope", self.envelope, POSITIVE))
             check_number("envelope in degrees", float(np.rad2deg(self.envelope)), ENVELOPE)
 
     def _place(

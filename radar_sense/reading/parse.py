@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -103,22 +102,18 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         level=level,
         runs=runs,
         seed=seed,
-        tolerances=MappingProxyType(
-            {
-                level: tuple(radar.levels.tolerances.get(level, ()) for radar in radars)
-                for level in cov_radar
-                if any(level in radar.levels.tolerances for radar in radars)
-            }
-        ),
+        tolerances={
+            level: tuple(radar.levels.tolerances.get(level, ()) for radar in radars)
+            for level in cov_radar
+            if any(level in radar.levels.tolerances for radar in radars)
+        },
         time_s=poses.time_s,
         rcs_db=rcs_db,
-        attenuation_std=MappingProxyType(
-            {
-                level: tuple(radar.levels.attenuation.get(level, 0.0) for radar in radars)
-                for level in cov_radar
-                if any(level in radar.levels.attenuation for radar in radars)
-            }
-        ),
+        attenuation_std={
+            level: tuple(radar.levels.attenuation.get(level, 0.0) for radar in radars)
+            for level in cov_radar
+            if any(level in radar.levels.attenuation for radar in radars)
+        },
         correlation_s=correlation_s,
         origin=poses.origin,
         provenance=Provenance(
@@ -126,7 +121,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
             aircraft=poses.aircraft,
             cov_aircraft=cov_aircraft,
             rcs=rcs_source,
-            radars=MappingProxyType({radar.name: radar.source for radar in radars}),
+            radars={radar.name: radar.source for radar in radars},
             earth=poses.earth,
         ),
     )

@@ -12,6 +12,7 @@ from scipy.constants import speed_of_light
 
 from radar_sense import covariance, keys
 from radar_sense.errors import did_you_mean
+from radar_sense.limits import MAX_RADARS
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
@@ -25,8 +26,6 @@ from radar_sense.reading.trajectory import read_place
 from radar_sense.reading.uncertainty import Levels, read_levels
 from radar_sense.reading.yaml_reader import Entry, Section
 from radar_sense.states import POSITION, RADAR, FloatArray
-
-MAX_RADARS = 64
 
 
 @dataclass(frozen=True, eq=False)

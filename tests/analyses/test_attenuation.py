@@ -16,8 +16,8 @@ from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.analyses.mission import with_schedule
-from radar_sense.mission import importance
-from radar_sense.mission.importance import importance_sampling
+from radar_sense.mission.importance import plan
+from radar_sense.mission.importance.sampling import importance_sampling
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.sampler import Sampler
@@ -146,7 +146,7 @@ def test_the_budget_has_it_as_a_source_of_each_radar():
         uncertainty__radar__medium={
             "position_m": 100, "constant": 5, "attenuation_db_per_km": 1e-3,
         },
-    ).part(slice(0, 1))  # fmt: skip
+    ).at_poses(slice(0, 1))  # fmt: skip
     found = analyses.budget(one)
     fixed = [f"three_sigma_{source}" for source in (
         "aircraft_position", "aircraft_orientation", "radar_position", "radar_constant", "total",
@@ -190,7 +190,7 @@ def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
 
 
 def test_a_mission_has_the_attenuation_of_each_radar(tmp_path, monkeypatch):
-    monkeypatch.setattr(importance, "DETECTION_WORK", 3e5)
+    monkeypatch.setattr(plan, "DETECTION_WORK", 3e5)
     rows = ["0,60e3,-40e3", "60,55e3,0", "120,60e3,40e3"]
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
     (tmp_path / "route.csv").write_text("\n".join([header, *(f"{r},-6e3,0,0,90" for r in rows)]))
