@@ -119,7 +119,7 @@ def test_signal_and_partials_are_those_of_the_formula(rcs):
 
 
 @pytest.mark.parametrize(
-    ("names", "rcs_db"), [(("one",), 0.0), (("one",), 1.0), (tuple(RADARS), 1.0)]
+    ("names", "rcs_db"), [(("one",), 0.0), (("one",), 1.0), (("three", "one", "two"), 1.0)]
 )
 def test_the_distribution_is_that_of_plain_draws(names, rcs_db):
     s = parsed(names, rcs_db)
