@@ -60,7 +60,7 @@ def schema() -> Schema:
                 "geometry": _geometry(),
                 "uncertainty": _mapping(
                     keys.UNCERTAINTY,
-                    {"aircraft": _covariance(keys.COV_AIRCRAFT), "radar": {"type": "object"}},
+                    {"aircraft": _cov_aircraft(), "radar": {"type": "object"}},
                     required=[],
                 ),
                 "analysis": _mapping(keys.ANALYSIS),
@@ -270,18 +270,31 @@ def _by_word(key: Key, mappings: Mapping[str, Schema]) -> Schema:
 # Covariances.
 
 
-def _covariance(parts: Sequence[Key], shapes: Mapping[str, Schema] | None = None) -> Schema:
-    """Return the schema of a covariance, part by part or as a whole."""
+def _covariance(
+    parts: Sequence[Key], besides: Sequence[Key], shapes: Mapping[str, Schema] | None = None
+) -> Schema:
+    """Return the schema of a covariance, part by part or as a whole, with further keys."""
     whole = keys.COVARIANCE.name
     size = sum(key.size for key in parts)
     matrix = {whole: _matrix(size)}
     by_part = {key.name: _part(key) for key in parts}
+    section = [*parts, keys.COVARIANCE, *besides]
     return {
-        **_mapping([*parts, keys.COVARIANCE], {**by_part, **matrix, **(shapes or {})}, required=[]),
+        **_mapping(section, {**by_part, **matrix, **(shapes or {})}, required=[]),
         "if": {"required": [whole]},
-        "then": {"maxProperties": 1},
+        "then": {"not": {"anyOf": [_with(key.name) for key in parts]}},
         "else": {"required": [key.name for key in parts]},
     }
+
+
+def _cov_aircraft() -> Schema:
+    """Return the schema of the uncertainty of the aircraft.
+
+    The uncertainty of the RCS may be the only key, where the route file has the covariances.
+    """
+    schema = _covariance(keys.COV_AIRCRAFT, [keys.RCS_DB])
+    alone = {**_with(keys.RCS_DB.name), "maxProperties": 1}
+    return {**schema, "else": {"anyOf": [schema["else"], alone]}}
 
 
 def _part(key: Key) -> Schema:
@@ -310,7 +323,7 @@ def _levels(kind: str) -> Schema:
         "type": "object",
         "minProperties": 1,
         "propertyNames": {"pattern": f"^(?:{keys.LEVEL_NAME.pattern})$"},
-        "additionalProperties": _covariance(keys.COV_RADAR, shapes),
+        "additionalProperties": _covariance(keys.COV_RADAR, [keys.ATTENUATION_STD], shapes),
     }
 
 
