@@ -26,7 +26,7 @@ from radar_sense import __version__
 from radar_sense.limits import FORMATS, Limit
 
 if TYPE_CHECKING:
-    from radar_sense.analyses.contract import Analysis, Option
+    from radar_sense.analyses.contract import Command, Option
     from radar_sense.scenario import Scenario
 
 #: Where each analysis is, and the first line of its docstring, which `--help` shows.
@@ -77,6 +77,13 @@ ANALYSES: dict[str, tuple[str, str]] = {
     ),
 }
 
+#: Likewise the commands that gather several analyses.
+REPORTS: dict[str, tuple[str, str]] = {
+    "report": (
+        "radar_sense.reporting.command:report",
+        "One HTML page: what is asked of a scenario, and the answers.",
+    ),
+}
 #: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
 MOST_THREADS = 8
 #: Seconds after which a computation shows a sign of life.
@@ -111,11 +118,11 @@ class Cli(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands."""
-        return sorted({*ANALYSES, *self.commands})
+        return sorted({*ANALYSES, *REPORTS, *self.commands})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command; that of an analysis is made from the analysis."""
-        if cmd_name not in ANALYSES:
+        if cmd_name not in {*ANALYSES, *REPORTS}:
             return super().get_command(ctx, cmd_name)
         return command_of(load(cmd_name))
 
@@ -137,7 +144,7 @@ class Cli(click.Group):
 
     def _lines(self) -> list[tuple[str, str]]:
         """Return the commands, each with the first line of its help."""
-        lines = {name: text for name, (_, text) in ANALYSES.items()}
+        lines = {name: text for name, (_, text) in {**ANALYSES, **REPORTS}.items()}
         lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
         return sorted(lines.items())
 
@@ -236,20 +243,21 @@ def cli() -> None:
     """
 
 
-def load(name: str) -> Analysis:
-    """Import an analysis."""
-    module, _, function = ANALYSES[name][0].partition(":")
-    analysis: Analysis = getattr(import_module(module), function)
-    return analysis
+def load(name: str) -> Command:
+    """Import an analysis or a report."""
+    where, _ = {**ANALYSES, **REPORTS}[name]
+    module, _, function = where.partition(":")
+    command: Command = getattr(import_module(module), function)
+    return command
 
 
-def command_of(analysis: Analysis) -> click.Command:
+def command_of(analysis: Command) -> click.Command:
     """Make the command of an analysis: its options, then those of the output."""
     examples = "".join(f"\n  {line}" for line in analysis.examples)
     return click.Command(
         analysis.name,
         callback=click.pass_obj(lambda run, **given: _run(analysis, run, **given)),
-        params=[_config(), *map(_option, analysis.options), *_output()],
+        params=[_config(), *map(_option, analysis.options), *_output(analysis)],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
 
@@ -292,16 +300,19 @@ def _quiet() -> click.Option:
     return click.Option(["-q", "--quiet"], is_flag=True, help="Print nothing but errors.")
 
 
-def _output() -> list[click.Parameter]:
+def _output(analysis: Command) -> list[click.Parameter]:
+    out = click.Option(
+        ["--out"],
+        metavar="DIR",
+        default="figures",
+        show_default=True,
+        type=click.Path(path_type=Path),
+        help="Folder to write to.",
+    )
+    if not analysis.has_figures:
+        return [out, _quiet()]
     return [
-        click.Option(
-            ["--out"],
-            metavar="DIR",
-            default="figures",
-            show_default=True,
-            type=click.Path(path_type=Path),
-            help="Folder to write to.",
-        ),
+        out,
         click.Option(
             ["--format", "formats"],
             multiple=True,
@@ -316,14 +327,14 @@ def _output() -> list[click.Parameter]:
 
 
 def _run(
-    analysis: Analysis,
+    analysis: Command,
     run: Run,
     *,
     config: Path | None,
     out: Path,
-    formats: tuple[str, ...],
-    no_plot: bool,
     quiet: bool,
+    formats: tuple[str, ...] = (),
+    no_plot: bool = False,
     dask: str | None = None,
     workers: int | None = None,
     **options: Any,
@@ -340,7 +351,7 @@ def _run(
             scenario, **{name: value for name, value in chosen.items() if name in OF_SCENARIO}
         )
     stem = analysis.stem(selected)
-    paths = [out / f"{stem}.{ending}" for ending in ("csv", "npz", *formats, "json")]
+    paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
     try:
         files.require_writable(paths, _inputs(config, scenario))
     except (OSError, ValueError) as error:
@@ -416,9 +427,8 @@ def check(config: Path | None, quiet: bool) -> None:
       radar-sense check
       radar-sense check my.yaml
     """
-    import yaml
-
     from radar_sense.analyses.plausibility import plausibility_warnings
+    from radar_sense.files import yaml_text
     from radar_sense.model.radar_constant import describe
     from radar_sense.states import CONSTANTS
 
@@ -439,11 +449,7 @@ def check(config: Path | None, quiet: bool) -> None:
             for who, constant, parts in constants:
                 if parts:
                     click.echo(f"# {who}{level}: {describe(constant, parts)}")
-        # default_flow_style None: lists of numbers on one line, mappings spread out
-        resolved = yaml.safe_dump(
-            scenario.resolved(), sort_keys=False, default_flow_style=None, allow_unicode=True
-        )
-        click.echo(resolved, nl=False)
+        click.echo(yaml_text(scenario.resolved()), nl=False)
         for warning in plausibility_warnings(scenario):
             click.echo(f"Warning: {warning}", err=True)
 
@@ -538,7 +544,7 @@ def _threads(workers: int | None) -> int:
 
 @contextmanager
 def _computing(
-    analysis: Analysis, workers: int | None, dask: str | None, quiet: bool
+    analysis: Command, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
     """Choose threads or a cluster to compute with, and how progress is shown."""
     given: dict[str, Any] = {}

@@ -89,11 +89,7 @@ def record(
     content = {
         "analysis": analysis,
         "command": list(command),
-        "versions": {
-            "radar-sense": __version__,
-            "python": platform.python_version(),
-            **{package: version(package) for package in _PACKAGES},
-        },
+        "versions": versions(),
         "seed": seed,
         "scenario": scenario,
         "warnings": list(warnings),
@@ -101,6 +97,26 @@ def record(
         "columns": columns,
     }
     return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
+
+
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """Return a resolved scenario as the text of a scenario file."""
+    import yaml  # not needed by most commands
+
+    # default_flow_style None: lists of numbers on one line, mappings spread out
+    text: str = yaml.safe_dump(
+        document, sort_keys=False, default_flow_style=None, allow_unicode=True
+    )
+    return text
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of the tool, of Python and of the packages that compute and draw."""
+    return {
+        "radar-sense": __version__,
+        "python": platform.python_version(),
+        **{package: version(package) for package in _PACKAGES},
+    }
 
 
 def same_result(one: bytes, other: bytes) -> bool:

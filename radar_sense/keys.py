@@ -21,6 +21,7 @@ from radar_sense.limits import (
     PROBABILITY,
     RUNS,
     SEED,
+    STD_DB,
     Limit,
 )
 from radar_sense.model.detectors import DETECTORS
@@ -222,6 +223,15 @@ RADAR_NAME = Key(
 MAX_RANGE = Key(
     "max_range_km", "Slant range beyond which P_D is 0.", POSITIVE, 1e3, default=math.inf
 )
+MIN_RANGE = Key(
+    "min_range_km", "Slant range within which P_D is 0.", NOT_NEGATIVE, 1e3, default=0.0
+)
+ECLIPSING = Key(
+    "eclipsing",
+    "Whether P_D is 0 within c tau/2 of pulse_width_us, where the transmitter hides the echo.",
+    choices=YES_NO,
+    default=False,
+)
 HORIZON = Key("horizon", "Whether P_D is 0 below the horizon.", choices=YES_NO, default=False)
 RADAR_UNCERTAINTY = Key("uncertainty", "Levels of uncertainty of this radar.")
 DATA_SHEETS = tuple(
@@ -229,7 +239,8 @@ DATA_SHEETS = tuple(
     for kind in RADARS
 )
 RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
-RADARS_ENTRY = (RADAR_NAME, *RADAR, MAX_RANGE, HORIZON, RADAR_UNCERTAINTY)
+LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
+RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
 SEARCH_FACTOR = Key(
     "search_factor",
     "Number below the power-aperture product of c_r.",
@@ -316,6 +327,12 @@ LEVEL_NAME = Key(
     allowed="the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
 )
 COVARIANCE = Key("covariance", "Covariance of the whole state.", ANY, default=None)
+RCS_DB = Key(
+    "rcs_db",
+    "Standard deviation of the RCS [dB], one factor for all radars and looks.",
+    STD_DB,
+    default=0.0,
+)
 #: Parts of a covariance: a standard deviation for all components, for each, or a matrix.
 COV_AIRCRAFT = (
     Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),
@@ -367,7 +384,7 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         "geometry.origin": PLACE,
         "geometry.interpolate": INTERPOLATE,
         "uncertainty": UNCERTAINTY,
-        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE),
+        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE, RCS_DB),
         "uncertainty.radar.LEVEL": (*COV_RADAR, COVARIANCE),
         "analysis": ANALYSIS,
     }

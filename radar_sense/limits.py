@@ -67,6 +67,8 @@ class Limit:
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
+#: Standard deviation in decibels.
+STD_DB = Limit(at_least=0, at_most=20)
 PROBABILITY = Limit(at_least=1e-100, below=1)
 #: Ends of a map [km], and the distance between its cells [km].
 MAP_KM = Limit(at_least=-1e5, at_most=1e5)
@@ -99,15 +101,31 @@ def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -
     return field(metadata={"key": key, "limit": limit, "help": meaning, "unit": unit})
 
 
-def check_number(name: str, value: Any, limit: Limit) -> None:
-    """Raise InputError unless a value is a number within a limit."""
-    if not limit.allows(value):
-        got = value if isinstance(value, Real) else shorten(str(value))
+def plain_number(value: Any) -> Any:
+    """Return the Python number in a NumPy scalar or an array without axes; else the value."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
+
+
+def check_number(name: str, value: Any, limit: Limit) -> Any:
+    """Return a value as a Python number.
+
+    Raises:
+        InputError: If the value is no number within the limit.
+    """
+    number = plain_number(value)
+    if not limit.allows(number):
+        got = number if isinstance(number, Real) else shorten(str(number))
         raise InputError(f"{name} must be {limit}, got {got}")
+    return number
 
 
 def check_parameters(instance: Any) -> None:
-    """Raise InputError if a field declared with `parameter` is outside its limit."""
+    """Make Python numbers of the fields declared with `parameter`.
+
+    Raises:
+        InputError: If a field is outside its limit.
+    """
     for f in fields(instance):
         if "limit" in f.metadata:
-            check_number(f.name, getattr(instance, f.name), f.metadata["limit"])
+            number = check_number(f.name, getattr(instance, f.name), f.metadata["limit"])
+            object.__setattr__(instance, f.name, number)  # the classes are frozen

@@ -66,11 +66,15 @@ def radar_block(
     return block
 
 
-def limits_block(max_range: float, horizon: Horizon | None, earth: Horizon) -> Block:
-    """Return the keys of the limits of one of several radars."""
+def limits_block(
+    max_range: float, min_range: float, horizon: Horizon | None, earth: Horizon
+) -> Block:
+    """Return the keys of the limits of one of several radars; eclipsing is a minimum range."""
     block: Block = {}
     if math.isfinite(max_range):
-        block["max_range_km"] = in_unit(max_range, keys.MAX_RANGE.unit)
+        block[keys.MAX_RANGE.name] = in_unit(max_range, keys.MAX_RANGE.unit)
+    if min_range:
+        block[keys.MIN_RANGE.name] = in_unit(min_range, keys.MIN_RANGE.unit)
     block["horizon"] = horizon == earth if horizon in (None, earth) else _fields(horizon)
     return block
 
@@ -106,7 +110,8 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
         if source and source.table is rcs:
             block |= {"file": source.file, "mirror": source.mirror, "sha256": source.sha256}
         else:
-            arrays = [rcs.azimuth, rcs.rcs, *([] if rcs.elevation is None else [rcs.elevation])]
+            given = (rcs.azimuth, rcs.rcs, rcs.elevation, rcs.std_db)
+            arrays = [array for array in given if array is not None]
             block |= {"nodes": rcs.rcs.size, "sha256": digest(*arrays)}
         if rcs.envelope is not None:
             block["envelope_deg"] = in_unit(rcs.envelope, keys.ENVELOPE_WIDTH.unit)
@@ -174,14 +179,19 @@ def place_block(place: tuple[float, float, float]) -> Block:
     return {key.name: in_unit(value, key.unit) for key, value in pairs}
 
 
-def cov_aircraft_block(covariance: FloatArray, stated: StatedCovariance | None) -> Block:
-    """Return the key of C_aa, or nothing if the route file has it."""
+def cov_aircraft_block(
+    covariance: FloatArray, stated: StatedCovariance | None, rcs_db: float
+) -> Block:
+    """Return the key of C_aa, which the route file may have, and of an uncertain RCS."""
     matrix = as_stated(covariance, stated)
-    if matrix is None:
-        return {}
-    if matrix.ndim == 3:
-        return {"aircraft": {"poses": len(matrix), "sha256": digest(matrix)}}
-    return {"aircraft": covariance_block(matrix, keys.COV_AIRCRAFT)}
+    block: Block = {}
+    if matrix is not None and matrix.ndim == 3:
+        block = {"poses": len(matrix), "sha256": digest(matrix)}
+    elif matrix is not None:
+        block = covariance_block(matrix, keys.COV_AIRCRAFT)
+    if rcs_db:
+        block[keys.RCS_DB.name] = float(rcs_db)
+    return {"aircraft": block} if block else {}
 
 
 def correlation_block(correlation_s: float, *, has_times: bool) -> Block:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import html
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -18,12 +17,13 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.rcs import RCS
 from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
@@ -73,6 +73,8 @@ class Scenario:
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
+        rcs_db: Standard deviation of the RCS [dB], of one log-normal factor that all radars, poses
+            and looks share. 0 for an RCS table with a standard deviation of its own.
         correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
             process: 0 for independent errors at every pose, infinity for one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
@@ -92,6 +94,7 @@ class Scenario:
     seed: int = SEED_KEY.default
     tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
+    rcs_db: float = 0.0
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
     provenance: Provenance = field(default_factory=Provenance)
@@ -108,6 +111,7 @@ class Scenario:
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
+        object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
         if not len(self.axis):
             along = axes.pose_number(len(self.aircraft))
             if self.time_s is not None:
@@ -164,6 +168,12 @@ class Scenario:
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
+        check_number("rcs_db", self.rcs_db, STD_DB)
+        if self.rcs_db and self._rcs_spread is not None:
+            raise InputError(
+                "rcs_db must be left out, or std_db of the RCS table: both say how uncertain the "
+                "RCS is"
+            )
 
     def _require_level(self, level: str) -> None:
         if level not in self.cov_radar:
@@ -202,6 +212,32 @@ class Scenario:
         return self.model.radars[0].scan_period
 
     @property
+    def rcs_std(self) -> float:
+        """Standard deviation of the error ε of the RCS, see `model.rcs`; 0 if it is certain."""
+        return self.rcs_db if self._rcs_spread is None else 1.0
+
+    @property
+    def shared(self) -> FloatArray:
+        """Nominal states that all poses share (4m,) or (4m + 1,): the radars, and ε of the RCS."""
+        return np.append(self.radar, 0.0) if self.rcs_std else self.radar
+
+    @property
+    def cov_shared(self) -> FloatArray:
+        """Covariance of the shared states, at the level."""
+        matrix = self.cov_radar[self.level]
+        if not self.rcs_std:
+            return matrix
+        covariance = np.zeros((len(matrix) + 1, len(matrix) + 1))
+        covariance[:-1, :-1] = matrix
+        covariance[-1, -1] = self.rcs_std**2
+        return covariance
+
+    @property
+    def _rcs_spread(self) -> RCS | None:
+        spread: RCS | None = getattr(self.model.rcs, "spread", None)
+        return spread
+
+    @property
     def _radar_count(self) -> int:
         return len(self.model.radars)
 
@@ -226,10 +262,10 @@ class Scenario:
         """Coordinate of each pose on the axis (n,): on an orbit θ_r [deg]."""
         return self.axis.values
 
-    def part(self, poses: slice | NDArray[np.intp]) -> Scenario:
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with some of its poses."""
         return self._with(
-            axis=self.axis.part(poses),
+            axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
             cov_aircraft=self.cov_aircraft
             if self.cov_aircraft.ndim == 2
@@ -290,7 +326,9 @@ class Scenario:
         """
         document: dict[str, Any] = {"name": self.name}
         uncertainty = {
-            **record.cov_aircraft_block(self.cov_aircraft, self.provenance.cov_aircraft),
+            **record.cov_aircraft_block(
+                self.cov_aircraft, self.provenance.cov_aircraft, self.rcs_db
+            ),
             **record.correlation_block(self.correlation_s, has_times=self.time_s is not None),
         }
         if self.model.names:
@@ -318,7 +356,9 @@ class Scenario:
         return {
             "name": radar.name,
             **record.radar_block(radar.model, state, source, radar.scan_period),
-            **record.limits_block(radar.max_range, radar.horizon, self.provenance.earth),
+            **record.limits_block(
+                radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
+            ),
             "uncertainty": self._levels_document(i),
         }
 
@@ -356,10 +396,28 @@ class Scenario:
 
     def _with(self, **changes: Any) -> Scenario:
         """Return the scenario with fields that need no new check."""
-        changed = copy.copy(self)
-        for name, value in changes.items():
+        changed = object.__new__(type(self))
+        for name, value in (vars(self) | changes).items():
             object.__setattr__(changed, name, value)
         return changed
+
+    def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[dict[str, Any]]]:
+        # A mapping proxy cannot be pickled.
+        mappings = {"cov_radar": dict(self.cov_radar), "tolerances": dict(self.tolerances)}
+        return _make_scenario, (vars(self) | mappings,)
+
+
+def _make_scenario(fields: Mapping[str, Any]) -> Scenario:
+    """Make a scenario from its fields, as unpickling does."""
+    return Scenario(**fields)
+
+
+def check_scenario(scenario: object) -> None:
+    """Raise InputError unless the argument is a scenario."""
+    if not isinstance(scenario, Scenario):
+        raise InputError(
+            f"scenario must be a Scenario, as load_scenario returns, got {shorten(str(scenario))}"
+        )
 
 
 def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:

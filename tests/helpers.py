@@ -56,6 +56,15 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     return file
 
 
+def lay_out(figure):
+    """Lay a figure out as rendering does, without pixels, which take far longer."""
+    from radar_sense import plotting
+
+    with plotting._style():
+        figure.draw_without_rendering()
+    return figure
+
+
 def legend_off_data(figure):
     """Insist that the legend of a figure that is laid out is on the page, and on no axes."""
     (legend,) = figure.legends
@@ -185,7 +194,7 @@ def paper_network(
         model=NetworkModel(
             tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
         ),
-        axis=paper.axis.part(poses),
+        axis=paper.axis.at_poses(poses),
         aircraft=paper.aircraft[poses],
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,

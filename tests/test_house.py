@@ -15,6 +15,7 @@ STOREYS = (
     ("__main__", "__init__"),
     ("cli",),
     ("reading",),
+    ("reporting",),
     ("analyses",),
     ("plotting", "files"),
     ("mission",),

@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
 import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +18,7 @@ from radar_sense.analyses.error_budget import (
     error_budget,
     parts_of,
     required_accuracies,
+    sources_of,
     value_function,
 )
 from radar_sense.analyses.report import (
@@ -46,7 +42,10 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray, sources
+from radar_sense.states import AIRCRAFT_RCS, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 #: The gradient for a source vanishes where its share of the total is smaller than its largest share
 #: by this factor.
@@ -225,8 +224,17 @@ def budget(
         method=method,
         table={
             axis.key: axis.values,
-            **{f"three_sigma_{source}": values for source, values in three_sigma.items()},
+            **{
+                f"three_sigma_{source}": values
+                for source, values in three_sigma.items()
+                if source != AIRCRAFT_RCS  # a later column, as the first ones are fixed
+            },
             "three_sigma_total": total,
+            **{
+                f"three_sigma_{source}": values
+                for source, values in three_sigma.items()
+                if source == AIRCRAFT_RCS
+            },
             **{f"three_sigma_{source}": 3 * std for source, std in contributions.finer.items()},
             **mean_column(contributions.mean, method),
             **({} if method == "linear" else {f"share_{s}": v for s, v in shares.items()}),
@@ -317,7 +325,7 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
     """Return the lines of the figure: sources, and parts of radar constants with their labels."""
     names = scenario.model.names
     return {
-        "sources": list(sources(names)),
+        "sources": list(sources_of(scenario)),
         "several_radars": len(names) > 1,
         "parts": [
             {
@@ -411,7 +419,7 @@ def _measure_better(
     advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
     if method == MONTE_CARLO:
         return (advice,)
-    (halved,) = value_function(scenario.part(np.array([pose])), method)([ranked[0]], 0.5)
+    (halved,) = value_function(scenario.at_poses(np.array([pose])), method)([ranked[0]], 0.5)
     return (f"{advice}: with half its deviation the total would be {halved:.4f}",)
 
 
@@ -448,7 +456,7 @@ def _inverse_summary(
 def _inverse_report(
     goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
 ) -> list[str]:
-    place = "at all poses" if at is None else f"at {axis.say(at)}"
+    place = "at all poses" if at is None else f"at {axis.format(at)}"
     lines = [
         f"to keep {goal} {place}, largest factor on the standard deviations of one source (others "
         "unchanged), or of all:"
@@ -459,13 +467,14 @@ def _inverse_report(
     return [
         *lines,
         *(
-            f"  {names[source]:{width}}{_accuracy_in_words(accuracy, axis)}"
+            f"  {names[source]:{width}}{accuracy_in_words(accuracy, axis)}"
             for source, accuracy in required.items()
         ),
     ]
 
 
-def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+    """Return the largest factor on the standard deviations of a source, or why there is none."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:
@@ -474,7 +483,9 @@ def _accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
             return f"no reduction needed; may grow {factor:.4g}-fold, and more is not known"
         return f"{factor:.4g}, and more is not known: this method has no answer"
     if factor is None:
-        words = f"not enough alone: {accuracy.residual:.4f} remains at {axis.say(accuracy.place)}"
+        words = (
+            f"not enough alone: {accuracy.residual:.4f} remains at {axis.format(accuracy.place)}"
+        )
         return words + (f", most from {accuracy.residual_from}" if accuracy.residual_from else "")
     if np.isinf(factor):
         return "any factor"

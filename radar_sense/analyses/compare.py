@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
 from concurrent.futures import Executor
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,6 +22,9 @@ from radar_sense.analyses.report import (
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.scenario import Scenario
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 
 def plot(result: Result, figure: Figure) -> None:

@@ -12,11 +12,11 @@ from __future__ import annotations
 import dataclasses
 import html
 import inspect
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from radar_sense import files
 from radar_sense.analyses.columns import Column, find
@@ -25,14 +25,11 @@ from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
-from radar_sense.scenario import Scenario, for_radar
+from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
-
-
-T = TypeVar("T")
 
 
 class FigureError(RuntimeError):
@@ -52,15 +49,6 @@ class Progress(Protocol):
 def silent(total: int, what: str) -> AbstractContextManager[None]:
     """Show no progress."""
     return nullcontext()
-
-
-def counted(items: Collection[T], progress: Progress, what: str) -> Iterator[T]:
-    """Yield items and show how many of them are done."""
-    with progress(len(items), what) as advance:
-        for item in items:
-            yield item
-            if advance:
-                advance(1)
 
 
 @dataclass(frozen=True)
@@ -317,38 +305,39 @@ def _content(path: Path) -> bytes:
         return b""
 
 
-@dataclass(frozen=True, eq=False)
-class Analysis:
-    """An analysis, called with a scenario.
+@dataclass(frozen=True, eq=False, repr=False)
+class Command:
+    """What a command computes from a scenario, with its options.
 
     Attributes:
         name: Name of the command.
         run: Computes the result.
-        plot: Draws the figure of a result into an empty figure; reads the result only.
         options: Options of the command.
         examples: Commands for the help.
-        columns: Columns that the table may have.
+        endings: Endings of the files besides figures.
+        has_figures: Whether figures are files of their own.
     """
 
     name: str
-    run: Callable[..., Result]
-    plot: Callable[[Result, Figure], None]
+    run: Callable[..., Any]
     options: tuple[Option, ...]
     examples: tuple[str, ...]
-    columns: tuple[Column, ...] = ()
+    endings: ClassVar[tuple[str, ...]]
+    has_figures: ClassVar[bool]
 
-    def __call__(self, scenario: Scenario, **options: Any) -> Result:
-        """Return the result of the analysis.
+    def __call__(self, scenario: Scenario, **options: Any) -> Any:
+        """Return what the command computes.
 
         Args:
             scenario: The scenario.
             options: Options of the command. `level`, `radar` and `seed` are always allowed;
-                `workers`, `executor` and `progress` are if the analysis has them.
+                `workers`, `executor` and `progress` are if the command has them.
 
         Raises:
-            InputError: If an option is not allowed.
-            TypeError: If the analysis has no such option.
+            InputError: If the scenario is no `Scenario`, or an option is not allowed.
+            TypeError: If the command has no such option.
         """
+        check_scenario(scenario)
         for name in options:
             if name not in self.keywords and name not in _OF_SCENARIO:
                 allowed = sorted({*self.keywords, *_OF_SCENARIO})
@@ -357,10 +346,7 @@ class Analysis:
                     + did_you_mean(name, allowed)
                 )
         of_run = {name: value for name, value in options.items() if name in self.keywords}
-        selected = self.selected(scenario, **options)
-        result = self.run(selected, **of_run)
-        warnings = (*plausibility_warnings(selected), *result.warnings)
-        return dataclasses.replace(result, warnings=warnings, by=self)
+        return self.run(self.selected(scenario, **options), **of_run)
 
     def selected(self, scenario: Scenario, **options: Any) -> Scenario:
         """Return the scenario at the level, with the runs and seed, and of the radar chosen.
@@ -393,7 +379,32 @@ class Analysis:
         return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
 
     def __repr__(self) -> str:
-        return f"<analysis {self.name}: {self.help.partition(chr(10))[0]}>"
+        kind = type(self).__name__.lower()
+        return f"<{kind} {self.name}: {self.help.partition(chr(10))[0]}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Analysis(Command):
+    """An analysis, called with a scenario.
+
+    Attributes:
+        plot: Draws the figure of a result into an empty figure; reads the result only.
+        columns: Columns that the table may have.
+    """
+
+    plot: Callable[[Result, Figure], None]
+    columns: tuple[Column, ...] = ()
+    endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
+    has_figures: ClassVar[bool] = True
+
+    def __call__(self, scenario: Scenario, **options: Any) -> Result:
+        """Return the result of the analysis; `Command.__call__` says more."""
+        result: Result = super().__call__(scenario, **options)
+        warnings = (
+            *plausibility_warnings(self.selected(scenario, **options)),
+            *result.warnings,
+        )
+        return dataclasses.replace(result, warnings=warnings, by=self)
 
 
 def analysis(
@@ -416,6 +427,6 @@ def analysis(
 
     def decorate(run: Callable[..., Result]) -> Analysis:
         chosen = tuple(OPTIONS[o] if isinstance(o, str) else o for o in options)
-        return Analysis(name or run.__name__, run, plot, chosen, tuple(examples), tuple(columns))
+        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot, tuple(columns))
 
     return decorate

@@ -23,14 +23,9 @@ of the order 1/runs. The control needs a gradient of P_D.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
-
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +43,9 @@ from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
 from radar_sense.montecarlo.statistics import order_statistics, quantile_position
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANTS, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Axes, Figure
 
 T = TypeVar("T")
 
@@ -234,7 +232,7 @@ def measure(
         progress: Called with 1 after each of `replications` + REFERENCES parts.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
-    subset = scenario.part(poses)
+    subset = scenario.at_poses(poses)
     sampler = Sampler.of(subset)
     linear = LinearModel.of(sampler)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]

@@ -294,9 +294,9 @@ def _route(scenario: Scenario, method: str | None) -> FloatArray:
     return upper_bound(
         scenario.model,
         scenario.aircraft,
-        scenario.radar,
+        scenario.shared,
         scenario.cov_aircraft,
-        scenario.cov_radar[scenario.level],
+        scenario.cov_shared,
         method=method,
         beta=BETA,
         log_constant=scenario.log_constant,

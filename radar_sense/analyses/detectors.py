@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
 import re
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +12,9 @@ from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.model.detectors import DETECTORS
 from radar_sense.scenario import Scenario
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 #: Probabilities of false alarm of the table, besides the scenario's.
 P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)

@@ -96,7 +96,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
-    wanted = (sources(names), finer_sources(names), parts_of(scenario))
+    wanted = (sources_of(scenario), finer_sources(names), parts_of(scenario))
     std = std_function(scenario, method=method)
     alone, finer, parts = (
         {name: std(*_alone(scenario, name)) for name in group} for group in wanted
@@ -109,6 +109,11 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         finer=finer,
         parts=parts,
     )
+
+
+def sources_of(scenario: Scenario) -> dict[str, Source]:
+    """Return the sources of the error budget of a scenario by name."""
+    return sources(scenario.model.names, rcs=scenario.rcs_std > 0)
 
 
 @dataclass(frozen=True)
@@ -201,7 +206,7 @@ def required_accuracies(
     above = ~(at_all_poses((), 1.0) <= limit)
     at_critical_poses = at_all_poses
     if above.any():
-        at_critical_poses = value_function(scenario.part(np.flatnonzero(above)), method, k)
+        at_critical_poses = value_function(scenario.at_poses(np.flatnonzero(above)), method, k)
 
     def excess(log_factor: float, names: Collection[str]) -> float:
         """Largest value less the limit; NaN where the method has no answer."""
@@ -286,7 +291,7 @@ def value_function(
         return upper_bound(
             scenario.model,
             scenario.aircraft,
-            scenario.radar,
+            scenario.shared,
             covariances["aircraft"],
             covariances["radar"],
             method=method,
@@ -322,10 +327,10 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
     pose = axis.find(at)
     if pose is None:
         raise InputError(
-            f"there is no pose at {axis.say(at)}, the nearest of {len(axis)} is at "
+            f"there is no pose at {axis.format(at)}, the nearest of {len(axis)} is at "
             f"{axis.at(axis.nearest(at))}"
         )
-    return scenario.part(slice(pose, pose + 1))
+    return scenario.at_poses(slice(pose, pose + 1))
 
 
 def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
@@ -344,12 +349,12 @@ def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
 
 def _source(scenario: Scenario, name: str) -> Source:
     names = scenario.model.names
-    return {**sources(names), **finer_sources(names)}[name]
+    return {**sources_of(scenario), **finer_sources(names)}[name]
 
 
 def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
     """Return C_aa and C_rr with the standard deviations of some sources multiplied."""
-    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_radar[scenario.level]}
+    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_shared}
     of_parts = parts_of(scenario)
     scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
     changed = [of_parts[name] for name in of_parts if name in names]
@@ -367,8 +372,8 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)  # refuses what is not a covariance
-    parts, blocks_by_name = parts_of(scenario), sources(scenario.model.names)
-    cov_radar = scenario.cov_radar[scenario.level]
+    parts, blocks_by_name = parts_of(scenario), sources_of(scenario)
+    cov_radar = scenario.cov_shared
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
         blocks = [components for owner, components in blocks_by_name.values() if owner == whose]
         apart = sum(covariance.keep_components(matrix, components) for components in blocks)

@@ -175,9 +175,9 @@ def p_d_in_cells(
         bound = upper_bound(
             scenario.model,
             aircraft,
-            scenario.radar,
+            scenario.shared,
             cov_aircraft,
-            scenario.cov_radar[scenario.level],
+            scenario.cov_shared,
             method=method,
             beta=BETA,
             log_constant=scenario.log_constant,

@@ -2,13 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
 from concurrent.futures import Executor
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +28,9 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
 from radar_sense.scenario import Scenario
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 
 def plot(result: Result, figure: Figure) -> None:

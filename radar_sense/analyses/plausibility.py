@@ -115,7 +115,7 @@ def _ranges(position: FloatArray, radar: FloatArray) -> FloatArray:
 def _floor(scenario: Scenario) -> tuple[str, ...]:
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     if not visible.any():
-        return ("no radar sees the aircraft anywhere: see max_range_km and horizon",)
+        return ("no radar sees the aircraft anywhere: see max_range_km, min_range_km and horizon",)
     p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
     floor = ndtr(scenario.model.floor(visible))
     if np.any(p_d > (1.0 + ABOVE_FLOOR) * floor):

@@ -2,12 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +13,9 @@ from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, RADAR, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 #: Steps of the table [deg].
 AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
@@ -165,7 +163,12 @@ def rcs(scenario: Scenario) -> Result:
     low, high = decibels(np.array([seen.min(), seen.max()]))
     return Result(
         scenario=scenario,
-        table={"azimuth_deg": columns[0], "elevation_deg": columns[1], "rcs_m2": sigma},
+        table={
+            "azimuth_deg": columns[0],
+            "elevation_deg": columns[1],
+            "rcs_m2": sigma,
+            **_spread(model, columns),
+        },
         summary=summary,
         report=(
             *(f"{name} RCS {_in_words(summary[name])}" for name in ("largest", "smallest")),
@@ -182,6 +185,12 @@ def rcs(scenario: Scenario) -> Result:
         },
         warnings=_beyond(scenario, model, seen_elevation),
     )
+
+
+def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
+    """Return the standard deviation [dB] of an RCS table that has one by aspect."""
+    spread = getattr(model, "spread", None)
+    return {} if spread is None else {"std_db": pattern(spread, *columns)}
 
 
 def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:

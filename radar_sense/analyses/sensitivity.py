@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
-
 from radar_sense.analyses.columns import AXIS, quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
@@ -25,6 +21,9 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.scenario import Scenario
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 
 def plot(result: Result, figure: Figure) -> None:

@@ -232,7 +232,7 @@ def _tested(
     undecided, violated = drawn.copy(), drawn.copy()
     some = np.flatnonzero(unreliable & ~(moments.p_d > p_max))
     if with_draws and some.size:
-        decision = decide(poses.part(some), p_max, float(ndtr(-k)))
+        decision = decide(poses.at_poses(some), p_max, float(ndtr(-k)))
         upper[some], probability[some] = decision.upper, decision.probability
         drawn[some] = decision.holds | decision.violated
         undecided[some] = ~drawn[some]

@@ -4,10 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
-
-
 import numpy as np
 
 from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN, quantity
@@ -28,6 +24,9 @@ from radar_sense.montecarlo import adaptive
 from radar_sense.montecarlo.adaptive import DIGITS
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA
 from radar_sense.scenario import Scenario
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
 
 
 def plot(result: Result, figure: Figure) -> None:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
-
 import numpy as np
 
 from radar_sense.analyses.columns import AXIS, BAND, LINK, MEAN, OF_THRESHOLD, PLACES, of_radars
@@ -33,6 +30,9 @@ from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Axes, Figure
 
 
 def plot(result: Result, figure: Figure) -> None:

@@ -17,13 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
 from radar_sense.covariance import checked, symmetric_square_root
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
 
 class Model(Protocol):
     """What is asked of a model: `DetectionModel`, a network, or `Interleaved`.
 
-    K looks are the first axis of the aircraft states, and m radars have 4m states.
+    K looks are the first axis of the aircraft states. m radars have 4m states, and may have the
+    error of the RCS after them.
     """
 
     def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
@@ -58,7 +59,7 @@ class Interleaved:
             looks = self.scan_group == i
             # component first, as memory has it
             states = np.moveaxis(np.moveaxis(aircraft, -1, 0)[:, looks], 0, -1)
-            p_d[looks] = model.p_d(states, radar[..., self._states(i)])
+            p_d[looks] = model.p_d(states, radar[..., self._states(i, radar.shape[-1])])
         return p_d
 
     def linearize_probit(
@@ -68,15 +69,15 @@ class Interleaved:
         z, by_aircraft = np.empty(len(aircraft)), np.empty(aircraft.shape)
         by_radar = np.zeros((len(aircraft), len(radar)))
         for i, model in enumerate(self.models):
-            looks, part = self.scan_group == i, self._states(i)
+            looks, part = self.scan_group == i, self._states(i, len(radar))
             z[looks], by_aircraft[looks], by_radar[np.ix_(looks, part)] = model.linearize_probit(
                 aircraft[looks], radar[part]
             )
         return z, by_aircraft, by_radar
 
-    def _states(self, group: int) -> NDArray[np.intp]:
-        """Return the places of a scan group's radar states among all radar states."""
-        return np.concatenate([len(RADAR) * i + np.arange(len(RADAR)) for i in self.radars[group]])
+    def _states(self, group: int, size: int) -> list[int]:
+        """Return the places of a scan group's radar states among all radar states (size,)."""
+        return components_of(self.radars[group], sum(map(len, self.radars)), size)
 
 
 @dataclass(frozen=True, eq=False)

@@ -82,7 +82,7 @@ def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
         done = int(runs[left[0]])
         if target <= done:
             break
-        sampler = Sampler.of(scenario.part(left))
+        sampler = Sampler.of(scenario.at_poses(left))
         for p_d in _independent(sampler, scenario.seed, stage, target - done):
             above[left] += np.count_nonzero(p_d > p_max, axis=0)
             both = np.concatenate([largest[:, left], p_d])
@@ -129,7 +129,7 @@ def exceeded_anywhere(scenario: Scenario, p_max: float, probability: FloatArray)
     poses = np.sort(order[~negligible])
     if not poses.size:
         return Anywhere(0.0, 0.0, 0)
-    path = scenario.part(poses)
+    path = scenario.at_poses(poses)
     most = int(np.clip(MAX_DRAWS / (len(poses) * len(scenario.model.models)), 100, MAX_RUNS))
     runs = hits = 0
     for p_d in _along_path(path, most):

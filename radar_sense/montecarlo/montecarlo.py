@@ -25,7 +25,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
 from radar_sense.montecarlo.statistics import RunningMoments, Tails, binomial_interval
 from radar_sense.propagation import Moments, propagate, propagate_scenario
-from radar_sense.scenario import Scenario
+from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import RADAR, FloatArray
 
 #: Samples of a block, about. A part of the result's definition: another value, other draws.
@@ -240,10 +240,10 @@ def monte_carlo(
         progress: Called with the number of runs of each task that has been computed.
 
     Raises:
-        InputError: If runs, seed, level, method or sampler are not allowed, or if the runs and
-            poses take too much memory.
+        InputError: If an argument is not allowed, or if the runs and poses take too much memory.
         ComputationError: If memory, threads or workers run out.
     """
+    check_scenario(scenario)
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
     _require_possible(len(scenario.aircraft), scenario.runs, sampler)
     return _compare(

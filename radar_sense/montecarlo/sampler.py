@@ -53,7 +53,8 @@ class Sampler:
     Attributes:
         model: The detection model, of a radar or of a network of m.
         aircraft: Nominal aircraft states (n, 6).
-        radar: Nominal radar state (4,), or (4m,) of a network of m.
+        radar: Nominal radar state (4,), or (4m,) of a network of m. The error of the RCS follows
+            where it is uncertain. A draw of it holds for all radars and poses of a run.
         sqrt_cov_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
         sqrt_cov_radar: F (4, 4), or (4m, 4m), with F Fᵀ = C_rr.
         parts: The uncertain parameters of the c_r of each radar, where they are known. The
@@ -73,9 +74,9 @@ class Sampler:
         return cls.of_states(
             scenario.model,
             scenario.aircraft,
-            scenario.radar,
+            scenario.shared,
             scenario.cov_aircraft,
-            scenario.cov_radar[scenario.level],
+            scenario.cov_shared,
             scenario.tolerances_at_level,
         )
 

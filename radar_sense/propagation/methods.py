@@ -127,7 +127,8 @@ def propagate(
     Args:
         model: The detection model, of a radar or of a network.
         aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m.
+        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m. One component more,
+            nominally 0, is the error of the RCS; see `model.rcs`.
         cov_aircraft: C_aa (..., 6, 6), which may be singular.
         cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), which may be singular. The four broadcast
             against each other.
@@ -290,8 +291,13 @@ def _states_of(scenario: Scenario) -> tuple[tuple[int, ...], UncertainStates]:
 
 
 def _of(scenario: Scenario) -> tuple[NetworkModel, FloatArray, FloatArray, FloatArray, FloatArray]:
-    cov_radar = scenario.cov_radar[scenario.level]
-    return scenario.model, scenario.aircraft, scenario.radar, scenario.cov_aircraft, cov_radar
+    return (
+        scenario.model,
+        scenario.aircraft,
+        scenario.shared,
+        scenario.cov_aircraft,
+        scenario.cov_shared,
+    )
 
 
 def _checked(

@@ -122,7 +122,7 @@ NETWORK = document(
 )
 def test_every_analysis_takes_a_network(tool, command, columns):
     write(text_of(NETWORK))
-    code, out, err = tool(*command, "my.yaml", "--format", "png", "--out", "out")
+    code, out, err = tool(*command, "my.yaml", "--no-plot", "--out", "out")
     assert code == 0, err
     assert out
     (table,) = Path("out").glob("*.csv")
@@ -140,7 +140,7 @@ def test_the_map_of_a_network(tool, method):
     write(text_of(NETWORK))
     command = ["map", "my.yaml", "--upper", "--method", method, "--step-km", "100"]
     ends = ["--north-km", "-400", "400", "--east-km", "-700", "700"]
-    code, _, err = tool(*command, *ends, "--format", "png", "--out", "out")
+    code, _, err = tool(*command, *ends, "--no-plot", "--out", "out")
     assert code == 0, err
     with np.load("out/paper_map.npz") as file:
         found = dict(file)

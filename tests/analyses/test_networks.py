@@ -105,14 +105,11 @@ def test_each_radar_by_itself():
     ],
 )
 def test_analyses_and_figures_take_a_network(analysis):
-
-    from radar_sense import plotting
-
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 60))
     result = analysis(dataclasses.replace(scenario, runs=64))
     assert all(np.all(np.isfinite(column)) for column in result.table.values())
     assert len({len(column) for column in result.table.values()}) == 1
-    assert plotting.render(result.plot(), "svg")
+    assert result.plot().axes
 
 
 def test_variance_table_has_each_radar_and_the_network():

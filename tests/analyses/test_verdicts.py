@@ -90,7 +90,7 @@ def test_draws_decide():
     p_d = drawn_p_d(s, 40_000)
     tail = 0.5 * math.erfc(2 / math.sqrt(2))
     for pose in range(2):
-        one = s.part(np.array([pose]))
+        one = s.at_poses(np.array([pose]))
         quantile = np.quantile(p_d[:, pose], 1 - tail)
         for p_max in (quantile - 0.02, quantile + 0.02):
             decision = decide(one, p_max, tail)
@@ -102,7 +102,7 @@ def test_draws_decide():
         on_it = decide(one, decision.upper[0] + (quantile - decision.upper[0]), tail)
         assert not (on_it.holds[0] and on_it.violated[0])
     # no number of draws finds a tail of 1e-12
-    far = decide(s.part(np.array([0])), 0.99, 1e-12)
+    far = decide(s.at_poses(np.array([0])), 0.99, 1e-12)
     assert not far.holds[0]
     assert not far.violated[0]
 
@@ -273,7 +273,7 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     names = list(analyses.variance(s).table)
     assert names[-3:] == ["north_m", "east_m", "down_m"]
     np.testing.assert_array_equal(analyses.variance(s).table["north_m"], [-4e5, 4e5])
-    corridor = rs.load_scenario(Path("configs/corridor.yaml")).part(slice(0, 3))
+    corridor = rs.load_scenario(Path("configs/corridor.yaml")).at_poses(slice(0, 3))
     table = analyses.variance(corridor).table
     assert list(table)[-6:] == [
         "north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"

@@ -21,8 +21,9 @@ from radar_sense import plotting
 from radar_sense.analyses.mission import with_schedule
 from radar_sense.errors import InputError
 from radar_sense.mission import cumulative as cu
-from radar_sense.mission import draws, importance, tracks
+from radar_sense.mission import draws, tracks
 from radar_sense.mission import looks as lk
+from radar_sense.mission.importance import pilot, plan, replicates
 from radar_sense.model import geodesy as wgs84
 from radar_sense.montecarlo.sampler import Sampler
 
@@ -70,11 +71,11 @@ def radar(name, period):
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    """What is tested here is not how good the bounds of importance sampling are."""
+    """Use few draws: the accuracy of importance sampling is tested elsewhere."""
     for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        monkeypatch.setattr(importance, name, 128)
-    monkeypatch.setattr(importance, "PILOT_DRAWS", 128)
-    monkeypatch.setattr(importance, "COMBINATIONS", 512)
+        monkeypatch.setattr(plan, name, 128)
+    monkeypatch.setattr(pilot, "PILOT_DRAWS", 128)
+    monkeypatch.setattr(replicates, "COMBINATIONS", 512)
 
 
 def write(folder, periods, tau=0.0, route=ROUTE, **changes):

@@ -275,7 +275,7 @@ def test_errors_are_root_mean_squares_in_units_of_sigma():
 
 
 def test_the_reference_is_the_mean_of_independent_sequences_with_its_standard_error():
-    s = load_scenario().part(slice(0, 5))
+    s = load_scenario().at_poses(slice(0, 5))
     measured = measure(s, 64, replications=1)
     seeds = random_stream(s.seed, 2**32 - 3).integers(2**63, size=REFERENCES)
     drawn = [draw(Sampler.of(s), None, "sobol", int(seed), 8 * 64)[0] for seed in seeds]
@@ -452,7 +452,7 @@ def test_the_command_refuses(tool):
 @pytest.mark.parametrize("name", ["s_band_surveillance", "path"])
 def test_the_control_is_unbiased_with_parts_of_the_constant_and_a_covariance_per_pose(name):
     s = load_scenario(f"configs/{name}.yaml")
-    some = s.part(np.linspace(0, len(s.aircraft) - 1, 4).astype(int))
+    some = s.at_poses(np.linspace(0, len(s.aircraft) - 1, 4).astype(int))
     sampler = Sampler.of(some)
     linear = LinearModel.of(sampler)
     p_d, deviation = draw(sampler, linear, "random", 3, 40_000)
