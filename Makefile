@@ -16,6 +16,9 @@ $(VENV)/installed: pyproject.toml
 
 $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@# not for every platform; without it the tests in a browser are skipped
+	@$(BIN)/python -m pip install --quiet --only-binary :all: --editable '.[browser]' \
+		|| echo "playwright cannot be installed: no tests in a browser" >&2
 	touch $@
 
 # The peers of the benchmarks are large, and have no wheels for every platform: each is installed by

@@ -1,7 +1,7 @@
-"""The keys of a scenario file: what each means, its unit, its limits, and its default.
+"""The keys of a scenario file: meaning, unit, limits and default of each key.
 
-The reader reads by these declarations and `Scenario.resolved` writes by them. Keys of the RCS
-models and of the data sheets are declared with the fields of their classes (`declared`).
+The reader and `Scenario.resolved` use these declarations. Keys of the RCS models and of the data
+sheets are declared with the fields of their classes (`declared`).
 """
 
 from __future__ import annotations
@@ -64,11 +64,11 @@ class Key:
         help: Meaning of the value.
         limit: The numbers allowed, in the unit of the key; None if the value is no number.
         unit: SI value of 1 in the unit of the key.
-        size: How many numbers the value has.
-        choices: The words allowed; empty if any.
+        size: Number of numbers in the value.
+        choices: The words allowed; empty if any word is allowed.
         pattern: Regular expression of text.
         allowed: The pattern in words.
-        default: Value of a key that is left out; `REQUIRED` if the key must be there.
+        default: Value of a missing key; `REQUIRED` if the key must be present.
         infinite: Whether `.inf` is allowed.
     """
 
@@ -103,7 +103,7 @@ class Key:
 
 
 def unit_name(name: str) -> str:
-    """Return the unit that a name ends with, as in `range_km`; "" if it ends with none."""
+    """Return the unit at the end of a name, as in `range_km`; "" without a unit."""
     stem, _, unit = name.rpartition("_")
     return UNITS.get(unit, "") if stem else ""
 
@@ -135,7 +135,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text about an attribute in the docstring of a class."""
+    """Return the text on an attribute in the docstring of a class."""
     lines = (cls.__doc__ or "").splitlines()
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
@@ -161,9 +161,9 @@ def in_unit(value: float, unit: float) -> float:
 
 
 def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> float | None:
-    """Return the shortest decimal near a guess that `to_si` turns into a value; None if none does.
+    """Return the shortest decimal near a guess with `to_si(decimal) == value`, or None.
 
-    The inverse of a product or of a square rounds, so neighbours of the guess are tried too.
+    Neighbours of the guess are tried too, because the inverse of a product or a square rounds.
     """
     near = [guess]
     for end in (math.inf, -math.inf):
@@ -228,7 +228,7 @@ MIN_RANGE = Key(
 )
 ECLIPSING = Key(
     "eclipsing",
-    "Whether P_D is 0 within c tau/2 of pulse_width_us, where the transmitter hides the echo.",
+    "Whether P_D is 0 within c tau/2 (tau: pulse_width_us), where the transmitter hides the echo.",
     choices=YES_NO,
     default=False,
 )
@@ -243,7 +243,7 @@ LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
 SEARCH_FACTOR = Key(
     "search_factor",
-    "Number below the power-aperture product of c_r.",
+    "Divisor of the power-aperture product in c_r.",
     choices=SEARCH_FACTORS,
     default="16",
 )
@@ -310,13 +310,13 @@ METHOD = Key("method", "Interpolation in time.", choices=METHODS, default="legs"
 INTERPOLATE = (STEP, METHOD)
 CORRELATION = Key(
     "aircraft_correlation_s",
-    "Correlation time of errors of the pose, for missions.",
+    "Correlation time of the pose errors.",
     NOT_NEGATIVE,
     default=0.0,
     infinite=True,
 )
 UNCERTAINTY = (
-    Key("aircraft", "Covariance of the pose; left out where the route file has it."),
+    Key("aircraft", "Covariance of the pose, unless the route file has the covariance."),
     CORRELATION,
     Key("radar", "Levels of uncertainty of the radar, by name."),
 )
@@ -358,7 +358,7 @@ ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)
 
 
 def sections() -> Mapping[str, tuple[Key, ...]]:
-    """Return all keys of a scenario file by the section that they stand in."""
+    """Return all keys of a scenario file by section."""
     models = {
         f"aircraft.rcs (model: {name})": (RCS_MODEL, *declared(cls))
         for name, cls in RCS_MODELS.items()

@@ -12,7 +12,7 @@ from radar_sense.errors import InputError, shorten
 DEG = math.pi / 180.0
 #: Most radars of a scenario.
 MAX_RADARS = 64
-#: Letters that the name of a scenario may have.
+#: Largest number of letters in the name of a scenario.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.
 MIN_RANGE = 1.0
@@ -75,10 +75,10 @@ MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)
 #: 3σ of P_D: the standard deviation of a probability is 0.5 at most.
 TARGET = Limit(above=0, at_most=1.5)
-#: P_max of a threshold test, and the number of σ that P_D must stay below it.
+#: P_max of a threshold test, and its number of σ.
 THRESHOLD = Limit(above=0, at_most=1)
 SIGMAS = Limit(above=0, at_most=10)
-#: m and n of m-of-n; more than the 12 of `mission.tracks.MAX_WINDOW` would take too many histories.
+#: m and n of m-of-n, limited by 2^(n − 1) histories. The limit is `mission.tracks.MAX_WINDOW`.
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)

@@ -48,7 +48,7 @@ def plot(result: Result, figure: Figure) -> None:
             draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
             draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
     top.set_ylabel(r"Bounds of $P_D$ at $\Phi(\pm 3)$")
-    bottom.set_ylabel("Bounds less those\nof Monte Carlo")
+    bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
     draw_legend(figure, top)
 
 
@@ -88,7 +88,7 @@ def compare(
     Args:
         scenario: The scenario.
         sampler: "random" or "sobol".
-        workers: Threads to compute with; of no influence on the result.
+        workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
         progress: Shows the runs that are done.
 

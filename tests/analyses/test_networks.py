@@ -4,13 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import paper_network
+from helpers import nonlinear_by_its_own_moments, paper_network
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.propagation import (
-    nonlinear_in_scenario,
     propagate,
     propagate_scenario,
 )
@@ -19,14 +18,6 @@ from radar_sense.scenario import single_radar_scenarios
 
 PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model
-
-
-def moments(scenario, method="linear"):
-    return propagate_scenario(scenario, method=method)
-
-
-def warned(scenario, method):
-    return nonlinear_in_scenario(scenario, moments(scenario, method), method=method)
 
 
 # Budgets and analyses.
@@ -65,10 +56,10 @@ def test_budget_by_sobol_indices_of_a_network():
     linear = error_budget(scenario)
     found = error_budget(dataclasses.replace(scenario, runs=8192), "montecarlo")
     assert list(found.alone) == list(linear.alone)
-    form = moments(scenario, "form")
+    form = propagate_scenario(scenario, method="form")
     assert_allclose(found.std, form.std, rtol=0.03)
     shares, first = found.shares(), linear.shares()
-    near = ~warned(scenario, "probit")
+    near = ~nonlinear_by_its_own_moments(scenario, "probit")
     for source, share in shares.items():
         assert np.all(abs(share - first[source])[near] < 0.1)
 
@@ -90,7 +81,7 @@ def test_each_radar_by_itself():
         scenario.cov_aircraft,
         4 * PAPER.cov_radar["medium"],
     )
-    assert_array_equal(moments(parts["r1"]).std, expected.std)
+    assert_array_equal(propagate_scenario(parts["r1"]).std, expected.std)
 
 
 @pytest.mark.parametrize(

@@ -41,8 +41,9 @@ def record(path):
     return json.loads(Path(path).read_text())
 
 
-@pytest.mark.parametrize("k", [3, 2, 0.5])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    ("method", "k"), [*((method, 3) for method in METHODS), ("linear", 2), ("form", 0.5)]
+)
 def test_threshold_columns(tool, method, k):
     args = ["variance", write(Path()), "--method", method, "--no-plot"]
     assert tool(*args).code == 0

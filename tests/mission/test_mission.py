@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import legend_off_data, scenario, write_path
+from helpers import lay_out, legend_off_data, scenario, write_path
 
 import radar_sense as rs
-from radar_sense import limits, plotting
+from radar_sense import limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
-from radar_sense.mission.importance import pilot, plan, replicates
+from radar_sense.mission.importance import pilot, plan, replicates, sampling
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
@@ -54,6 +54,7 @@ def _few_draws(monkeypatch):
         monkeypatch.setattr(plan, name, 128)
     monkeypatch.setattr(pilot, "PILOT_DRAWS", 128)
     monkeypatch.setattr(replicates, "COMBINATIONS", 512)
+    monkeypatch.setattr(sampling, "REPLICATES", 2)
 
 
 def write(folder, text=ROUTE, **changes):
@@ -343,7 +344,8 @@ def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
 
 @pytest.mark.parametrize("options", ["", "--m 2 --n 3", "--runs 50", "--m 2 --n 3 --runs 50"])
 @pytest.mark.parametrize("method", [None, "linear", "probit"])
-def test_columns(tool, options, method):
+def test_columns(tool, monkeypatch, options, method):
+    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
     named = ["--method", method] if method else []
     code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split(), *named)
     assert code == 0
@@ -489,8 +491,7 @@ def test_an_undefined_gradient_is_said(tool):
 @pytest.mark.parametrize("period", [None, 5, 1e5])
 def test_layout(tmp_path, runs, m_of_n, period):
     changes = {} if period is None else {"radar__scan_period_s": period}
-    figure = mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot()
-    plotting.render(figure, "png")
+    figure = lay_out(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot())
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend_off_data(figure)
     for axes in figure.axes:
