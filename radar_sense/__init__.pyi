@@ -42,6 +42,7 @@ from radar_sense.reading.parse import load_scenario as load_scenario
 from radar_sense.reading.parse import parse_scenario as parse_scenario
 from radar_sense.reading.rcs_file import load_rcs_table as load_rcs_table
 from radar_sense.reading.route_file import load_route as load_route
+from radar_sense.reporting.command import report as report
 from radar_sense.scenario import Scenario as Scenario
 
 __version__: str

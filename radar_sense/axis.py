@@ -37,15 +37,15 @@ class Axis:
         """Return a value for a sentence, without the unit."""
         return format(value, self.digits)
 
-    def say(self, value: float) -> str:
+    def format(self, value: float) -> str:
         """Return a value for a sentence, with the unit."""
         return f"{self.number(value)} {self.unit}".strip()
 
     def at(self, pose: int) -> str:
         """Return the coordinate of a pose for a sentence."""
-        return self.say(float(self.values[pose]))
+        return self.format(float(self.values[pose]))
 
-    def part(self, poses: slice | NDArray[np.intp]) -> Axis:
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Axis:
         """Return the axis of some of the poses."""
         return replace(self, values=self.values[poses])
 

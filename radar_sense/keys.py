@@ -1,12 +1,13 @@
-"""The keys of a scenario file: what each means, its unit, its limits, and its default.
+"""The keys of a scenario file: meaning, unit, limits and default of each key.
 
-The reader reads by these declarations and `Scenario.resolved` writes by them. Keys of the RCS
-models and of the data sheets are declared with the fields of their classes (`declared`).
+The reader and `Scenario.resolved` use these declarations. Keys of the RCS models and of the data
+sheets are declared with the fields of their classes (`declared`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Any
@@ -20,6 +21,7 @@ from radar_sense.limits import (
     PROBABILITY,
     RUNS,
     SEED,
+    STD_DB,
     Limit,
 )
 from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
@@ -30,6 +32,25 @@ from radar_sense.model.trajectory import METHODS
 
 REQUIRED = object()
 YES_NO = ("true", "false")
+_BRACKETS = re.compile(r" \[([^]]*)\]")
+#: Units by the last word of the name of a key or a column.
+UNITS = {
+    "m": "m",
+    "km": "km",
+    "m2": "m²",
+    "deg": "°",
+    "s": "s",
+    "sr": "sr",
+    "k": "K",
+    "w": "W",
+    "kw": "kW",
+    "db": "dB",
+    "dbi": "dBi",
+    "rpm": "1/min",
+    "ghz": "GHz",
+    "mhz": "MHz",
+    "us": "µs",
+}
 #: Names that become parts of the names of columns.
 _LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
 
@@ -43,11 +64,11 @@ class Key:
         help: Meaning of the value.
         limit: The numbers allowed, in the unit of the key; None if the value is no number.
         unit: SI value of 1 in the unit of the key.
-        size: How many numbers the value has.
-        choices: The words allowed; empty if any.
+        size: Number of numbers in the value.
+        choices: The words allowed; empty if any word is allowed.
         pattern: Regular expression of text.
         allowed: The pattern in words.
-        default: Value of a key that is left out; `REQUIRED` if the key must be there.
+        default: Value of a missing key; `REQUIRED` if the key must be present.
         infinite: Whether `.inf` is allowed.
     """
 
@@ -66,6 +87,25 @@ class Key:
     def required(self) -> bool:
         """Whether the key must be in the file."""
         return self.default is REQUIRED
+
+    @property
+    def meaning(self) -> str:
+        """The help without the unit in brackets."""
+        return _BRACKETS.sub("", self.help)
+
+    @property
+    def unit_name(self) -> str:
+        """The unit of a number, from the name or else from the help; "" if it has none."""
+        brackets = _BRACKETS.search(self.help)
+        if self.limit is None:
+            return ""
+        return unit_name(self.name) or (brackets[1] if brackets else "")
+
+
+def unit_name(name: str) -> str:
+    """Return the unit at the end of a name, as in `range_km`; "" without a unit."""
+    stem, _, unit = name.rpartition("_")
+    return UNITS.get(unit, "") if stem else ""
 
 
 def declared(cls: Any) -> tuple[Key, ...]:
@@ -88,6 +128,14 @@ def declared_sections(cls: Any) -> dict[str, Field[Any]]:
     return {f.metadata["section"]: f for f in _fields(cls) if "section" in f.metadata}
 
 
+def section_keys(cls: Any) -> tuple[Key, ...]:
+    """Return the keys of the mappings that a dataclass declares by `limits.section`."""
+    return tuple(
+        Key(key, _attribute_help(cls, f.name), default=None)
+        for key, f in declared_sections(cls).items()
+    )
+
+
 def _fields(cls: Any) -> tuple[Field[Any], ...]:
     return fields(cls) if is_dataclass(cls) else ()
 
@@ -96,8 +144,13 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     """Return the keys of a data sheet, for each parameter the keys of its units."""
     return tuple(
         tuple(
-            Key(key, _attribute_help(cls, f.name), f.metadata["limit"])
-            for key in f.metadata["units"]
+            Key(
+                key,
+                unit.meaning or _attribute_help(cls, f.name),
+                f.metadata["limit"],
+                default=REQUIRED if f.default is MISSING else f.default,
+            )
+            for key, unit in f.metadata["units"].items()
         )
         for f in fields(cls)
         if "units" in f.metadata
@@ -131,9 +184,9 @@ def in_unit(value: float, unit: float) -> float:
 
 
 def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> float | None:
-    """Return the shortest decimal near a guess that `to_si` turns into a value; None if none does.
+    """Return the shortest decimal near a guess with `to_si(decimal) == value`, or None.
 
-    The inverse of a product or of a square rounds, so neighbours of the guess are tried too.
+    Neighbours of the guess are tried too, because the inverse of a product or a square rounds.
     """
     near = [guess]
     for end in (math.inf, -math.inf):
@@ -180,6 +233,8 @@ DETECTOR = Key(
 )
 DETECTOR_MODEL = Key("model", "Name of the detector.", choices=DETECTORS)
 CFAR_TYPE = Key("type", "Kind of CFAR.", choices=CFARS)
+#: Keys of the word that tells the kind of a mapping of a detector.
+TYPES = {"cfar": CFAR_TYPE}
 SCAN_PERIOD = Key(
     "scan_period_s",
     "Time from one look to the next; without it each pose is a look.",
@@ -195,6 +250,15 @@ RADAR_NAME = Key(
 MAX_RANGE = Key(
     "max_range_km", "Slant range beyond which P_D is 0.", POSITIVE, 1e3, default=math.inf
 )
+MIN_RANGE = Key(
+    "min_range_km", "Slant range within which P_D is 0.", NOT_NEGATIVE, 1e3, default=0.0
+)
+ECLIPSING = Key(
+    "eclipsing",
+    "Whether P_D is 0 within c tau/2 (tau: pulse_width_us), where the transmitter hides the echo.",
+    choices=YES_NO,
+    default=False,
+)
 HORIZON = Key("horizon", "Whether P_D is 0 below the horizon.", choices=YES_NO, default=False)
 RADAR_UNCERTAINTY = Key("uncertainty", "Levels of uncertainty of this radar.")
 DATA_SHEETS = tuple(
@@ -202,8 +266,14 @@ DATA_SHEETS = tuple(
     for kind in RADARS
 )
 RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
-RADARS_ENTRY = (RADAR_NAME, *RADAR, MAX_RANGE, HORIZON, RADAR_UNCERTAINTY)
-LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
+LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
+RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
+LOSSES_DB = Key(
+    LOSSES_KEY,
+    "Further losses by name [dB].",
+    allowed="numbers from 0 to 200 by name",
+    default=None,
+)
 LOSS_NAME = Key(
     "loss",
     "Name of a loss.",
@@ -212,7 +282,7 @@ LOSS_NAME = Key(
 )
 SEARCH_FACTOR = Key(
     "search_factor",
-    "Number below the power-aperture product of c_r.",
+    "Divisor of the power-aperture product in c_r.",
     choices=SEARCH_FACTORS,
     default="16",
 )
@@ -259,9 +329,9 @@ AZIMUTH_FROM = Key(
 )
 ORBIT = (GEOMETRY_TYPE, RANGE, DOWN, Key("azimuth_deg", "Azimuths of the poses."), AZIMUTH_FROM)
 SWEEP = (
-    Key("start", "First azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("stop", "Last azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("step", "Step of azimuth [deg].", ANY),
+    Key("start", "First azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("stop", "Last azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("step", "Step of azimuth [°].", ANY),
 )
 AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), default="time")
 MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
@@ -279,13 +349,13 @@ METHOD = Key("method", "Interpolation in time.", choices=METHODS, default="legs"
 INTERPOLATE = (STEP, METHOD)
 CORRELATION = Key(
     "aircraft_correlation_s",
-    "Correlation time of errors of the pose, for missions.",
+    "Correlation time of the pose errors.",
     NOT_NEGATIVE,
     default=0.0,
     infinite=True,
 )
 UNCERTAINTY = (
-    Key("aircraft", "Covariance of the pose; left out where the route file has it."),
+    Key("aircraft", "Covariance of the pose, unless the route file has the covariance."),
     CORRELATION,
     Key("radar", "Levels of uncertainty of the radar, by name."),
 )
@@ -296,6 +366,12 @@ LEVEL_NAME = Key(
     allowed="the name of a level, up to 40 letters A to Z, digits, '_' or '-'",
 )
 COVARIANCE = Key("covariance", "Covariance of the whole state.", ANY, default=None)
+RCS_DB = Key(
+    "rcs_db",
+    "Standard deviation of the RCS [dB], one factor for all radars and looks.",
+    STD_DB,
+    default=0.0,
+)
 #: Parts of a covariance: a standard deviation for all components, for each, or a matrix.
 COV_AIRCRAFT = (
     Key("position_m", "Uncertainty of north, east, down.", NOT_NEGATIVE, size=3),
@@ -309,14 +385,19 @@ COV_RADAR = (
         NOT_NEGATIVE,
     ),
 )
-LEVEL = Key("level", "Level of uncertainty of the radar.")
+LEVEL = Key(
+    "level",
+    "Level of uncertainty of the radar.",
+    pattern=_LABEL,
+    allowed="one of the levels of the radar",
+)
 RUNS_KEY = Key("runs", "Monte Carlo runs.", RUNS, default=500)
 SEED_KEY = Key("seed", "Seed of the random numbers.", SEED, default=1)
 ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)
 
 
 def sections() -> Mapping[str, tuple[Key, ...]]:
-    """Return all keys of a scenario file by the section that they stand in."""
+    """Return all keys of a scenario file by section."""
     models = {
         f"aircraft.rcs (model: {name})": (RCS_MODEL, *declared(cls))
         for name, cls in RCS_MODELS.items()
@@ -331,10 +412,7 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         f"radar.detector (model: {name})": (
             DETECTOR_MODEL,
             *declared(cls),
-            *(
-                Key(key, _attribute_help(cls, f.name), default=None)
-                for key, f in declared_sections(cls).items()
-            ),
+            *section_keys(cls),
         )
         for name, cls in DETECTORS.items()
     }
@@ -360,7 +438,7 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         "geometry.origin": PLACE,
         "geometry.interpolate": INTERPOLATE,
         "uncertainty": UNCERTAINTY,
-        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE),
+        "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE, RCS_DB),
         "uncertainty.radar.LEVEL": (*COV_RADAR, COVARIANCE),
         "analysis": ANALYSIS,
     }

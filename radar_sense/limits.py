@@ -11,7 +11,9 @@ from typing import Any
 from radar_sense.errors import InputError, shorten
 
 DEG = math.pi / 180.0
-#: Letters that the name of a scenario may have.
+#: Most radars of a scenario.
+MAX_RADARS = 64
+#: Largest number of letters in the name of a scenario.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.
 MIN_RANGE = 1.0
@@ -66,16 +68,18 @@ class Limit:
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
+#: Standard deviation in decibels.
+STD_DB = Limit(at_least=0, at_most=20)
 PROBABILITY = Limit(at_least=1e-100, below=1)
 #: Ends of a map [km], and the distance between its cells [km].
 MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)
 #: 3σ of P_D: the standard deviation of a probability is 0.5 at most.
 TARGET = Limit(above=0, at_most=1.5)
-#: P_max of a threshold test, and the number of σ that P_D must stay below it.
+#: P_max of a threshold test, and its number of σ.
 THRESHOLD = Limit(above=0, at_most=1)
 SIGMAS = Limit(above=0, at_most=10)
-#: m and n of m-of-n; more than the 12 of `mission.tracks.MAX_WINDOW` would take too many histories.
+#: m and n of m-of-n, limited by 2^(n − 1) histories. The limit is `mission.tracks.MAX_WINDOW`.
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
@@ -112,15 +116,31 @@ def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
     return {"section": key, "kinds": kinds}
 
 
-def check_number(name: str, value: Any, limit: Limit) -> None:
-    """Raise InputError unless a value is a number within a limit."""
-    if not limit.allows(value):
-        got = value if isinstance(value, Real) else shorten(str(value))
+def plain_number(value: Any) -> Any:
+    """Return the Python number in a NumPy scalar or an array without axes; else the value."""
+    return value.item() if getattr(value, "ndim", None) == 0 else value
+
+
+def check_number(name: str, value: Any, limit: Limit) -> Any:
+    """Return a value as a Python number.
+
+    Raises:
+        InputError: If the value is no number within the limit.
+    """
+    number = plain_number(value)
+    if not limit.allows(number):
+        got = number if isinstance(number, Real) else shorten(str(number))
         raise InputError(f"{name} must be {limit}, got {got}")
+    return number
 
 
 def check_parameters(instance: Any) -> None:
-    """Raise InputError if a field declared with `parameter` is outside its limit."""
+    """Make Python numbers of the fields declared with `parameter`.
+
+    Raises:
+        InputError: If a field is outside its limit.
+    """
     for f in fields(instance):
         if "limit" in f.metadata:
-            check_number(f.name, getattr(instance, f.name), f.metadata["limit"])
+            number = check_number(f.name, getattr(instance, f.name), f.metadata["limit"])
+            object.__setattr__(instance, f.name, number)  # the classes are frozen

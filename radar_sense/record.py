@@ -1,7 +1,7 @@
 """Blocks of a resolved scenario: from arrays in SI units to keys and numbers of a scenario file.
 
-A number is the shortest decimal that reads back as the same SI value. An array that no file
-describes is recorded by its length and digest: that record is true, but it cannot be read back.
+A number is the shortest decimal that reads back as the same SI value. An array without a file is
+recorded by its length and digest. Such a record is true, but cannot be read back.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Block = dict[str, Any]
 def radar_block(
     model: DetectionModel, state: FloatArray, source: RadarSource | None, scan_period: float | None
 ) -> Block:
-    """Return the keys that every radar has.
+    """Return the keys of every radar.
 
     Args:
         model: P_fa and detector.
@@ -66,11 +66,15 @@ def radar_block(
     return block
 
 
-def limits_block(max_range: float, horizon: Horizon | None, earth: Horizon) -> Block:
-    """Return the keys of the limits of one of several radars."""
+def limits_block(
+    max_range: float, min_range: float, horizon: Horizon | None, earth: Horizon
+) -> Block:
+    """Return the keys of the limits of one of several radars; eclipsing is a minimum range."""
     block: Block = {}
     if math.isfinite(max_range):
-        block["max_range_km"] = in_unit(max_range, keys.MAX_RANGE.unit)
+        block[keys.MAX_RANGE.name] = in_unit(max_range, keys.MAX_RANGE.unit)
+    if min_range:
+        block[keys.MIN_RANGE.name] = in_unit(min_range, keys.MIN_RANGE.unit)
     block["horizon"] = horizon == earth if horizon in (None, earth) else _fields(horizon)
     return block
 
@@ -84,8 +88,8 @@ def level_block(
 ) -> Block:
     """Return the uncertainty of one radar at one level.
 
-    Tolerances need the data sheet of the file. Without a data sheet they are under a key that files
-    do not have, because a standard deviation alone would describe another scenario.
+    Tolerances need the data sheet of the file. Without a data sheet they are under a key that no
+    scenario file has, because a standard deviation alone would describe another scenario.
     """
     stated = source.covariances.get(level) if source else None
     block = covariance_block(as_stated(covariance, stated), keys.COV_RADAR)
@@ -106,7 +110,8 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
         if source and source.table is rcs:
             block |= {"file": source.file, "mirror": source.mirror, "sha256": source.sha256}
         else:
-            arrays = [rcs.azimuth, rcs.rcs, *([] if rcs.elevation is None else [rcs.elevation])]
+            optional = (rcs.azimuth, rcs.rcs, rcs.elevation, rcs.std_db)
+            arrays = [array for array in optional if array is not None]
             block |= {"nodes": rcs.rcs.size, "sha256": digest(*arrays)}
         if rcs.envelope is not None:
             block["envelope_deg"] = in_unit(rcs.envelope, keys.ENVELOPE_WIDTH.unit)
@@ -153,7 +158,7 @@ def _name_of(value: Any, kinds: Mapping[str, type]) -> str:
 
 
 def attitude_block(aircraft: FloatArray, provenance: Provenance) -> Block:
-    """Return the attitude on an orbit, and nothing for other poses."""
+    """Return the attitude on an orbit; {} for other poses."""
     if not (isinstance(provenance.geometry, Orbit) and is_as_made(aircraft, provenance)):
         return {}
     unit = keys.ATTITUDE.unit
@@ -198,18 +203,23 @@ def place_block(place: tuple[float, float, float]) -> Block:
     return {key.name: in_unit(value, key.unit) for key, value in pairs}
 
 
-def cov_aircraft_block(covariance: FloatArray, stated: StatedCovariance | None) -> Block:
-    """Return the key of C_aa, or nothing if the route file has it."""
+def cov_aircraft_block(
+    covariance: FloatArray, stated: StatedCovariance | None, rcs_db: float
+) -> Block:
+    """Return the keys of C_aa, unless the route file has C_aa, and of an uncertain RCS."""
     matrix = as_stated(covariance, stated)
-    if matrix is None:
-        return {}
-    if matrix.ndim == 3:
-        return {"aircraft": {"poses": len(matrix), "sha256": digest(matrix)}}
-    return {"aircraft": covariance_block(matrix, keys.COV_AIRCRAFT)}
+    block: Block = {}
+    if matrix is not None and matrix.ndim == 3:
+        block = {"poses": len(matrix), "sha256": digest(matrix)}
+    elif matrix is not None:
+        block = covariance_block(matrix, keys.COV_AIRCRAFT)
+    if rcs_db:
+        block[keys.RCS_DB.name] = float(rcs_db)
+    return {"aircraft": block} if block else {}
 
 
 def correlation_block(correlation_s: float, *, has_times: bool) -> Block:
-    """Return the correlation time of errors of the pose, which only poses with times have."""
+    """Return the correlation time of the pose errors; {} for poses without times."""
     if not (has_times or correlation_s):
         return {}
     # JSON has no number for infinity.
@@ -217,16 +227,16 @@ def correlation_block(correlation_s: float, *, has_times: bool) -> Block:
 
 
 def covariance_block(covariance: FloatArray, parts: Sequence[Key]) -> Block:
-    """Return a covariance (n, n) by parts, or as a whole where parts are correlated."""
+    """Return a covariance (n, n) by parts, or as a whole if the parts are correlated."""
     block: Block = {}
-    rest = covariance.copy()
+    between_parts = covariance.copy()
     start = 0
     for key in parts:
-        some = slice(start, start + key.size)
-        block[key.name] = _part(covariance[some, some], key.unit)
-        rest[some, some] = 0.0
+        part = slice(start, start + key.size)
+        block[key.name] = _part(covariance[part, part], key.unit)
+        between_parts[part, part] = 0.0
         start += key.size
-    if not rest.any() and None not in block.values():
+    if not between_parts.any() and None not in block.values():
         return block
     units = np.repeat([key.unit for key in parts], [key.size for key in parts])
     products = np.outer(units, units).tolist()
@@ -239,7 +249,7 @@ def covariance_block(covariance: FloatArray, parts: Sequence[Key]) -> Block:
 
 
 def _part(matrix: FloatArray, unit: float) -> Any:
-    """Return a standard deviation, one for each component, or a matrix; None if none is exact."""
+    """Return one standard deviation, one for each component, or a matrix; None if inexact."""
     square = unit**2
     if not (matrix - np.diag(np.diagonal(matrix))).any():
         std = [
@@ -258,7 +268,7 @@ def _part(matrix: FloatArray, unit: float) -> Any:
 
 
 def as_stated(covariance: FloatArray, stated: StatedCovariance | None) -> Any:
-    """Return a covariance as the file states it, if it is the one made from that statement."""
+    """Return the covariance stated in the file, if it gives this covariance; else this one."""
     if stated is None or not np.array_equal(covariance, stated.made):
         return covariance
     return stated.stated
@@ -272,7 +282,7 @@ def digest(*arrays: FloatArray) -> str:
 
 
 def is_as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
-    """Return whether the states are the ones made from the orbit or the path."""
+    """Return whether the states are the states made from the orbit or the path."""
     made = provenance.aircraft
     return made is not None and (aircraft is made or np.array_equal(aircraft, made))
 

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import html
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -18,12 +17,13 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, check_number
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.rcs import RCS
 from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
@@ -67,16 +67,18 @@ class Scenario:
         name: Stem of the names of output files.
         axis: Azimuth, time or distance of the poses (n,). The default is time where `time_s` is
             given, else the number of the pose.
-        level: The level for analyses of one level. The default is the first.
+        level: The level for analyses of one level. The default is the first level.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
-        correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
-            process: 0 for independent errors at every pose, infinity for one error at all poses.
-        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
-            of a route in latitude and longitude; else None.
+        rcs_db: Standard deviation of the RCS [dB]. The error is one log-normal factor at all
+            radars, poses and looks. 0 for an RCS table with std_db.
+        correlation_s: Correlation time [s] of the pose errors, a first-order Gauss–Markov process.
+            0 gives independent errors at all poses, and infinity one error at all poses.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
+            frame; None unless the route is in latitude and longitude.
         provenance: Files, orbit, places and data sheets that the arrays were made from.
     """
 
@@ -92,6 +94,7 @@ class Scenario:
     seed: int = SEED_KEY.default
     tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
+    rcs_db: float = 0.0
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
     provenance: Provenance = field(default_factory=Provenance)
@@ -108,6 +111,7 @@ class Scenario:
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
+        object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
         if not len(self.axis):
             along = axes.pose_number(len(self.aircraft))
             if self.time_s is not None:
@@ -164,6 +168,12 @@ class Scenario:
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
+        check_number("rcs_db", self.rcs_db, STD_DB)
+        if self.rcs_db and self._rcs_spread is not None:
+            raise InputError(
+                "rcs_db and std_db of the RCS table exclude each other: both are the uncertainty "
+                "of the RCS"
+            )
 
     def _require_level(self, level: str) -> None:
         if level not in self.cov_radar:
@@ -202,6 +212,32 @@ class Scenario:
         return self.model.radars[0].scan_period
 
     @property
+    def rcs_std(self) -> float:
+        """Standard deviation of the error ε of the RCS, see `model.rcs`; 0 without an error."""
+        return self.rcs_db if self._rcs_spread is None else 1.0
+
+    @property
+    def shared(self) -> FloatArray:
+        """Nominal states common to all poses (4m,) or (4m + 1,): the radars, and ε of the RCS."""
+        return np.append(self.radar, 0.0) if self.rcs_std else self.radar
+
+    @property
+    def cov_shared(self) -> FloatArray:
+        """Covariance of the shared states, at the level."""
+        matrix = self.cov_radar[self.level]
+        if not self.rcs_std:
+            return matrix
+        covariance = np.zeros((len(matrix) + 1, len(matrix) + 1))
+        covariance[:-1, :-1] = matrix
+        covariance[-1, -1] = self.rcs_std**2
+        return covariance
+
+    @property
+    def _rcs_spread(self) -> RCS | None:
+        spread: RCS | None = getattr(self.model.rcs, "spread", None)
+        return spread
+
+    @property
     def _radar_count(self) -> int:
         return len(self.model.radars)
 
@@ -218,7 +254,7 @@ class Scenario:
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:
-        """Whether each radar (m,) has a c_r with tolerances, which is taken for log-normal."""
+        """Whether each radar (m,) has a c_r with tolerances, which is modelled as log-normal."""
         return np.array([bool(tolerances) for tolerances in self.tolerances_at_level])
 
     @property
@@ -226,10 +262,10 @@ class Scenario:
         """Coordinate of each pose on the axis (n,): on an orbit θ_r [deg]."""
         return self.axis.values
 
-    def part(self, poses: slice | NDArray[np.intp]) -> Scenario:
-        """Return the scenario with some of its poses."""
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
+        """Return the scenario with only some poses."""
         return self._with(
-            axis=self.axis.part(poses),
+            axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
             cov_aircraft=self.cov_aircraft
             if self.cov_aircraft.ndim == 2
@@ -285,12 +321,14 @@ class Scenario:
     def resolved(self) -> dict[str, Any]:
         """Return the scenario with the keys and units of a scenario file, defaults filled in.
 
-        A scenario from a file reads back as the same scenario. `record` says what is written for
-        arrays that no file describes.
+        A scenario from a file reads back as the same scenario. For arrays without a file see
+        `record`.
         """
         document: dict[str, Any] = {"name": self.name}
         uncertainty = {
-            **record.cov_aircraft_block(self.cov_aircraft, self.provenance.cov_aircraft),
+            **record.cov_aircraft_block(
+                self.cov_aircraft, self.provenance.cov_aircraft, self.rcs_db
+            ),
             **record.correlation_block(self.correlation_s, has_times=self.time_s is not None),
         }
         if self.model.names:
@@ -318,21 +356,23 @@ class Scenario:
         return {
             "name": radar.name,
             **record.radar_block(radar.model, state, source, radar.scan_period),
-            **record.limits_block(radar.max_range, radar.horizon, self.provenance.earth),
+            **record.limits_block(
+                radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
+            ),
             "uncertainty": self._levels_document(i),
         }
 
     def _levels_document(self, i: int) -> dict[str, Any]:
-        some = _components(i)
+        components = _components(i)
         name = self.model.names[i] if self.model.names else ""
         source = self.provenance.radars.get(name)
         none: tuple[tuple[Tolerance, ...], ...] = ((),) * self._radar_count
         return {
             level: record.level_block(
-                matrix[some, some],
+                matrix[components, components],
                 self.tolerances.get(level, none)[i],
                 source,
-                self.radar[some],
+                self.radar[components],
                 level,
             )
             for level, matrix in self.cov_radar.items()
@@ -356,14 +396,32 @@ class Scenario:
 
     def _with(self, **changes: Any) -> Scenario:
         """Return the scenario with fields that need no new check."""
-        changed = copy.copy(self)
-        for name, value in changes.items():
+        changed = object.__new__(type(self))
+        for name, value in (vars(self) | changes).items():
             object.__setattr__(changed, name, value)
         return changed
 
+    def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[dict[str, Any]]]:
+        # A mapping proxy cannot be pickled.
+        mappings = {"cov_radar": dict(self.cov_radar), "tolerances": dict(self.tolerances)}
+        return _make_scenario, (vars(self) | mappings,)
+
+
+def _make_scenario(fields: Mapping[str, Any]) -> Scenario:
+    """Make a scenario from its fields, as unpickling does."""
+    return Scenario(**fields)
+
+
+def check_scenario(scenario: object) -> None:
+    """Raise InputError unless the argument is a scenario."""
+    if not isinstance(scenario, Scenario):
+        raise InputError(
+            f"scenario must be a Scenario, as load_scenario returns, got {shorten(str(scenario))}"
+        )
+
 
 def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
-    """Return the scenario of each radar of a network by name, or nothing for a single radar.
+    """Return the scenario of each radar of a network by name; {} for a single radar.
 
     Each has the limits, the state and the covariance of that radar. Correlations with other radars
     are left out.
@@ -393,7 +451,7 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     """Return the scenario of one radar of a network, with the radar in its name.
 
     Raises:
-        InputError: If there is no such radar, or a single one without a name.
+        InputError: If there is no such radar, or the only radar has no name.
     """
     names = scenario.model.names
     if not names:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -10,6 +11,10 @@ import pytest
 from click.testing import CliRunner
 
 from radar_sense.cli import cli
+
+# One process a core runs the tests. More threads of the linear algebra in each would wait for each
+# other: a quarter of all CPU time. The library reads the variable when NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class Outcome(NamedTuple):

@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
 from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
@@ -54,6 +55,15 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
     file = folder / name
     file.write_text(yaml.safe_dump(document(content, **changes), sort_keys=False))
     return file
+
+
+def lay_out(figure):
+    """Lay a figure out as rendering does, without pixels, which take far longer."""
+    from radar_sense import plotting
+
+    with plotting._style():
+        figure.draw_without_rendering()
+    return figure
 
 
 def legend_off_data(figure):
@@ -185,12 +195,60 @@ def paper_network(
         model=NetworkModel(
             tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
         ),
-        axis=paper.axis.part(poses),
+        axis=paper.axis.at_poses(poses),
         aircraft=paper.aircraft[poses],
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,
         cov_radar={name: np.kron(np.eye(m), c) for name, c in paper.cov_radar.items()},
     )
+
+
+def p_d_each(network, aircraft, radar):
+    """P_D (..., m) of each radar of a network by its own model and limits."""
+    states = np.split(np.asarray(radar), len(network.radars), axis=-1)
+    return np.stack(
+        [
+            np.where(r.visible(aircraft, state), r.model.p_d(aircraft, state), 0)
+            for r, state in zip(network.radars, states, strict=True)
+        ],
+        axis=-1,
+    )
+
+
+def nonlinear_by_its_own_moments(scenario, method):
+    """Return where (n,) a method's own moments of a scenario are unreliable."""
+    moments = propagate_scenario(scenario, method=method)
+    return nonlinear_in_scenario(scenario, moments, method=method)
+
+
+def radar_entry(name, /, **changes):
+    """One of `radars` of a document; a change to None takes a key away."""
+    entry = {
+        "name": name,
+        "position_m": [1e3, 2e3, -30],
+        "constant": 160,
+        "p_fa": 1e-4,
+        "uncertainty": {
+            "low": {"position_m": 10, "constant": 1},
+            "high": {"position_m": [100, 200, 10], "constant": 5},
+        },
+    }
+    return {k: v for k, v in {**entry, **changes}.items() if v is not None}
+
+
+def network_document(*radars, **changes):
+    """Document of the embedded scenario, with fewer poses and other radars."""
+    found = yaml.safe_load(default_text())
+    del found["radar"], found["uncertainty"]["radar"]
+    found["geometry"]["azimuth_deg"]["step"] = 45
+    found["analysis"]["level"] = "low"
+    found["radars"] = list(radars)
+    return {k: v for k, v in {**found, **changes}.items() if v is not None}
+
+
+def parsed_network(*radars, **changes):
+    """Scenario of `network_document`."""
+    return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
 #: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.

@@ -64,6 +64,8 @@ WRONG = {
     "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),
     "method must be one of linear, probit, form": lambda: propagated(method="forms"),
     "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
+    "scenario must be a Scenario, as load_scenario returns, got 'x'": lambda: rs.monte_carlo("x"),
+    "scenario must be a Scenario, as load_scenario returns, got '3'": lambda: rs.variance(3),
     "seed must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, seed=1.5),
 }
 
@@ -73,6 +75,24 @@ def test_wrong_arguments_are_one_line(says):
     with pytest.raises(rs.InputError, match=f"^{re.escape(says)}") as error:
         WRONG[says]()
     assert "\n" not in str(error.value)
+
+
+def test_numbers_in_arrays_without_axes_are_numbers():
+    """NumPy reductions and `np.load` return such arrays."""
+
+    def model(number):
+        rcs = rs.EllipsoidRCS(a=number(0.15), b=number(0.13), c=number(0.21))
+        detection = rs.DetectionModel(rcs=rcs, p_fa=number(1.7e-4))
+        return rs.Radar(detection, max_range=number(1e6), scan_period=number(10.0))
+
+    assert model(np.array) == model(np.float64) == model(float)
+    assert type(model(np.array).model.rcs.a) is float
+    table = rs.TableRCS(ANGLES, np.ones(36), envelope=np.array(0.1))
+    assert table.envelope == 0.1
+    assert rs.SpikeballRCS(lobes=np.array(4), amplitude=1, floor=0).lobes == 4
+    for wrong in (np.array(-1.0), np.array(np.nan), np.array(True), np.ones(1), np.array("1")):
+        with pytest.raises(rs.InputError, match=r"^rcs must be a number greater than 0, got "):
+            rs.ConstantRCS(wrong)
 
 
 def test_whatever_has_arrays_has_a_short_repr():

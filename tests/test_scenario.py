@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,23 @@ def test_records_read_back_and_are_those_of_the_figures(config, monkeypatch):
         recorded = json.loads(file.read_text())["scenario"]
         if recorded["name"] == s.name:
             assert s.with_analysis(**recorded["analysis"]).resolved() == recorded, file
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
+def test_a_pickled_scenario_is_the_same_scenario(config):
+    """Scenarios are sent to worker processes."""
+    s = rs.load_scenario(config)
+    some = s.at_poses(slice(0, None, 7)).with_analysis(runs=5)
+    for one in (s, some):
+        again = pickle.loads(pickle.dumps(one))
+        assert_same(again, one)
+        assert again.resolved() == one.resolved()
+        assert not again.aircraft.flags.writeable
+        with pytest.raises(TypeError):
+            again.cov_radar["new"] = np.eye(4)
+        np.testing.assert_array_equal(
+            again.model.p_d(again.aircraft, again.radar), one.model.p_d(one.aircraft, one.radar)
+        )
 
 
 @settings(max_examples=60, deadline=None)
@@ -111,7 +129,7 @@ def test_the_record_is_that_of_what_was_replaced():
     higher = changed(aircraft=s.aircraft - [0, 0, 1, 0, 0, 0])
     assert higher["geometry"]["type"] == "states"
     assert higher["geometry"]["poses"] == 361
-    assert higher["geometry"]["sha256"] != s.part(slice(0, 5)).resolved()["geometry"]["sha256"]
+    assert higher["geometry"]["sha256"] != s.at_poses(slice(0, 5)).resolved()["geometry"]["sha256"]
     with pytest.raises(InputError, match="geometry"):  # no file can say this
         rs.parse_scenario(json.dumps({**plain, **higher}))
 

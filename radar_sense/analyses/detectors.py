@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
-
 import math
 import re
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import Column, quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.model.detectors import (
@@ -30,11 +27,14 @@ from radar_sense.record import detector_block
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
+if TYPE_CHECKING:
+    from radar_sense.plotting import Axes, Figure
+
 #: Probabilities of false alarm of the table, besides the scenario's.
 P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
 #: Signal-to-noise ratios of the table [dB].
 SNR_DB = np.linspace(-10.0, 30.0, 401)
-#: With a single pulse each of the other detectors equals one of these.
+#: Detectors that differ for a single pulse. Each other detector equals one of them.
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
 #: Numbers of integrated pulses, and the detectors that integrate.
 PULSES = (1, 10, 100)
@@ -63,23 +63,23 @@ def plot(result: Result, figure: Figure) -> None:
     table, chosen = result.table, result.scenario.model.models[0].p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
-    # the scenario's, and the ends if their curves and labels are well away from it
-    few = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
-    for p_fa in (chosen, *few):
+    # The extreme P_fa are drawn only if their labels keep clear of the scenario's P_fa.
+    extremes = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
+    for p_fa in (chosen, *extremes):
         for name, style in zip(DISTINCT, (("0.75", "-"), *LINES), strict=False):
             p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
             label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
             draw_line(top, snr_db, p_d, style, label=label)
-        # labels above the data, the scenario's higher, so that none is on another
+        # Labels are above the data. The scenario's label is higher, to avoid overlap.
         half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
         place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
         top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=6.5)
     for line in top.lines[:: len(DISTINCT)]:
-        line.set_linewidth(3.5)  # North's shows on both sides of Marcum's
+        line.set_linewidth(3.5)  # North's line must be visible under Marcum's
     top.set_ylim(-0.04, 1.34)
     top.set_yticks(np.linspace(0, 1, 6))
     top.set_ylabel(r"$P_D$")
-    # In grey, as colours are for the detectors; the scenario's in black.
+    # Grey and black, because colours stand for detectors in the upper panel.
     others = [p for p in p_fas[::-1] if p != chosen]
     dashes = [dash for _, dash in (*LINES[:4], LINES[5])]
     styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
@@ -131,8 +131,19 @@ def _draw_slopes(axes: Axes, result: Result, p_fa: float) -> None:
     axes.set_ylabel("d$P_D$/dB of Swerling 2")
 
 
+_TABLE = (
+    quantity("p_fa", "Probability of false alarm."),
+    quantity("snr_db", "Signal-to-noise ratio of a single pulse."),
+    quantity("p_d_<detector>", "P_D by the detector <detector>."),
+    quantity("north_less_marcum", "P_D by North's approximation less the exact P_D."),
+    quantity("p_d_swerling2_<pulses>", "P_D by Swerling 2 with <pulses> integrated pulses."),
+    Column("dp_d_per_db_swerling2_<pulses>", "Change of the P_D of <pulses> pulses by dB.", "1/dB"),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=[],
     examples=[
         "radar-sense detectors",
@@ -174,9 +185,10 @@ def detectors(scenario: Scenario) -> Result:
             "required_snr": required,
         },
         report=(
-            "largest error of North's approximation, its P_D less that of Marcum:",
+            "largest error of North's approximation, P_D(north) - P_D(marcum):",
             *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
-            f"at a pose of this scenario at most {describe_extreme(at_poses, scenario.axis)}",
+            f"largest error at the poses of this scenario: "
+            f"{describe_extreme(at_poses, scenario.axis)}",
             "required signal-to-noise ratio S of a pulse, and dP_D/dB there:",
             *_describe_required(required),
         ),

@@ -1,37 +1,34 @@
-"""A mission: the probability of having been detected by each look along a path, and its bounds.
+"""A mission: the cumulative P_D by each look along a path, and its bounds.
 
-A mission needs times, so it needs a path, and the time from one look of a radar to the next,
-`radar.scan_period_s`. Radars look from the first pose on. Between two poses the position is on the
-straight line (in latitude and longitude on one that follows the curve of the earth), the attitude
-turns the short way at a constant rate, and the covariance is the weighted mean. So poses far apart
-in a turn make a poor path: `geometry.interpolate` fills them in first. The errors of the poses are
-correlated as `uncertainty.aircraft_correlation_s` says. The errors of a radar are the same at all
-looks.
+A mission needs a path with times, and the time from one look of a radar to the next,
+`radar.scan_period_s`. Each radar has its first look at the first pose. Between two poses the
+aircraft flies a straight line in the local frame, or in latitude and longitude if the path follows
+the curve of the earth. The attitude turns the short way at a constant rate. The covariance is
+interpolated linearly. Poses far apart in a turn make a poor path; `geometry.interpolate` adds poses
+between them. The errors of the poses have the correlation time
+`uncertainty.aircraft_correlation_s`. The errors of a radar are the same at all looks.
 
 The radars of a network that have one scan period are a scan group. They look together, and their
 looks at one time are one look. P_c counts the looks of all radars. A track is m detections in n
-looks in a row of one scan group. The network has a track when a scan group has one.
+consecutive looks of one scan group. The network has a track when a scan group has one.
 
 The default method is importance sampling, see `mission.importance`. The methods `linear` and
-`probit` are of first order. That is not enough for tracks, or for errors of kilometres or decibels.
+`probit` are of first order. First order is not enough for tracks, or for errors of kilometres or
+decibels.
 """
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
 
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from radar_sense import axis
+from radar_sense.analyses.columns import AXIS, Column, of_radars, quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     clipping_warnings,
@@ -43,10 +40,10 @@ from radar_sense.analyses.report import (
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
-from radar_sense.mission import cumulative
+from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
 from radar_sense.mission.draws import Drawn, MissionDraws, mission_monte_carlo
-from radar_sense.mission.importance import importance_sampling
+from radar_sense.mission.importance.sampling import REPLICATES, importance_sampling
 from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
@@ -55,33 +52,37 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
 
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
 #: The default method: importance sampling.
 IMPORTANCE = "importance"
 #: All methods that can be named.
-METHODS = (IMPORTANCE, *cumulative.METHODS)
+METHODS = (IMPORTANCE, *FIRST_ORDER)
 #: Probabilities that the report gives the time of.
 MILESTONES = (0.5, 0.9)
-#: Memory of a track by first order grows with the square of the looks, to some 0.6 GB here, ...
+#: First order needs some 0.6 GB for a track of MAX_TRACK_LOOKS looks. The memory grows with the
+#: square of the looks.
 MAX_TRACK_LOOKS = 4000
-#: ... and its time with that times 2^(n − 1), to half a minute here.
+#: Limit of looks² 2^(n − 1), which first order computes in half a minute.
 MAX_TRACK_WORK = 2e9
 
 
 def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
-    """Return the scenario of a path with a pose for each time of a look, and the looks.
+    """Return the scenario with a pose for each time of a look, and the looks.
 
     Raises:
-        InputError: If the geometry has no times, a look would be on top of a radar, or a radar
-            has no scan period.
+        InputError: If the geometry has no times, a radar has no scan period, or the aircraft is on
+            top of a radar at a look.
     """
     if scenario.time_s is None:
         raise InputError(
             "a mission needs times, which an orbit does not have: "
             "give a path, geometry: {type: path, file: my_route.csv}"
         )
-    when, poses = schedule_looks(scenario.model, scenario.route())
-    along = axis.time(when.time)
-    # Between poses a line may come nearer to a radar than any pose does.
+    schedule, poses = schedule_looks(scenario.model, scenario.route())
+    along = axis.time(schedule.time)
+    # The interpolated line may be nearer to a radar than any pose of the path.
     for radar in scenario.radar.reshape(-1, len(RADAR)):
         distance = slant_range(poses.aircraft, radar)
         nearest = int(np.argmin(distance))
@@ -94,9 +95,9 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
         axis=along,
         aircraft=poses.aircraft,
         cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
-        time_s=when.time,
+        time_s=schedule.time,
     )
-    return looks, when
+    return looks, schedule
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -144,13 +145,13 @@ def plot(result: Result, figure: Figure) -> None:
             result.band_label,
         )
         if f"{before}mc_mean" in table:
-            some = slice(None, None, -(-len(x) // 40))
+            every_nth = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
-            axes.plot(x[some], mean[some], "k.", ms=2.5, label="mean of runs")
+            axes.plot(x[every_nth], mean[every_nth], "k.", ms=2.5, label="mean of runs")
         if before:
             name = "Track, {} of {}".format(*result.summary["m_of_n"])
-            own = result.summary.get("radars", {}).values()
-            if len({radar["scan_period_s"] for radar in own}) > 1:
+            by_radar = result.summary.get("radars", {}).values()
+            if len({radar["scan_period_s"] for radar in by_radar}) > 1:
                 name += "\nlooks of one period"
         axes.set_ylabel(name)
     draw_legend(figure, *([top] if radars else []), *below[:1])
@@ -158,16 +159,55 @@ def plot(result: Result, figure: Figure) -> None:
 
 _METHOD = dataclasses.replace(
     OPTIONS["method"],
-    help="importance: importance sampling; or first order, probit or linear.",
+    help="importance (importance sampling), or of first order: probit, linear.",
     default=IMPORTANCE,
+    choices=METHODS,
 )
 _M = Option("m", "With --n: detections that start a track.", WINDOW)
-_N = Option("n", "Looks in a row that they must be within; of radars with one period.", WINDOW)
-_RUNS = Option("runs", "Also make so many plain draws.", RUNS, default_text="none")
+_N = Option("n", "With --m: length of the window of consecutive looks.", WINDOW)
+_RUNS = Option("runs", "Also make this number of plain draws.", RUNS, default_text="none")
+
+
+#: Of each event: what its bounds, its σ and mean, and its probability begin with in the table.
+_COLUMNS = {
+    "detection": ("", "cumulative", "cumulative_p_d"),
+    "track": ("track_", "track", "track_p_d"),
+}
+
+
+def _columns(event: str, what: str) -> tuple[Column, ...]:
+    """Return the columns of an event."""
+    before, name, p = _COLUMNS[event]
+    return (
+        quantity(p, f"Probability that {what} by now."),
+        quantity(f"sigma_{name}", "Standard deviation of this probability."),
+        quantity(f"{before}lower_3sigma", "Lower 3-sigma bound of this probability."),
+        quantity(f"{before}upper_3sigma", "Upper 3-sigma bound of this probability."),
+        quantity(f"{before}mc_mean", "With --runs: mean of the draws of this probability."),
+        quantity(f"{before}mc_std", "With --runs: standard deviation of the draws."),
+        quantity(f"{before}mc_lower", "With --runs: quantile 0.00135 of the draws."),
+        quantity(f"{before}mc_upper", "With --runs: quantile 0.99865 of the draws."),
+        quantity(f"mean_{name}", "Mean of this probability over the uncertain states."),
+        quantity(f"{before}lower_3sigma_se", "Standard error of the lower bound; by importance."),
+        quantity(f"{before}upper_3sigma_se", "Standard error of the upper bound; by importance."),
+    )
+
+
+_OF_EVENTS = (
+    *_columns("detection", "the aircraft has been detected"),
+    *_columns("track", "a track has been started (with --m and --n)"),
+)
+_TABLE = (
+    *AXIS,
+    quantity("p_d", "P_D of the look, or of all looks at this time together."),
+    *_OF_EVENTS,
+    *of_radars((quantity("p_d", "P_D of the look."), *_OF_EVENTS)),
+)
 
 
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _METHOD, _M, _N, _RUNS, "seed", "workers"],
     examples=[
         "radar-sense mission my.yaml",
@@ -187,23 +227,23 @@ def mission(
     """Cumulative P_D over the looks along a path.
 
     The scenario must have a path, whose poses have times. A radar looks every
-    radar.scan_period_s. The pose errors are correlated over uncertainty.aircraft_correlation_s, the
-    radar errors the same at all looks. The last columns are the standard errors of the bounds.
+    radar.scan_period_s. The pose errors are correlated over uncertainty.aircraft_correlation_s. The
+    radar errors are the same at all looks. The last columns are the standard errors of the bounds.
 
-    A track is M detections in N looks in a row. Radars of a network that have the same period look
-    together, as one; a track that the radars of any one period have started is the network's.
+    A track is M detections in N consecutive looks. Radars of a network that have the same period
+    look together, as one radar. The network has a track when the radars of one period have one.
 
     Args:
         scenario: The scenario, whose geometry is a path.
         method: "importance", or "probit" or "linear", which are of first order.
         m: Detections that start a track; with n.
-        n: Looks in a row that they must be within.
+        n: Length of the window of consecutive looks.
         runs: Plain draws of the mission to compare with; None draws none.
-        workers: Threads to draw with; the result does not depend on them.
-        progress: Shows the plain draws that are done.
+        workers: Threads to draw with; the result does not depend on their number.
+        progress: Shows the replicates of importance sampling and the plain draws that are done.
 
     Raises:
-        InputError: If the geometry has no times, or a choice is not allowed.
+        InputError: If the geometry has no times, or an option is not allowed.
     """
     if (m is None) != (n is None):
         raise InputError("--m and --n belong together, as in --m 3 --n 5")
@@ -217,7 +257,7 @@ def mission(
     along = scenario.axis
     if m_of_n is not None:
         _check_window(*m_of_n, len(schedule.pose), method)
-    network, each = _events(scenario, schedule, m_of_n, method, workers)
+    network, by_radar = _missions(scenario, schedule, m_of_n, method, workers, progress)
     drawn = None
     if runs is not None:
         with progress(runs, "runs") as advance:
@@ -225,8 +265,8 @@ def mission(
     names = {"detection": "cumulative P_D"}
     if m_of_n is not None:
         names["track"] = "track, {} of {}".format(*m_of_n)
-    found = _found(network.events, along)
-    off = (
+    summaries = _summaries(network.events, along)
+    differences = (
         {}
         if drawn is None
         else {e: _differences(v, _of(drawn, e), along) for e, v in network.events.items()}
@@ -238,52 +278,52 @@ def mission(
         table={
             along.key: along.values,
             **_table(network, drawn),
-            **_of_each(each, _table),
+            **_columns_by_radar(by_radar, _table),
             **_table_of_errors(network),
-            **_of_each(each, _table_of_errors),
+            **_columns_by_radar(by_radar, _table_of_errors),
         },
         summary={
             "looks": len(along),
             "m_of_n": None if m_of_n is None else list(m_of_n),
-            **found,
+            **summaries,
             **({"largest_standard_error_of_bounds": errors} if errors else {}),
             "monte_carlo": None
             if drawn is None
             else {
                 "runs": drawn.runs,
                 "radar_constants_set_to_zero": drawn.clipped,
-                "largest_difference": off,
+                "largest_difference": differences,
             },
-            **_each_summary(each, along),
+            **_summary_by_radar(by_radar, along),
         },
         report=(
-            _looks(scenario, schedule),
+            _describe_looks(scenario, schedule),
             *(
                 line
                 for event in network.events
-                for line in _event(names[event], scenario, method, found[event])
+                for line in _describe_event(names[event], scenario, method, summaries[event])
             ),
             *(
                 f"{names[event]}: standard error of the 3-sigma bounds at most "
                 f"{describe_extreme(error, along)}"
                 for event, error in errors.items()
             ),
-            *_each_report(each),
-            *_drawn_report(drawn, method, names, off, along),
+            *_report_by_radar(by_radar),
+            *_report_of_draws(drawn, method, names, differences, along),
         ),
         warnings=_warnings(scenario, method, network.events, names, drawn),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Track:
-    """What a network, or one radar of it, does along a mission.
+class _Mission:
+    """The mission of a network, or of one radar.
 
     Attributes:
         period: Scan period of the radar [s]; None for the network.
-        looks: Number of times at which it looks.
+        looks: Number of times with a look.
         p_d: P_D of the looks at each time (K,), NaN where there is no look.
-        events: Probability by each time (K,) of detection, and of a track if it is asked for.
+        events: Probability by each time (K,) of detection, and of a track if m and n are given.
     """
 
     period: float | None
@@ -292,34 +332,40 @@ class _Track:
     events: dict[str, Cumulative]
 
 
-def _events(
+def _missions(
     scenario: Scenario,
     schedule: Schedule,
     m_of_n: tuple[int, int] | None,
     method: str,
     workers: int,
-) -> tuple[_Track, dict[str, _Track]]:
-    """Return what the network does, and what each of its radars does by itself."""
+    progress: Progress,
+) -> tuple[_Mission, dict[str, _Mission]]:
+    """Return the mission of the network, and the mission of each radar alone by name."""
     radars = single_radar_scenarios(scenario)
-    parts = []
+    single = []
     for i, radar in enumerate(radars.values()):
-        own, rows = schedule.of_radar(i)
-        parts.append((radar.part(rows), own, rows))
+        radar_schedule, times = schedule.of_radar(i)
+        single.append((radar.at_poses(times), radar_schedule, times))
     if method == IMPORTANCE:
-        every = importance_sampling(scenario, schedule, m_of_n, workers=workers)
+        with progress(REPLICATES, "replicates") as advance:
+            cumulatives = importance_sampling(
+                scenario, schedule, m_of_n, workers=workers, progress=advance
+            )
     else:
-        every = [_first_order(scenario, schedule, m_of_n, method)]
-        for part, own, rows in parts:
-            latest = np.searchsorted(rows, np.arange(len(schedule.time)), side="right") - 1
-            every.append(tuple(e.at(latest) for e in _first_order(part, own, m_of_n, method)))
-    events = [dict(zip(("detection", "track"), some, strict=False)) for some in every]
-    network = _Track(None, len(schedule.time), _p_d(scenario, schedule), events[0])
-    each = {}
-    for name, (part, own, rows), some in zip(radars, parts, events[1:], strict=True):
+        cumulatives = [_first_order(scenario, schedule, m_of_n, method)]
+        for radar, radar_schedule, times in single:
+            latest = np.searchsorted(times, np.arange(len(schedule.time)), side="right") - 1
+            of_radar = _first_order(radar, radar_schedule, m_of_n, method)
+            cumulatives.append(tuple(event.at(latest) for event in of_radar))
+    network, *by_radar = (
+        dict(zip(("detection", "track"), events, strict=False)) for events in cumulatives
+    )
+    missions = {}
+    for name, (radar, radar_schedule, times), events in zip(radars, single, by_radar, strict=True):
         p_d = np.full(len(schedule.time), np.nan)
-        p_d[rows] = _p_d(part, own)
-        each[name] = _Track(own.period[0], len(rows), p_d, some)
-    return network, each
+        p_d[times] = _p_d(radar, radar_schedule)
+        missions[name] = _Mission(radar_schedule.period[0], len(times), p_d, events)
+    return _Mission(None, len(schedule.time), _p_d(scenario, schedule), network), missions
 
 
 def _first_order(
@@ -331,11 +377,11 @@ def _first_order(
         schedule.model(scenario.model),
         schedule.time[pose],
         scenario.aircraft[pose],
-        scenario.radar,
+        scenario.shared,
     )
     covariances = (
         covariance if covariance.ndim == 2 else covariance[pose],
-        scenario.cov_radar[scenario.level],
+        scenario.cov_shared,
     )
     tau = scenario.correlation_s
     events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]
@@ -360,7 +406,7 @@ def _draw(
     workers: int,
     progress: Callable[[int], None] | None,
 ) -> MissionDraws:
-    """Draw the mission; return statistics by each time (K,)."""
+    """Draw the mission and return statistics by each time (K,)."""
     pose, covariance = schedule.pose, scenario.cov_aircraft
     drawn = mission_monte_carlo(
         schedule.model(scenario.model),
@@ -385,7 +431,7 @@ def _draw(
 
 
 def _p_d(scenario: Scenario, schedule: Schedule) -> FloatArray:
-    """P_D of all radars that look at each time (K,)."""
+    """Return P_D of all radars that look at each time (K,)."""
     pose = schedule.pose
     p_d = schedule.model(scenario.model).p_d(scenario.aircraft[pose], scenario.radar)
     if len(pose) == len(schedule.time):
@@ -396,38 +442,42 @@ def _p_d(scenario: Scenario, schedule: Schedule) -> FloatArray:
     return fused
 
 
-def _of_each(
-    each: Mapping[str, _Track], table: Callable[[_Track], Mapping[str, FloatArray]]
+def _columns_by_radar(
+    missions: Mapping[str, _Mission], table: Callable[[_Mission], Mapping[str, FloatArray]]
 ) -> dict[str, FloatArray]:
-    """Return the columns of each radar."""
+    """Return the columns of each radar, with the name of the radar appended."""
     return {
         f"{key}_{radar}": column
-        for radar, track in each.items()
-        for key, column in table(track).items()
+        for radar, mission in missions.items()
+        for key, column in table(mission).items()
     }
 
 
-def _each_summary(each: dict[str, _Track], along: Axis) -> dict[str, Any]:
-    if not each:
+def _summary_by_radar(missions: Mapping[str, _Mission], along: Axis) -> dict[str, Any]:
+    if not missions:
         return {}
     radars = {
-        name: {"scan_period_s": own.period, "looks": own.looks, **_found(own.events, along)}
-        for name, own in each.items()
+        name: {
+            "scan_period_s": mission.period,
+            "looks": mission.looks,
+            **_summaries(mission.events, along),
+        }
+        for name, mission in missions.items()
     }
     return {"radars": radars}
 
 
-def _each_report(each: dict[str, _Track]) -> list[str]:
-    if not each:
+def _report_by_radar(missions: Mapping[str, _Mission]) -> list[str]:
+    if not missions:
         return []
-    width = max(map(len, each))
+    width = max(map(len, missions))
     lines = ["at the end by each radar alone, with 3-sigma bounds:"]
-    for name, own in each.items():
-        said = [
+    for name, mission in missions.items():
+        words = [
             f"{event} {v.p[-1]:.4f} ({v.lower[-1]:.4f} to {v.upper[-1]:.4f})"
-            for event, v in own.events.items()
+            for event, v in mission.events.items()
         ]
-        lines.append(f"  {name:{width}}  every {own.period:g} s, {', '.join(said)}")
+        lines.append(f"  {name:{width}}  every {mission.period:g} s, {', '.join(words)}")
     return lines
 
 
@@ -446,39 +496,33 @@ def _check_window(m: int, n: int, looks: int, method: str) -> None:
 
 
 def _of(drawn: MissionDraws, event: str) -> Drawn:
-    found = drawn.detection if event == "detection" else drawn.track
-    assert found is not None  # drawn if it was asked for
-    return found
+    statistics = drawn.detection if event == "detection" else drawn.track
+    assert statistics is not None
+    return statistics
 
 
-#: Of each event: what its bounds, its σ and mean, and its probability begin with in the table.
-_COLUMNS = {
-    "detection": ("", "cumulative", "cumulative_p_d"),
-    "track": ("track_", "track", "track_p_d"),
-}
-
-
-def _table(track: _Track, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:
+def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:
     """Return the columns of probabilities, their deviation and bounds, and of the draws."""
-    table = {"p_d": track.p_d}
-    for event, found in track.events.items():
-        before, name, p = _COLUMNS[event]
-        table[p] = found.p
-        table[f"sigma_{name}"] = found.std
-        table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"] = found.lower, found.upper
+    table = {"p_d": mission.p_d}
+    for event, cumulative in mission.events.items():
+        before, stem, p = _COLUMNS[event]
+        table[p] = cumulative.p
+        table[f"sigma_{stem}"] = cumulative.std
+        table[f"{before}lower_3sigma"] = cumulative.lower
+        table[f"{before}upper_3sigma"] = cumulative.upper
         if drawn is not None:
             for statistic, column in _of(drawn, event)._asdict().items():
                 table[f"{before}mc_{statistic}"] = column
-        table[f"mean_{name}"] = found.mean
+        table[f"mean_{stem}"] = cumulative.mean
     return table
 
 
-def _table_of_errors(track: _Track) -> dict[str, FloatArray]:
+def _table_of_errors(mission: _Mission) -> dict[str, FloatArray]:
     """Return the columns of standard errors, for a method that has them."""
     table = {}
-    for event, found in track.events.items():
+    for event, cumulative in mission.events.items():
         before, _, _ = _COLUMNS[event]
-        for end, error in (("lower", found.lower_se), ("upper", found.upper_se)):
+        for end, error in (("lower", cumulative.lower_se), ("upper", cumulative.upper_se)):
             if error is not None:
                 table[f"{before}{end}_3sigma_se"] = error
     return table
@@ -487,61 +531,61 @@ def _table_of_errors(track: _Track) -> dict[str, FloatArray]:
 def _standard_errors(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
     """Return the largest standard error of a bound of each event, and its time."""
     return {
-        event: peak(np.maximum(found.lower_se, found.upper_se), along)
-        for event, found in events.items()
-        if found.lower_se is not None and found.upper_se is not None
+        event: peak(np.maximum(cumulative.lower_se, cumulative.upper_se), along)
+        for event, cumulative in events.items()
+        if cumulative.lower_se is not None and cumulative.upper_se is not None
     }
 
 
-def _found(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
+def _summaries(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
+    """Return the values of each event at the end, and the times that it reaches milestones."""
     return {
         event: {
-            "at_end": _last(values),
-            "reaches": {f"{level:g}": _reaches(values, level, along) for level in MILESTONES},
+            "at_end": _at_end(cumulative),
+            "reaches": {f"{level:g}": _reaches(cumulative, level, along) for level in MILESTONES},
         }
-        for event, values in events.items()
+        for event, cumulative in events.items()
     }
 
 
-def _last(found: Cumulative) -> dict[str, float]:
-    values = {
-        "p": found.p,
-        "mean": found.mean,
-        "sigma": found.std,
-        "lower_3sigma": found.lower,
-        "upper_3sigma": found.upper,
+def _at_end(cumulative: Cumulative) -> dict[str, float]:
+    columns = {
+        "p": cumulative.p,
+        "mean": cumulative.mean,
+        "sigma": cumulative.std,
+        "lower_3sigma": cumulative.lower,
+        "upper_3sigma": cumulative.upper,
     }
-    return {name: float(value[-1]) for name, value in values.items()}
+    return {name: float(column[-1]) for name, column in columns.items()}
 
 
-def _reaches(found: Cumulative, level: float, along: Axis) -> dict[str, float | None]:
-    """Time of the first look by which a probability is reached: it, its upper and lower bound."""
+def _reaches(cumulative: Cumulative, level: float, along: Axis) -> dict[str, float | None]:
+    """Return the time of the first look at which the probability and each bound reach a level."""
 
     def first(curve: FloatArray) -> float | None:
         reached = curve >= level
         return float(along.values[np.argmax(reached)]) if reached.any() else None
 
     return {
-        "time_s": first(found.p),
-        "earliest_s": first(found.upper),
-        "latest_s": first(found.lower),
+        "time_s": first(cumulative.p),
+        "earliest_s": first(cumulative.upper),
+        "latest_s": first(cumulative.lower),
     }
 
 
-def _differences(found: Cumulative, drawn: Drawn, along: Axis) -> dict[str, Any]:
+def _differences(cumulative: Cumulative, drawn: Drawn, along: Axis) -> dict[str, Any]:
+    lower, upper = abs(cumulative.lower - drawn.lower), abs(cumulative.upper - drawn.upper)
     return {
-        "bounds": peak(
-            np.maximum(abs(found.lower - drawn.lower), abs(found.upper - drawn.upper)), along
-        ),
-        "sigma": peak(abs(found.std - drawn.std), along),
+        "bounds": peak(np.maximum(lower, upper), along),
+        "sigma": peak(abs(cumulative.std - drawn.std), along),
     }
 
 
-def _looks(scenario: Scenario, schedule: Schedule) -> str:
+def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
     along, tau = scenario.axis, scenario.correlation_s
     first, last = along.number(along.values[0]), along.at(-1)
     periods = [f"{period:g}" for period in sorted(schedule.period)]
-    which = " or ".join(filter(None, (", ".join(periods[:-1]), periods[-1])))
+    every = " or ".join(filter(None, (", ".join(periods[:-1]), periods[-1])))
     errors = (
         "independent from look to look"
         if tau == 0
@@ -552,11 +596,13 @@ def _looks(scenario: Scenario, schedule: Schedule) -> str:
     number = f"{len(along)} looks"
     if len(schedule.radars) > 1:
         number = f"{len(schedule.pose)} looks at {len(along)} time{'s' if len(along) > 1 else ''}"
-    return f"{number}, {first} to {last}, every {which} s; pose errors {errors}"
+    return f"{number}, {first} to {last}, every {every} s; pose errors {errors}"
 
 
-def _event(name: str, scenario: Scenario, method: str, found: dict[str, Any]) -> list[str]:
-    end = found["at_end"]
+def _describe_event(
+    name: str, scenario: Scenario, method: str, summary: dict[str, Any]
+) -> list[str]:
+    end = summary["at_end"]
     lines = [
         f"{name} at the end ({scenario.level}, {method}): {end['p']:.4f}, "
         + (
@@ -566,20 +612,20 @@ def _event(name: str, scenario: Scenario, method: str, found: dict[str, Any]) ->
             f"3-sigma bounds {end['lower_3sigma']:.4f} to {end['upper_3sigma']:.4f}"
         )
     ]
-    for level, times in found["reaches"].items():
+    for level, times in summary["reaches"].items():
         time, earliest, latest = (
-            "never" if value is None else scenario.axis.say(value) for value in times.values()
+            "never" if value is None else scenario.axis.format(value) for value in times.values()
         )
-        said = f"never reaches {level}" if time == "never" else f"reaches {level} at {time}"
-        lines.append(f"  {said} (upper bound: {earliest}, lower bound: {latest})")
+        reaches = f"never reaches {level}" if time == "never" else f"reaches {level} at {time}"
+        lines.append(f"  {reaches} (upper bound: {earliest}, lower bound: {latest})")
     return lines
 
 
-def _drawn_report(
+def _report_of_draws(
     drawn: MissionDraws | None,
     method: str,
     names: dict[str, str],
-    off: dict[str, dict[str, Any]],
+    differences: dict[str, dict[str, Any]],
     along: Axis,
 ) -> list[str]:
     if drawn is None:
@@ -588,8 +634,8 @@ def _drawn_report(
     for event, name in names.items():
         end = _of(drawn, event)
         lines += [
-            f"  {name}: bounds {describe_extreme(off[event]['bounds'], along)}, "
-            f"sigma {describe_extreme(off[event]['sigma'], along)}",
+            f"  {name}: bounds {describe_extreme(differences[event]['bounds'], along)}, "
+            f"sigma {describe_extreme(differences[event]['sigma'], along)}",
             f"    at the end mean {end.mean[-1]:.4f}, sigma {end.std[-1]:.2g}, "
             f"3-sigma bounds {end.lower[-1]:.4f} to {end.upper[-1]:.4f}",
         ]
@@ -603,18 +649,19 @@ def _warnings(
     names: dict[str, str],
     drawn: MissionDraws | None,
 ) -> tuple[str, ...]:
-    said = []
-    for event, found in events.items():
-        if place := describe_poses(~np.isfinite(found.std), scenario.axis):
-            said.append(
-                f"{names[event]}: with a look whose gradient is undefined, the radar straight "
-                f"above or below the aircraft, its uncertainty is undefined {place}: "
+    warnings = []
+    for event, cumulative in events.items():
+        if place := describe_poses(~np.isfinite(cumulative.std), scenario.axis):
+            warnings.append(
+                f"{names[event]}: the uncertainty is undefined {place}; the radar is straight "
+                "above or below the aircraft at a look, where the gradient is undefined: "
                 f"use --method {IMPORTANCE}"
             )
-        if place := describe_poses((found.lower < 0) | (found.upper > 1), scenario.axis):
-            said.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
-    if method != IMPORTANCE:  # first order takes c_r to have a distribution that it may not have
-        said += distribution_warnings(scenario, method)
+        outside = (cumulative.lower < 0) | (cumulative.upper > 1)
+        if place := describe_poses(outside, scenario.axis):
+            warnings.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
+    if method != IMPORTANCE:  # first order assumes a distribution of c_r
+        warnings += distribution_warnings(scenario, method)
     if drawn is not None and drawn.clipped:
-        said += clipping_warnings(drawn.clipped)
-    return tuple(said)
+        warnings += clipping_warnings(drawn.clipped)
+    return tuple(warnings)

@@ -22,16 +22,16 @@ from radar_sense.limits import Limit, check_number
 from radar_sense.model.detectors import Detector, North
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import snr
-from radar_sense.model.rcs import RCS
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray, check_finite
+from radar_sense.model.rcs import RCS, linearize_with_error, with_error
+from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, RCS_ERROR, FloatArray, check_finite
 
 #: Poses per block. The arrays in use fit into a third-level cache, and NumPy's calls are long
 #: enough for several threads to run at full speed.
 BLOCK = 131_072
 #: Poses per block with all partials, which need more arrays. They fit into a second-level cache.
 BLOCK_OF_PARTIALS = 16_384
-#: A function of a detector: from S and P_fa to a value and its slope by S.
-Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, FloatArray]]
+#: From S and P_fa to values of a detector, and the slope of the last value by S.
+Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
 
 
@@ -43,7 +43,8 @@ class Linearization:
         p_d: Probability of detection (...).
         jac_aircraft: A_Pa (..., 6), partials for north, east, down [1/m], roll, pitch, yaw [1/rad].
         jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)]; for a
-            network (..., 4m), radar after radar.
+            network (..., 4m), radar after radar. The partial for the error of the RCS follows,
+            where the radar states have that error.
     """
 
     p_d: FloatArray
@@ -78,7 +79,8 @@ class DetectionModel:
     """Probability that a radar detects an aircraft with a single pulse.
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
-    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. The two broadcast against each
+    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. With a fifth component, the
+    error ε of the RCS, σ_r is multiplied by 10^(s ε/10); see `rcs`. The two broadcast against each
     other. All results are NaN where aircraft and radar coincide.
 
     Attributes:
@@ -92,7 +94,8 @@ class DetectionModel:
     detector: Detector = field(default_factory=North)
 
     def __post_init__(self) -> None:
-        check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
+        object.__setattr__(self, "p_fa", p_fa)
         if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
             raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
         if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
@@ -136,6 +139,19 @@ class DetectionModel:
         _check_states(aircraft, radar)
         return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
 
+    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
+        """Return P_D (...), and what `linearize_probit` returns, from one computation of S.
+
+        Raises:
+            ValueError: As `linearize_probit`.
+        """
+        _check_states(aircraft, radar)
+
+        def both(snr: FloatArray, p_fa: float) -> tuple[FloatArray, ...]:
+            return self.detector.p_d(snr, p_fa), *self.detector.linearize_probit(snr, p_fa)
+
+        return self._partials(both, aircraft, radar, values=2)
+
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -155,35 +171,48 @@ class DetectionModel:
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return what `linearize_probit` does, NaN where a state is not finite."""
-        return self._partials(self.detector.linearize_probit, aircraft, radar)
-
-    def _partials(
-        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        tails = ((), (len(AIRCRAFT),), (len(RADAR),))
-        value, by_aircraft, by_radar = _in_blocks(
-            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
+        value, by_aircraft, by_radar = self._partials(
+            self.detector.linearize_probit, aircraft, radar
         )
         return value, by_aircraft, by_radar
+
+    def _partials(
+        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike, values: int = 1
+    ) -> tuple[FloatArray, ...]:
+        """Return the values of a detector, and the partials of the last one by both states."""
+        tails = (*((),) * values, (len(AIRCRAFT),), np.shape(radar)[-1:])
+        return _in_blocks(
+            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
+        )
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
         body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
-        return snr(radar[..., CONSTANT], self.rcs.cross_section(join(body)), _range_squared(line))
+        if radar.shape[-1] > RCS_ERROR:
+            sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
+        else:
+            sigma = self.rcs.cross_section(join(body))
+        return snr(radar[..., CONSTANT], sigma, _range_squared(line))
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, ...]:
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
         range_squared = _range_squared(line)
-        sigma, sigma_gradient = self.rcs.linearize(join(body))
+        by_error: FloatArray | None = None
+        if radar.shape[-1] > RCS_ERROR:
+            sigma, sigma_gradient, by_error = linearize_with_error(
+                self.rcs, join(body), radar[..., RCS_ERROR]
+            )
+        else:
+            sigma, sigma_gradient = self.rcs.linearize(join(body))
         constant = radar[..., CONSTANT]
         ratio = snr(constant, sigma, range_squared)
         # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without the factor, and exist where it is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
-        value, by_snr = detector(ratio, self.p_fa)
+        *values, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
         by_range = -4.0 * by_snr * ratio / range_squared
@@ -197,11 +226,10 @@ class DetectionModel:
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )
             by_position = Vector(*(g + p for g, p in zip(by_aspect, by_position, strict=True)))
-        return (
-            value,
-            join((*(-g for g in by_position), *by_attitude)),
-            join((*by_position, by_snr * ds_dconstant)),
-        )
+        of_radar = [*by_position, by_snr * ds_dconstant]
+        if by_error is not None:
+            of_radar.append(by_snr * ratio * by_error)
+        return *values, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
 
 
 def _range_squared(line: Vector) -> FloatArray:
@@ -291,7 +319,8 @@ def _check_states(aircraft: ArrayLike, radar: ArrayLike) -> None:
 
 def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
     states = np.asarray(values, dtype=float)
-    if states.shape[-1:] != (len(components),):
+    sizes = {len(components)} | ({RCS_ERROR + 1} if components is RADAR else set())
+    if states.ndim == 0 or states.shape[-1] not in sizes:
         raise ValueError(
             f"{whose} states must have shape (..., {len(components)}) for "
             f"{', '.join(components)}, got {states.shape}"

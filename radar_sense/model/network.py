@@ -29,12 +29,19 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from radar_sense.errors import InputError
-from radar_sense.limits import POSITIVE, check_number
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.rcs import RCS
-from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite
+from radar_sense.states import (
+    AIRCRAFT_RCS,
+    CONSTANT,
+    RADAR,
+    FloatArray,
+    check_finite,
+    components_of,
+)
 
 #: z of a radar that does not see the target. Minus infinity would make sums NaN, and Φ(−1e6) is 0.
 _UNSEEN = -1e6
@@ -53,6 +60,7 @@ class Radar:
         max_range: Slant range beyond which P_D is 0 [m].
         horizon: Horizon below which P_D is 0; None for a transparent earth, as in the paper.
         scan_period: Time from one look to the next [s]; None if unknown.
+        min_range: Slant range within which P_D is 0 [m].
     """
 
     model: DetectionModel
@@ -60,6 +68,7 @@ class Radar:
     max_range: float = math.inf
     horizon: Horizon | None = None
     scan_period: float | None = None
+    min_range: float = 0.0
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, DetectionModel):
@@ -67,11 +76,20 @@ class Radar:
         if not isinstance(self.name, str):
             raise InputError(f"name must be text, got {self.name!r}")
         if self.max_range != math.inf:
-            check_number("max_range", self.max_range, POSITIVE)
+            max_range = check_number("max_range", self.max_range, POSITIVE)
+            object.__setattr__(self, "max_range", max_range)
+        object.__setattr__(
+            self, "min_range", check_number("min_range", self.min_range, NOT_NEGATIVE)
+        )
+        if self.min_range >= self.max_range:
+            raise InputError(
+                f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
+            )
         if not isinstance(self.horizon, Horizon | None):
             raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
         if self.scan_period is not None:
-            check_number("scan_period", self.scan_period, POSITIVE)
+            period = check_number("scan_period", self.scan_period, POSITIVE)
+            object.__setattr__(self, "scan_period", period)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
@@ -80,14 +98,16 @@ class Radar:
         visible = np.ones(shape, dtype=bool)
         if self.max_range < math.inf:
             visible &= slant_range(aircraft, radar) <= self.max_range
+        if self.min_range > 0:
+            visible &= slant_range(aircraft, radar) >= self.min_range
         if self.horizon is not None:
             visible &= self.horizon.visible(aircraft, radar)
         return visible
 
     @property
     def limited(self) -> bool:
-        """Whether the radar has a maximum range or a horizon."""
-        return self.max_range < math.inf or self.horizon is not None
+        """Whether the radar has a maximum range, a minimum range or a horizon."""
+        return self.max_range < math.inf or self.min_range > 0 or self.horizon is not None
 
 
 #: The name until version 0.1.
@@ -99,8 +119,8 @@ class NetworkModel:
     """Probability that at least one of m radars detects an aircraft with a single pulse.
 
     It has the methods of a `DetectionModel`, with radar states (..., 4m): north, east, down [m] and
-    c_r [J m²/K] of each radar in turn. A network of one radar equals its detection model bit for
-    bit.
+    c_r [J m²/K] of each radar in turn. They may have one component more, the error ε of the RCS
+    that all radars share. A network of one radar equals its detection model bit for bit.
 
     Attributes:
         radars: The radars. All have the RCS of the one aircraft.
@@ -139,8 +159,14 @@ class NetworkModel:
         return tuple(radar.name for radar in self.radars if radar.name)
 
     @property
+    def sizes(self) -> tuple[int, int]:
+        """Components of the radar states: without the error of the RCS, and with it."""
+        components = len(RADAR) * len(self.radars)
+        return components, components + 1
+
+    @property
     def limited(self) -> bool:
-        """Whether any radar has a maximum range or a horizon."""
+        """Whether any radar has a limit to its range, or a horizon."""
         return any(radar.limited for radar in self.radars)
 
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
@@ -149,7 +175,7 @@ class NetworkModel:
         Raises:
             ValueError: If a shape does not fit.
         """
-        states = self._split(radar)
+        states = self.split(radar)
         visible = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
         return np.stack(visible, axis=-1)
 
@@ -179,7 +205,8 @@ class NetworkModel:
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D by at least one radar, and its partials by aircraft and radar states.
 
-        `jac_radar` is (..., 4m). All is 0 where no radar sees the aircraft.
+        `jac_radar` is (..., 4m), or (..., 4m + 1) with the error of the RCS. All is 0
+        where no radar sees the aircraft.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -228,6 +255,16 @@ class NetworkModel:
         z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, visible, extrapolated=False)
         return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
+    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
+        """Return P_D (...), and what `linearize_probit` returns, at little more than its cost.
+
+        Raises:
+            ValueError: As `linearize_probit`.
+        """
+        if len(self.radars) == 1 and not self.limited:
+            return self.radars[0].model.p_d_and_probit(aircraft, radar)
+        return self.p_d(aircraft, radar), *self.linearize_probit(aircraft, radar)
+
     def extrapolated_probit(
         self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -253,16 +290,30 @@ class NetworkModel:
         lowest = [np.where(visible[..., i], z, _UNSEEN) for i, z in enumerate(floors)]
         return _fuse(np.stack(lowest))
 
-    def _split(self, radar: ArrayLike) -> list[FloatArray]:
-        """Split radar states (..., 4m) into the state of each radar (..., 4)."""
+    def split(self, radar: ArrayLike) -> list[FloatArray]:
+        """Split radar states (..., 4m) into the state of each radar (..., 4).
+
+        Each state has the error of the RCS too, (..., 5), where the radar states end with it.
+
+        Raises:
+            ValueError: If the shape does not fit.
+        """
         states, size, count = np.asarray(radar, dtype=float), len(RADAR), len(self.radars)
-        if states.shape[-1:] != (size * count,):
+        total = states.shape[-1] if states.ndim else 0
+        if total not in self.sizes:
             of_each = f" of each of {count} radars" if count > 1 else ""
             raise ValueError(
                 f"radar states must have shape (..., {size * count}) for {', '.join(RADAR)}"
                 f"{of_each}, got {states.shape}"
             )
-        return [states[..., size * i : size * (i + 1)] for i in range(count)]
+        if total == size * count:
+            return [states[..., size * i : size * (i + 1)] for i in range(count)]
+        if count == 1:
+            return [states]
+        return [
+            join(states[..., component] for component in components_of([i], count, total))
+            for i in range(count)
+        ]
 
     def _each(
         self,
@@ -272,7 +323,7 @@ class NetworkModel:
     ) -> Iterator[FloatArray]:
         """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
         check_finite("radar", radar)
-        for single, state in zip(self.radars, self._split(radar), strict=True):
+        for single, state in zip(self.radars, self.split(radar), strict=True):
             values = quantity(single.model, aircraft, state)
             if single.limited:
                 values = np.where(single.visible(aircraft, state), values, 0.0)[()]
@@ -286,9 +337,9 @@ class NetworkModel:
         *,
         extrapolated: bool,
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4)."""
+        """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4) or (..., 5)."""
         values, by_aircraft, by_radar = [], [], []
-        for i, state in enumerate(self._split(radar)):
+        for i, state in enumerate(self.split(radar)):
             model, one = self.models[i], visible[..., i : i + 1]
             z, by_a, by_r = (
                 _extrapolated(model, np.asarray(aircraft), state)
@@ -332,7 +383,7 @@ def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
 def _extrapolated(
     model: DetectionModel, aircraft: FloatArray, radar: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return z of states (k, 6) and (k, 4) and its partials, linear below c_r = 0."""
+    """Return z of states (k, 6) and (k, 4 or 5) and its partials, linear below c_r = 0."""
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
     # Unchecked, because a diverging search reaches states that are not finite.
     if not below_zero.any():
@@ -346,6 +397,7 @@ def _extrapolated(
 def name_problem(names: Sequence[str]) -> str | None:
     """Return why these names of radars collide with rows of a budget, or None."""
     taken = {"total", "all", "interaction", "aircraft", "aircraft_position", "aircraft_orientation"}
+    taken.add(AIRCRAFT_RCS)
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:
         for row in (name, f"{name}_position", f"{name}_constant", f"error_{name}"):
@@ -387,10 +439,16 @@ def _fuse(z: FloatArray) -> FloatArray:
 def _weighted(
     weight: FloatArray, by_aircraft: Sequence[FloatArray], by_radar: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return fused partials by the aircraft state and by the states of all radars."""
+    """Return fused partials by the aircraft state and by the states of all radars.
+
+    A partial by the error of the RCS is a sum over the radars, as all radars have that error.
+    """
     factors = weight[..., np.newaxis]
     together = factors[0] * by_aircraft[0]
     for factor, partials in zip(factors[1:], by_aircraft[1:], strict=True):
         together += factor * partials
     parts = [factor * partials for factor, partials in zip(factors, by_radar, strict=True)]
+    shared = [part[..., len(RADAR) :] for part in parts]
+    if shared[0].shape[-1]:
+        parts = [*(part[..., : len(RADAR)] for part in parts), np.sum(shared, axis=0)]
     return together, np.concatenate(parts, axis=-1)

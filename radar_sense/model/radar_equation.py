@@ -35,10 +35,17 @@ SEARCH_FACTORS: Mapping[str, float] = {"16": 16.0, "4pi": 4.0 * math.pi}
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit that a scenario may give a parameter in: SI value = scale · value^power."""
+    """A unit that a scenario may give a parameter in: SI value = scale · value^power.
+
+    Attributes:
+        scale: The SI value of 1 in the unit.
+        power: 1, or -1 for a unit of the inverse.
+        meaning: What the number is, if it is not the parameter itself.
+    """
 
     scale: float = 1.0
     power: int = 1
+    meaning: str = ""
 
     def to_si(self, value: float) -> float:
         """Turn a value in this unit into SI."""
@@ -46,6 +53,9 @@ class Unit:
 
 
 _SI = Unit()
+_ROTATION = Unit(60.0, -1, "Rotation rate of the antenna, with one scan a turn.")
+_FREQUENCY = Unit(speed_of_light / 1e9, -1, "Carrier frequency.")
+_PULSE = Unit(1e6, -1, "Width of the pulse before compression, the inverse of the bandwidth.")
 
 
 def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
@@ -87,7 +97,7 @@ class SurveillanceRadar:
     average_power: float = _factor(1, average_power_w=_SI, average_power_kw=Unit(1e3))
     aperture: float = _factor(1, aperture_m2=_SI)
     temperature: float = _factor(-1, temperature_k=_SI)
-    scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=Unit(60.0, -1))
+    scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=_ROTATION)
     search_volume: float = _factor(-1, SOLID_ANGLE, search_volume_sr=_SI)
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
@@ -140,8 +150,8 @@ class TrackingRadar:
 
     peak_power: float = _factor(1, peak_power_w=_SI, peak_power_kw=Unit(1e3))
     gain_db: float = _decibels(2, "gain_dbi")
-    wavelength: float = _factor(2, frequency_ghz=Unit(speed_of_light / 1e9, -1), wavelength_m=_SI)
-    bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=Unit(1e6, -1))
+    wavelength: float = _factor(2, frequency_ghz=_FREQUENCY, wavelength_m=_SI)
+    bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=_PULSE)
     temperature: float = _factor(-1, temperature_k=_SI)
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")

@@ -10,10 +10,16 @@ aircraft. There the models use λ = 0, as atan2 does, and the gradient of a mode
 
 An RCS here is a function of aspect only, the mean over fluctuations from pulse to pulse or scan to
 scan (P. Swerling, IRE Trans. IT-6(2), 1960). The detector models the fluctuations.
+
+The mean itself is not known exactly: measured values are "seldom" better than 0.5 dB (E. F. Knott,
+J. F. Shaeffer and M. T. Tuley, Radar Cross Section, 2nd ed. 1993). Its error is one number ε for
+all aspects, radars and looks, and σ_r is multiplied by 10^(s ε/10). The spread s is 1 dB, or
+depends on aspect.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -24,6 +30,11 @@ from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.states import FloatArray
+
+#: ln of a ratio of powers of 1 dB.
+NEPERS = math.log(10.0) / 10.0
+#: Largest ln of the factor of an error. P_D is 1 far below, and a larger factor overflows.
+MOST_NEPERS = 300.0
 
 C = TypeVar("C", bound=type[Any])
 
@@ -56,6 +67,31 @@ class RCS(Protocol):
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
         ...
+
+
+def with_error(rcs: RCS, body_vector: FloatArray, error: FloatArray) -> FloatArray:
+    """Return σ_r (...) [m²] towards body-frame vectors (..., 3) where the RCS has an error ε (...).
+
+    The spread is 1 dB unless the RCS has a `spread`, which is like an RCS with values in dB.
+    """
+    spread: RCS | None = getattr(rcs, "spread", None)
+    decibels = error if spread is None else error * spread.cross_section(body_vector)
+    return rcs.cross_section(body_vector) * np.exp(np.minimum(NEPERS * decibels, MOST_NEPERS))
+
+
+def linearize_with_error(
+    rcs: RCS, body_vector: FloatArray, error: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return σ_r (...) with an error ε (...), its gradient (..., 3), and ∂ ln σ_r/∂ε (...)."""
+    spread: RCS | None = getattr(rcs, "spread", None)
+    sigma, gradient = rcs.linearize(body_vector)
+    decibels, slope = error, np.full(np.shape(error), NEPERS)
+    if spread is not None:
+        scale, by_vector = spread.linearize(body_vector)
+        decibels, slope = error * scale, NEPERS * scale
+        gradient = gradient + (NEPERS * sigma * error)[..., np.newaxis] * by_vector
+    factor = np.exp(np.minimum(NEPERS * decibels, MOST_NEPERS))
+    return sigma * factor, join(factor * g for g in split(gradient)), slope
 
 
 @rcs_model("constant")

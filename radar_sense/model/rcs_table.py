@@ -54,6 +54,8 @@ MIN_STEP, MAX_STEP = np.deg2rad(1e-3), np.deg2rad(90.0)
 #: A step is a gap if it exceeds both steps beside it by this factor.
 GAP = 1.5
 ENVELOPE = Limit(above=0, at_most=90)
+#: Standard deviation of σ_r [dB].
+STD_DB = Limit(at_least=1e-3, at_most=20)
 TURN = 2.0 * np.pi
 #: An elevation of this or more counts as straight above.
 POLE = np.deg2rad(90.0 - 1e-9)
@@ -72,6 +74,8 @@ class TableRCS:
         rcs: σ_r at the nodes (n,) or (n, m) [m²], positive.
         elevation: Elevation of the nodes (m,) [rad], ascending, positive above; None if the table
             holds for all elevations.
+        std_db: Standard deviation of σ_r at the nodes, like `rcs` [dB], of an error that all
+            aspects share; None if σ_r is certain, or its error the same at all aspects.
         envelope: w [rad]. With it σ_r is nowhere less than the largest σ_r that the table without
             an envelope has within the angle w of the direction. The same holds for directions
             within ±w in azimuth and ±w in elevation.
@@ -84,13 +88,16 @@ class TableRCS:
     rcs: FloatArray
     elevation: FloatArray | None = None
     envelope: float | None = None
+    std_db: FloatArray | None = None
+    #: The standard deviation by aspect [dB], interpolated as σ_r is, without an envelope.
+    spread: TableRCS | None = field(init=False, repr=False, default=None)
     _around: _Axis = field(init=False, repr=False)
     _upward: _Axis | None = field(init=False, repr=False)
     #: Coefficients of the polynomial of each cell, (cells, 4) or (cells, 16).
     _cells: FloatArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("azimuth", "rcs", "elevation"):
+        for name in ("azimuth", "rcs", "elevation", "std_db"):
             if getattr(self, name) is not None:
                 try:
                     values = np.array(getattr(self, name), dtype=float)
@@ -108,6 +115,9 @@ class TableRCS:
         object.__setattr__(self, "_around", around)
         object.__setattr__(self, "_upward", upward)
         object.__setattr__(self, "_cells", cells)
+        if self.std_db is not None:
+            spread = TableRCS(self.azimuth, self.std_db, self.elevation)
+            object.__setattr__(self, "spread", spread)
 
     def __repr__(self) -> str:
         nodes = " x ".join(str(size) for size in self.rcs.shape)
@@ -187,11 +197,19 @@ class TableRCS:
             raise InputError(f"a table may have {MAX_NODES:,} nodes, got {self.rcs.size:,}")
         if not np.all((self.rcs >= SMALLEST) & (self.rcs <= LARGEST)):
             raise InputError(f"rcs must be from {SMALLEST:g} to {LARGEST:g} m^2")
-        pole = None if self.elevation is None else differs_at_a_pole(self.elevation, self.rcs)
-        if pole:
-            raise InputError(pole[1])
+        if self.std_db is not None:
+            if self.std_db.shape != shape:
+                raise InputError(f"std_db must have shape {shape}, got {self.std_db.shape}")
+            for std in (self.std_db.min(), self.std_db.max()):
+                check_number("std_db", float(std), STD_DB)
+        for values, unit in ((self.rcs, "m^2"), (self.std_db, "dB")):
+            if self.elevation is None or values is None:
+                continue
+            pole = differs_at_a_pole(self.elevation, values, unit)
+            if pole:
+                raise InputError(pole[1])
         if self.envelope is not None:
-            check_number("envelope", self.envelope, POSITIVE)
+            object.__setattr__(self, "envelope", check_number("envelope", self.envelope, POSITIVE))
             check_number("envelope in degrees", float(np.rad2deg(self.envelope)), ENVELOPE)
 
     def _place(
@@ -479,7 +497,7 @@ def gap(name: str, angles: FloatArray) -> Problem | None:
     return min(i + 1, len(angles) - 1), message
 
 
-def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
+def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray, unit: str = "m^2") -> Problem | None:
     """Return the first value at a pole that differs from the value of azimuth 0, or None."""
     for j, reached, pole in (
         (0, elevation[0] <= -POLE, "below"),
@@ -490,7 +508,7 @@ def differs_at_a_pole(elevation: FloatArray, rcs: FloatArray) -> Problem | None:
             i = int(differ[0])
             return i * len(elevation) + j, (
                 f"straight {pole} the aircraft azimuth has no meaning: the value must be the same "
-                f"at each, got {rcs[0, j]:.10g} and {rcs[i, j]:.10g} m^2"
+                f"at each, got {rcs[0, j]:.10g} and {rcs[i, j]:.10g} {unit}"
             )
     return None
 

@@ -1,6 +1,5 @@
 """Methods of propagation: from Gaussian states to mean, deviation and bounds of P_D."""
 
-from radar_sense.propagation.checks import BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.methods import (
     METHODS,
     Method,
@@ -13,7 +12,12 @@ from radar_sense.propagation.methods import (
     std_function,
     upper_bound,
 )
-from radar_sense.propagation.moments import Moments, probit_moments
+from radar_sense.propagation.moments import (
+    BOUND_CHANGE,
+    STD_CHANGE,
+    Moments,
+    probit_moments,
+)
 
 __all__ = [
     "BOUND_CHANGE",

@@ -6,7 +6,7 @@ and shows its warning.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
@@ -16,21 +16,18 @@ from scipy.special import ndtr, ndtri
 from radar_sense.covariance import square_root, variance_along
 from radar_sense.propagation import form as _form
 from radar_sense.propagation.lobes import scan
-from radar_sense.propagation.moments import Moments
+from radar_sense.propagation.moments import BOUND_CHANGE, STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
     RelativeProbit,
     StandardNormalSpace,
     UncertainStates,
 )
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
-
-#: A pose is nonlinear where higher orders would change σ by more than this fraction of σ,
-STD_CHANGE = 0.02
-#: or a bound by more than this.
-BOUND_CHANGE = 0.005
+from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
 #: Draws about each centre, where a check draws.
 DRAWS = 256
+#: Poses of a block without draws for each pose of a block with draws.
+DRAWN_POINTS = 128
 #: Fraction of BOUND_CHANGE that a check by draws allows, because draws have a sampling error,
 SAFETY = 0.7
 #: and the change of σ that it allows, as a fraction of the greater of σ and SMALL_STD.
@@ -51,45 +48,67 @@ def second_order_matters(
     compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
     unreliable = []
-    for part, given in _blocks(states, moments):
+    for part, given in _blocks(states, moments, _numbers(states)):
         probit = RelativeProbit.of(part)
-        value, gradient, second = probit.derivatives()
-        sqrt_cov = probit.sqrt_cov
-        g = np.einsum("kij,ki->kj", sqrt_cov, gradient)
-        h = sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov
-        first = np.sum(g * g, axis=1)
-        variance = first + 0.5 * np.sum(h * h, axis=(1, 2))
-        hg = np.einsum("kij,kj->ki", h, g)
-        third = 3.0 * np.sum(g * hg, axis=1) + np.sum((h @ h) * h, axis=(1, 2))
-        mean = value + 0.5 * np.trace(h, axis1=1, axis2=2)
+        # A lobe may be as narrow as the differences are wide.
+        value, gradient, second = probit.derivatives(sides=2 if part.model.rcs.lobed else 1)
+        g, h = _by_u(probit.sqrt_cov, gradient, second)
+        first = np.sum(g * g, axis=0)
+        variance = first + 0.5 * np.einsum("ijk,ijk->k", h, h)
+        hg = np.einsum("ijk,jk->ik", h, g)
+        curvature = np.sum(g * hg, axis=0)
+        third = 3.0 * curvature + np.einsum("ijk,jlk,lik->k", h, h, h)
+        mean = value + 0.5 * np.einsum("iik->k", h)
         cube = variance**1.5  # 0 for variances below 1e-216
         skewness = third / np.where(cube > 0, cube, 1.0)
         better = _skewed(mean, np.sqrt(variance), skewness, beta)
         bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
-        warned = _differ(given, better) | bends | limit_matters(part, given[0], beta)
-        warned |= _expansion_is_off(probit, value, g, h, beta)
+        warned = differ(given, better) | bends | limit_matters(part, given[0], beta)
+        warned |= _expansion_is_off(probit, value, g, curvature, beta)
         if part.model.rcs.lobed:
             warned |= _lobe_beyond(probit, given, beta)
         unreliable.append(warned)
     return np.concatenate(unreliable)
 
 
+def _by_u(
+    sqrt_cov: FloatArray, gradient: FloatArray, second: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return gradient (r, k) and second derivatives (r, r, k) by u from those by y."""
+    if len(sqrt_cov) == 1:
+        (one,) = sqrt_cov
+        n, _, k = second.shape
+        half = (one.T @ second.reshape(n, n * k)).reshape(-1, n, k)
+        return one.T @ gradient, one.T @ half
+    each = np.ascontiguousarray(np.moveaxis(second, 2, 0))
+    by_u = sqrt_cov.swapaxes(1, 2) @ each @ sqrt_cov
+    return np.einsum("kij,ik->jk", sqrt_cov, gradient), np.moveaxis(by_u, 0, 2)
+
+
 def _expansion_is_off(
-    probit: RelativeProbit, value: FloatArray, g: FloatArray, h: FloatArray, beta: float
+    probit: RelativeProbit, value: FloatArray, g: FloatArray, curvature: FloatArray, beta: float
 ) -> NDArray[np.bool_]:
-    """Return where (k,) the second-order expansion of z is off a distance β along the gradient."""
-    k, g, h = len(value), np.nan_to_num(g), np.nan_to_num(h)  # other tests warn where NaN
-    sqrt_cov = np.broadcast_to(probit.sqrt_cov, (k, *probit.sqrt_cov.shape[1:]))
-    length = np.sqrt(np.sum(g * g, axis=1))
-    u = (beta / np.where(length > 0, length, np.inf))[:, np.newaxis] * g
-    u = np.where(np.isfinite(u), u, 0.0)  # the model refuses NaN; no gradient is warned of anyway
-    bend = 0.5 * np.sum(u * np.einsum("kij,kj->ki", h, u), axis=1)
-    error = np.einsum("kij,kj->ik", sqrt_cov, u)
-    exact, _ = probit(np.hstack([error, -error]), np.tile(np.arange(k), 2))
-    floor = probit.floor
-    expanded = np.maximum(value + beta * np.array([[1.0], [-1.0]]) * length + bend, floor)
-    error = np.abs(ndtr(np.maximum(exact.reshape(2, k), floor)) - ndtr(expanded))
-    off: NDArray[np.bool_] = error.max(axis=0) > BOUND_CHANGE
+    """Return where (k,) the second-order expansion of z is off a distance β along the gradient.
+
+    Args:
+        probit: z as a function of the relative states.
+        value: z at the nominal states (k,).
+        g: Gradient of z by u (r, k).
+        curvature: gᵀHg (k,).
+        beta: β.
+    """
+    square = np.sum(g * g, axis=0)
+    known = np.isfinite(square + curvature) & (square > 0)  # other tests warn elsewhere
+    step = np.divide(beta, np.sqrt(square), out=np.zeros_like(square), where=known)
+    u = np.where(known, g * step, 0.0)
+    one = probit.sqrt_cov[0]
+    error = one @ u if len(probit.sqrt_cov) == 1 else np.einsum("kij,jk->ik", probit.sqrt_cov, u)
+    exact = probit.p_d(np.stack([error, -error], axis=1))
+    bend = 0.5 * np.where(known, curvature, 0.0) * step * step
+    slope = step * square
+    expanded = np.stack([value + slope + bend, value - slope + bend])
+    change = np.abs(exact - ndtr(np.maximum(expanded, probit.floor)))
+    off: NDArray[np.bool_] = change.max(axis=0) > BOUND_CHANGE
     return off
 
 
@@ -114,65 +133,72 @@ def _lobe_beyond(
 def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
     """Return where (k,) the moments by `form` are unreliable.
 
-    A pose is suspect where orders above the second change the moments, where the second order
-    changes σ of z, or where an extreme lies on another lobe. Draws at suspect poses decide.
+    `form` marks the poses that are suspect. Draws at these poses decide.
     """
-    unreliable = []
-    for part, given in _blocks(states, moments):
-        space = StandardNormalSpace.of(part)
-        betas = _form.betas_for(beta)
-        quantiles = _form.quantiles(space, betas, beta)
-        _, std, lower, upper = _form.spread(space, quantiles.second_order, beta)
-        first = np.sum(space.gradient**2, axis=0)
-        variance = first + 0.5 * np.sum(space.curvature**2, axis=0)
-        bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
-        ends = [int(np.flatnonzero(betas == b)[-1]) for b in (-beta, beta)]
-        moved = np.any(quantiles.extreme != quantiles.nearest, axis=(0, 1))
-        suspect = _differ(given, (std, lower, upper)) | bends | moved
-        limit = limit_matters(part, given[0], beta)
-        suspect &= quantiles.converged & ~limit
-        off = ~quantiles.converged | limit
-        centres = np.concatenate([quantiles.extreme[:, ends], quantiles.nearest[:, ends]], axis=1)
-        for pose in np.flatnonzero(suspect):
-            ends_given = [float(values[pose]) for values in given]
-            off[pose] = _draws_refute(space, int(pose), centres[:, :, pose], ends_given, beta)
-        unreliable.append(off)
-    return np.concatenate(unreliable)
+    numbers = _numbers(states)
+    blocks = _blocks(states, moments, numbers)
+    limit = np.concatenate([limit_matters(part, given[0], beta) for part, given in blocks])
+    off: NDArray[np.bool_] = ~moments.converged | limit
+    rows = np.flatnonzero(moments.suspect & ~off)
+    refuted = [
+        _draws_refute(part, given, beta)
+        for part, given in _blocks(states.at(rows), moments.at(rows), DRAWN_POINTS * numbers)
+    ]
+    off[rows] = np.concatenate(refuted)
+    return off
 
 
 def _draws_refute(
-    space: StandardNormalSpace,
-    pose: int,
-    centres: FloatArray,
-    given: Sequence[float],
-    beta: float,
-) -> bool:
-    """Return whether weighted draws show that σ or a bound is off.
+    states: UncertainStates, given: tuple[FloatArray, FloatArray, FloatArray], beta: float
+) -> NDArray[np.bool_]:
+    """Return where (k,) weighted draws show that σ or a bound is off.
 
     The draws are from a mixture of unit normals about u = 0 and about the extremes, so that enough
     of them lie beyond the bounds (G. I. Schuëller and R. Stix, Structural Safety 4(4), 1987).
     """
-    r = len(centres)
-    normals = _normals(r)
-    means = np.concatenate([np.zeros((r, 1)), np.unique(centres, axis=1)], axis=1)
-    u = (normals[:, np.newaxis] + means[:, :, np.newaxis]).reshape(r, -1)
+    space = StandardNormalSpace.of(states)
+    r, k = space.gradient.shape
+    if not k:
+        return np.zeros(0, dtype=bool)
+    solution = _form.quantiles(space, np.array([-beta, beta]), beta)
+    means = np.concatenate([np.zeros((r, 1, k)), solution.extreme, solution.nearest], axis=1)
+    # An extreme that both searches have found is one centre.
+    distinct = np.ones(means.shape[1:], dtype=bool)
+    for number in range(2, len(distinct)):
+        same = np.all(means[:, 1:number] == means[:, number : number + 1], axis=0)
+        distinct[number] = ~same.any(axis=0)
+    pose, centre = np.nonzero(distinct.T)
+    u = means[:, centre, pose, np.newaxis] + _normals(r)[:, np.newaxis]
     # density of the mixture over that of the unit normals
-    exponents = means.T @ u - 0.5 * np.sum(means * means, axis=0)[:, np.newaxis]
-    weights = 1.0 / np.mean(np.exp(exponents), axis=0)
-    weights /= weights.sum()
-    value, _ = space.probit(space.sqrt_cov[pose] @ u, np.full(u.shape[1], pose))
-    p_d = ndtr(np.maximum(value, space.probit.floor[pose]))
-    std, lower, upper = given
+    density = np.zeros(u.shape[1:])
+    for i in np.flatnonzero(distinct.any(axis=1)).tolist():
+        mean = means[:, i, pose]
+        exponent = np.einsum("rp,rpd->pd", mean, u) - 0.5 * np.sum(mean * mean, axis=0)[:, None]
+        density += np.where(distinct[i, pose, None], np.exp(exponent), 0.0)
+    first = np.flatnonzero(centre == 0)
+
+    def total(values: FloatArray) -> FloatArray:
+        """Return sums (k,) over all draws at a pose."""
+        return np.asarray(np.add.reduceat(values.sum(axis=1), first))
+
+    weights = 1.0 / density
+    weights /= total(weights)[pose, None]
+    error = np.einsum("pir,rpd->ipd", space.sqrt_cov[pose], u)
+    p_d = space.probit.p_d(error.reshape(len(error), -1), np.repeat(pose, DRAWS))
+    p_d = p_d.reshape(weights.shape)
+    mean = total(weights * p_d)
+    drawn_std = np.sqrt(total(weights * np.square(p_d - mean[pose, None])))
     tail, slack = float(ndtr(-beta)), BOUND_CHANGE * SAFETY
-    mean = np.sum(weights * p_d)
-    drawn_std = np.sqrt(np.sum(weights * np.square(p_d - mean)))
-    return bool(
-        np.sum(weights[p_d > upper + slack]) > tail
-        or np.sum(weights[p_d >= upper - slack]) < tail
-        or np.sum(weights[p_d < lower - slack]) > tail
-        or np.sum(weights[p_d <= lower + slack]) < tail
-        or abs(std - drawn_std) > DRAWN_STD_CHANGE * max(drawn_std, SMALL_STD)
+    std, lower, upper = given
+    low, high = lower[pose, None], upper[pose, None]
+    refuted: NDArray[np.bool_] = (
+        (total(weights * (p_d > high + slack)) > tail)
+        | (total(weights * (p_d >= high - slack)) < tail)
+        | (total(weights * (p_d < low - slack)) > tail)
+        | (total(weights * (p_d <= low + slack)) < tail)
+        | (np.abs(std - drawn_std) > DRAWN_STD_CHANGE * np.maximum(drawn_std, SMALL_STD))
     )
+    return refuted
 
 
 @cache
@@ -205,25 +231,32 @@ def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDAr
             near |= states.model.visible(aircraft, radar + error) != visible
     allowed = np.minimum(BOUND_CHANGE, np.sqrt(2.0 * STD_CHANGE) * std)
     for i in np.flatnonzero(near.any(axis=0)):
-        components = slice(len(RADAR) * i, len(RADAR) * (i + 1))
+        components = components_of([int(i)], m, radar.shape[-1])
         z, by_aircraft, by_radar = states.model.models[i].linearize_probit(
             aircraft, radar[:, components]
         )
         variance = variance_along(by_aircraft, states.cov_aircraft)
-        variance = variance + variance_along(by_radar, states.cov_radar[:, components, components])
+        variance = variance + variance_along(
+            by_radar, states.cov_radar[:, components][..., components]
+        )
         matters |= near[:, i] & ~(ndtr(z + beta * np.sqrt(variance)) <= allowed)
     return matters
 
 
 def _blocks(
-    states: UncertainStates, moments: Moments
+    states: UncertainStates, moments: Moments, numbers: int
 ) -> Iterator[tuple[UncertainStates, tuple[FloatArray, FloatArray, FloatArray]]]:
     """Cut states, and σ and bounds of their moments, into blocks of poses."""
-    start, numbers = 0, (len(AIRCRAFT) + states.radar.shape[-1]) ** 2
-    for part in states.blocks(2 * numbers):
+    start = 0
+    for part in states.blocks(numbers):
         poses = slice(start, start + len(part))
         yield part, (moments.std[poses], moments.lower[poses], moments.upper[poses])
         start += len(part)
+
+
+def _numbers(states: UncertainStates) -> int:
+    """Return how many numbers the largest array of a check needs at a pose."""
+    return 2 * (len(AIRCRAFT) + int(states.radar.shape[-1])) ** 2
 
 
 def _skewed(
@@ -248,12 +281,3 @@ def _gauss_hermite() -> tuple[FloatArray, FloatArray]:
     """Return nodes and weights (16,) of integrals over the normal distribution."""
     nodes, weights = np.polynomial.hermite_e.hermegauss(16)
     return nodes, weights / weights.sum()
-
-
-def _differ(
-    given: tuple[FloatArray, FloatArray, FloatArray],
-    better: tuple[FloatArray, FloatArray, FloatArray],
-) -> NDArray[np.bool_]:
-    """Return where (k,) σ or a bound differs too much from a better one, or is NaN."""
-    std, lower, upper = (abs(g - b) for g, b in zip(given, better, strict=True))
-    return ~((std <= STD_CHANGE * better[0]) & (lower <= BOUND_CHANGE) & (upper <= BOUND_CHANGE))

@@ -10,6 +10,7 @@ be computed. The difference of these two is added to the extreme of z.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from radar_sense.propagation.lobes import scan
-from radar_sense.propagation.moments import Moments
+from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
     RelativeProbit,
     StandardNormalSpace,
@@ -110,7 +111,7 @@ def form_std(states: UncertainStates) -> StdFunction:
         for part, derivatives in blocks:
             changed = part.with_covariances(cov_aircraft, cov_radar, start)
             space = StandardNormalSpace.expanded(RelativeProbit.of(changed), *derivatives)
-            std_blocks.append(moments_in(space, 3.0).std)
+            std_blocks.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
             start += len(part)
         return np.concatenate(std_blocks)
 
@@ -120,11 +121,40 @@ def form_std(states: UncertainStates) -> StdFunction:
 def moments_in(space: StandardNormalSpace, beta: float) -> Moments:
     """Return the moments of P_D at the poses of a standard normal space."""
     solution = quantiles(space, betas_for(beta), beta)
-    values = spread(space, solution.corrected, beta)
-    mean, std, lower, upper = (np.where(solution.converged, v, np.nan) for v in values)
+    mean, std, lower, upper = _values(space, solution, beta)
     states = space.probit.states
     p_d = states.model.p_d(states.aircraft, states.radar) + np.zeros(len(states))
-    return Moments(p_d, mean, std, lower, upper, solution.converged)
+    suspect = _suspect(space, solution, (std, lower, upper), beta)
+    return Moments(p_d, mean, std, lower, upper, solution.converged, suspect)
+
+
+def _values(
+    space: StandardNormalSpace, solution: Quantiles, beta: float
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return mean, σ, lower and upper bound (k,), NaN where the search has not converged."""
+    values = spread(space, solution.corrected, beta)
+    mean, std, lower, upper = (np.where(solution.converged, v, np.nan) for v in values)
+    return mean, std, lower, upper
+
+
+def _suspect(
+    space: StandardNormalSpace,
+    solution: Quantiles,
+    given: Sequence[FloatArray],
+    beta: float,
+) -> NDArray[np.bool_]:
+    """Return where (k,) σ and bounds may be unreliable.
+
+    These are the poses where orders above the second change σ or a bound, where the second order
+    changes σ of z, where an extreme lies on another lobe, or where the search has not converged.
+    """
+    _, *second_order = spread(space, solution.second_order, beta)
+    first = np.sum(space.gradient**2, axis=0)
+    variance = first + 0.5 * np.sum(space.curvature**2, axis=0)
+    bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
+    moved = np.any(solution.extreme != solution.nearest, axis=(0, 1))
+    suspect: NDArray[np.bool_] = differ(given, second_order) | bends | moved
+    return suspect
 
 
 class Quantiles(NamedTuple):

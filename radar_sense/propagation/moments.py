@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.states import FloatArray
+
+#: A pose is nonlinear where higher orders would change σ by more than this fraction of σ,
+STD_CHANGE = 0.02
+#: or a bound by more than this.
+BOUND_CHANGE = 0.005
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,6 +30,8 @@ class Moments:
         upper: Bound that P_D stays below with probability Φ(β) (...).
         converged: Where the method's iteration has converged (...). Elsewhere mean, std and bounds
             are NaN.
+        suspect: Where the method's check has to compute more to decide (...). Elsewhere the method
+            has found its moments reliable; a method that cannot tell has True everywhere.
     """
 
     p_d: FloatArray
@@ -32,6 +40,11 @@ class Moments:
     lower: FloatArray
     upper: FloatArray
     converged: NDArray[np.bool_]
+    suspect: NDArray[np.bool_] = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.suspect is None:
+            object.__setattr__(self, "suspect", np.ones(np.shape(self.std), dtype=bool)[()])
 
     def __repr__(self) -> str:
         names = ", ".join(f.name for f in fields(self))
@@ -43,17 +56,27 @@ class Moments:
         mean, lower, upper = (
             np.where(certain, self.p_d, values) for values in (self.mean, self.lower, self.upper)
         )
-        return Moments(self.p_d, mean, self.std, lower, upper, self.converged)
+        return replace(self, mean=mean, lower=lower, upper=upper)
 
     def reshaped(self, shape: tuple[int, ...]) -> Moments:
         """Return the moments as arrays of this shape, or scalars where it is ()."""
         return Moments(*(getattr(self, f.name).reshape(shape)[()] for f in fields(self)))
+
+    def at(self, rows: NDArray[np.intp] | slice) -> Moments:
+        """Return the moments at some poses, of moments (k,)."""
+        return Moments(*(getattr(self, f.name)[rows] for f in fields(self)))
 
     @classmethod
     def concatenated(cls, parts: Iterable[Moments]) -> Moments:
         """Return the moments of all parts (k,), one after the other."""
         parts = list(parts)
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
+
+
+def differ(given: Sequence[FloatArray], better: Sequence[FloatArray]) -> NDArray[np.bool_]:
+    """Return where (k,) σ, lower or upper bound differs too much from a better one, or is NaN."""
+    std, lower, upper = (abs(g - b) for g, b in zip(given, better, strict=True))
+    return ~((std <= STD_CHANGE * better[0]) & (lower <= BOUND_CHANGE) & (upper <= BOUND_CHANGE))
 
 
 def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatArray:
@@ -71,14 +94,29 @@ def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[Floa
     The mean is Φ(h) with h = m/√(1 + s²), the variance 2 [T(h, 1) − T(h, a)] with a = 1/√(1 + 2s²)
     and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of exp(−h²(1 +
     t²)/2)/(2π(1 + t²)) from 0. Their difference is the integral from a to 1, in which nothing
-    cancels for small s. With 32 points it is exact to rounding for s up to 30, with 8 points for s
-    up to 0.5.
+    cancels for small s. With 32 points, a multiple of 8, it is exact to rounding for s up to 30,
+    with 8 points for s up to 0.5.
     """
     h = m / np.sqrt(1.0 + s * s)
     a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)
     width = 2.0 * (s * a) ** 2 / (1.0 + a)  # 1 − a
-    nodes, weights = np.polynomial.legendre.leggauss(points)
-    square = 1.0 + (1.0 - 0.5 * width[:, np.newaxis] * (1.0 - nodes)) ** 2
-    integrand = np.exp(-0.5 * (h * h)[:, np.newaxis] * square) / square
-    variance = width * np.sum(weights * integrand, axis=1) / (2.0 * np.pi)
+    nodes, weights = _gauss_legendre(points)
+    square = np.square(1.0 - 0.5 * width * (1.0 - nodes))
+    square += 1.0
+    integrand = -0.5 * (h * h) * square
+    np.exp(integrand, out=integrand)
+    integrand /= square
+    integrand *= weights
+    # in the order in which NumPy adds the elements of a row
+    terms = integrand.reshape(points // 8, 8, len(width)).sum(axis=0)
+    while len(terms) > 1:
+        terms = terms[::2] + terms[1::2]
+    variance = width * terms[0] / (2.0 * np.pi)
     return ndtr(h), np.sqrt(variance)
+
+
+@cache
+def _gauss_legendre(points: int) -> tuple[FloatArray, FloatArray]:
+    """Return nodes and weights (points, 1) of integrals from −1 to 1."""
+    nodes, weights = np.polynomial.legendre.leggauss(points)
+    return nodes[:, np.newaxis], weights[:, np.newaxis]

@@ -19,11 +19,12 @@ def probit(states: UncertainStates, beta: float) -> Moments:
     The standard deviation s of z is to first order. The bounds are Φ(m ± βs), which never leave
     [0, 1]. Mean and variance have a closed form.
     """
-    gradient = _Gradient.of(states)
+    p_d, *z_and_partials = states.model.p_d_and_probit(states.aircraft, states.radar)
+    gradient = _Gradient(*z_and_partials)
     z, std = gradient.value, gradient.std(*states.covariances)
     mean, std_pd = _moments(z, std)
     return Moments(
-        states.model.p_d(states.aircraft, states.radar) + np.zeros(std.shape),
+        np.broadcast_to(p_d, std.shape),
         mean,
         std_pd,
         ndtr(z - beta * std),

@@ -3,7 +3,8 @@
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
 through the radars' positions relative to the aircraft. The relative states y are therefore the
 aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
-aircraft. They have 3 + 4m components instead of 6 + 4m.
+aircraft. They have 3 + 4m components instead of 6 + 4m. Where the RCS is uncertain its error is one
+component more, the last of the radar states.
 
 With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
 determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
@@ -20,7 +21,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,6 +42,8 @@ from radar_sense.states import (
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
 #: They then describe z over the region of the states, not at a point.
 STEP = 0.5
+#: The same for one-sided differences. A shorter step, as their error is of first order.
+ONE_SIDED_STEP = 0.1
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
 #: Most poses in a block: the arrays of its finite differences stay in the processor's cache.
@@ -66,9 +69,9 @@ class UncertainStates:
         model: The detection model, of a radar or of a network of m.
         log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
         aircraft: Nominal aircraft states (k, 6).
-        radar: Nominal radar states (k, 4m).
+        radar: Nominal radar states (k, 4m), or (k, 4m + 1) with the error of the RCS.
         cov_aircraft: C_aa (k, 6, 6).
-        cov_radar: C_rr (k, 4m, 4m).
+        cov_radar: C_rr (k, 4m, 4m), or (k, 4m + 1, 4m + 1).
     """
 
     model: NetworkModel
@@ -91,10 +94,18 @@ class UncertainStates:
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
         """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
-        size = max(1, min(BLOCK, MAX_NUMBERS // numbers))
+        return self.cut(max(1, min(BLOCK, MAX_NUMBERS // numbers)))
+
+    def cut(self, size: int) -> Iterator[UncertainStates]:
+        """Yield parts with at most this number of poses, one part if there are no poses."""
         for start in range(0, max(len(self), 1), size):
             arrays = (a if len(a) == 1 else a[start : start + size] for a in self._arrays)
             yield UncertainStates(self.model, self.log_constant, *arrays)
+
+    def at(self, rows: NDArray[np.intp]) -> UncertainStates:
+        """Return the states of some poses."""
+        arrays = (a if len(a) == 1 < len(self) else a[rows] for a in self._arrays)
+        return UncertainStates(self.model, self.log_constant, *arrays)
 
     def with_covariances(
         self, cov_aircraft: FloatArray, cov_radar: FloatArray, start: int = 0
@@ -141,7 +152,8 @@ def uncertain_states(
         ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
     model = as_network(model)
-    radars = len(model.radars) * len(RADAR)
+    size = np.shape(radar)[-1:]
+    radars = size[0] if size and size[0] in model.sizes else model.sizes[0]
     arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
     wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
         ("aircraft states", aircraft, (len(AIRCRAFT),)),
@@ -204,71 +216,93 @@ class RelativeProbit:
         """Least z there is (k,), which is z without any signal."""
         return self.states.model.floor(self.visible)
 
-    def __call__(self, error: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+    def __call__(
+        self, error: FloatArray, pose: NDArray[np.intp] | None = None
+    ) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient by y (n, j) at errors (n, j) of the poses (j,).
 
-        The gradient by a component without uncertainty is 0, also where it is undefined.
+        Without poses, errors are (n, s, k) at all poses, and results (s, k) and (n, s, k). The
+        gradient by a component without uncertainty is 0, also where it is undefined.
         """
         states = self.states
         aircraft, radar, growth = self.shifted(error, pose)
-        visible = self.visible if len(self.visible) == 1 else self.visible[pose]
-        visible = np.broadcast_to(visible, (len(pose), visible.shape[-1]))
-        value, by_aircraft, by_radar = states.model.extrapolated_probit(aircraft, radar, visible)
-        gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
+        visible = np.broadcast_to(
+            self._at(self.visible.T, error, pose), (self.visible.shape[-1], *error.shape[1:])
+        )
+        value, by_aircraft, by_radar = states.model.extrapolated_probit(
+            aircraft, radar, visible.reshape(len(visible), -1).T
+        )
+        gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T)).reshape(error.shape)
         if growth is not None:
             gradient[_RADARS][CONSTANTS] *= growth
         uncertain = self.std > 0
         if not uncertain.all():
-            rows = uncertain if uncertain.shape[1] == 1 else uncertain[:, pose]
-            gradient = np.where(rows, gradient, 0.0)
-        return value, gradient
+            gradient = np.where(self._at(uncertain, error, pose), gradient, 0.0)
+        return value.reshape(error.shape[1:]), gradient
+
+    def p_d(self, error: FloatArray, pose: NDArray[np.intp] | None = None) -> FloatArray:
+        """Return P_D (j,) or (s, k) at errors as above; a c_r below 0 counts as 0."""
+        aircraft, radar, _ = self.shifted(error, pose)
+        constants = radar[:, CONSTANTS]
+        np.maximum(constants, 0.0, out=constants)
+        return self.states.model.p_d(aircraft, radar).reshape(error.shape[1:])
 
     def shifted(
-        self, error: FloatArray, pose: NDArray[np.intp]
+        self, error: FloatArray, pose: NDArray[np.intp] | None = None
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Return states (j, 6) and (j, 4m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
 
-        The position of the aircraft stays nominal, and the radars have all errors of position.
+        Without poses, errors are (n, s, k), j counts all of them, and ∂c_r/∂Δ is (m, s, k). The
+        position of the aircraft stays nominal, and the radars have all errors of position.
         """
         states = self.states
-        nominal = [a.T if len(a) == 1 else a.T[:, pose] for a in (states.aircraft, states.radar)]
-        aircraft, radar = (np.empty((len(a), error.shape[1])) for a in nominal)
+        nominal = [self._at(a.T, error, pose) for a in (states.aircraft, states.radar)]
+        aircraft, radar = (np.empty((len(a), *error.shape[1:])) for a in nominal)
         aircraft[:] = nominal[0]
         aircraft[ATTITUDE] += error[_ATTITUDE]
         np.add(nominal[1], error[_RADARS], out=radar)
-        if not states.log_constant.any():
-            return aircraft.T, radar.T, None
-        which = np.arange(len(radar))[CONSTANTS][states.log_constant]
-        constant = nominal[1][which]
-        growth = np.ones((len(states.log_constant), error.shape[1]))
-        relative = error[_RADARS][which] / constant
-        growth[states.log_constant] = np.exp(np.minimum(relative, MOST_NEPERS))
-        radar[which] = constant * growth[states.log_constant]
-        return aircraft.T, radar.T, growth
+        growth = None
+        if states.log_constant.any():
+            which = np.arange(len(radar))[CONSTANTS][states.log_constant]
+            constant = nominal[1][which]
+            growth = np.ones((len(states.log_constant), *error.shape[1:]))
+            relative = error[_RADARS][which] / constant
+            growth[states.log_constant] = np.exp(np.minimum(relative, MOST_NEPERS))
+            radar[which] = constant * growth[states.log_constant]
+        return aircraft.reshape(len(aircraft), -1).T, radar.reshape(len(radar), -1).T, growth
 
-    def derivatives(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return z (k,), its gradient (k, n) and its second derivatives (k, n, n) by y at y = 0.
+    @staticmethod
+    def _at(values: NDArray[Any], error: FloatArray, pose: NDArray[np.intp] | None) -> NDArray[Any]:
+        """Return values (c, k) or (c, 1) of the poses of errors, to broadcast against them."""
+        if pose is not None and values.shape[1] > 1:
+            return values[:, pose]
+        return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
 
-        The second derivatives are central differences of the gradient, in one call of the model.
+    def derivatives(self, *, sides: int = 2) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return z (k,), its gradient (n, k) and its second derivatives (n, n, k) by y at y = 0.
+
+        Args:
+            sides: Second derivatives are differences of the gradient, in one call of the model: 2
+                for central differences over STEP, 1 for one-sided differences over ONE_SIDED_STEP,
+                which cost half as much and suit a smooth z.
         """
         k, n = len(self.states), len(self.std)
         along = np.flatnonzero(np.any(self.std > 0, axis=1))
-        size = STEP * np.broadcast_to(self.std, (n, k))
-        error = np.zeros((n, 2 * len(along) + 1, k))
-        for i, axis in enumerate(along):
-            error[axis, 2 * i + 1], error[axis, 2 * i + 2] = size[axis], -size[axis]
-        pose = np.tile(np.arange(k), 2 * len(along) + 1)
-        value, gradient = self(error.reshape(n, len(pose)), pose)
-        gradient = gradient.reshape(error.shape)
-        second = np.zeros((k, n, n))
-        for i, axis in enumerate(along):
-            width = 2.0 * size[axis]
-            difference = gradient[:, 2 * i + 1] - gradient[:, 2 * i + 2]
-            second[:, axis] = np.divide(
-                difference, width, out=np.zeros_like(difference), where=width > 0
-            ).T
-        symmetric = 0.5 * (second + second.swapaxes(1, 2))
-        return value[:k], np.ascontiguousarray(gradient[:, 0].T), symmetric
+        step = np.broadcast_to(self.std, (n, k))[along] * (STEP if sides == 2 else ONE_SIDED_STEP)
+        points = np.arange(1, sides * len(along) + 1, sides)
+        error = np.zeros((n, sides * len(along) + 1, k))
+        error[along, points] = step
+        if sides == 2:
+            error[along, points + 1] = -step
+        value, gradient = self(error)
+        second = np.zeros((n, n, k))
+        width = np.where(step > 0, sides * step, np.inf)
+        for axis, point, across in zip(along, points, width, strict=True):
+            other = point + 1 if sides == 2 else 0
+            np.subtract(gradient[:, point], gradient[:, other], out=second[:, axis])
+            second[:, axis] /= across
+        second = 0.5 * (second + second.swapaxes(0, 1))
+        return value[0], gradient[:, 0], second
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,12 +335,13 @@ class StandardNormalSpace:
     ) -> StandardNormalSpace:
         """Return the space for given derivatives of z by the relative states."""
         sqrt_cov = probit.sqrt_cov
+        second = np.ascontiguousarray(np.moveaxis(second, 2, 0))
         known = np.all(np.isfinite(second), axis=(1, 2))
         second = np.where(known.reshape(-1, 1, 1), second, 0.0)
         curvature, rotation = np.linalg.eigh(sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov)
         curvature[~known] = np.nan
         rotated = sqrt_cov @ rotation
-        by_u = np.einsum("kij,ki->jk", rotated, gradient)
+        by_u = np.einsum("kij,ik->jk", rotated, gradient)
         return cls(probit, rotated, value, by_u, np.ascontiguousarray(curvature.T))
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
@@ -319,7 +354,9 @@ class StandardNormalSpace:
 
 def _sqrt_cov(states: UncertainStates) -> FloatArray:
     """Return F (k or 1, n, r) of the relative states, without columns that are 0 at all poses."""
-    to_relative_aircraft, to_relative_radar = _to_relative(len(states.log_constant))
+    to_relative_aircraft, to_relative_radar = _to_relative(
+        len(states.log_constant), states.radar.shape[-1]
+    )
     if len(states.log_constant) == 1:
         cov_aircraft = to_relative_aircraft @ states.cov_aircraft @ to_relative_aircraft.T
         cov_radar = to_relative_radar @ states.cov_radar @ to_relative_radar.T
@@ -335,10 +372,10 @@ def _sqrt_cov(states: UncertainStates) -> FloatArray:
     return sqrt_cov if used.all() else sqrt_cov[:, :, used]
 
 
-def _to_relative(radars: int) -> tuple[FloatArray, FloatArray]:
-    """Return the matrices from errors of aircraft (6) and radars (4m) to those of y (n)."""
-    radar = np.vstack([np.zeros((3, 4 * radars)), np.eye(4 * radars)])
-    aircraft = np.zeros((3 + 4 * radars, len(AIRCRAFT)))
+def _to_relative(radars: int, size: int) -> tuple[FloatArray, FloatArray]:
+    """Return the matrices from errors of aircraft (6) and of m radars (size) to those of y (n)."""
+    radar = np.vstack([np.zeros((3, size)), np.eye(size)])
+    aircraft = np.zeros((3 + size, len(AIRCRAFT)))
     aircraft[_ATTITUDE, ATTITUDE] = np.eye(3)
     for i in range(radars):
         first = 3 + len(RADAR) * i

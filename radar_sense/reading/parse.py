@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 
@@ -74,8 +73,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     for radar in radars:
         _refuse_collision(entries["geometry"], poses, radar)
         _refuse_uncovered(entries["geometry"], rcs, poses, radar)
-    cov_aircraft, correlation_s, levels = read_uncertainty(
-        entries["uncertainty"], poses, radars[0].data_sheet, of_radar=not several
+    cov_aircraft, correlation_s, rcs_db, levels = read_uncertainty(
+        entries["uncertainty"], poses, radars[0].data_sheet, of_radar=not several, rcs=rcs
     )
     if levels is not None:
         radars = [with_levels(radars[0], levels, poses)]
@@ -98,14 +97,13 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         level=level,
         runs=runs,
         seed=seed,
-        tolerances=MappingProxyType(
-            {
-                level: tuple(radar.levels.tolerances.get(level, ()) for radar in radars)
-                for level in cov_radar
-                if any(level in radar.levels.tolerances for radar in radars)
-            }
-        ),
+        tolerances={
+            level: tuple(radar.levels.tolerances.get(level, ()) for radar in radars)
+            for level in cov_radar
+            if any(level in radar.levels.tolerances for radar in radars)
+        },
         time_s=poses.time_s,
+        rcs_db=rcs_db,
         correlation_s=correlation_s,
         origin=poses.origin,
         provenance=Provenance(
@@ -113,7 +111,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
             aircraft=poses.aircraft,
             cov_aircraft=cov_aircraft,
             rcs=rcs_source,
-            radars=MappingProxyType({radar.name: radar.source for radar in radars}),
+            radars={radar.name: radar.source for radar in radars},
             earth=poses.earth,
         ),
     )

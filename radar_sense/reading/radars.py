@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.constants import speed_of_light
 
 from radar_sense import covariance, keys
 from radar_sense.errors import did_you_mean
+from radar_sense.limits import MAX_RADARS
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
@@ -25,8 +27,6 @@ from radar_sense.reading.trajectory import read_place
 from radar_sense.reading.uncertainty import Levels, read_levels
 from radar_sense.reading.yaml_reader import Entry, Section
 from radar_sense.states import POSITION, RADAR, FloatArray
-
-MAX_RADARS = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +44,7 @@ class RadarEntry:
         scan_period: Time from one look to the next [s], or None.
         name: Name among several radars, else "".
         max_range: Slant range beyond which it detects nothing [m].
+        min_range: Slant range within which it detects nothing [m].
         horizon: Whether P_D is 0 below the horizon.
         levels: Uncertainty of the radar, in the frame of the poses after `placed`.
         stated: Uncertainty of the radar as in the file.
@@ -58,6 +59,7 @@ class RadarEntry:
     scan_period: float | None = None
     name: str = ""
     max_range: float = math.inf
+    min_range: float = 0.0
     horizon: bool = False
     levels: Levels = field(default_factory=Levels)
     stated: Levels = field(default_factory=Levels)
@@ -199,17 +201,46 @@ def read_radars(entry: Entry) -> list[RadarEntry]:
 
 def _read_one_of_several(entry: Entry) -> RadarEntry:
     uncertainty = keys.RADAR_UNCERTAINTY.name
-    limits = [keys.MAX_RANGE.name, keys.HORIZON.name]
+    limits = [key.name for key in keys.LIMITS]
     radar = read_radar(entry, [keys.RADAR_NAME.name], [*limits, uncertainty])
     section = Section(entry.entries())
     name = section.value(keys.RADAR_NAME)
     max_range, horizon = section.si(keys.MAX_RANGE), section.value(keys.HORIZON)
+    min_range = _read_min_range(section, radar.data_sheet, max_range)
     if uncertainty not in section:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
     levels = read_levels(section[uncertainty], radar.data_sheet)
     return dataclasses.replace(
-        radar, name=name, max_range=max_range, horizon=horizon, levels=levels, stated=levels
+        radar,
+        name=name,
+        max_range=max_range,
+        min_range=min_range,
+        horizon=horizon,
+        levels=levels,
+        stated=levels,
     )
+
+
+def _read_min_range(section: Section, sheet: DataSheet | None, max_range: float) -> float:
+    """Read the slant range [m] within which a radar detects nothing."""
+    min_range: float = section.si(keys.MIN_RANGE)
+    where = keys.MIN_RANGE
+    if section.value(keys.ECLIPSING):
+        pulse = {} if sheet is None else sheet.values
+        if "pulse_width_us" not in pulse:
+            raise section[keys.ECLIPSING].error(
+                "needs the length of the pulse, pulse_width_us of 'tracking'; "
+                f"here give {keys.MIN_RANGE.name}"
+            )
+        eclipsed = 0.5 * speed_of_light * pulse["pulse_width_us"] * 1e-6
+        if eclipsed > min_range:
+            min_range, where = eclipsed, keys.ECLIPSING
+    if min_range >= max_range:
+        raise section[where].error(
+            f"hides the target within {min_range / 1e3:g} km, must be less than "
+            f"{keys.MAX_RANGE.name}, {max_range / 1e3:g} km"
+        )
+    return min_range
 
 
 def _refuse_other_levels(entry: Entry, radar: RadarEntry, first: RadarEntry) -> None:
@@ -239,6 +270,7 @@ def network(
                 model,
                 name=radar.name,
                 max_range=radar.max_range,
+                min_range=radar.min_range,
                 horizon=poses.earth if radar.horizon else None,
                 scan_period=radar.scan_period,
             )

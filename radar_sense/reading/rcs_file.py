@@ -5,6 +5,7 @@ The file is CSV, in the dialect of `csv_reader`. Its columns:
     azimuth_deg                λ = atan2(y, x): 0 off the nose, 90 off the right wing
     elevation_deg (optional)   atan2(−z, √(x² + y²)): 0 at the aircraft's horizon, 90 straight above
     rcs_m2 or rcs_dbsm         σ_r, or 10 log10 of σ_r in m²
+    std_db (optional)          standard deviation of σ_r [dB], of one error that all aspects share
 
 Azimuths go once around: −180 to 180, 0 to 360, or half of it (0 to 180, −180 to 0) if it is to be
 mirrored. If both ends of a full circle are given they must agree. Angles ascend. A table with
@@ -25,6 +26,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import LARGEST, SMALLEST, Limit
 from radar_sense.model.rcs_table import (
     MAX_NODES,
+    STD_DB,
     TURN,
     Problem,
     TableRCS,
@@ -40,6 +42,7 @@ _COLUMNS = {
     "elevation_deg": Column(Limit(at_least=-90, at_most=90)),
     "rcs_m2": Column(Limit(at_least=SMALLEST, at_most=LARGEST)),
     "rcs_dbsm": Column(Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))),
+    "std_db": Column(STD_DB),
 }
 _FORMAT = Format("an RCS table", _COLUMNS, ", ".join(_COLUMNS), 50 * 2**20, MAX_NODES)
 
@@ -88,8 +91,13 @@ def read_rcs_table(
         path, _FORMAT, check_header=_check_header, check_block=keep_lines, sha256=sha256
     )
     columns = dict(zip(table.header.names, np.concatenate(table.blocks).T.copy(), strict=True))
-    nodes = _nodes(columns, np.concatenate(lines), mirror, _File(str(path)))
-    return TableRCS(*nodes, envelope=envelope), table.sha256
+    where, file = np.concatenate(lines), _File(str(path))
+    sigma = columns["rcs_m2"] if "rcs_m2" in columns else 10.0 ** (columns["rcs_dbsm"] / 10.0)
+    azimuth, rcs, elevation = _nodes(columns, sigma, "m^2", where, mirror, file)
+    std = None
+    if "std_db" in columns:
+        _, std, _ = _nodes(columns, columns["std_db"], "dB", where, mirror, file)
+    return TableRCS(azimuth, rcs, elevation, envelope, std), table.sha256
 
 
 @dataclass(frozen=True)
@@ -111,10 +119,23 @@ def _check_header(header: Header) -> None:
 
 
 def _nodes(
-    columns: dict[str, FloatArray], lines: NDArray[np.intp], mirror: bool, file: _File
+    columns: dict[str, FloatArray],
+    sigma: FloatArray,
+    unit: str,
+    lines: NDArray[np.intp],
+    mirror: bool,
+    file: _File,
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-    """Return azimuths (n,), values (n,) or (n, m), and elevations (m,) or None, in rad and m²."""
-    sigma = columns["rcs_m2"] if "rcs_m2" in columns else 10.0 ** (columns["rcs_dbsm"] / 10.0)
+    """Return azimuths (n,) [rad], values (n,) or (n, m), and elevations (m,) [rad] or None.
+
+    Args:
+        columns: The columns of the angles.
+        sigma: The value of each row.
+        unit: Unit of the values, for errors.
+        lines: The line of each row.
+        mirror: Whether the file has one half of a symmetric aircraft.
+        file: The file, for errors.
+    """
     azimuth = np.deg2rad(columns["azimuth_deg"])
     elevation = None
     where = lines
@@ -135,7 +156,7 @@ def _nodes(
     _refuse(gap("azimuth", azimuth), where.reshape(len(azimuth), -1)[:, 0], file)
     if elevation is not None:
         _refuse(gap("elevation", elevation), where[0], file)
-        _refuse(differs_at_a_pole(elevation, sigma), where.ravel(), file)
+        _refuse(differs_at_a_pole(elevation, sigma, unit), where.ravel(), file)
     return azimuth, sigma, elevation
 
 

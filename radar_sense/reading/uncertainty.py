@@ -13,6 +13,7 @@ from radar_sense.keys import Key
 from radar_sense.limits import NOT_NEGATIVE
 from radar_sense.model.radar_constant import DataSheet, Tolerance, relative_std
 from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.rcs import RCS
 from radar_sense.model.track import covariance_in_frame
 from radar_sense.provenance import StatedCovariance
 from radar_sense.reading.data_sheet import read_tolerances
@@ -30,17 +31,17 @@ class Levels:
 
 
 def read_uncertainty(
-    entry: Entry, poses: Poses, sheet: DataSheet | None, *, of_radar: bool
-) -> tuple[StatedCovariance, float, Levels | None]:
-    """Read C_aa, its correlation time [s], and the levels of a single radar.
+    entry: Entry, poses: Poses, sheet: DataSheet | None, *, of_radar: bool, rcs: RCS
+) -> tuple[StatedCovariance, float, float, Levels | None]:
+    """Read C_aa, its correlation time [s], σ of the RCS [dB], and the levels of a single radar.
 
     Args:
         entry: The mapping.
         poses: The poses, with C_aa if the route file has it.
         sheet: Data sheet of a single radar.
         of_radar: Whether the mapping has the levels of a single radar. Entries of several radars
-        have
-            their levels.
+            have their levels.
+        rcs: The RCS, which may have a standard deviation of its own.
     """
     aircraft, radar = (key.name for key in keys.UNCERTAINTY if key is not keys.CORRELATION)
     if not of_radar and radar in entry.entries():
@@ -51,7 +52,9 @@ def read_uncertainty(
     correlation = keys.CORRELATION
     if poses.covariance is None:
         entries = entry.mapping([aircraft, *radars], [correlation.name])
-        stated = _read_covariance(entries[aircraft], keys.COV_AIRCRAFT)[0]
+        stated = _read_covariance(entries[aircraft], keys.COV_AIRCRAFT, besides=[keys.RCS_DB.name])[
+            0
+        ]
         made = stated
         if poses.origin is not None and poses.time_s is not None:
             try:
@@ -61,17 +64,33 @@ def read_uncertainty(
         cov_aircraft = StatedCovariance(stated, made)
     else:
         entries = entry.mapping(radars, [aircraft, correlation.name])
-        if aircraft in entries:
+        given = entries[aircraft].entries() if aircraft in entries else {}
+        if aircraft in entries and list(given) != [keys.RCS_DB.name]:
             raise entries[aircraft].error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
                 "both say how uncertain the aircraft is"
             )
         cov_aircraft = StatedCovariance(None, poses.covariance)
+    rcs_db = _read_rcs_db(entries[aircraft], rcs) if aircraft in entries else 0.0
     correlation_s = correlation.default
     if correlation.name in entries:
         correlation_s = entries[correlation.name].value(correlation)
     levels = read_levels(entries[radar], sheet) if of_radar else None
-    return cov_aircraft, correlation_s, levels
+    return cov_aircraft, correlation_s, rcs_db, levels
+
+
+def _read_rcs_db(entry: Entry, rcs: RCS) -> float:
+    """Read the standard deviation of the RCS [dB]."""
+    given = entry.entries()
+    if keys.RCS_DB.name not in given:
+        return float(keys.RCS_DB.default)
+    value = given[keys.RCS_DB.name]
+    if getattr(rcs, "spread", None) is not None:
+        raise value.error(
+            "must be left out, or the column std_db of the RCS table: both say how uncertain the "
+            "RCS is"
+        )
+    return float(value.value(keys.RCS_DB))
 
 
 def read_levels(entry: Entry, sheet: DataSheet | None) -> Levels:
@@ -89,20 +108,30 @@ def read_levels(entry: Entry, sheet: DataSheet | None) -> Levels:
 
 
 def _read_covariance(
-    entry: Entry, parts: Sequence[Key], sheet: DataSheet | None = None
+    entry: Entry,
+    parts: Sequence[Key],
+    sheet: DataSheet | None = None,
+    besides: Sequence[str] = (),
 ) -> tuple[FloatArray, tuple[Tolerance, ...]]:
-    """Read the covariance of a state, part by part or as a whole, and the tolerances of c_r."""
+    """Read the covariance of a state, part by part or as a whole, and the tolerances of c_r.
+
+    Args:
+        entry: The mapping.
+        parts: Keys of the parts.
+        sheet: Data sheet of a radar.
+        besides: Further optional keys, which the caller reads.
+    """
     names = [key.name for key in parts]
     whole = keys.COVARIANCE.name
     units = np.repeat([key.unit for key in parts], [key.size for key in parts])
-    entries = entry.mapping([], [*names, whole])
+    entries = entry.mapping([], [*names, whole, *besides])
     if whole in entries:
-        if len(entries) > 1:
+        if any(name in entries for name in names):
             raise entry.error(
                 f"has 'covariance' beside {', '.join(names)}; allowed is one or other"
             )
         return _read_matrix(entries[whole], len(units)) * np.outer(units, units), ()
-    entries = entry.mapping(names, [whole])
+    entries = entry.mapping(names, [whole, *besides])
     total = np.zeros((len(units), len(units)))
     tolerances: tuple[Tolerance, ...] = ()
     start = 0

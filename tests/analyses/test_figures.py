@@ -1,12 +1,11 @@
 """Figures: nothing overlaps, nothing is cut off, axes have units, lines differ in their dashes."""
 
 import dataclasses
-import re
 from functools import partial
 
 import numpy as np
 import pytest
-from helpers import legend_off_data, scenario
+from helpers import lay_out, legend_off_data, scenario
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
@@ -25,7 +24,7 @@ LONG = "a-level-name-of-forty-letters-0123456789"
 SCENARIOS = {
     "paper": {},
     "one pose": {"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}},
-    "backwards": {"geometry__azimuth_deg": {"start": 180, "stop": -90, "step": -1}},
+    "backwards": {"geometry__azimuth_deg": {"start": 90, "stop": -90, "step": -60}},
     "long names": {
         "uncertainty__radar": {LONG: {"position_m": 1, "constant": 1}},
         "analysis": {"level": LONG},
@@ -47,12 +46,9 @@ SCENARIOS = {
 @pytest.mark.parametrize("changes", SCENARIOS.values(), ids=SCENARIOS.keys())
 @pytest.mark.parametrize("analysis", ALL)
 def test_layout(analysis, changes):
-    if analysis == "validate":  # its draws are many: a few poses will do for a figure
-        changes = {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 45}, **changes}
-    if analysis == "validate" and changes["geometry__azimuth_deg"]["stop"] == -90:
-        changes = {**changes, "geometry__azimuth_deg": {"start": 90, "stop": 0, "step": -30}}
-    figure = ALL[analysis](scenario(**changes)).plot()
-    plotting.render(figure, "png")  # lays it out
+    # A few poses will do for a figure, and the draws of validate are many.
+    changes = {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 45}, **changes}
+    figure = lay_out(ALL[analysis](scenario(**changes)).plot())
     legend_off_data(figure)
     for axes in figure.axes:
         assert axes.get_ylabel()
@@ -109,19 +105,12 @@ def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
 
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():
-    sweep = {"start": 0, "stop": 180, "step": 5}
+    sweep = {"start": 0, "stop": 180, "step": 15}
     s = scenario(geometry__azimuth_deg=sweep).with_analysis(runs=10_000)
     figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())
-    for kind in ("pdf", "svg", "png"):
+    for kind in ("pdf", "svg"):
         assert len(plotting.render(figure, kind)) < 1_000_000
-
-
-@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
-def test_the_same_figure_is_the_same_bytes(kind):
-    one, other = (plotting.render(analyses.budget(load_scenario()).plot(), kind) for _ in range(2))
-    assert one == other
-    assert not re.search(rb"CreationDate|<dc:date>", one)
 
 
 def test_two_panels_of_the_monte_carlo_figure():
@@ -136,11 +125,12 @@ def test_two_panels_of_the_monte_carlo_figure():
 
 def test_very_many_poses_make_a_small_file():
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 0.0175})
-    result = planning.require_threshold(analyses.variance(s), 0.9)
-    noise = 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
-    table = {name: column + noise for name, column in result.table.items()}
-    table |= {s.axis.key: s.axis.values, "violated": (noise > 0).astype(float)}
-    figure = dataclasses.replace(result, table=table).plot()
+    few = s.at_poses(slice(0, None, 400))
+    result = planning.require_threshold(analyses.variance(few), 0.9)
+    x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
+    table = {n: np.interp(x, few.axis.values, column) + noise for n, column in result.table.items()}
+    table |= {s.axis.key: x, "violated": (noise > 0).astype(float)}
+    figure = dataclasses.replace(result, scenario=s, table=table).plot()
     (axes,) = figure.axes
     assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
     assert len(plotting.render(figure, "pdf")) < 300_000

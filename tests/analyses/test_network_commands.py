@@ -8,54 +8,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, write
+from helpers import assert_refused, network_document, parsed_network, radar_entry, write, yaml_text
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import rcs
-from radar_sense.reading.parse import default_text
 
 CONFIGS = Path(__file__).parents[2] / "configs"
-
-
-def radar(name: str, /, **changes: object) -> dict:
-    """One of `radars`; a change to None takes a key away."""
-    entry = {
-        "name": name,
-        "position_m": [1e3, 2e3, -30],
-        "constant": 160,
-        "p_fa": 1e-4,
-        "uncertainty": {
-            "low": {"position_m": 10, "constant": 1},
-            "high": {"position_m": [100, 200, 10], "constant": 5},
-        },
-    }
-    return {k: v for k, v in {**entry, **changes}.items() if v is not None}
-
-
-def document(*radars: object, **changes: object) -> dict:
-    """The embedded scenario, with fewer poses and other radars."""
-    found = yaml.safe_load(default_text())
-    del found["radar"], found["uncertainty"]["radar"]
-    found["geometry"]["azimuth_deg"]["step"] = 45
-    found["analysis"]["level"] = "low"
-    found["radars"] = list(radars)
-    return {k: v for k, v in {**found, **changes}.items() if v is not None}
-
-
-def text_of(content: dict) -> str:
-    return yaml.safe_dump(content, sort_keys=False)
-
-
-def parsed(*radars: object, **changes: object) -> rs.Scenario:
-    return rs.parse_scenario(text_of(document(*radars, **changes)))
 
 
 # What is done with it.
 
 
 def test_a_level_is_one_of_the_radars(tool):
-    text = text_of(document(radar("a"), radar("b")))
+    text = yaml_text(network_document(radar_entry("a"), radar_entry("b")))
     write(text)
     code, out, err = tool("variance", "my.yaml", "--level", "hgh", "--no-plot")
     assert_refused(code, out, err)
@@ -78,8 +44,8 @@ def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, name):
         for where in (single["geometry"], single["aircraft"]["rcs"]):
             if "file" in where:
                 where["file"] = str(CONFIGS / where["file"])
-        config = Path(write(text_of(single), "single.yaml"))
-    write(text_of(content))
+        config = Path(write(yaml_text(single), "single.yaml"))
+    write(yaml_text(content))
     for command in (
         ["variance"],
         ["variance", "--method", "form"],
@@ -100,9 +66,9 @@ def test_a_list_of_one_radar_is_that_radar_bit_for_bit(tool, name):
         assert tables[0] == tables[1], command
 
 
-NETWORK = document(
-    radar("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
-    radar("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
+NETWORK = network_document(
+    radar_entry("east", position_m=[0, 2e5, -30], constant=20, max_range_km=600),
+    radar_entry("west", position_m=[0, -2e5, -30], constant=30, detector="swerling1"),
 )
 
 
@@ -121,8 +87,8 @@ NETWORK = document(
     ],
 )
 def test_every_analysis_takes_a_network(tool, command, columns):
-    write(text_of(NETWORK))
-    code, out, err = tool(*command, "my.yaml", "--format", "png", "--out", "out")
+    write(yaml_text(NETWORK))
+    code, out, err = tool(*command, "my.yaml", "--no-plot", "--out", "out")
     assert code == 0, err
     assert out
     (table,) = Path("out").glob("*.csv")
@@ -137,14 +103,14 @@ def test_every_analysis_takes_a_network(tool, command, columns):
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
 def test_the_map_of_a_network(tool, method):
-    write(text_of(NETWORK))
+    write(yaml_text(NETWORK))
     command = ["map", "my.yaml", "--upper", "--method", method, "--step-km", "100"]
     ends = ["--north-km", "-400", "400", "--east-km", "-700", "700"]
-    code, _, err = tool(*command, *ends, "--format", "png", "--out", "out")
+    code, _, err = tool(*command, *ends, "--no-plot", "--out", "out")
     assert code == 0, err
     with np.load("out/paper_map.npz") as file:
         found = dict(file)
-    s = rs.parse_scenario(text_of(NETWORK))
+    s = rs.parse_scenario(yaml_text(NETWORK))
     states = np.tile(s.aircraft[0], (9, 15, 1))
     states[..., 0], states[..., 1] = found["north_m"][:, np.newaxis], found["east_m"]
     p_d = s.model.p_d(states, s.radar)
@@ -161,7 +127,7 @@ def test_the_map_of_a_network(tool, method):
 
 
 def test_the_map_where_no_radar_sees_is_zero(tool):
-    write(text_of(document(*(radar(n, max_range_km=150) for n in ("a", "b")))))
+    write(yaml_text(network_document(*(radar_entry(n, max_range_km=150) for n in ("a", "b")))))
     code, _, err = tool(
         *("map", "my.yaml", "--upper", "--method", "probit", "--step-km", "100"), "--no-plot"
     )
@@ -175,9 +141,12 @@ def test_the_map_where_no_radar_sees_is_zero(tool):
 
 
 def test_the_cross_sections_seen_are_those_towards_every_radar():
-    above, below = radar("a", position_m=[0, 0, -60e3]), radar("b", position_m=[0, 0, -30])
-    seen = [rcs(parsed(*radars)).summary["geometry"] for radars in ([above], [below])]
-    both = rcs(parsed(below, above)).summary["geometry"]
+    above, below = (
+        radar_entry("a", position_m=[0, 0, -60e3]),
+        radar_entry("b", position_m=[0, 0, -30]),
+    )
+    seen = [rcs(parsed_network(*radars)).summary["geometry"] for radars in ([above], [below])]
+    both = rcs(parsed_network(below, above)).summary["geometry"]
     for key in ("elevation_deg", "rcs_m2"):
         ends = np.array([part[key] for part in seen])
         assert_array_equal(both[key], [ends.min(), ends.max()])

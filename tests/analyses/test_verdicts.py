@@ -90,7 +90,7 @@ def test_draws_decide():
     p_d = drawn_p_d(s, 40_000)
     tail = 0.5 * math.erfc(2 / math.sqrt(2))
     for pose in range(2):
-        one = s.part(np.array([pose]))
+        one = s.at_poses(np.array([pose]))
         quantile = np.quantile(p_d[:, pose], 1 - tail)
         for p_max in (quantile - 0.02, quantile + 0.02):
             decision = decide(one, p_max, tail)
@@ -102,7 +102,7 @@ def test_draws_decide():
         on_it = decide(one, decision.upper[0] + (quantile - decision.upper[0]), tail)
         assert not (on_it.holds[0] and on_it.violated[0])
     # no number of draws finds a tail of 1e-12
-    far = decide(s.part(np.array([0])), 0.99, 1e-12)
+    far = decide(s.at_poses(np.array([0])), 0.99, 1e-12)
     assert not far.holds[0]
     assert not far.violated[0]
 
@@ -161,7 +161,7 @@ def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
     assert test["above_s"] == pytest.approx(np.count_nonzero(upper > 0.1), abs=10)
     assert test["worst_margin"]["value"] == pytest.approx(0.1 - upper.max(), abs=0.002)
     assert test["first_violation"]["time_s"] == pytest.approx(np.argmax(upper > 0.1), abs=100)
-    assert any("fill them in with geometry.interpolate" in w for w in result.warnings)
+    assert any("add poses between the rows with geometry.interpolate" in w for w in result.warnings)
 
 
 def test_the_refined_path_is_within_its_tolerance(tmp_path):
@@ -258,7 +258,7 @@ def test_the_budget_of_a_threshold(tool):
     assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
     for options, words in (
         (["--k", "2"], "--k belongs to --threshold"),
-        (["--target", "0.1", "--threshold", "0.5"], "one at a time"),
+        (["--target", "0.1", "--threshold", "0.5"], "exclude each other; give one"),
         (["--target", "0.1", "--k", "2"], "--k belongs to --threshold"),
         (["--method", "montecarlo", "--threshold", "0.5"], "a threshold needs one of the methods"),
         (["--threshold", "0.5", "--k", "11"], "not greater than 10"),
@@ -273,7 +273,7 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     names = list(analyses.variance(s).table)
     assert names[-3:] == ["north_m", "east_m", "down_m"]
     np.testing.assert_array_equal(analyses.variance(s).table["north_m"], [-4e5, 4e5])
-    corridor = rs.load_scenario(Path("configs/corridor.yaml")).part(slice(0, 3))
+    corridor = rs.load_scenario(Path("configs/corridor.yaml")).at_poses(slice(0, 3))
     table = analyses.variance(corridor).table
     assert list(table)[-6:] == [
         "north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"

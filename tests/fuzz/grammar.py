@@ -35,6 +35,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "p_fa": (1e-9, 1e-3),
     "scan_period_s": (1, 100),
     "max_range_km": (50, 800),
+    "min_range_km": (0.1, 20),
     "latitude_deg": (30, 40),
     "longitude_deg": (5, 15),
     "altitude_m": (0, 1e4),
@@ -205,7 +206,7 @@ class _Scenario:
         """Return a radar: at a place, with a constant or a data sheet."""
         geodetic = self.geodetic and self.rng.random() < 0.7
         skip = {"constant", *RADARS, "position_m" if geodetic else "position_geodetic"}
-        pairs = self.fill(section, {*skip, "uncertainty"}, **given)
+        pairs = self.fill(section, {*skip, "uncertainty", "eclipsing"}, **given)
         kind = self.rng.choice(["constant", "constant", *RADARS])
         if kind == "constant":
             key = next(key for key in self.sections[section] if key.name == kind)
@@ -222,6 +223,8 @@ class _Scenario:
             pairs = [(name, value) for name, value in pairs if name != "detector"]
         if kind == "surveillance" and self.rng.random() < 0.5:
             sheet.append(("search_factor", self.rng.choice(list(keys.SEARCH_FACTOR.choices))))
+        if section == "radars[]" and any(key.name == "pulse_width_us" for key in self.sheet):
+            pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
         return [*pairs, (kind, sheet)]
 
     def detector(self) -> Any:

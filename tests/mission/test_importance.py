@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -13,8 +14,11 @@ from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
-from radar_sense.mission import importance
-from radar_sense.mission.importance import Directions, combine, importance_sampling
+from radar_sense.mission.importance import plan, replicates
+from radar_sense.mission.importance.combinations import combine
+from radar_sense.mission.importance.quantiles import weighted_quantiles
+from radar_sense.mission.importance.sampling import importance_sampling
+from radar_sense.mission.importance.widening import Directions, sobol_normals
 
 
 def mission(scenario, *, m_of_n=None, **options):
@@ -121,8 +125,8 @@ def plain_missions(names, tau, m, n, runs, seed, pose=800):
 
 @pytest.fixture
 def _fewer_draws(monkeypatch):
-    monkeypatch.setattr(importance, "MAX_TRACK_DRAWS", 1024)
-    monkeypatch.setattr(importance, "COMBINATIONS", 4096)
+    monkeypatch.setattr(plan, "MAX_TRACK_DRAWS", 1024)
+    monkeypatch.setattr(replicates, "COMBINATIONS", 4096)
 
 
 @pytest.mark.usefixtures("_fewer_draws")
@@ -170,7 +174,7 @@ def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
 def test_nodes_between_which_bounds_are_interpolated_change_little(tmp_path, monkeypatch):
     scenario, schedule = with_schedule(load(tmp_path, ["one", "three"], 60.0))
     every = importance_sampling(scenario, schedule, (2, 3))[0]
-    monkeypatch.setattr(importance, "NODES", 14)
+    monkeypatch.setattr(plan, "NODES", 14)
     some = importance_sampling(scenario, schedule, (2, 3))[0]
     assert len(schedule.time) > 20
     for a, b in zip(every, some, strict=True):
@@ -206,7 +210,7 @@ def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
 
 def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
     """Two radars whose errors are one error act as one radar that looks twice."""
-    monkeypatch.setattr(importance, "MAX_TRACK_DRAWS", 2048)
+    monkeypatch.setattr(plan, "MAX_TRACK_DRAWS", 2048)
     s = load(tmp_path, ["one", "two"], 60.0)
     parts = dict.fromkeys(s.cov_radar, ((),) * 2)
     std = np.array([2000.0, 2000.0, 2000.0, 0.001, 3000.0, 3000.0, 3000.0, 0.0004])
@@ -261,7 +265,7 @@ def test_weights_are_the_ratio_of_the_densities():
 def test_points_of_different_streams_are_independent():
     """Two scrambled Sobol' sequences in their own order have all pairs in a few cells."""
     for stream in range(4):
-        a, b = (importance._sobol_normals(4096, 2, 1, 7, branch, stream)[:, 0] for branch in (1, 2))
+        a, b = (sobol_normals(4096, 2, 1, 7, branch, stream)[:, 0] for branch in (1, 2))
         counts, _, _ = np.histogram2d(ndtr(a), ndtr(b), bins=4, range=[[0, 1], [0, 1]])
         # 9 degrees of freedom; chi-square is beyond 40 once in 130 000
         assert np.sum((counts - 256) ** 2 / 256) < 40
@@ -284,8 +288,21 @@ def test_combinations_have_the_distribution_of_independent_sources():
 def test_quantiles_are_those_of_repeated_values():
     rng = np.random.default_rng(4)
     values, counts = rng.normal(size=(5000, 2)), rng.integers(0, 5, 5000)
-    found = importance.weighted_quantiles(values, counts.astype(float))
+    found = weighted_quantiles(values, counts.astype(float))
     repeated = np.repeat(values, counts, axis=0)
     for row, level in zip(found, (0.0013499, 0.9986501), strict=True):
         exact = np.quantile(repeated, level, axis=0, method="hazen")
         np.testing.assert_allclose(row, exact, atol=0.05)
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_progress_adds_up_to_the_replicates_and_then_to_the_runs(tmp_path):
+    shown = []
+
+    def progress(total, what):
+        shown.append((total, what, []))
+        return nullcontext(shown[-1][2].append)
+
+    mission(load(tmp_path, ["two"], 60.0), runs=20, progress=progress)
+    assert [(total, what) for total, what, _ in shown] == [(8, "replicates"), (20, "runs")]
+    assert all(sum(steps) == total for total, _, steps in shown)

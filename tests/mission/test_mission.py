@@ -10,13 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import legend_off_data, scenario, write_path
+from helpers import lay_out, legend_off_data, scenario, write_path
 
 import radar_sense as rs
-from radar_sense import limits, plotting
+from radar_sense import limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
 from radar_sense.errors import InputError
-from radar_sense.mission import importance, tracks
+from radar_sense.mission import tracks
+from radar_sense.mission.importance import pilot, plan, replicates, sampling
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
@@ -48,11 +49,12 @@ UNCERTAIN = f"""{HEADER},{STD}
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    """What is tested here is not how good the bounds of importance sampling are."""
+    """Use few draws: the accuracy of importance sampling is tested elsewhere."""
     for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        monkeypatch.setattr(importance, name, 128)
-    monkeypatch.setattr(importance, "PILOT_DRAWS", 128)
-    monkeypatch.setattr(importance, "COMBINATIONS", 512)
+        monkeypatch.setattr(plan, name, 128)
+    monkeypatch.setattr(pilot, "PILOT_DRAWS", 128)
+    monkeypatch.setattr(replicates, "COMBINATIONS", 512)
+    monkeypatch.setattr(sampling, "REPLICATES", 2)
 
 
 def write(folder, text=ROUTE, **changes):
@@ -103,10 +105,10 @@ def test_defaults(tmp_path):
     assert (s.correlation_s, s.scan_period_s) == (0.0, 3.0)
     assert s.resolved()["uncertainty"]["aircraft_correlation_s"] == 0
     np.testing.assert_array_equal(s.time_s, [100, 500, 1000, 1500])
-    np.testing.assert_array_equal(s.part(slice(1, 3)).time_s, [500, 1000])
+    np.testing.assert_array_equal(s.at_poses(slice(1, 3)).time_s, [500, 1000])
     orbit = rs.load_scenario()
     assert (orbit.time_s, orbit.correlation_s, orbit.scan_period_s) == (None, 0.0, None)
-    assert orbit.part(slice(3)).time_s is None
+    assert orbit.at_poses(slice(3)).time_s is None
 
 
 @pytest.mark.parametrize(
@@ -330,7 +332,7 @@ def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
         analysis={"level": "one"},
     )  # fmt: skip
     found = mission(s, runs=20_000)
-    expected = monte_carlo(s.part(slice(1)), runs=20_000, seed=5)
+    expected = monte_carlo(s.at_poses(slice(1)), runs=20_000, seed=5)
     assert found.table["mc_mean"] == pytest.approx(expected.mean, abs=5 * expected.std[0] / 100)
     assert found.table["mc_std"] == pytest.approx(expected.std, rel=0.03)
     assert found.table["mc_lower"] == pytest.approx(expected.lower, rel=0.2, abs=0.003)
@@ -342,7 +344,8 @@ def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
 
 @pytest.mark.parametrize("options", ["", "--m 2 --n 3", "--runs 50", "--m 2 --n 3 --runs 50"])
 @pytest.mark.parametrize("method", [None, "linear", "probit"])
-def test_columns(tool, options, method):
+def test_columns(tool, monkeypatch, options, method):
+    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
     named = ["--method", method] if method else []
     code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split(), *named)
     assert code == 0
@@ -478,7 +481,7 @@ def test_an_undefined_gradient_is_said(tool):
     code, out, err = tool("mission", file, "--runs", 20, "--method", "probit")
     assert code == 0
     assert err.rstrip().endswith("use --method importance")
-    assert "its uncertainty is undefined at 10 to 20 s" in err
+    assert "the uncertainty is undefined at 10 to 20 s; the radar is straight above" in err
     assert "its uncertainty is undefined" in out
     assert record("figures/flight_mission.json")["summary"]["detection"]["at_end"]["sigma"] is None
 
@@ -488,8 +491,7 @@ def test_an_undefined_gradient_is_said(tool):
 @pytest.mark.parametrize("period", [None, 5, 1e5])
 def test_layout(tmp_path, runs, m_of_n, period):
     changes = {} if period is None else {"radar__scan_period_s": period}
-    figure = mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot()
-    plotting.render(figure, "png")
+    figure = lay_out(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot())
     assert len(figure.axes) == (2 if m_of_n is None else 3)
     legend_off_data(figure)
     for axes in figure.axes:

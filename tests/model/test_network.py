@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import oracle
 import pytest
-from helpers import paper_network
+from helpers import nonlinear_by_its_own_moments, p_d_each, paper_network
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -21,7 +21,6 @@ from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
     METHODS,
     nonlinear,
-    nonlinear_in_scenario,
     propagate,
     propagate_scenario,
 )
@@ -32,26 +31,6 @@ PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model
 RCS = EllipsoidRCS(0.15, 0.13, 0.21)
 ELLIPSOID = ("ellipsoid", 0.15, 0.13, 0.21)
-
-
-def p_d_each(network, aircraft, radar):
-    """P_D (..., m) of each radar of a network by its own model and limits."""
-    states = np.split(np.asarray(radar), len(network.radars), axis=-1)
-    return np.stack(
-        [
-            np.where(r.visible(aircraft, state), r.model.p_d(aircraft, state), 0)
-            for r, state in zip(network.radars, states, strict=True)
-        ],
-        axis=-1,
-    )
-
-
-def moments(scenario, method="linear"):
-    return propagate_scenario(scenario, method=method)
-
-
-def warned(scenario, method):
-    return nonlinear_in_scenario(scenario, moments(scenario, method), method=method)
 
 
 def fields_of(found):
@@ -299,10 +278,10 @@ def test_a_pose_that_no_radar_sees_has_nothing_uncertain(radars):
     unseen = paper_network([(0, 0, 0)] * radars, [100] * radars, max_range=4e5)
     with np.errstate(all="raise", under="ignore"):
         for method in METHODS:
-            found = moments(unseen, method)
+            found = propagate_scenario(unseen, method=method)
             for values in (found.p_d, found.mean, found.std, found.lower, found.upper):
                 assert_array_equal(values, 0)
-            assert not warned(unseen, method).any()
+            assert not nonlinear_by_its_own_moments(unseen, method).any()
             assert found.converged.all()
         z, by_aircraft, by_radar = unseen.model.linearize_probit(unseen.aircraft, unseen.radar)
         assert_array_equal(z, -np.inf)
@@ -330,12 +309,12 @@ def test_draws_see_an_edge_that_a_gradient_cannot():
         full = RADAR_MODEL.p_d(edge.aircraft, edge.radar)
         assert_allclose(mc.mean / full, 0.5, atol=0.05)
         for method in METHODS:
-            found = moments(edge, method)
+            found = propagate_scenario(edge, method=method)
             assert np.all((found.p_d > 0) == seen)
-            assert warned(edge, method).all()
+            assert nonlinear_by_its_own_moments(edge, method).all()
     far = dataclasses.replace(paper_network([(0, 0, 0)], [100], max_range=reach + 2000), **nowhere)
     assert_array_equal(
-        warned(far, "form"),
+        nonlinear_by_its_own_moments(far, "form"),
         nonlinear(
             RADAR_MODEL,
             far.aircraft,

@@ -341,7 +341,7 @@ def test_a_pose_does_not_depend_on_the_others():
     s = paper(step=30)
     together = validate(s, digits=1, fraction=0.6)
     assert len(set(together.runs)) > 1
-    fewer = s.part(slice(3))
+    fewer = s.at_poses(slice(3))
     assert_same(together, validate(fewer, digits=1, fraction=0.6), slice(0, 3))
     # nor on when it stops: what more digits draw begins with what fewer have drawn
     longer = validate(fewer, digits=1, fraction=0.3)

@@ -97,7 +97,7 @@ def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
     del content["aircraft"]["attitude_deg"]
     s = parse_scenario(yaml_text(content))
     found = mission(s, runs=20_000)
-    expected = monte_carlo(s.part(slice(1)), runs=20_000, seed=5)
+    expected = monte_carlo(s.at_poses(slice(1)), runs=20_000, seed=5)
     assert 0.1 < expected.mean[0] < 0.9
     assert found.table["mc_mean"] == pytest.approx(expected.mean, abs=5 * expected.std[0] / 100)
     assert found.table["mc_std"] == pytest.approx(expected.std, rel=0.03)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import paper_network
+from helpers import nonlinear_by_its_own_moments, p_d_each, paper_network
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
 
@@ -17,7 +17,6 @@ from radar_sense.montecarlo.adaptive import validate
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import (
-    nonlinear_in_scenario,
     propagate_scenario,
 )
 from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
@@ -28,26 +27,6 @@ from radar_sense.states import CONSTANTS
 PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model
 RCS = EllipsoidRCS(0.15, 0.13, 0.21)
-
-
-def p_d_each(network, aircraft, radar):
-    """P_D (..., m) of each radar of a network by its own model and limits."""
-    states = np.split(np.asarray(radar), len(network.radars), axis=-1)
-    return np.stack(
-        [
-            np.where(r.visible(aircraft, state), r.model.p_d(aircraft, state), 0)
-            for r, state in zip(network.radars, states, strict=True)
-        ],
-        axis=-1,
-    )
-
-
-def moments(scenario, method="linear"):
-    return propagate_scenario(scenario, method=method)
-
-
-def warned(scenario, method):
-    return nonlinear_in_scenario(scenario, moments(scenario, method), method=method)
 
 
 # Two radars at one place, and nothing uncertain but their constants.
@@ -81,9 +60,9 @@ def test_two_radars_at_one_place_with_independent_constants_against_quadrature(s
     step = 1e-3
     slope = (north(80 + step, ratio) - north(80 - step, ratio)) / (2 * step)
     nominal = 1 - north(80, ratio)
-    lin = moments(scenario)
+    lin = propagate_scenario(scenario)
     assert_allclose(lin.std, np.sqrt(2) * nominal * slope * std, rtol=1e-7)
-    found = moments(scenario, "form")
+    found = propagate_scenario(scenario, method="form")
     assert_allclose(found.mean, mean, rtol=0, atol=2e-5 * (std / 5) ** 3.5)
     assert_allclose(found.std, np.sqrt(variance), rtol=0.003 * (std / 5) ** 2)
     mc = monte_carlo(scenario)
@@ -147,14 +126,14 @@ def test_monte_carlo_agrees_with_form_and_probit_at_a_size_that_can_tell():
     )
     scenario = dataclasses.replace(scenario, runs=1 << 17)
     mc = monte_carlo(scenario, sampler="sobol")
-    found = moments(scenario, "form")
+    found = propagate_scenario(scenario, method="form")
     # against the spread, which runs over four orders of magnitude along the orbit
     assert np.all(abs(found.mean - mc.mean) < 0.01 * mc.std)
     assert_allclose(found.std, mc.std, rtol=0.01)
     assert np.all(abs(found.lower - mc.lower) < 0.1 * mc.std)
     assert np.all(abs(found.upper - mc.upper) < 0.1 * mc.std)
-    better = moments(scenario, "probit")
-    trusted = ~warned(scenario, "probit")
+    better = propagate_scenario(scenario, method="probit")
+    trusted = ~nonlinear_by_its_own_moments(scenario, "probit")
     assert trusted.sum() >= 5
     assert_allclose(better.std[trusted], mc.std[trusted], rtol=0.03)
 
@@ -164,9 +143,9 @@ def test_a_network_is_validated_and_no_method_but_linear_leaves_0_to_1():
     verdict = validate(scenario, method="form", digits=1)
     assert verdict.verdict == "validated"
     steep = paper_network([(0, 0, 0), (1e5, 0, 0)], [100, 100], attitude_deg=4)
-    assert moments(steep).upper.max() > 1
+    assert propagate_scenario(steep).upper.max() > 1
     for method in ("probit", "form"):
-        found = moments(steep, method)
+        found = propagate_scenario(steep, method=method)
         assert found.lower.min() >= 0
         assert found.upper.max() <= 1
 
@@ -221,9 +200,9 @@ def test_draws_and_bounds_where_a_constant_may_be_zero():
     mc = monte_carlo(scenario, sampler="sobol")
     assert 0.006 * mc.runs < mc.clipped < 0.01 * mc.runs  # Φ(−2.4)
     # no draw is below the first radar by itself by more than its own noise makes it
-    first = moments(single_radar_scenarios(scenario)["r0"])
+    first = propagate_scenario(single_radar_scenarios(scenario)["r0"])
     assert np.all(mc.lower > first.p_d - 5 * first.std)
-    assert np.all(mc.lower < moments(scenario).p_d)
+    assert np.all(mc.lower < propagate_scenario(scenario).p_d)
 
 
 @pytest.mark.parametrize("detector", [North, Marcum, Swerling1, Swerling3])

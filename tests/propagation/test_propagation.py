@@ -471,7 +471,7 @@ def correlated(rng, std, rank=None):
     return np.outer(std, std) * (root @ root.T)
 
 
-def draws(model, pose, radar, cov_aircraft, cov_radar, rng, count=200_000):
+def draws(model, pose, radar, cov_aircraft, cov_radar, rng, count=100_000):
     """P_D of draws, by NumPy's own multivariate normal."""
     aircraft = rng.multivariate_normal(
         pose, cov_aircraft, count, method="svd", check_valid="ignore"
@@ -507,7 +507,7 @@ def test_random_scenarios_against_draws(kind, rank):
         p_d = draws(model, pose, radar, cov_aircraft, cov_radar, rng)
         n, std = len(p_d), p_d.std()
         for bound, beta in ((found.lower, -3.0), (found.upper, 3.0)):
-            # 0.00135 n = 270 draws lie beyond, give or take 16.4 for each standard error.
+            # 0.00135 n = 135 draws lie beyond, give or take 11.6 for each standard error.
             off = 4.5 * np.sqrt(ndtr(-3.0) / n) * np.array([-1, 1])
             low, high = np.quantile(p_d, ndtr(beta) + off)
             assert low - 0.002 <= bound <= high + 0.002

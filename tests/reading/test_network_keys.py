@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import place, refusal, write
+from helpers import network_document, parsed_network, place, radar_entry, refusal, write, yaml_text
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs
@@ -22,42 +22,9 @@ from radar_sense.states import CONSTANTS
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def radar(name: str, /, **changes: object) -> dict:
-    """One of `radars`; a change to None takes a key away."""
-    entry = {
-        "name": name,
-        "position_m": [1e3, 2e3, -30],
-        "constant": 160,
-        "p_fa": 1e-4,
-        "uncertainty": {
-            "low": {"position_m": 10, "constant": 1},
-            "high": {"position_m": [100, 200, 10], "constant": 5},
-        },
-    }
-    return {k: v for k, v in {**entry, **changes}.items() if v is not None}
-
-
-def document(*radars: object, **changes: object) -> dict:
-    """The embedded scenario, with fewer poses and other radars."""
-    found = yaml.safe_load(default_text())
-    del found["radar"], found["uncertainty"]["radar"]
-    found["geometry"]["azimuth_deg"]["step"] = 45
-    found["analysis"]["level"] = "low"
-    found["radars"] = list(radars)
-    return {k: v for k, v in {**found, **changes}.items() if v is not None}
-
-
-def text_of(content: dict) -> str:
-    return yaml.safe_dump(content, sort_keys=False)
-
-
-def parsed(*radars: object, **changes: object) -> rs.Scenario:
-    return rs.parse_scenario(text_of(document(*radars, **changes)))
-
-
 def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
     """Refuse a scenario; give the key path, the complaint, and the text of the line it names."""
-    text = text_of(document(*radars, **changes))
+    text = yaml_text(network_document(*radars, **changes))
     line, path, complaint = place(refusal(tool, text))
     return path, complaint, text.splitlines()[line - 1].strip()
 
@@ -66,9 +33,9 @@ def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
 
 
 def test_everything_that_can_be_said_of_a_radar_is_read():
-    s = parsed(
-        radar("east", horizon=True, max_range_km=450.5, scan_period_s=10),
-        radar(
+    s = parsed_network(
+        radar_entry("east", horizon=True, max_range_km=450.5, scan_period_s=10),
+        radar_entry(
             "West-2",
             position_m=[-2e4, 0, 5],
             constant=90,
@@ -97,17 +64,17 @@ def test_everything_that_can_be_said_of_a_radar_is_read():
 
 def test_constants_are_made_of_what_a_radar_is_made_of():
     made = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]["surveillance"]
-    s = parsed(radar("made", constant=None, surveillance=made), radar("given"))
+    s = parsed_network(radar_entry("made", constant=None, surveillance=made), radar_entry("given"))
     alone = rs.load_scenario(CONFIGS / "surveillance.yaml")
     assert_array_equal(s.radar[CONSTANTS], [alone.radar[3], 160])
 
 
-@pytest.mark.parametrize("count", [1, 2, 64])
+@pytest.mark.parametrize("count", [1, 2, 16])
 def test_a_network_reads_back(tool, count):
     limits = {"horizon": True, "max_range_km": 700, "scan_period_s": 4}
     # on a mountain, because from the ground the paper's aircraft is below the horizon
-    radars = [radar(f"r{i}", position_m=[10.0 * i, 0, -5e3], **limits) for i in range(count)]
-    first = parsed(*radars)
+    radars = [radar_entry(f"r{i}", position_m=[10.0 * i, 0, -5e3], **limits) for i in range(count)]
+    first = parsed_network(*radars)
     text = yaml.safe_dump(first.resolved(), sort_keys=False, default_flow_style=None)
     second = rs.parse_scenario(text)
     assert second.resolved() == first.resolved()
@@ -139,10 +106,10 @@ def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
         "file": "route.csv",
         "origin": {"latitude_deg": 46, "longitude_deg": 8, "altitude_m": 430},
     }
-    content = document(radar("a", horizon=True), radar("b"), geometry=geometry)
+    content = network_document(radar_entry("a", horizon=True), radar_entry("b"), geometry=geometry)
     del content["aircraft"]["attitude_deg"]
     path = tmp_path / "my.yaml"
-    path.write_text(text_of(content))
+    path.write_text(yaml_text(content))
     model = rs.load_scenario(path).model
     horizon = model.radars[0].horizon
     assert horizon == rs.Horizon(origin=(*np.deg2rad([46.0, 8.0]), 430.0))
@@ -158,9 +125,11 @@ def test_a_route_that_says_how_uncertain_the_aircraft_is_leaves_nothing_to_say(t
     (tmp_path / "route.csv").write_text((CONFIGS / "path_route.csv").read_text())
     path = yaml.safe_load((CONFIGS / "path.yaml").read_text())
     geometry = {**path["geometry"], "file": "route.csv"}
-    content = document(radar("a"), radar("b"), geometry=geometry, uncertainty={})
+    content = network_document(
+        radar_entry("a"), radar_entry("b"), geometry=geometry, uncertainty={}
+    )
     del content["aircraft"]["attitude_deg"]
-    (tmp_path / "my.yaml").write_text(text_of(content))
+    (tmp_path / "my.yaml").write_text(yaml_text(content))
     s = rs.load_scenario(tmp_path / "my.yaml")
     assert s.cov_aircraft.shape == (len(s.aircraft), 6, 6)
     found = rs.variance(s)
@@ -172,7 +141,7 @@ def test_a_route_that_says_how_uncertain_the_aircraft_is_leaves_nothing_to_say(t
 
 @pytest.mark.parametrize("key", ["name", "position_m", "p_fa", "constant", "uncertainty"])
 def test_missing_key(tool, key):
-    path, complaint, _ = refused(tool, radar("a"), radar("b", **{key: None}))
+    path, complaint, _ = refused(tool, radar_entry("a"), radar_entry("b", **{key: None}))
     assert path == "radars[2]"
     assert f"'{key}'" in complaint
 
@@ -205,14 +174,14 @@ def test_missing_key(tool, key):
     ],
 )
 def test_values_that_are_not_allowed(tool, key, value, allowed):
-    path, complaint, line = refused(tool, radar("a"), radar("b", **{key: value}))
+    path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", **{key: value}))
     assert path == f"radars[2].{key}"
     assert allowed in complaint
     assert line.startswith((key, "-"))
 
 
 def test_unknown_key_with_what_was_meant(tool):
-    path, complaint, line = refused(tool, radar("a"), radar("b", max_range_m=5))
+    path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", max_range_m=5))
     assert (path, line) == ("radars[2]", "max_range_m: 5")
     assert complaint.endswith("did you mean 'max_range_km'?")
 
@@ -221,57 +190,59 @@ def test_unknown_key_with_what_was_meant(tool):
 def test_a_single_radar_has_no_keys_of_a_network(tool, limit):
     content = yaml.safe_load(default_text())
     content["radar"][limit] = 5
-    _, path, complaint = place(refusal(tool, text_of(content)))
+    _, path, complaint = place(refusal(tool, yaml_text(content)))
     assert path == "radar"
     assert f"unknown key '{limit}'" in complaint
 
 
 @pytest.mark.parametrize("value", [[], None, {}, 5, {"a": 1}])
 def test_not_a_list_of_radars(tool, value):
-    text = text_of({**document(), "radars": value})
+    text = yaml_text({**network_document(), "radars": value})
     _, path, complaint = place(refusal(tool, text))
     assert path == "radars"
     assert complaint.startswith("must be a list of one radar or more, each with a name, got ")
 
 
 def test_too_many_radars(tool):
-    path, complaint, _ = refused(tool, *(radar(f"r{i}") for i in range(65)))
+    path, complaint, _ = refused(tool, *(radar_entry(f"r{i}") for i in range(65)))
     assert (path, complaint) == ("radars", "has 65 radars, allowed are 64")
 
 
 @pytest.mark.parametrize("value", [5, "a", [1], None])
 def test_a_radar_that_is_no_mapping(tool, value):
-    path, complaint, _ = refused(tool, radar("a"), value)
+    path, complaint, _ = refused(tool, radar_entry("a"), value)
     assert path == "radars[2]"
     assert complaint.startswith("must be a mapping")
 
 
 def test_radar_beside_radars(tool):
-    path, complaint, line = refused(tool, radar("a"), radar=radar("b"))
+    path, complaint, line = refused(tool, radar_entry("a"), radar=radar_entry("b"))
     assert path == "radar"
     assert complaint == "must be left out, or 'radars'; allowed is one or the other"
     assert line == "name: b"  # where YAML says that a mapping begins
 
 
 def test_neither_radar_nor_radars(tool):
-    content = document(radar("a"))
+    content = network_document(radar_entry("a"))
     del content["radars"]
-    _, _, complaint = place(refusal(tool, text_of(content)))
+    _, _, complaint = place(refusal(tool, yaml_text(content)))
     assert "missing key 'radar'" in complaint
-    content["radrs"] = [radar("a")]
-    _, _, complaint = place(refusal(tool, text_of(content)))
+    content["radrs"] = [radar_entry("a")]
+    _, _, complaint = place(refusal(tool, yaml_text(content)))
     assert "unknown key 'radrs'" in complaint
     assert "did you mean 'radar'?" in complaint
 
 
 def test_levels_that_differ(tool):
-    levels = radar("b")["uncertainty"]
+    levels = radar_entry("b")["uncertainty"]
     other = {"low": levels["low"], "hihg": levels["high"]}
-    path, complaint, _ = refused(tool, radar("a"), radar("b", uncertainty=other))
+    path, complaint, _ = refused(tool, radar_entry("a"), radar_entry("b", uncertainty=other))
     assert path == "radars[2].uncertainty.hihg"
     assert complaint == ("must be a level that radar 'a' has too: low, high; did you mean 'high'?")
     fewer = {"low": levels["low"]}
-    path, complaint, _ = refused(tool, radar("a"), radar("b"), radar("c", uncertainty=fewer))
+    path, complaint, _ = refused(
+        tool, radar_entry("a"), radar_entry("b"), radar_entry("c", uncertainty=fewer)
+    )
     assert path == "radars[3].uncertainty"
     assert complaint == (
         "missing level 'high'; radar 'c' must have the levels that radar 'a' has: low, high"
@@ -280,10 +251,10 @@ def test_levels_that_differ(tool):
 
 def test_uncertainty_of_radars_in_the_place_of_that_of_one(tool):
     uncertainty = yaml.safe_load(default_text())["uncertainty"]
-    path, complaint, _ = refused(tool, radar("a"), uncertainty=uncertainty)
+    path, complaint, _ = refused(tool, radar_entry("a"), uncertainty=uncertainty)
     assert path == "uncertainty.radar"
     assert complaint == "must be left out here: each of 'radars' has an 'uncertainty' of its own"
-    path, complaint, _ = refused(tool, radar("a"), uncertainty={"aircrft": 1})
+    path, complaint, _ = refused(tool, radar_entry("a"), uncertainty={"aircrft": 1})
     assert path == "uncertainty"
     assert complaint.endswith("did you mean 'aircraft'?")
 
@@ -291,7 +262,7 @@ def test_uncertainty_of_radars_in_the_place_of_that_of_one(tool):
 def made_radar(name: str) -> dict:
     config = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]
     by_parameter = {"position_m": 10, "constant": {"loss_db": 1, "noise_figure_db": 0.5}}
-    return radar(
+    return radar_entry(
         name,
         constant=None,
         surveillance=config["surveillance"],
@@ -300,20 +271,20 @@ def made_radar(name: str) -> dict:
 
 
 def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
-    two = parsed(radar("a"), made_radar("b")).with_analysis(level="high")
+    two = parsed_network(radar_entry("a"), made_radar("b")).with_analysis(level="high")
     assert [[part.key for part in parts] for parts in two.tolerances_at_level] == [
         [],
         ["loss_db", "noise_figure_db"],
     ]
-    wrong = radar("b", uncertainty={"low": {"position_m": 1, "constant": {"loss_db": 1}}})
+    wrong = radar_entry("b", uncertainty={"low": {"position_m": 1, "constant": {"loss_db": 1}}})
     path, complaint, _ = refused(tool, wrong)
     assert path == "radars[1].uncertainty.low.constant"
     assert "in place of radar.constant" in complaint
 
 
 def test_every_radar_is_kept_clear_of_the_aircraft(tool):
-    below = radar("b", position_m=[0, 500e3, -3000.5])
-    path, complaint, _ = refused(tool, radar("a"), below)
+    below = radar_entry("b", position_m=[0, 500e3, -3000.5])
+    path, complaint, _ = refused(tool, radar_entry("a"), below)
     assert path == "geometry"
     assert complaint.startswith("the aircraft is on top of radar 'b' at azimuth 0 deg, slant range")
 
@@ -322,7 +293,7 @@ def test_every_radar_is_within_an_rcs_table(tool):
     rows = [f"{a},{e},0.1" for e in (-10, 10) for a in (-180, -90, 0, 90)]
     write("azimuth_deg,elevation_deg,rcs_m2\n" + "\n".join(rows) + "\n", "rcs.csv")
     aircraft = {"rcs": {"model": "table", "file": "rcs.csv"}, "attitude_deg": [0, 0, 90]}
-    above = radar("b", position_m=[0, 480e3, -50e3])
-    path, complaint, _ = refused(tool, radar("a"), above, aircraft=aircraft)
+    above = radar_entry("b", position_m=[0, 480e3, -50e3])
+    path, complaint, _ = refused(tool, radar_entry("a"), above, aircraft=aircraft)
     assert path == "geometry"
     assert complaint.startswith("at azimuth 0 deg the aircraft sees radar 'b' at elevation 66.9")

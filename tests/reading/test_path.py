@@ -95,7 +95,7 @@ def orbit_route(aircraft, theta, std=None):
     ],
 )
 def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
-    orbit = rs.load_scenario().part(slice(None, None, step))
+    orbit = rs.load_scenario().at_poses(slice(None, None, step))
     path = load(tmp_path, orbit_route(orbit.aircraft, orbit.theta_r_deg, std), radar__constant=167)
     assert path.cov_aircraft.ndim == (3 if std else 2)
     expected, found = analyse(orbit), analyse(path)
@@ -109,7 +109,7 @@ def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std,
 
 
 def test_validate_gives_the_same_verdict_too(tmp_path):
-    orbit = rs.load_scenario().part(slice(80, 83))
+    orbit = rs.load_scenario().at_poses(slice(80, 83))
     text = orbit_route(orbit.aircraft, orbit.theta_r_deg, "10,10,10,1,1,1")
     expected, found = (
         validate(orbit, digits=1),
@@ -124,7 +124,7 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
 
 def alone(scenario, pose):
     """A scenario of one pose, with its covariance as an orbit has it."""
-    one = scenario.part(slice(pose, pose + 1))
+    one = scenario.at_poses(slice(pose, pose + 1))
     return dataclasses.replace(one, cov_aircraft=one.cov_aircraft[0])
 
 
@@ -214,7 +214,7 @@ def test_allowances_scale_every_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
     top = float(np.max(3 * propagate_scenario(s).std))
     assert required_accuracies(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
-    pose = s.part(slice(2, 3))
+    pose = s.at_poses(slice(2, 3))
     alone_at = required_accuracies(s, 0.01, at=1000.0)
     assert alone_at["all"].factor == pytest.approx(
         0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6

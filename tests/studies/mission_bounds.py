@@ -22,7 +22,7 @@ import yaml
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
 from radar_sense.mission.draws import mission_monte_carlo
-from radar_sense.mission.importance import importance_sampling
+from radar_sense.mission.importance.sampling import importance_sampling
 from radar_sense.montecarlo.sampler import Sampler
 
 CONFIGS = Path(__file__).parents[2] / "configs"

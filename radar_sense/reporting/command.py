@@ -1,0 +1,165 @@
+"""The command `report`: gathers the analyses of a scenario, and writes them as one HTML page."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from radar_sense import files
+from radar_sense.analyses.contract import (
+    OPTIONS,
+    Command,
+    FigureError,
+    Progress,
+    Written,
+    silent,
+)
+from radar_sense.analyses.variance import variance
+from radar_sense.reporting.evidence import Evidence, gather
+from radar_sense.reporting.page import page
+from radar_sense.reporting.sections import Section, sections
+from radar_sense.scenario import Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """The answers that a scenario has.
+
+    Attributes:
+        evidence: The results of the analyses.
+        sections: The questions, with their answers.
+    """
+
+    evidence: Evidence
+    sections: tuple[Section, ...]
+
+    @property
+    def stem(self) -> str:
+        """Name of the file, without folder and ending."""
+        return report.stem(self.evidence.scenario)
+
+    @property
+    def passed(self) -> bool:
+        """Whether the threshold test holds, if there is one."""
+        return self.evidence.variance.passed
+
+    @property
+    def report(self) -> tuple[str, ...]:
+        """The answers, for the terminal."""
+        return tuple(section.answer for section in self.sections)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """The warnings of all analyses, each once."""
+        return tuple(dict.fromkeys(w for section in self.sections for w in section.warnings))
+
+    def html(self, command: Sequence[str] = ()) -> str:
+        """Return the page.
+
+        Args:
+            command: The command line, for the record.
+
+        Raises:
+            FigureError: If a figure cannot be drawn.
+        """
+        return page(
+            self.evidence.scenario,
+            self.sections,
+            command=command,
+            versions=files.versions(),
+            document=files.yaml_text(self.evidence.scenario.resolved()),
+        )
+
+    def save(self, folder: str | Path = ".", *, command: Sequence[str] = ()) -> list[Path]:
+        """Write the page.
+
+        Args:
+            folder: Folder of the file; made if it does not exist.
+            command: The command line, for the record.
+
+        Returns:
+            The file.
+
+        Raises:
+            FigureError: If a figure cannot be drawn. Then nothing is written.
+            OSError: If the file cannot be written.
+        """
+        written = self.write(folder, command=command)
+        if written.figure_error is not None:
+            raise written.figure_error
+        return written.paths
+
+    def write(
+        self, folder: str | Path, formats: Sequence[str] = (), *, command: Sequence[str] = ()
+    ) -> Written:
+        """Do what `save` does, as `Result.write` does it."""
+        folder, name = Path(folder), f"{self.stem}.html"
+        try:
+            content = self.html(command).encode()
+        except FigureError as error:
+            return Written([], [], None, error)
+        files.write(folder, {name: content})
+        return Written([folder / name], [], None, None)
+
+
+class Gathering(Command):
+    """A command that gathers several analyses, called with a scenario."""
+
+    endings: ClassVar[tuple[str, ...]] = ("html",)
+    has_figures: ClassVar[bool] = False
+
+
+def _report(
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    threshold: float | None = None,
+    k: float | None = None,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> Report:
+    """One HTML page: the questions about a scenario, and the answers.
+
+    It has P_D with its band, the error budget, a comparison of the methods, the mission along a
+    path, a map, all warnings, and the scenario. With --threshold also the threshold test; exit code
+    3 says that the test is violated or not known. The page needs no network and no script.
+
+    Args:
+        scenario: The scenario.
+        method: Method of propagation, by default that of `variance` and of `budget`.
+        threshold: P_max of the threshold test; None for no test.
+        k: How many σ P_D must stay below P_max, 3 by default.
+        workers: Threads to compute with; of no influence on the page.
+        progress: Shows the analyses that are done.
+
+    Raises:
+        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
+    """
+    evidence = gather(
+        scenario, method=method, threshold=threshold, k=k, workers=workers, progress=progress
+    )
+    return Report(evidence, sections(evidence))
+
+
+_OF_VARIANCE = {option.name: option for option in variance.options}
+
+report = Gathering(
+    name="report",
+    run=_report,
+    options=(
+        OPTIONS["level"],
+        OPTIONS["radar"],
+        _OF_VARIANCE["method"],
+        _OF_VARIANCE["threshold"],
+        _OF_VARIANCE["k"],
+        OPTIONS["seed"],
+        OPTIONS["workers"],
+    ),
+    examples=(
+        "radar-sense report",
+        "radar-sense report my.yaml --threshold 0.1 --k 3",
+        "radar-sense report network.yaml --radar ridge --level high",
+    ),
+)

@@ -1,0 +1,173 @@
+"""The results that a report is made of, each by its own analysis, at a bounded cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.analyses.budget import budget
+from radar_sense.analyses.compare import compare
+from radar_sense.analyses.contract import Progress, Result, silent
+from radar_sense.analyses.coverage_map import coverage_map
+from radar_sense.analyses.error_budget import value_function
+from radar_sense.analyses.mission import mission
+from radar_sense.analyses.plausibility import plausibility_warnings
+from radar_sense.analyses.report import reached
+from radar_sense.analyses.variance import variance
+from radar_sense.errors import InputError
+from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
+
+#: Draws at each pose of the comparison of methods, and poses that are compared: so many for one
+#: radar, fewer for many, so that the time stays the same.
+DRAWS = 20_000
+POSES, POSES_BY_RADARS = 31, 250
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """The results that a report is made of.
+
+    Attributes:
+        scenario: The scenario, at its level, with its seed and of the radar chosen.
+        implausible: What in the scenario is possible but hardly meant.
+        variance: P_D with its band, and the threshold test if there is one.
+        budget: The error budget, and the accuracies that the threshold takes.
+        halved: 3σ of P_D where it is largest, with half the deviation of one source or a part of
+            it, by name.
+        comparison: All methods against draws, at some of the poses.
+        repeated: The same against other draws.
+        mission: The looks along the path, or why there is no answer; None without a path.
+        map: P_D over an area, or why there is no answer.
+    """
+
+    scenario: Scenario
+    implausible: tuple[str, ...]
+    variance: Result
+    budget: Result
+    halved: Mapping[str, float]
+    comparison: Result
+    repeated: Result
+    mission: Result | InputError | None
+    map: Result | InputError
+
+    @property
+    def threshold(self) -> Mapping[str, Any] | None:
+        """Summary of the threshold test; None without a threshold."""
+        found: Mapping[str, Any] | None = self.variance.summary.get("threshold")
+        return found
+
+    def warnings_of(self, result: Result) -> tuple[str, ...]:
+        """Return the warnings of a result that are not of its scenario."""
+        given = {*self.implausible, *plausibility_warnings(result.scenario)}
+        return tuple(warning for warning in result.warnings if warning not in given)
+
+
+def gather(
+    scenario: Scenario,
+    *,
+    method: str | None = None,
+    threshold: float | None = None,
+    k: float | None = None,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> Evidence:
+    """Run the analyses of a report.
+
+    Args:
+        scenario: The scenario, at its level.
+        method: Method of propagation, by default that of `variance` and of `budget`.
+        threshold: P_max of the threshold test; None for no test.
+        k: How many σ P_D must stay below P_max, 3 by default.
+        workers: Threads to compute with; of no influence on the results.
+        progress: Shows the analyses that are done.
+
+    Raises:
+        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
+    """
+    chosen = {} if method is None else {"method": method}
+    with progress(6, "analyses") as advance:
+
+        def done(result: Any) -> Any:
+            if advance:
+                advance(1)
+            return result
+
+        along = done(variance(scenario, threshold=threshold, k=k, **chosen))
+        goal = {} if threshold is None else _goal(along)
+        sources = done(budget(scenario, **chosen, **goal))
+        some = scenario.at_poses(compared_poses(along)).with_analysis(runs=DRAWS)
+        comparison = done(compare(some, workers=workers))
+        repeated = done(compare(some, seed=some.seed + 1, workers=workers))
+        looks = done(_mission(scenario, workers))
+        area = done(_map(scenario, workers))
+    return Evidence(
+        scenario=scenario,
+        implausible=plausibility_warnings(scenario),
+        variance=along,
+        budget=sources,
+        halved=_halved(sources),
+        comparison=comparison,
+        repeated=repeated,
+        mission=looks,
+        map=area,
+    )
+
+
+def _goal(along: Result) -> dict[str, float]:
+    """Return the options that ask `budget` what the threshold takes where the margin is least."""
+    test, margin = along.summary["threshold"], along.table["margin"]
+    pose = int(np.argmin(np.where(np.isnan(margin), np.inf, margin)))
+    return {
+        "threshold": test["p_max"],
+        "k": test["k"],
+        "at": float(along.scenario.axis.values[pose]),
+    }
+
+
+def compared_poses(along: Result) -> NDArray[np.intp]:
+    """Return the poses at which the methods are compared.
+
+    They are spread evenly over the geometry. The poses of the largest 3σ and of the highest bound
+    are among them.
+    """
+    count = len(along.scenario.axis)
+    most = max(2, min(POSES, POSES_BY_RADARS // len(along.scenario.model.radars)))
+    even = np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
+    worst = [first_largest(along.table[column]) for column in ("sigma_pd", "upper_3sigma")]
+    return np.union1d(even, worst)
+
+
+def first_largest(values: FloatArray) -> int:
+    """Return the first pose at which the largest value is reached."""
+    return int(np.argmax(reached(values)))
+
+
+def _halved(sources: Result) -> dict[str, float]:
+    """Return 3σ of P_D where it is largest, with half the deviation of one source, by name."""
+    scenario = sources.scenario
+    columns = [name for name in sources.table if name.startswith("three_sigma_")]
+    names = [name.removeprefix("three_sigma_") for name in columns]
+    pose = first_largest(sources.table["three_sigma_total"])
+    three_sigma = value_function(scenario.at_poses(np.array([pose])), sources.method)
+    return {name: float(three_sigma([name], 0.5)[0]) for name in names if name != "total"}
+
+
+def _mission(scenario: Scenario, workers: int) -> Result | InputError | None:
+    if scenario.time_s is None:
+        return None
+    try:
+        return mission(scenario, workers=workers)
+    except InputError as error:
+        return error
+
+
+def _map(scenario: Scenario, workers: int) -> Result | InputError:
+    try:
+        return coverage_map(scenario, workers=workers)
+    except InputError as error:
+        return error

@@ -1,0 +1,155 @@
+"""A radar that detects nothing within a minimum range, by every method, in missions and on maps."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+from helpers import TRACKING, document, paper_network, place, refusal
+from numpy.testing import assert_allclose, assert_array_equal
+
+import radar_sense as rs
+from radar_sense.analyses.mission import with_schedule
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.propagation import METHODS, nonlinear_in_scenario, propagate_scenario
+
+MODEL = rs.DetectionModel(ConstantRCS(0.1), 1e-6, rs.Marcum())
+#: c · 11 µs / 2.
+BLIND = 299_792_458 * 11e-6 / 2
+LEVELS = {"one": {"position_m": 10, "constant": 1e-7}}
+
+
+def several(**changes):
+    """Document of the paper's aircraft, 4 km from a radar with a pulse, in a list of one."""
+    content = document(
+        geometry__range_km=4, geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45}
+    )
+    entry = {
+        "name": "near",
+        "position_m": [0, 0, 0],
+        "tracking": {**TRACKING, "pulse_width_us": 11},
+        "p_fa": 1e-6,
+        "uncertainty": LEVELS,
+        **changes,
+    }
+    content["radars"] = [{key: value for key, value in entry.items() if value is not None}]
+    del content["radar"], content["uncertainty"]["radar"]
+    content["analysis"]["level"] = "one"
+    return content
+
+
+def text(content):
+    return yaml.safe_dump(content, sort_keys=False)
+
+
+def parsed(**changes):
+    return rs.parse_scenario(text(several(**changes)))
+
+
+def test_nothing_is_seen_within_the_minimum_range():
+    radar = Radar(MODEL, min_range=5e3, max_range=6e3)
+    aircraft = np.zeros((5, 6))
+    aircraft[:, 0] = 3e3  # slant ranges 5 km, less, more, 6 km and more
+    aircraft[:, 2] = [-4e3, -4e3 + 1e-6, -4e3 - 1e-6, -np.sqrt(27e6) + 1e-6, -np.sqrt(27e6) - 1e-6]
+    state = np.array([0.0, 0, 0, 1.3e-6])
+    seen = [True, False, True, True, False]
+    assert_array_equal(radar.visible(aircraft, state), seen)
+    network = NetworkModel((radar,))
+    assert_array_equal(network.p_d(aircraft, state), MODEL.p_d(aircraft, state) * seen)
+    for part in (network.linearize(aircraft, state).jac_radar, network.snr(aircraft, state)):
+        assert_array_equal(np.any(part != 0, axis=-1), seen)
+
+
+def test_a_blind_radar_leaves_the_network_to_the_others():
+    near = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
+    far, other = near.model.radars
+    blind = dataclasses.replace(far, min_range=1e6)
+    both = dataclasses.replace(near, model=NetworkModel((blind, other)))
+    alone = other.model.p_d(near.aircraft, near.radar[4:])
+    assert_allclose(both.model.p_d(both.aircraft, both.radar), alone, rtol=1e-14)
+    for method in METHODS:
+        assert_allclose(propagate_scenario(both, method=method).p_d, alone, rtol=1e-14)
+
+
+@pytest.mark.parametrize("offset", [-1.0, 1.0])
+def test_draws_see_the_edge_and_methods_warn_of_it(offset):
+    reach = float(np.hypot(500e3, 3e3))
+    edge = paper_network([(0, 0, 0)], [100], min_range=reach + offset)
+    edge = dataclasses.replace(edge, cov_aircraft=np.diag([10.0**2] * 3 + [1e-20] * 3), runs=4000)
+    free = edge.model.models[0].p_d(edge.aircraft, edge.radar)
+    assert_allclose(rs.monte_carlo(edge).mean / free, 0.5, atol=0.05)
+    for method in METHODS:
+        moments = propagate_scenario(edge, method=method)
+        assert np.all((moments.p_d > 0) == (offset < 0))
+        assert nonlinear_in_scenario(edge, moments, method=method).all()
+
+
+def test_a_mission_and_a_map_have_a_blind_circle(tmp_path):
+    rows = [f"{t},{-9000 + 300 * t},0,-1000,0,0,0" for t in (0, 60)]
+    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+    (tmp_path / "route.csv").write_text("\n".join([header, *rows]) + "\n")
+    content = several(constant=1.3e-6, tracking=None, min_range_km=5, scan_period_s=5)
+    content["geometry"] = {"type": "path", "file": "route.csv"}
+    del content["aircraft"]["attitude_deg"]
+    content["uncertainty"] = {"aircraft": {"position_m": 10, "attitude_deg": 1}}
+    content["analysis"]["runs"] = 100
+    (tmp_path / "s.yaml").write_text(text(content))
+    scenario = rs.load_scenario(tmp_path / "s.yaml")
+    looks, _ = with_schedule(scenario)
+    blind = np.linalg.norm(looks.aircraft[:, :3], axis=1) < 5e3
+    assert 3 < blind.sum() < len(blind) - 3
+    free = looks.model.models[0].p_d(looks.aircraft, looks.radar)
+    for method in ("importance", "probit"):
+        table = rs.analyses.mission(scenario, method=method).table
+        assert_allclose(table["p_d"], np.where(blind, 0.0, free), rtol=1e-12)
+        assert np.all(np.diff(table["cumulative_p_d"])[blind[1:]] == 0)
+    plane = rs.analyses.coverage_map(
+        scenario, north_km=(-8, 8), east_km=(-8, 8), step_km=1, upper=True, method="form"
+    )
+    north, east = np.meshgrid(plane.table["north_m"], plane.table["east_m"], indexing="ij")
+    within = np.hypot(np.hypot(north, east), 1e3) < 5e3
+    for column in ("p_d", "upper_3sigma"):
+        assert_array_equal(plane.table[column] == 0, within)
+
+
+def test_the_keys_are_read_and_read_back():
+    for changes, expected in (
+        ({}, 0.0),  # a pulse width alone hides nothing
+        ({"eclipsing": False}, 0.0),
+        ({"eclipsing": True}, BLIND),
+        ({"eclipsing": True, "min_range_km": 1.5}, BLIND),
+        ({"eclipsing": True, "min_range_km": 2.5}, 2500.0),
+        ({"min_range_km": 2.5, "max_range_km": 3}, 2500.0),
+    ):
+        scenario = parsed(**changes)
+        (radar,) = scenario.model.radars
+        assert_allclose(radar.min_range, expected, rtol=1e-15)
+        again = rs.parse_scenario(text(scenario.resolved()))
+        assert again.model == scenario.model
+        assert ("min_range_km" in scenario.resolved()["radars"][0]) == (expected > 0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "path", "complaint"),
+    [
+        ({"min_range_km": -1}, "min_range_km", "must be a number not less than 0, got -1"),
+        ({"min_range_km": 5, "max_range_km": 5}, "min_range_km", "must be less than max_range_km"),
+        ({"eclipsing": True, "max_range_km": 1}, "eclipsing", "within 1.64886 km, must be less"),
+        ({"eclipsing": True, "tracking": None, "constant": 1}, "eclipsing", "pulse_width_us"),
+        ({"eclipsing": "yes"}, "eclipsing", "must be one of true, false"),
+    ],
+)
+def test_refusals_name_the_key(tool, changes, path, complaint):
+    line, key, said = place(refusal(tool, text(several(**changes))))
+    assert line
+    assert key == f"radars[1].{path}"
+    assert complaint in said
+
+
+def test_the_class_refuses_what_the_reader_refuses():
+    for wrong in ({"min_range": -1}, {"min_range": np.nan}, {"min_range": 5, "max_range": 5}):
+        with pytest.raises(ValueError, match="min_range must be"):
+            Radar(MODEL, **wrong)

@@ -1,0 +1,308 @@
+"""The JSON Schema of scenario files agrees with the reader."""
+
+import collections
+import dataclasses
+import json
+import random
+import re
+from pathlib import Path
+from typing import ClassVar
+
+import jsonschema
+import pytest
+import yaml
+from fuzz.grammar import _Scenario, mutate_tree, render
+from helpers import PAPER, SURVEILLANCE, document
+
+from radar_sense import keys
+from radar_sense.errors import InputError
+from radar_sense.limits import POSITIVE, parameter
+from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.rcs import RCS_MODELS
+from radar_sense.reading.parse import parse_scenario
+from radar_sense.schema import FILE_NAME, schema
+
+ROOT = Path(__file__).parents[1]
+CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/**/*.yaml"))]
+SCHEMA = schema()
+VALIDATOR = jsonschema.Draft7Validator(SCHEMA)
+
+
+class Core(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):
+    """YAML 1.2 with its core schema, as the language server of an editor reads it."""
+
+    yaml_implicit_resolvers: ClassVar = {}
+
+    def flatten_mapping(self, node):
+        """YAML 1.2 has no merge keys."""
+
+    def construct_mapping(self, node, deep=False):
+        keys = [key.value if isinstance(key, yaml.ScalarNode) else "?" for key, _ in node.value]
+        if len(set(keys)) < len(keys):
+            raise yaml.YAMLError("duplicate key")
+        values = [self.construct_object(value, deep=True) for _, value in node.value]
+        return dict(zip(keys, values, strict=True))
+
+
+_NUMBER = r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?"
+for _tag, _pattern in {
+    "null": r"~|null|Null|NULL|",
+    "bool": r"true|True|TRUE|false|False|FALSE",
+    "int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
+    "float": rf"{_NUMBER}|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)",
+}.items():
+    Core.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(f"^(?:{_pattern})$"), None)
+Core.add_constructor(
+    "tag:yaml.org,2002:int",
+    lambda _, node: int(node.value, 0 if node.value[:2] in ("0x", "0o") else 10),
+)
+Core.add_constructor("tag:yaml.org,2002:bool", lambda _, node: node.value[0] in "tT")
+
+
+def as_editor(text):
+    """Return the value of a scenario as an editor reads it."""
+    return yaml.load(text, Core)
+
+
+NETWORK = as_editor((ROOT / "configs/network.yaml").read_text(encoding="utf-8"))
+#: A radar with a data sheet that lacks its losses.
+SHEET = {
+    **{key: value for key, value in PAPER["radar"].items() if key != "constant"},
+    "surveillance": {key: value for key, value in SURVEILLANCE.items() if key != "loss_db"},
+}
+
+
+def verdicts(text):
+    """Return the error of the reader, or None, and the errors of the schema."""
+    try:
+        parse_scenario(text)
+        reader = None
+    except InputError as error:
+        reader = str(error)
+    try:
+        value = as_editor(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        return reader, [str(error)]
+    return reader, [error.message[:100] for error in VALIDATOR.iter_errors(value)]
+
+
+#: Rules that a schema cannot express, by what the reader says. The reader refuses these files and
+#: an editor does not mark them.
+NOT_EXPRESSED = {
+    "numbers that depend on each other": (
+        r"is not symmetric|is not positive semidefinite|makes the radar constant"
+        r"|1/6 of the parameter|must be a step other than 0|poses, allowed are|on top of"
+        r"|must not both be 0"
+    ),
+    "names that depend on each other": (
+        r"analysis.level: must be one of|that no other radar has|must be a level that"
+        r"|missing level|would have the column"
+    ),
+    "other files, and what is in them": r"^(route|rcs)\.csv:|cannot be read|the RCS table covers",
+    "tags, and numbers that are no decimals": r"tags are not supported|must be finite|'0[xo]\d+'",
+    "numbers too small to compute with": r"of a size from",
+    "names that YAML reads as numbers or booleans": r"must be (a|the) name .*got '?[-+.\dtf]",
+}
+
+
+def judged(text):
+    """Return whether a scenario is refused by the reader and by the schema, as both must agree."""
+    reader, marks = verdicts(text)
+    if reader and not marks:
+        assert any(re.search(rule, reader) for rule in NOT_EXPRESSED.values()), f"{reader}\n{text}"
+    if marks and not reader:
+        pytest.fail(f"the reader accepts what the schema refuses: {marks}\n{text}")
+    return bool(reader), bool(marks)
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: f"{path.parent.name}-{path.stem}")
+def test_the_schema_accepts_the_files_of_the_project(config):
+    value = as_editor(config.read_text(encoding="utf-8"))
+    assert [error.message for error in VALIDATOR.iter_errors(value)] == []
+
+
+def test_the_schema_is_one():
+    jsonschema.Draft7Validator.check_schema(SCHEMA)
+    assert SCHEMA["$schema"] == "http://json-schema.org/draft-07/schema#"
+
+
+def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
+    """Two of three scenarios have one place broken; each is judged by reader and schema."""
+    monkeypatch.chdir(tmp_path)
+    counts = collections.Counter()
+    for number in range(120):
+        rng = random.Random(f"schema {number}")
+        scenario = _Scenario(rng)
+        tree = scenario.make()
+        if number % 3:
+            mutate_tree(tree, rng)
+        for name, content in scenario.files.items():
+            Path(name).write_bytes(content)
+        counts[judged(render(tree, rng))] += 1
+    assert counts[False, False] > 20
+    assert counts[True, True] > 50
+
+
+#: One mistake each; the keys are paths into the paper's scenario, or the network's with `radars`.
+MISTAKES = [
+    {"name": "a b"},
+    {"name": "x" * 101},
+    {"nme": 1},
+    {"radar__constant": 0},
+    {"radar__constant": "167"},
+    {"radar__constant": 1e21},
+    {"radar__constants": 1},
+    {"radar__tracking": {}},
+    {"radar__p_fa": 1},
+    {"radar__p_fa": 0},
+    {"radar__detector": "mracum"},
+    {"radar__position_m": [0, 0]},
+    {"radar__position_m": 0},
+    {"radar__position_geodetic": {"latitude_deg": 1, "longitude_deg": 1, "altitude_m": 0}},
+    {"radar__scan_period_s": 0},
+    {"radar__horizon": True},
+    {"radar__max_range_km": 100},
+    {"radar": None},
+    {"radar": []},
+    {"radars": []},
+    {"aircraft__rcs": {"a_m": 1}},
+    {"aircraft__rcs": {"model": "cube"}},
+    {"aircraft__rcs": {"model": "constant"}},
+    {"aircraft__rcs": {"model": "constant", "rcs_m2": -1}},
+    {"aircraft__rcs": {"model": "constant", "rcs_m2": 1, "a_m": 1}},
+    {"aircraft__rcs__c_m": 0},
+    {"aircraft__rcs": {"model": "spikeball", "lobes": 1.5, "amplitude_m2": 1, "floor_m2": 1}},
+    {"aircraft__rcs": {"model": "spikeball", "lobes": 0, "amplitude_m2": 1, "floor_m2": 1}},
+    {"aircraft__rcs": {"model": "table"}},
+    {"aircraft__rcs": {"model": "table", "file": "a.csv", "mirror": "maybe"}},
+    {"aircraft__rcs": {"model": "table", "file": "a.csv", "envelope_deg": 100}},
+    {"aircraft__rcs": {"model": "table", "file": "a.csv", "sha256": "12"}},
+    {"aircraft__attitude_deg": [0, 0, 361]},
+    {"aircraft__attitude_deg": 0},
+    {"geometry__type": "circle"},
+    {"geometry__type": "path"},
+    {"geometry__range_km": -1},
+    {"geometry__azimuth_from": "west"},
+    {"geometry__azimuth_deg": 5},
+    {"geometry__azimuth_deg": {"start": 0, "stop": 10}},
+    {"geometry__azimuth_deg": {"start": -361, "stop": 10, "step": 1}},
+    {"geometry__file": "a.csv"},
+    {"geometry": {"type": "path"}},
+    {"geometry": {"type": "path", "file": "a.csv"}},
+    {"geometry": {"type": "path", "file": "a.csv", "axis": "speed"}},
+    {"uncertainty__aircraft": {}},
+    {"uncertainty__aircraft": None},
+    {"uncertainty__aircraft__position_m": -1},
+    {"uncertainty__aircraft__position_m": [1, 1]},
+    {"uncertainty__aircraft__position_m": [1, 1, -1]},
+    {"uncertainty__aircraft__position_m": [[1, 0], [0, 1]]},
+    {"uncertainty__aircraft__covariance": [[1]]},
+    {"uncertainty__aircraft_correlation_s": -1},
+    {"uncertainty__aircraft_correlation_s": "long"},
+    {"uncertainty__radar": {}},
+    {"uncertainty__radar__medium": {"position_m": 1}},
+    {"uncertainty__radar__medium__constant": {"loss_db": 1}},
+    {"uncertainty__radar__medium__constant": -1},
+    {"uncertainty__radar__a b": {"position_m": 1, "constant": 1}},
+    {"analysis": {}},
+    {"analysis__level": "a b"},
+    {"analysis__runs": 1},
+    {"analysis__runs": 2.5},
+    {"analysis__runs": 1e10},
+    {"analysis__seed": -1},
+    {"analysis__seed": "one"},
+    {"analysis__method": "form"},
+    {"radar": SHEET},
+    {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "scan_time_s": 1}}},
+    {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "search_volume_sr": 13}}},
+    {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "search_factor": 15}}},
+    {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "loss_db": -1}}},
+    {"radar": {**SHEET, "tracking": {}}},
+    {"radars": NETWORK["radars"]},
+]
+OF_NETWORK = [
+    {"radars": {}},
+    {"radars": NETWORK["radars"] * 30},
+    {"radar": PAPER["radar"]},
+    {"uncertainty__radar": PAPER["uncertainty"]["radar"]},
+    {"geometry__type": "path"},
+    *(
+        {"radars": [{**NETWORK["radars"][0], **change}]}
+        for change in (
+            {"name": "a b"},
+            {"name": []},
+            {"max_range_km": 0},
+            {"horizon": 1},
+            {"uncertainty": {}},
+            {"uncertainty": 1},
+            {"uncertainty": {"high": {"position_m": 1, "constant": {"loss_db": 1}}}},
+            {"constant": None},
+            {"detector": 1},
+            {"levels": 1},
+        )
+    ),
+]
+
+
+@pytest.mark.parametrize("path", ["of the paper", "of a network"])
+def test_mistakes_are_marked_and_refused(path):
+    of, mistakes = (PAPER, MISTAKES) if path == "of the paper" else (NETWORK, OF_NETWORK)
+    for mistake in mistakes:
+        text = yaml.safe_dump(document(of, **mistake), sort_keys=False)
+        assert judged(text) == (True, True), mistake
+
+
+def test_a_newcomer_is_in_the_schema(monkeypatch):
+    @dataclasses.dataclass(frozen=True)
+    class Cube:
+        """A cube.
+
+        Attributes:
+            edge: Edge of the cube [m].
+        """
+
+        edge: float = parameter("edge_m", POSITIVE)
+
+    monkeypatch.setitem(RCS_MODELS, "cube", Cube)
+    monkeypatch.setitem(DETECTORS, "ear", DETECTORS["north"])
+    validator = jsonschema.Draft7Validator(schema())
+    cube = document(aircraft__rcs={"model": "cube", "edge_m": 1}, radar__detector="ear")
+    assert validator.is_valid(cube)
+    assert not VALIDATOR.is_valid(cube)
+    assert not validator.is_valid(document(cube, aircraft__rcs__edge_m=0))
+    (edge,) = [
+        of_model["then"]["properties"]["edge_m"]
+        for of_model in schema()["properties"]["aircraft"]["properties"]["rcs"]["allOf"]
+        if "edge_m" in of_model["then"]["properties"]
+    ]
+    description = "Edge of the cube. Unit: m. A number greater than 0."
+    assert edge == {
+        "description": description,
+        "type": "number",
+        "exclusiveMinimum": 0,
+        "maximum": 1e20,
+    }
+
+
+def test_every_key_has_a_description_and_a_shape():
+    """A key without a shape would let an editor accept everything."""
+    waiting, names = [SCHEMA], set()
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, dict):
+            if "additionalProperties" in node and "properties" in node:
+                for name, value in node["properties"].items():
+                    names.add(name)
+                    assert value["description"], name
+                    assert len(value.keys() - {"default"}) > 1, name
+            waiting += node.values()
+        elif isinstance(node, list):
+            waiting += node
+    assert names == {key.name for section in keys.sections().values() for key in section}
+
+
+def test_the_command_prints_the_file_of_the_wheel(tool):
+    code, out, err = tool("schema")
+    assert (code, err) == (0, "")
+    assert out == (Path(keys.__file__).parent / FILE_NAME).read_text(encoding="utf-8")
+    assert json.loads(out) == SCHEMA
