@@ -1,11 +1,11 @@
 """The JSON Schema of a scenario file, for editors: generated from the declarations in `keys`.
 
-Names, units, limits, defaults and words come from `keys`. What stands here is the structure of the
-file, and which keys exclude or require which. The schema is of draft-07, the one that language
+Names, units, limits, defaults and words come from `keys`. This file has the structure of a scenario
+file, and the keys that exclude or require each other. The schema has draft-07, which language
 servers support best.
 
-A schema cannot express everything that the reader checks. It accepts what it cannot judge, such as
-a covariance that is not positive semidefinite; `tests/test_schema.py` lists these rules.
+A schema cannot express all checks of the reader. For example, the schema accepts a covariance that
+is not positive semidefinite. `tests/test_schema.py` lists these checks.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from radar_sense.model.rcs import RCS_MODELS
 
 Schema = dict[str, Any]
 
-#: Name of the file that `radar-sense init` writes beside a scenario.
+#: Name of the schema that `radar-sense init` writes into the folder of a scenario.
 FILE_NAME = "radar_sense.schema.json"
 TITLE = "Scenario of radar-sense"
-#: The line of a scenario file that names its schema to the YAML language server of an editor.
+#: First line of a scenario file, which names the schema for the YAML language server.
 MODELINE = f"# yaml-language-server: $schema={FILE_NAME}\n"
 
 _INFINITY = {"type": "string", "pattern": r"^\+?\.?[iI][nN][fF]([iI][nN][iI][tT][yY])?$"}
@@ -111,7 +111,7 @@ def describe(key: Key) -> str:
 
 
 def allowed(key: Key) -> str:
-    """Return in a sentence what a key may be."""
+    """Return the allowed values of a key in a sentence."""
     if key.choices:
         return f"One of: {', '.join(key.choices)}."
     if key.allowed:
@@ -255,7 +255,7 @@ def _data_sheet(kind: str) -> Schema:
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
     others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
-    every = [key for units in parameters for key in units]
+    parameter_keys = [key for units in parameters for key in units]
     total = "loss_db"
     required = [units[0] for units in names if len(units) == 1 and units[0] != total]
     losses = {
@@ -265,7 +265,7 @@ def _data_sheet(kind: str) -> Schema:
         "additionalProperties": _number(LOSSES),
     }
     return {
-        **_mapping([*every, *others], {keys.LOSSES_DB.name: losses}, required=required),
+        **_mapping([*parameter_keys, *others], {keys.LOSSES_DB.name: losses}, required=required),
         "allOf": [
             *(_one_of(units) for units in names if len(units) > 1),
             {"anyOf": [_with(total), _with(keys.LOSSES_DB.name)]},

@@ -117,11 +117,11 @@ _TABLE = (
     MEAN,
     Column("share_<source>", "Share of the variance of P_D from <source>; not by linear.", ""),
     quantity(
-        "share_interaction", "Share of the variance that no single source has; not by linear."
+        "share_interaction", "Share of the variance from interactions of sources; not by linear."
     ),
     Column(
         "total_index_<source>",
-        "Share of the variance that <source> takes part in; by montecarlo.",
+        "Total Sobol' index of <source>: its share and all its interactions; by montecarlo.",
         "",
     ),
     Column("share_error_<source>", "Standard error of the share of <source>; by montecarlo.", ""),
@@ -227,7 +227,7 @@ def budget(
             **{
                 f"three_sigma_{source}": values
                 for source, values in three_sigma.items()
-                if source != AIRCRAFT_RCS  # a later column, as the first ones are fixed
+                if source != AIRCRAFT_RCS  # a later column, because the order of the first is fixed
             },
             "three_sigma_total": total,
             **{
@@ -478,7 +478,7 @@ def _inverse_report(
 
 
 def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
-    """Return the largest factor on the standard deviations of a source, or why there is none."""
+    """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:

@@ -138,7 +138,7 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns():
         yaml_text(
             document(uncertainty__aircraft={"position_m": 10, "attitude_deg": 1, "rcs_db": 1})
         )
-    ).part(slice(None, None, 60))
+    ).at_poses(slice(None, None, 60))
     found = analyses.budget(one)
     fixed = [
         "theta_r_deg", "three_sigma_aircraft_position", "three_sigma_aircraft_orientation",
