@@ -131,6 +131,8 @@ def _key_row(sections: Mapping[str, Sequence[Key]], name: str, key: Key) -> list
     elif of_section:
         links = " or ".join(f"[{title(s)}](#{anchor(title(s))})" for s in of_section)
         allowed = f"see {links}"
+        if key.choices:  # a word, or a mapping
+            allowed += "; or " + ", ".join(f"`{word}`" for word in key.choices)
     else:
         example = f"`{_yaml(example_of(name, section, key))}`"
         allowed = schema.allowed(dataclasses.replace(key, size=1) if is_part else key).rstrip(".")

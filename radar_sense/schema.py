@@ -19,8 +19,9 @@ from typing import Any
 from radar_sense import keys
 from radar_sense.keys import YES_NO, Key
 from radar_sense.limits import ANY, LARGEST, MAX_RADARS, NOT_NEGATIVE, Limit
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.radar_constant import TOLERANCE_DB
-from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.radar_equation import LOSSES, RADARS
 from radar_sense.model.rcs import RCS_MODELS
 
 Schema = dict[str, Any]
@@ -113,7 +114,7 @@ def allowed(key: Key) -> str:
     """Return the allowed values of a key in a sentence."""
     if key.choices:
         return f"One of: {', '.join(key.choices)}."
-    if key.pattern:
+    if key.allowed:
         return _sentence(key.allowed)
     if key.limit is None:
         return ""
@@ -213,7 +214,7 @@ def _radar(section: Sequence[Key]) -> Schema:
     places = [keys.RADAR_POSITION.name, keys.RADAR_PLACE.name]
     shapes = {keys.RADAR_PLACE.name: _mapping(keys.PLACE)}
     shapes |= {kind: _data_sheet(kind) for kind in RADARS}
-    shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}}
+    shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}, keys.DETECTOR.name: _detector()}
     required = [key.name for key in section if key.required and key.name not in places]
     return {
         **_mapping(section, shapes, required=required),
@@ -230,17 +231,47 @@ def _one_of_several() -> Schema:
     return {**radar, "allOf": [*radar["allOf"], *levels, eclipsing]}
 
 
+def _detector() -> Schema:
+    """Return the schema of a detector: its name, or a mapping with the keys of its model."""
+    models = {name: _instance(cls, keys.DETECTOR_MODEL) for name, cls in DETECTORS.items()}
+    return {"anyOf": [_value(keys.DETECTOR), _by_word(keys.DETECTOR_MODEL, models)]}
+
+
+def _instance(cls: type, *words: Key) -> Schema:
+    """Return the schema of a mapping that is read into a class."""
+    shapes: dict[str, Schema] = {}
+    sections = keys.declared_sections(cls)
+    for name, field in sections.items():
+        kinds = field.metadata["kinds"]
+        if isinstance(kinds, type):
+            shapes[name] = _instance(kinds)
+        else:
+            word = keys.TYPES[name]
+            by_name = {kind: _instance(of_kind, word) for kind, of_kind in kinds.items()}
+            shapes[name] = _by_word(word, by_name)
+    return _mapping([*words, *keys.declared(cls), *keys.section_keys(cls)], shapes)
+
+
 def _data_sheet(kind: str) -> Schema:
     """Return the schema of a data sheet, with each parameter in one of its units."""
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
-    others = [keys.SEARCH_FACTOR] if kind == "surveillance" else []
+    others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
     parameter_keys = [key for units in parameters for key in units]
+    total = "loss_db"
+    required = [units[0] for units in names if len(units) == 1 and units[0] != total]
+    losses = {
+        "type": "object",
+        "minProperties": 1,
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(LOSSES),
+    }
     return {
-        **_mapping(
-            [*parameter_keys, *others], required=[units[0] for units in names if len(units) == 1]
-        ),
-        "allOf": [_one_of(units) for units in names if len(units) > 1],
+        **_mapping([*parameter_keys, *others], {keys.LOSSES_DB.name: losses}, required=required),
+        "allOf": [
+            *(_one_of(units) for units in names if len(units) > 1),
+            {"anyOf": [_with(total), _with(keys.LOSSES_DB.name)]},
+        ],
     }
 
 
@@ -351,6 +382,14 @@ def _tolerances(kind: str) -> Schema:
         }
         for parameter, units in zip(parameters, keys.declared_units(cls), strict=True)
         for key in units
+        if key.required
+    }
+    properties[keys.LOSSES_DB.name] = {
+        "description": "Standard deviations of the losses by name.",
+        "type": "object",
+        "minProperties": 1,
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(TOLERANCE_DB),
     }
     return {
         "type": "object",
