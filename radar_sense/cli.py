@@ -432,13 +432,15 @@ def _plain_matplotlib() -> Iterator[None]:
 def check(config: Path | None, quiet: bool) -> None:
     """Read and validate a scenario and print it in full; compute nothing.
 
-    The output is a scenario file with every default filled in.
+    The output is a scenario file with every default filled in. Comments above it sum up the path,
+    and range and SNR of each radar.
 
     \b
     Examples:
       radar-sense check
       radar-sense check my.yaml
     """
+    from radar_sense.analyses.overview import overview
     from radar_sense.analyses.plausibility import plausibility_warnings
     from radar_sense.files import yaml_text
     from radar_sense.model.radar_constant import describe
@@ -461,6 +463,8 @@ def check(config: Path | None, quiet: bool) -> None:
             for who, constant, parts in constants:
                 if parts:
                     click.echo(f"# {who}{level}: {describe(constant, parts)}")
+        for line in overview(scenario):
+            click.echo(f"# {line}")
         click.echo(yaml_text(scenario.resolved()), nl=False)
         for warning in plausibility_warnings(scenario):
             click.echo(f"Warning: {warning}", err=True)

@@ -152,7 +152,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
                 key,
                 unit.meaning or _attribute_help(cls, f.name),
                 f.metadata["limit"],
-                default=REQUIRED if f.default is MISSING else f.default,
+                default=f.metadata.get("assumed", REQUIRED) if f.default is MISSING else f.default,
             )
             for key, unit in f.metadata["units"].items()
         )

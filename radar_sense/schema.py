@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from dataclasses import MISSING, fields
 from typing import Any
 
 from radar_sense import keys
@@ -382,7 +382,7 @@ def _tolerances(kind: str) -> Schema:
         }
         for parameter, units in zip(parameters, keys.declared_units(cls), strict=True)
         for key in units
-        if key.required
+        if parameter.default is MISSING
     }
     properties[keys.LOSSES_DB.name] = {
         "description": "Standard deviations of the losses by name.",

@@ -192,7 +192,6 @@ _TABLE = (
         "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
-        "radar-sense map flight.yaml --format png --format geojson --format kml",
     ],
     exports={"geojson": geojson, "kml": kml},
     name="map",

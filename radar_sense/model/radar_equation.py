@@ -57,12 +57,21 @@ class Unit:
 _SI = Unit()
 _ROTATION = Unit(60.0, -1, "Rotation rate of the antenna, with one scan a turn.")
 _FREQUENCY = Unit(speed_of_light / 1e9, -1, "Carrier frequency.")
+#: Standard noise temperature [K], the reference of noise figures (IEEE Std 686, "noise figure").
+STANDARD_K = 290.0
 _PULSE = Unit(1e6, -1, "Width of the pulse before compression, the inverse of the bandwidth.")
 
 
 def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
     """Declare a parameter that c_r goes with to this power, and the keys with the units it has."""
     return field(metadata={"power": power, "limit": limit, "units": units, "decibels": False})
+
+
+def _noise_temperature() -> Any:
+    """Declare T_0. A scenario file may leave the key out, and T_0 is then `STANDARD_K`."""
+    units = {"temperature_k": _SI}
+    metadata = {"power": -1, "limit": POSITIVE, "units": units, "decibels": False}
+    return field(metadata={**metadata, "assumed": STANDARD_K})
 
 
 def _count(key: str) -> Any:
@@ -98,7 +107,7 @@ class SurveillanceRadar:
 
     average_power: float = _factor(1, average_power_w=_SI, average_power_kw=Unit(1e3))
     aperture: float = _factor(1, aperture_m2=_SI)
-    temperature: float = _factor(-1, temperature_k=_SI)
+    temperature: float = _noise_temperature()
     scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=_ROTATION)
     search_volume: float = _factor(-1, SOLID_ANGLE, search_volume_sr=_SI)
     loss_db: float = _decibels(-1, "loss_db")
@@ -154,7 +163,7 @@ class TrackingRadar:
     gain_db: float = _decibels(2, "gain_dbi")
     wavelength: float = _factor(2, frequency_ghz=_FREQUENCY, wavelength_m=_SI)
     bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=_PULSE)
-    temperature: float = _factor(-1, temperature_k=_SI)
+    temperature: float = _noise_temperature()
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
     coherent_pulses: int = _count("coherent_pulses")

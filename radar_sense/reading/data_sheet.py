@@ -47,6 +47,9 @@ def read_data_sheet(entry: Entry, kind: str) -> DataSheet:
         if not given and losses and field.name == "loss_db":  # all losses have names
             arguments[field.name] = 0.0
             continue
+        if not given and "assumed" in field.metadata:
+            values[units[0].name] = arguments[field.name] = field.metadata["assumed"]
+            continue
         if len(given) != 1:
             alternatives = " and ".join(f"'{key.name}'" for key in units)
             if len(units) == 1:

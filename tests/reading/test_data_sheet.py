@@ -41,6 +41,23 @@ def test_resolved_scenario_reads_back(tool, kind, level):
     assert again.tolerances_at_level == (first.tolerances["sheet"] if level == "sheet" else ((),))
 
 
+@pytest.mark.parametrize("kind", TOLERANCES)
+def test_the_noise_temperature_may_be_left_out_and_is_in_the_record(kind):
+    base = {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
+    stated, cold = (sheet_scenario(kind, {**base, "temperature_k": t}) for t in (290, 145))
+    tolerances = {**TOLERANCES[kind], "temperature_k": 20}
+    left_out = parse_scenario(yaml_text(changed(kind, ["temperature_k"], tolerances)))
+    np.testing.assert_array_equal(left_out.radar, stated.radar)
+    assert left_out.radar[3] == pytest.approx(cold.radar[3] / 2)
+    block = left_out.resolved()["radar"][kind]
+    assert block == stated.resolved()["radar"][kind]
+    assert block["temperature_k"] == 290
+    (part,) = (p for p in left_out.tolerances["sheet"][0] if p.key == "temperature_k")
+    assert (part.value, part.std) == (290, 20)
+    again = parse_scenario(yaml_text(left_out.resolved()))
+    assert again.resolved() == left_out.resolved()
+
+
 def test_check_shows_the_distribution(tool):
     Path("my.yaml").write_text(yaml_text(sheet_document()))
     _, out, _ = tool("check", "my.yaml")

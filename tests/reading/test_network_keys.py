@@ -84,9 +84,12 @@ def test_a_network_reads_back(tool, count):
     code, out, err = tool("check", write(text))
     assert (code, err) == (0, "")
     said = [line for line in out.splitlines() if line.startswith("#")]
-    assert said == [
+    assert said[: count + 1] == [
         f"# 5 poses, {count} radar{'s' if count > 1 else ''}",
         *(f"# r{i}: c_r = 160 J m^2/K" for i in range(count)),
+    ]
+    assert [line.split(": range ")[0] for line in said[-count:]] == [
+        f"# r{i}" for i in range(count)
     ]
     assert yaml.safe_load(out) == first.resolved()
 

@@ -1,0 +1,73 @@
+"""What `check` tells a person: against plain loops over the poses."""
+
+import math
+
+import numpy as np
+import pytest
+import yaml
+from helpers import write_path
+
+import radar_sense as rs
+from radar_sense.analyses.overview import overview
+from radar_sense.model.geodesy import geodetic_from_ned
+
+#: A quarter of a circle of 20 km to the right at 200 m/s, climbing at 5 m/s.
+SPEED, RADIUS = 200.0, 20e3
+TIMES = np.arange(0.0, 158.0, 2.0)
+
+
+def test_a_turn_on_a_flat_earth(tmp_path, tool, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    angle = SPEED / RADIUS * TIMES
+    rows = [
+        f"{t},{RADIUS * math.sin(a)},{RADIUS * (1 - math.cos(a)) + 4e4},{-1000 - 5 * t}"
+        for t, a in zip(TIMES, angle, strict=True)
+    ]
+    file = write_path(tmp_path, "time_s,north_m,east_m,down_m\n" + "\n".join(rows))
+    scenario = rs.load_scenario(file)
+    path, height, radar = overview(scenario)
+    assert path == "path: 156 s (0:02:36), 31.21 km, speed 200.1 m/s"
+    bank = math.degrees(math.atan(SPEED**2 / RADIUS / 9.80665))
+    assert height.startswith("height 1000 to 1780 m above the origin, bank ")
+    banks = [float(x) for x in height.split("bank ")[1].removesuffix(" deg").split(" to ")]
+    assert banks == pytest.approx([bank] * len(banks), rel=0.01)
+    distances = [math.dist(pose[:3], scenario.radar[:3]) / 1e3 for pose in scenario.aircraft]
+    snr = 10 * np.log10(scenario.model.snr(scenario.aircraft, scenario.radar))
+    assert radar == (
+        f"radar: range {min(distances):.4g} to {max(distances):.4g} km, "
+        f"SNR {np.min(snr):.4g} to {np.max(snr):.4g} dB"
+    )
+    code, out, _ = tool("check", file.name)
+    assert code == 0
+    assert [line for line in out.splitlines() if line.startswith("#")][1:] == [
+        f"# {line}" for line in (path, height, radar)
+    ]
+    assert rs.parse_scenario(out).resolved() == scenario.resolved()
+
+
+def test_level_flight_on_the_round_earth(tmp_path):
+    """300 km from the origin its level is tilted by 2.7 deg, and its height is 7 km off."""
+    rows = [f"{60 * i},47,{8 + 0.1 * i},9000" for i in range(41)]
+    origin = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 400}
+    file = write_path(
+        tmp_path,
+        "time_s,latitude_deg,longitude_deg,altitude_m\n" + "\n".join(rows),
+        geometry={"type": "path", "file": "route.csv", "origin": origin},
+    )
+    scenario = rs.load_scenario(file)
+    assert geodetic_from_ned(scenario.aircraft[-1, :3], scenario.origin)[2] == pytest.approx(9000)
+    path, height, _ = overview(scenario)
+    latitude, e2 = math.radians(47), 0.0066943799901413165
+    radius = (6378137 / math.sqrt(1 - e2 * math.sin(latitude) ** 2) + 9000) * math.cos(latitude)
+    length = radius * math.radians(4)
+    assert path == f"path: 2400 s (0:40:00), {length / 1e3:.4g} km, speed {length / 2400:.4g} m/s"
+    assert height.startswith("height 9000 m above the ellipsoid, bank ")
+    banks = [float(x) for x in height.split("bank ")[1].removesuffix(" deg").split(" to ")]
+    assert np.max(np.abs(banks)) < 0.05  # the circle of latitude is turned by a little
+    assert np.ptp(scenario.aircraft[:, 2]) > 5e3
+
+
+def test_an_orbit_has_no_times(tool):
+    assert overview(rs.load_scenario())[0] == "height 3000 m above the origin, bank 0 deg"
+    text = yaml.safe_load(tool("check").out)
+    assert text["geometry"]["down_km"] == -3
