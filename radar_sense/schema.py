@@ -1,11 +1,11 @@
 """The JSON Schema of a scenario file, for editors: generated from the declarations in `keys`.
 
-Names, units, limits, defaults and words come from `keys`. What stands here is the structure of the
-file, and which keys exclude or require which. The schema is of draft-07, the one that language
+Names, units, limits, defaults and words come from `keys`. This file has the structure of a scenario
+file, and the keys that exclude or require each other. The schema has draft-07, which language
 servers support best.
 
-A schema cannot express everything that the reader checks. It accepts what it cannot judge, such as
-a covariance that is not positive semidefinite; `tests/test_schema.py` lists these rules.
+A schema cannot express all checks of the reader. For example, the schema accepts a covariance that
+is not positive semidefinite. `tests/test_schema.py` lists these checks.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from radar_sense.model.rcs import RCS_MODELS
 
 Schema = dict[str, Any]
 
-#: Name of the file that `radar-sense init` writes beside a scenario.
+#: Name of the schema that `radar-sense init` writes into the folder of a scenario.
 FILE_NAME = "radar_sense.schema.json"
 TITLE = "Scenario of radar-sense"
-#: The line of a scenario file that names its schema to the YAML language server of an editor.
+#: First line of a scenario file, which names the schema for the YAML language server.
 MODELINE = f"# yaml-language-server: $schema={FILE_NAME}\n"
 
 _INFINITY = {"type": "string", "pattern": r"^\+?\.?[iI][nN][fF]([iI][nN][iI][tT][yY])?$"}
@@ -60,7 +60,10 @@ def schema() -> Schema:
                 "geometry": _geometry(),
                 "uncertainty": _mapping(
                     keys.UNCERTAINTY,
-                    {"aircraft": _covariance(keys.COV_AIRCRAFT), "radar": {"type": "object"}},
+                    {
+                        "aircraft": _covariance(keys.COV_AIRCRAFT, besides=_OF_RCS, alone=True),
+                        "radar": {"type": "object"},
+                    },
                     required=[],
                 ),
                 "analysis": _mapping(keys.ANALYSIS),
@@ -83,7 +86,7 @@ def schema() -> Schema:
                 else_={
                     "allOf": [
                         _at("aircraft", _with("attitude_deg")),
-                        _at("uncertainty", _with("aircraft")),
+                        _at("uncertainty", _at("aircraft", {"not": _only(_OF_RCS)})),
                     ]
                 },
             ),
@@ -107,7 +110,7 @@ def describe(key: Key) -> str:
 
 
 def allowed(key: Key) -> str:
-    """Return in a sentence what a key may be."""
+    """Return the allowed values of a key in a sentence."""
     if key.choices:
         return f"One of: {', '.join(key.choices)}."
     if key.pattern:
@@ -222,7 +225,9 @@ def _one_of_several() -> Schema:
     radar = _radar(keys.RADARS_ENTRY)
     name = keys.RADAR_UNCERTAINTY.name
     levels = [_if(_with(kind), _at(name, _levels_of(kind))) for kind in CONSTANTS]
-    return {**radar, "allOf": [*radar["allOf"], *levels]}
+    pulse = _at("tracking", _with("pulse_width_us"))
+    eclipsing = _if(_at(keys.ECLIPSING.name, {"const": True}), pulse)
+    return {**radar, "allOf": [*radar["allOf"], *levels, eclipsing]}
 
 
 def _data_sheet(kind: str) -> Schema:
@@ -230,9 +235,11 @@ def _data_sheet(kind: str) -> Schema:
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
     others = [keys.SEARCH_FACTOR] if kind == "surveillance" else []
-    every = [key for units in parameters for key in units]
+    parameter_keys = [key for units in parameters for key in units]
     return {
-        **_mapping([*every, *others], required=[units[0] for units in names if len(units) == 1]),
+        **_mapping(
+            [*parameter_keys, *others], required=[units[0] for units in names if len(units) == 1]
+        ),
         "allOf": [_one_of(units) for units in names if len(units) > 1],
     }
 
@@ -268,18 +275,39 @@ def _by_word(key: Key, mappings: Mapping[str, Schema]) -> Schema:
 # Covariances.
 
 
-def _covariance(parts: Sequence[Key], shapes: Mapping[str, Schema] | None = None) -> Schema:
-    """Return the schema of a covariance, part by part or as a whole."""
+def _covariance(
+    parts: Sequence[Key],
+    shapes: Mapping[str, Schema] | None = None,
+    besides: Sequence[Key] = (),
+    *,
+    alone: bool = False,
+) -> Schema:
+    """Return the schema of a covariance, part by part or as a whole.
+
+    Args:
+        parts: The keys of the parts.
+        shapes: Schemas of parts that are more than numbers.
+        besides: Further keys.
+        alone: Whether a mapping may have further keys only, and state no covariance.
+    """
     whole = keys.COVARIANCE.name
-    size = sum(key.size for key in parts)
-    matrix = {whole: _matrix(size)}
     by_part = {key.name: _part(key) for key in parts}
+    matrix = {whole: _matrix(sum(key.size for key in parts))}
+    of_parts: Schema = {"required": list(by_part)}
+    if alone:
+        of_parts = {"anyOf": [of_parts, _only(besides)]}
+    section = [*parts, keys.COVARIANCE, *besides]
     return {
-        **_mapping([*parts, keys.COVARIANCE], {**by_part, **matrix, **(shapes or {})}, required=[]),
-        "if": {"required": [whole]},
-        "then": {"maxProperties": 1},
-        "else": {"required": [key.name for key in parts]},
+        **_mapping(section, {**by_part, **matrix, **(shapes or {})}, required=[]),
+        "if": _with(whole),
+        "then": {"properties": dict.fromkeys(by_part, False)},
+        "else": of_parts,
     }
+
+
+def _only(section: Sequence[Key]) -> Schema:
+    """Return the schema of a mapping that has some of the keys and no others."""
+    return {"propertyNames": {"enum": [key.name for key in section]}, "minProperties": 1}
 
 
 def _part(key: Key) -> Schema:
@@ -308,7 +336,7 @@ def _levels(kind: str) -> Schema:
         "type": "object",
         "minProperties": 1,
         "propertyNames": {"pattern": f"^(?:{keys.LEVEL_NAME.pattern})$"},
-        "additionalProperties": _covariance(keys.COV_RADAR, shapes),
+        "additionalProperties": _covariance(keys.COV_RADAR, shapes, [keys.ATTENUATION_STD]),
     }
 
 
@@ -362,4 +390,6 @@ def _levels_of(kind: str) -> Schema:
 
 #: What a radar may have for its c_r.
 CONSTANTS = (keys.CONSTANT.name, *RADARS)
+#: What stands beside the covariance of the pose, and is not a part of it.
+_OF_RCS = (keys.RCS_DB,)
 _GEODETIC = _with(keys.RADAR_PLACE.name)

@@ -1,7 +1,7 @@
 """Unit normals for the states of a scenario: random, or from a Sobol' sequence.
 
-For each block of runs a source returns one vector for the radar of every run, and one vector for
-the aircraft at every pose of every run. A block depends only on the seed and its number. A source
+A source returns blocks of unit normals. Every run has one vector for the radar, and one vector for
+the aircraft at every pose. A block depends only on the seed and its number. A source
 always returns whole blocks.
 """
 
@@ -101,12 +101,12 @@ def _fill_with_normals(generator: np.random.Generator, values: FloatArray) -> No
 class Sobol:
     """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
-    The sequence has ten dimensions, four more for each further radar of a network, and one more
-    for each parameter of a radar constant beyond the first. All poses share the draws of the radar.
-    The draws of the aircraft have a different digital shift at each pose, an exclusive-or with
-    random bits. A digital shift keeps the evenness of a Sobol' sequence (P. L'Ecuyer and
-    C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002). The errors differ
-    from pose to pose.
+    The sequence has ten dimensions for one radar, and four more for each further radar. Each
+    parameter of a radar constant beyond the first adds one dimension. All poses share the draws of
+    the radar. The draws of the aircraft have a different digital shift at each pose, an
+    exclusive-or with random bits. A digital shift keeps the evenness of a Sobol' sequence (P.
+    L'Ecuyer and C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002). The
+    errors differ from pose to pose.
 
     Statistics of one pose are valid. Joint statistics of two poses are not valid: the aircraft's
     draws at two poses are shifts of each other, and not independent. Over many seeds the

@@ -14,13 +14,14 @@ from radar_sense import covariance, keys
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import MAX_RADARS
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import DETECTORS, Detector
+from radar_sense.model.detectors import DETECTORS, Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.network import NetworkModel, Radar, name_problem
 from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.provenance import RadarSource, StatedCovariance
 from radar_sense.reading.data_sheet import read_data_sheet
+from radar_sense.reading.detector import read_detector
 from radar_sense.reading.geometry import Poses
 from radar_sense.reading.trajectory import read_place
 from radar_sense.reading.uncertainty import Levels, read_levels
@@ -41,6 +42,7 @@ class RadarEntry:
         place: Latitude, longitude [rad] and height [m], or None.
         place_entry: The place in the file, for errors.
         scan_period: Time from one look to the next [s], or None.
+        attenuation: One-way attenuation [dB/m].
         name: Name among several radars, else "".
         max_range: Slant range beyond which it detects nothing [m].
         min_range: Slant range within which it detects nothing [m].
@@ -56,6 +58,7 @@ class RadarEntry:
     place: tuple[float, float, float] | None = None
     place_entry: Entry | None = None
     scan_period: float | None = None
+    attenuation: float = 0.0
     name: str = ""
     max_range: float = math.inf
     min_range: float = 0.0
@@ -94,7 +97,8 @@ def read_radar(
         raise given[place].error("must be left out, or 'position_m'; allowed is one or the other")
     first, other = (place, []) if place in given else (position, [place])
     constants = [keys.CONSTANT.name, *RADARS]
-    optional = [*other, *constants, keys.DETECTOR.name, keys.SCAN_PERIOD.name, *optional]
+    further = [keys.DETECTOR.name, keys.SCAN_PERIOD.name, keys.ATTENUATION.name]
+    optional = [*other, *constants, *further, *optional]
     entries = entry.mapping([*required, first, keys.P_FA.name], optional)
     chosen = [key for key in constants if key in entries]
     if len(chosen) != 1:
@@ -114,15 +118,32 @@ def read_radar(
     if constant is None:
         sheet = read_data_sheet(entries[chosen[0]], chosen[0])
         constant = sheet.constant
+    p_fa = section.value(keys.P_FA)
+    detector: Detector = DETECTORS[keys.DETECTOR.default]()
+    if keys.DETECTOR in section:
+        detector = read_detector(section[keys.DETECTOR], p_fa)
+        if sheet and sheet.kind == "surveillance" and _looks(detector) > 1:
+            raise section[keys.DETECTOR].error(
+                "must be of one pulse with 'surveillance', which takes all the energy of a scan "
+                "for a single pulse; 'tracking' and 'constant' are of one pulse of several"
+            )
     return RadarEntry(
         state=np.array([*radar_position, constant]),
-        p_fa=section.value(keys.P_FA),
-        detector=DETECTORS[section.value(keys.DETECTOR)](),
+        p_fa=p_fa,
+        detector=detector,
         data_sheet=sheet,
         place=radar_place,
         place_entry=entries.get(place),
         scan_period=section.value(keys.SCAN_PERIOD),
+        attenuation=section.si(keys.ATTENUATION),
     )
+
+
+def _looks(detector: Detector) -> int:
+    """Return the number of pulses behind one P_D."""
+    if not isinstance(detector, PulseDetector):
+        return 1
+    return detector.pulses * (detector.binary.n if detector.binary else 1)
 
 
 def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:
@@ -192,7 +213,7 @@ def _read_one_of_several(entry: Entry) -> RadarEntry:
     min_range = _read_min_range(section, radar.data_sheet, max_range)
     if uncertainty not in section:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
-    levels = read_levels(section[uncertainty], radar.data_sheet)
+    levels = read_levels(section[uncertainty], radar.data_sheet, radar.attenuation)
     return dataclasses.replace(
         radar,
         name=name,

@@ -34,6 +34,8 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "constant": (1, 300),
     "p_fa": (1e-9, 1e-3),
     "scan_period_s": (1, 100),
+    "attenuation_db_per_km": (1e-3, 0.2),
+    "rcs_db": (0.1, 3),
     "max_range_km": (50, 800),
     "min_range_km": (0.1, 20),
     "latitude_deg": (30, 40),
@@ -213,13 +215,40 @@ class _Scenario:
             self.sheet: list[Key] = []
             return [*pairs, (kind, self.number(key))]
         cls = RADARS[kind]
-        self.sheet = [self.rng.choice(units) for units in keys.declared_units(cls)]
-        sheet: Pairs = [(key.name, self.number(key)) for key in self.sheet]
+        chosen = [self.rng.choice(units) for units in keys.declared_units(cls)]
+        sheet: Pairs = [(key.name, self.number(key)) for key in chosen]
+        self.sheet = [key for key in chosen if key.name != "coherent_pulses"]
+        if self.rng.random() < 0.3:
+            losses = self.rng.sample(["beam_shape", "line", "x1"], self.rng.randint(1, 3))
+            sheet.append(("losses_db", [(name, self.small()) for name in losses]))
+        if kind == "surveillance":  # has the energy of all pulses
+            pairs = [(name, value) for name, value in pairs if name != "detector"]
         if kind == "surveillance" and self.rng.random() < 0.5:
             sheet.append(("search_factor", self.rng.choice(list(keys.SEARCH_FACTOR.choices))))
         if section == "radars[]" and any(key.name == "pulse_width_us" for key in self.sheet):
             pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
         return [*pairs, (kind, sheet)]
+
+    def detector(self) -> Any:
+        """Return the name of a detector, or a mapping."""
+        name = self.rng.choice(list(keys.DETECTOR.choices))
+        if name == "north" or self.rng.random() < 0.6:
+            return name
+        cells = str(self.rng.randint(12, 40))
+        cfar = [("type", "cell_averaging"), ("cells", cells)]
+        binary = [("m", "2"), ("n", str(self.rng.randint(2, 5)))]
+        pairs: Pairs = [("model", name), ("pulses", str(self.rng.randint(1, 20)))]
+        if self.rng.random() < 0.5:
+            pairs.append(("cfar", cfar))
+        if name not in ("swerling1", "swerling3") and self.rng.random() < 0.3:
+            pairs.append(("binary", binary))
+        return pairs
+
+    def with_attenuation(self, level: Pairs) -> Pairs:
+        """Return a level, perhaps with the uncertainty of an attenuation, perhaps too large."""
+        if self.rng.random() > 0.1:
+            return level
+        return [*level, (keys.ATTENUATION_STD.name, self.small())]
 
     def radars(self) -> list[Pairs]:
         """Return several radars."""
@@ -231,7 +260,7 @@ class _Scenario:
 
     def levels_of(self) -> Pairs:
         """Return the levels of the radar made last."""
-        return [(level, self.level()) for level in self.levels]
+        return [(level, self.with_attenuation(self.level())) for level in self.levels]
 
     def level(self) -> Pairs:
         """Return the uncertainty of a radar."""
@@ -270,9 +299,12 @@ class _Scenario:
         ]
 
     def cov_aircraft(self) -> Pairs:
+        rcs: Pairs = []
+        if self.rng.random() < 0.2:
+            rcs.append((keys.RCS_DB.name, self.number(keys.RCS_DB)))
         if self.rng.random() < 0.15:
-            return [("covariance", self.matrix(6))]
-        return [(name, self.std(name)) for name in ("position_m", "attitude_deg")]
+            return [("covariance", self.matrix(6)), *rcs]
+        return [*((name, self.std(name)) for name in ("position_m", "attitude_deg")), *rcs]
 
     def uncertainty(self) -> Pairs:
         given = {} if self.route_has_cov else {"aircraft": self.cov_aircraft()}
@@ -328,6 +360,8 @@ class _Scenario:
         ".uncertainty": uncertainty,
         ".analysis": analysis,
         "aircraft.rcs": rcs,
+        "radar.detector": detector,
+        "radars[].detector": detector,
         "geometry (type: orbit).azimuth_deg": sweep,
         "geometry (type: path).interpolate": lambda self: self.place("geometry.interpolate"),
         "geometry (type: path).origin": lambda self: self.place("geometry.origin"),
