@@ -62,7 +62,7 @@ def schema() -> Schema:
                 "uncertainty": _mapping(
                     keys.UNCERTAINTY,
                     {
-                        "aircraft": _covariance(keys.COV_AIRCRAFT, others=[keys.RCS_DB]),
+                        "aircraft": _covariance(keys.COV_AIRCRAFT, besides=_OF_RCS, alone=True),
                         "radar": {"type": "object"},
                     },
                     required=[],
@@ -87,7 +87,7 @@ def schema() -> Schema:
                 else_={
                     "allOf": [
                         _at("aircraft", _with("attitude_deg")),
-                        _at("uncertainty", _with("aircraft")),
+                        _at("uncertainty", _at("aircraft", {"not": _only(_OF_RCS)})),
                     ]
                 },
             ),
@@ -226,7 +226,9 @@ def _one_of_several() -> Schema:
     radar = _radar(keys.RADARS_ENTRY)
     name = keys.RADAR_UNCERTAINTY.name
     levels = [_if(_with(kind), _at(name, _levels_of(kind))) for kind in CONSTANTS]
-    return {**radar, "allOf": [*radar["allOf"], *levels]}
+    pulse = _at("tracking", _with("pulse_width_us"))
+    eclipsing = _if(_at(keys.ECLIPSING.name, {"const": True}), pulse)
+    return {**radar, "allOf": [*radar["allOf"], *levels, eclipsing]}
 
 
 def _detector() -> Schema:
@@ -307,22 +309,36 @@ def _by_word(key: Key, mappings: Mapping[str, Schema]) -> Schema:
 def _covariance(
     parts: Sequence[Key],
     shapes: Mapping[str, Schema] | None = None,
+    besides: Sequence[Key] = (),
     *,
-    others: Sequence[Key] = (),
+    alone: bool = False,
 ) -> Schema:
-    """Return the schema of a covariance, part by part or as a whole, beside other keys."""
+    """Return the schema of a covariance, part by part or as a whole.
+
+    Args:
+        parts: The keys of the parts.
+        shapes: Schemas of parts that are more than numbers.
+        besides: Further keys.
+        alone: Whether a mapping may have further keys only, and state no covariance.
+    """
     whole = keys.COVARIANCE.name
-    size = sum(key.size for key in parts)
-    matrix = {whole: _matrix(size)}
     by_part = {key.name: _part(key) for key in parts}
+    matrix = {whole: _matrix(sum(key.size for key in parts))}
+    of_parts: Schema = {"required": list(by_part)}
+    if alone:
+        of_parts = {"anyOf": [of_parts, _only(besides)]}
+    section = [*parts, keys.COVARIANCE, *besides]
     return {
-        **_mapping(
-            [*parts, keys.COVARIANCE, *others], {**by_part, **matrix, **(shapes or {})}, required=[]
-        ),
-        "if": {"required": [whole]},
-        "then": {"not": {"anyOf": [_with(key.name) for key in parts]}},
-        "else": {"required": [key.name for key in parts]},
+        **_mapping(section, {**by_part, **matrix, **(shapes or {})}, required=[]),
+        "if": _with(whole),
+        "then": {"properties": dict.fromkeys(by_part, False)},
+        "else": of_parts,
     }
+
+
+def _only(section: Sequence[Key]) -> Schema:
+    """Return the schema of a mapping that has some of the keys and no others."""
+    return {"propertyNames": {"enum": [key.name for key in section]}, "minProperties": 1}
 
 
 def _part(key: Key) -> Schema:
@@ -351,7 +367,7 @@ def _levels(kind: str) -> Schema:
         "type": "object",
         "minProperties": 1,
         "propertyNames": {"pattern": f"^(?:{keys.LEVEL_NAME.pattern})$"},
-        "additionalProperties": _covariance(keys.COV_RADAR, shapes),
+        "additionalProperties": _covariance(keys.COV_RADAR, shapes, [keys.ATTENUATION_STD]),
     }
 
 
@@ -413,4 +429,6 @@ def _levels_of(kind: str) -> Schema:
 
 #: What a radar may have for its c_r.
 CONSTANTS = (keys.CONSTANT.name, *RADARS)
+#: What stands beside the covariance of the pose, and is not a part of it.
+_OF_RCS = (keys.RCS_DB,)
 _GEODETIC = _with(keys.RADAR_PLACE.name)

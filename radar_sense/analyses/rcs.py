@@ -123,6 +123,7 @@ _TABLE = (
     quantity("azimuth_deg", "Azimuth of the radar seen from the aircraft, 0 off the nose."),
     quantity("elevation_deg", "Elevation of the radar seen from the aircraft, positive above."),
     quantity("rcs_m2", "Radar cross section in this direction."),
+    quantity("std_db", "Standard deviation of the cross section; of a table that has one alone."),
 )
 
 

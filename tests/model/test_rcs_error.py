@@ -275,7 +275,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     paper = rs.load_scenario()
     with pytest.raises(ValueError, match="rcs_db must be"):
         dataclasses.replace(paper, rcs_db=-1)
-    with pytest.raises(ValueError, match="both are the uncertainty of the RCS"):
+    with pytest.raises(ValueError, match="exclude each other"):
         rs.Scenario(
             model=rs.DetectionModel(TABLE, 1e-6), aircraft=paper.aircraft, radar=paper.radar,
             cov_aircraft=paper.cov_aircraft, cov_radar=dict(paper.cov_radar), rcs_db=1,
@@ -286,7 +286,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
     with pytest.raises(ValueError, match="got nan for the error of the RCS"):
         model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan]))
-    for network, sizes in ((NetworkModel((Radar(model),)), (3, 6)), (model, (3, 6))):
+    for network, sizes in ((NetworkModel((Radar(model),)), (3, 7)), (model, (3, 7))):
         for size in sizes:
             with pytest.raises(ValueError, match="radar states must have shape"):
                 network.p_d(np.ones(6), np.zeros(size))
