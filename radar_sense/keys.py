@@ -138,7 +138,12 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     """Return the keys of a data sheet, for each parameter the keys of its units."""
     return tuple(
         tuple(
-            Key(key, unit.meaning or _attribute_help(cls, f.name), f.metadata["limit"])
+            Key(
+                key,
+                unit.meaning or _attribute_help(cls, f.name),
+                f.metadata["limit"],
+                default=REQUIRED if f.default is MISSING else f.default,
+            )
             for key, unit in f.metadata["units"].items()
         )
         for f in fields(cls)
@@ -278,7 +283,12 @@ RADAR = (
 )
 LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
-LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
+LOSSES_DB = Key(
+    LOSSES_KEY,
+    "Further losses by name [dB].",
+    allowed="a mapping of names to numbers not less than 0",
+    default=None,
+)
 LOSS_NAME = Key(
     "loss",
     "Name of a loss.",

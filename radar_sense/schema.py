@@ -19,8 +19,9 @@ from typing import Any
 from radar_sense import keys
 from radar_sense.keys import YES_NO, Key
 from radar_sense.limits import ANY, LARGEST, MAX_RADARS, NOT_NEGATIVE, Limit
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.radar_constant import TOLERANCE_DB
-from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.radar_equation import LOSSES, RADARS
 from radar_sense.model.rcs import RCS_MODELS
 
 Schema = dict[str, Any]
@@ -113,7 +114,7 @@ def allowed(key: Key) -> str:
     """Return the allowed values of a key in a sentence."""
     if key.choices:
         return f"One of: {', '.join(key.choices)}."
-    if key.pattern:
+    if key.allowed:
         return _sentence(key.allowed)
     if key.limit is None:
         return ""
@@ -214,6 +215,7 @@ def _radar(section: Sequence[Key]) -> Schema:
     shapes = {keys.RADAR_PLACE.name: _mapping(keys.PLACE)}
     shapes |= {kind: _data_sheet(kind) for kind in RADARS}
     shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}}
+    shapes |= {keys.DETECTOR.name: _detector()}
     required = [key.name for key in section if key.required and key.name not in places]
     return {
         **_mapping(section, shapes, required=required),
@@ -230,17 +232,55 @@ def _one_of_several() -> Schema:
     return {**radar, "allOf": [*radar["allOf"], *levels, eclipsing]}
 
 
+def _detector() -> Schema:
+    """Return the schema of a detector: a name, or a mapping with the keys of its model."""
+    alone, mappings = [], {}
+    for name, cls in DETECTORS.items():
+        section = keys.sections()[f"radar.detector (model: {name})"]
+        if not any(key.required for key in section[1:]):
+            alone.append(name)
+        shapes = {
+            key: _parameters(field.metadata["kinds"])
+            for key, field in keys.declared_sections(cls).items()
+        }
+        mappings[name] = _mapping(section, shapes)
+    return {"anyOf": [{"enum": alone}, _by_word(keys.DETECTOR_MODEL, mappings)]}
+
+
+def _parameters(kinds: Any) -> Schema:
+    """Return the schema of the parameters of a class, or of one of several classes by type."""
+    if not isinstance(kinds, Mapping):
+        return _mapping(keys.declared(kinds))
+    mappings = {
+        name: _mapping((keys.CFAR_TYPE, *keys.declared(cls))) for name, cls in kinds.items()
+    }
+    return _by_word(keys.CFAR_TYPE, mappings)
+
+
 def _data_sheet(kind: str) -> Schema:
     """Return the schema of a data sheet, with each parameter in one of its units."""
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
-    others = [keys.SEARCH_FACTOR] if kind == "surveillance" else []
-    parameter_keys = [key for units in parameters for key in units]
+    others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
+    every = [key for units in parameters for key in units]
+    # losses that all have names leave no loss without one
+    alone = [units[0] for units in names if len(units) == 1 and units[0] != "loss_db"]
     return {
-        **_mapping(
-            [*parameter_keys, *others], required=[units[0] for units in names if len(units) == 1]
-        ),
-        "allOf": [_one_of(units) for units in names if len(units) > 1],
+        **_mapping([*every, *others], {keys.LOSSES_DB.name: _losses(LOSSES)}, required=alone),
+        "allOf": [
+            {"anyOf": [_with("loss_db"), _with(keys.LOSSES_DB.name)]},
+            *(_one_of(units) for units in names if len(units) > 1),
+        ],
+    }
+
+
+def _losses(limit: Limit) -> Schema:
+    """Return the schema of numbers by the name of a loss."""
+    return {
+        "type": "object",
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(limit),
+        "minProperties": 1,
     }
 
 
@@ -351,6 +391,11 @@ def _tolerances(kind: str) -> Schema:
         }
         for parameter, units in zip(parameters, keys.declared_units(cls), strict=True)
         for key in units
+        if key.required  # a count is exact
+    }
+    properties[keys.LOSSES_DB.name] = {
+        "description": "Standard deviations of losses, by name.",
+        **_losses(TOLERANCE_DB),
     }
     return {
         "type": "object",
