@@ -128,17 +128,16 @@ def _key_row(sections: Mapping[str, Sequence[Key]], name: str, key: Key) -> list
         size = sum(other.size for other in section if other.required)
         allowed = f"{size} rows of {size} numbers"
         example = "[covariance.yaml](../../configs/covariance.yaml)"
-    elif of_section and not key.choices:
+    elif of_section:
         links = " or ".join(f"[{title(s)}](#{anchor(title(s))})" for s in of_section)
         allowed = f"see {links}"
+        if key.choices:  # a word, or a mapping
+            allowed += "; or " + ", ".join(f"`{word}`" for word in key.choices)
     else:
         example = f"`{_yaml(example_of(name, section, key))}`"
         allowed = schema.allowed(dataclasses.replace(key, size=1) if is_part else key).rstrip(".")
         if key.choices:
             allowed = ", ".join(f"`{word}`" for word in key.choices)
-        if of_section:
-            names = ", ".join(f"[{s[s.index('(') :]}](#{anchor(title(s))})" for s in of_section)
-            allowed += f", or a mapping {names}"
     return [
         f"`{key.name}`",
         key.meaning,

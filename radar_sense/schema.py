@@ -214,8 +214,7 @@ def _radar(section: Sequence[Key]) -> Schema:
     places = [keys.RADAR_POSITION.name, keys.RADAR_PLACE.name]
     shapes = {keys.RADAR_PLACE.name: _mapping(keys.PLACE)}
     shapes |= {kind: _data_sheet(kind) for kind in RADARS}
-    shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}}
-    shapes |= {keys.DETECTOR.name: _detector()}
+    shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}, keys.DETECTOR.name: _detector()}
     required = [key.name for key in section if key.required and key.name not in places]
     return {
         **_mapping(section, shapes, required=required),
@@ -233,28 +232,24 @@ def _one_of_several() -> Schema:
 
 
 def _detector() -> Schema:
-    """Return the schema of a detector: a name, or a mapping with the keys of its model."""
-    alone, mappings = [], {}
-    for name, cls in DETECTORS.items():
-        section = keys.sections()[f"radar.detector (model: {name})"]
-        if not any(key.required for key in section[1:]):
-            alone.append(name)
-        shapes = {
-            key: _parameters(field.metadata["kinds"])
-            for key, field in keys.declared_sections(cls).items()
-        }
-        mappings[name] = _mapping(section, shapes)
-    return {"anyOf": [{"enum": alone}, _by_word(keys.DETECTOR_MODEL, mappings)]}
+    """Return the schema of a detector: its name, or a mapping with the keys of its model."""
+    models = {name: _instance(cls, keys.DETECTOR_MODEL) for name, cls in DETECTORS.items()}
+    return {"anyOf": [_value(keys.DETECTOR), _by_word(keys.DETECTOR_MODEL, models)]}
 
 
-def _parameters(kinds: Any) -> Schema:
-    """Return the schema of the parameters of a class, or of one of several classes by type."""
-    if not isinstance(kinds, Mapping):
-        return _mapping(keys.declared(kinds))
-    mappings = {
-        name: _mapping((keys.CFAR_TYPE, *keys.declared(cls))) for name, cls in kinds.items()
-    }
-    return _by_word(keys.CFAR_TYPE, mappings)
+def _instance(cls: type, *words: Key) -> Schema:
+    """Return the schema of a mapping that is read into a class."""
+    shapes: dict[str, Schema] = {}
+    sections = keys.declared_sections(cls)
+    for name, field in sections.items():
+        kinds = field.metadata["kinds"]
+        if isinstance(kinds, type):
+            shapes[name] = _instance(kinds)
+        else:
+            word = keys.TYPES[name]
+            by_name = {kind: _instance(of_kind, word) for kind, of_kind in kinds.items()}
+            shapes[name] = _by_word(word, by_name)
+    return _mapping([*words, *keys.declared(cls), *keys.section_keys(cls)], shapes)
 
 
 def _data_sheet(kind: str) -> Schema:
@@ -262,25 +257,21 @@ def _data_sheet(kind: str) -> Schema:
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
     others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
-    every = [key for units in parameters for key in units]
-    # losses that all have names leave no loss without one
-    alone = [units[0] for units in names if len(units) == 1 and units[0] != "loss_db"]
-    return {
-        **_mapping([*every, *others], {keys.LOSSES_DB.name: _losses(LOSSES)}, required=alone),
-        "allOf": [
-            {"anyOf": [_with("loss_db"), _with(keys.LOSSES_DB.name)]},
-            *(_one_of(units) for units in names if len(units) > 1),
-        ],
-    }
-
-
-def _losses(limit: Limit) -> Schema:
-    """Return the schema of numbers by the name of a loss."""
-    return {
+    parameter_keys = [key for units in parameters for key in units]
+    total = "loss_db"
+    required = [units[0] for units in names if len(units) == 1 and units[0] != total]
+    losses = {
         "type": "object",
-        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
-        "additionalProperties": _number(limit),
         "minProperties": 1,
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(LOSSES),
+    }
+    return {
+        **_mapping([*parameter_keys, *others], {keys.LOSSES_DB.name: losses}, required=required),
+        "allOf": [
+            *(_one_of(units) for units in names if len(units) > 1),
+            {"anyOf": [_with(total), _with(keys.LOSSES_DB.name)]},
+        ],
     }
 
 
@@ -391,11 +382,14 @@ def _tolerances(kind: str) -> Schema:
         }
         for parameter, units in zip(parameters, keys.declared_units(cls), strict=True)
         for key in units
-        if key.required  # a count is exact
+        if key.required
     }
     properties[keys.LOSSES_DB.name] = {
-        "description": "Standard deviations of losses, by name.",
-        **_losses(TOLERANCE_DB),
+        "description": "Standard deviations of the losses by name.",
+        "type": "object",
+        "minProperties": 1,
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(TOLERANCE_DB),
     }
     return {
         "type": "object",
