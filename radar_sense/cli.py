@@ -45,7 +45,7 @@ ANALYSES: dict[str, tuple[str, str]] = {
     ),
     "detectors": (
         "radar_sense.analyses.detectors:detectors",
-        "P_D of every detector, and the error of North's approximation.",
+        "P_D of every detector, the error of North's approximation, and the integration of pulses.",
     ),
     "map": (
         "radar_sense.analyses.coverage_map:coverage_map",
@@ -58,6 +58,10 @@ ANALYSES: dict[str, tuple[str, str]] = {
     "montecarlo": (
         "radar_sense.analyses.montecarlo:montecarlo",
         "Monte Carlo draws of P_D against the band of a method.",
+    ),
+    "range": (
+        "radar_sense.analyses.detection_range:detection_range",
+        "How far each radar detects the aircraft, by bearing or by aspect.",
     ),
     "rcs": (
         "radar_sense.analyses.rcs:rcs",
@@ -269,6 +273,7 @@ def _option(option: Option) -> click.Option:
         [f"--{option.name.replace('_', '-')}"],
         help=option.help + default,
         is_flag=option.flag,
+        multiple=option.multiple,
         metavar=None if option.flag else option.metavar,
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
@@ -343,7 +348,7 @@ def _run(
     from radar_sense import files
     from radar_sense.errors import printable
 
-    chosen = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
         scenario = _scenario(config)

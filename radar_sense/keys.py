@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Any
 
 from radar_sense.limits import (
@@ -24,8 +24,8 @@ from radar_sense.limits import (
     STD_DB,
     Limit,
 )
-from radar_sense.model.detectors import DETECTORS
-from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
+from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
+from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
 from radar_sense.model.trajectory import METHODS
@@ -116,10 +116,20 @@ def declared(cls: Any) -> tuple[Key, ...]:
             f.metadata["help"] or _attribute_help(cls, f.name),
             f.metadata["limit"],
             f.metadata["unit"],
+            default=REQUIRED if f.default is MISSING else f.default,
         )
-        for f in fields(cls)
+        for f in _fields(cls)
         if "key" in f.metadata
     )
+
+
+def declared_sections(cls: Any) -> dict[str, Field[Any]]:
+    """Return the fields that are declared as mappings by `limits.section`, by key."""
+    return {f.metadata["section"]: f for f in _fields(cls) if "section" in f.metadata}
+
+
+def _fields(cls: Any) -> tuple[Field[Any], ...]:
+    return fields(cls) if is_dataclass(cls) else ()
 
 
 def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
@@ -135,8 +145,8 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text on an attribute in the docstring of a class."""
-    lines = (cls.__doc__ or "").splitlines()
+    """Return the text on an attribute in the docstring of a class or of its bases."""
+    lines = [line for base in cls.__mro__ for line in (base.__doc__ or "").splitlines()]
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
             text = [line.strip().removeprefix(f"{name}: ")]
@@ -222,6 +232,8 @@ ATTENUATION_STD = Key(
 DETECTOR = Key(
     "detector", "Detector and fluctuation of the target.", choices=DETECTORS, default="north"
 )
+DETECTOR_MODEL = Key("model", "Name of the detector.", choices=DETECTORS)
+CFAR_TYPE = Key("type", "Kind of CFAR.", choices=CFARS)
 SCAN_PERIOD = Key(
     "scan_period_s",
     "Time from one look to the next; without it each pose is a look.",
@@ -264,6 +276,13 @@ RADAR = (
 )
 LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
+LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
+LOSS_NAME = Key(
+    "loss",
+    "Name of a loss.",
+    pattern="[a-z][a-z0-9_]{0,29}",
+    allowed="the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
+)
 SEARCH_FACTOR = Key(
     "search_factor",
     "Divisor of the power-aperture product in c_r.",
@@ -389,8 +408,23 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
     }
     sheets = {
         f"radar.{kind}": tuple(key for units in declared_units(cls) for key in units)
-        + ((SEARCH_FACTOR,) if kind == "surveillance" else ())
+        + ((LOSSES_DB, SEARCH_FACTOR) if kind == "surveillance" else (LOSSES_DB,))
         for kind, cls in RADARS.items()
+    }
+    detectors = {
+        f"radar.detector (model: {name})": (
+            DETECTOR_MODEL,
+            *declared(cls),
+            *(
+                Key(key, _attribute_help(cls, f.name), default=None)
+                for key, f in declared_sections(cls).items()
+            ),
+        )
+        for name, cls in DETECTORS.items()
+    }
+    cfars = {
+        f"radar.detector.cfar (type: {name})": (CFAR_TYPE, *declared(cls))
+        for name, cls in CFARS.items()
     }
     return {
         "": SCENARIO,
@@ -398,6 +432,9 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         "radars[]": RADARS_ENTRY,
         "radar.position_geodetic": PLACE,
         **sheets,
+        **detectors,
+        **cfars,
+        "radar.detector.binary": declared(BinaryIntegration),
         "aircraft": AIRCRAFT,
         **models,
         "aircraft.rcs (model: table)": TABLE,

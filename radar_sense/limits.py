@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from numbers import Real
 from typing import Any
 
@@ -89,7 +90,9 @@ WORKERS = Limit(at_least=1, at_most=MAX_WORKERS, whole=True)
 FORMATS = ("png", "pdf", "svg")
 
 
-def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -> Any:
+def parameter(
+    key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0, default: Any = MISSING
+) -> Any:
     """Declare a dataclass field that a scenario file sets.
 
     Args:
@@ -97,8 +100,20 @@ def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -
         limit: The numbers allowed, in the unit of the key.
         meaning: What the number is, for the reference of the scenario file.
         unit: SI value of 1 in the unit of the key.
+        default: Value of a key that is left out; without it the key must be there.
     """
-    return field(metadata={"key": key, "limit": limit, "help": meaning, "unit": unit})
+    metadata = {"key": key, "limit": limit, "help": meaning, "unit": unit}
+    return field(default=default, metadata=metadata)
+
+
+def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
+    """Return the metadata of a dataclass field that a mapping of a scenario file sets.
+
+    Args:
+        key: Key of the mapping in the file.
+        kinds: Dataclass of the field; or several by the name that the mapping gives as its `type`.
+    """
+    return {"section": key, "kinds": kinds}
 
 
 def plain_number(value: Any) -> Any:

@@ -9,18 +9,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from radar_sense import keys
 from radar_sense.axis import Axis
-from radar_sense.keys import Key, declared, in_unit, shortest
+from radar_sense.keys import Key, declared, declared_sections, in_unit, shortest
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar_constant import Tolerance, relative_std
+from radar_sense.model.radar_constant import Tolerance, nested, relative_std
 from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.provenance import (
@@ -54,13 +54,13 @@ def radar_block(
         block["position_m"] = state[POSITION].tolist()
     sheet = _sheet(source, state)
     if sheet:
-        block[sheet.kind] = dict(sheet.values)
+        block[sheet.kind] = nested(sheet.values)
         if sheet.search_factor is not None:
             block[sheet.kind]["search_factor"] = sheet.search_factor
     else:
         block["constant"] = float(state[CONSTANT])
     block["p_fa"] = model.p_fa
-    block["detector"] = _detector_name(model)
+    block["detector"] = detector_block(model.detector)
     if scan_period is not None:
         block["scan_period_s"] = scan_period
     if model.attenuation:
@@ -100,7 +100,7 @@ def level_block(
         block[keys.ATTENUATION_STD.name] = in_unit(attenuation_std, keys.ATTENUATION_STD.unit)
     if not tolerances:
         return block
-    by_key = {tolerance.key: tolerance.std for tolerance in tolerances}
+    by_key = nested({tolerance.key: tolerance.std for tolerance in tolerances})
     sheet = _sheet(source, state)
     std = float(state[CONSTANT]) * relative_std(tolerances)
     if sheet and "constant" in block and covariance[CONSTANT, CONSTANT] == std * std:
@@ -127,15 +127,39 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
     return {"model": names[0], **instance_block(rcs)}
 
 
+def detector_block(detector: Detector) -> str | Block:
+    """Return the name of a detector, or a mapping if any of its keys is not at its default."""
+    names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
+    if not names:
+        return repr(detector)
+    block = instance_block(detector)
+    defaults = {key.name: key.default for key in declared(type(detector))}
+    return names[0] if block == defaults else {"model": names[0], **block}
+
+
 def instance_block(instance: Any) -> Block:
-    """Return the fields that a dataclass declares with `limits.parameter`, by key."""
-    attributes = {f.metadata["key"]: f.name for f in dataclasses.fields(instance) if f.metadata}
+    """Return the fields that a dataclass declares in `limits`, by key."""
+    if not dataclasses.is_dataclass(instance):
+        return {}
+    attributes = {
+        f.metadata["key"]: f.name for f in dataclasses.fields(instance) if "key" in f.metadata
+    }
     block: Block = {}
     for key in declared(type(instance)):
         value = getattr(instance, attributes[key.name])
         whole = key.limit is not None and key.limit.whole
         block[key.name] = int(value) if whole else in_unit(float(value), key.unit)
+    for name, field in declared_sections(type(instance)).items():
+        value = getattr(instance, field.name)
+        if value is not None:
+            kinds = field.metadata["kinds"]
+            named = {} if isinstance(kinds, type) else {"type": _name_of(value, kinds)}
+            block[name] = {**named, **instance_block(value)}
     return block
+
+
+def _name_of(value: Any, kinds: Mapping[str, type]) -> str:
+    return next(name for name, cls in kinds.items() if type(value) is cls)
 
 
 def attitude_block(aircraft: FloatArray, provenance: Provenance) -> Block:
@@ -271,11 +295,6 @@ def is_as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
 def _sheet(source: RadarSource | None, state: FloatArray) -> Any:
     sheet = source.data_sheet if source else None
     return sheet if sheet and sheet.constant == state[CONSTANT] else None
-
-
-def _detector_name(model: DetectionModel) -> str:
-    names = [name for name, cls in DETECTORS.items() if type(model.detector) is cls]
-    return names[0] if names else repr(model.detector)
 
 
 def _fields(horizon: Horizon | None) -> Block:

@@ -333,9 +333,9 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
             {
                 "name": name,
                 "source": part.source,
-                "label": part.tolerance.key
+                "label": part.tolerance.name
                 if part.source == part.constant
-                else f"{part.source} {part.tolerance.key}",
+                else f"{part.source} {part.tolerance.name}",
             }
             for name, part in parts_of(scenario).items()
         ],

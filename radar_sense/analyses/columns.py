@@ -7,10 +7,13 @@ analyses have are here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from radar_sense.keys import unit_name
+
+_PLACEHOLDER = re.compile(r"<\w+>")
 
 
 @dataclass(frozen=True)
@@ -28,13 +31,16 @@ class Column:
     unit: str
 
     def named(self, name: str) -> Column | None:
-        """Return the column with a word in place of the placeholder; None if none fits a name."""
-        before, opening, rest = self.name.partition("<")
-        word, _, after = rest.partition(">")
-        filling = name[len(before) : len(name) - len(after)]
-        if name != before + filling + after or bool(filling) != bool(opening):
+        """Return the column with words in place of placeholders; None if it has another name."""
+        words = _PLACEHOLDER.findall(self.name)
+        pattern = "(.+)".join(map(re.escape, _PLACEHOLDER.sub("\0", self.name).split("\0")))
+        fits = re.fullmatch(pattern, name)
+        if not fits:
             return None
-        return Column(name, self.meaning.replace(f"<{word}>", filling), self.unit)
+        meaning = self.meaning
+        for word, filling in zip(words, fits.groups(), strict=True):
+            meaning = meaning.replace(word, filling)
+        return Column(name, meaning, self.unit)
 
 
 def quantity(name: str, meaning: str) -> Column:

@@ -65,6 +65,7 @@ class Option:
         count: How many numbers the option takes.
         choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
+        multiple: Whether the option may be given several times.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Option:
     count: int = 1
     choices: Collection[str] = ()
     flag: bool = False
+    multiple: bool = False
 
 
 #: The options that mean the same everywhere.

@@ -145,7 +145,7 @@ class ConstantPart:
     @property
     def name(self) -> str:
         """Name of the part in a budget; `network.name_problem` keeps the name unique."""
-        return f"{self.constant}_{self.tolerance.key}"
+        return f"{self.constant}_{self.tolerance.name}"
 
 
 def parts_of(scenario: Scenario) -> dict[str, ConstantPart]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -106,6 +106,10 @@ class Radar:
         if self.horizon is not None:
             visible &= self.horizon.visible(aircraft, radar)
         return visible
+
+    def without_limits(self) -> Radar:
+        """Return the radar without minimum and maximum range and horizon."""
+        return replace(self, min_range=0.0, max_range=math.inf, horizon=None)
 
     @property
     def limited(self) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 from scipy.constants import Boltzmann, speed_of_light
 
 from radar_sense.errors import InputError
-from radar_sense.limits import POSITIVE, Limit, check_parameters
+from radar_sense.limits import POSITIVE, Limit, check_number, check_parameters
 from radar_sense.states import FloatArray
 
 #: ln of a ratio of powers of 1 dB.
@@ -22,6 +22,9 @@ NEPERS = math.log(10.0) / 10.0
 DECIBELS = Limit(at_least=-200, at_most=200)
 #: What a receiver or a line takes away, in decibels; neither gives anything.
 LOSSES = Limit(at_least=0, at_most=200)
+COUNT = Limit(at_least=1, at_most=1e6, whole=True)
+#: Key of the losses by name.
+LOSSES_KEY = "losses_db"
 #: The whole sphere is 4π.
 SOLID_ANGLE = Limit(above=0, at_most=12.5664)
 #: What stands below the power-aperture product in c_r, by the name that a scenario gives it. With a
@@ -62,6 +65,12 @@ def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
     return field(metadata={"power": power, "limit": limit, "units": units, "decibels": False})
 
 
+def _count(key: str) -> Any:
+    """Declare a count that c_r is proportional to. It is 1 if left out, and has no tolerance."""
+    metadata = {"power": 1, "limit": COUNT, "units": {key: _SI}, "decibels": False}
+    return field(default=1, metadata=metadata)
+
+
 def _decibels(sign: int, key: str) -> Any:
     """Declare a parameter in decibels that c_r grows with, sign · dB, or falls with."""
     limit = DECIBELS if sign > 0 else LOSSES
@@ -83,6 +92,7 @@ class SurveillanceRadar:
         search_volume: Solid angle Ω searched [sr].
         loss_db: Losses L [dB].
         noise_figure_db: Noise figure F [dB].
+        losses_db: Further losses by name [dB].
         search_factor: The number below the product, 16 in the paper, 4π elsewhere.
     """
 
@@ -94,15 +104,19 @@ class SurveillanceRadar:
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
     search_factor: float = 16.0
+    losses_db: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        _check_losses(self.losses_db)
         if self.search_factor not in SEARCH_FACTORS.values():
             raise InputError(f"search_factor must be 16 or 4π, got {self.search_factor}")
 
     def constant(self) -> float:
         """Radar constant c_r [J m²/K], `eq:c_r_surv`: P_av A / (16 T_0 L F) · T_sc / Ω."""
-        loss: float = 10.0 ** ((self.loss_db + self.noise_figure_db) / 10.0)
+        loss: float = 10.0 ** (
+            (self.loss_db + self.noise_figure_db + sum(self.losses_db.values())) / 10.0
+        )
         power_aperture = self.average_power * self.aperture
         return (
             power_aperture
@@ -119,7 +133,8 @@ class TrackingRadar:
 
         S = P_t G² λ² σ / ((4π)³ k T_0 B F L R⁴),
 
-    without any gain of integrating pulses (Mahafza 2000; Skolnik 2001; Richards 2005). The
+    without any gain of noncoherent integration (Mahafza 2000; Skolnik 2001; Richards 2005), which
+    belongs to the detector. Pulses that are integrated coherently multiply S by their number. The
     bandwidth is that of the matched filter, 1/τ for a plain pulse of width τ; with pulse
     compression τ is the width of the uncompressed pulse, as it is the energy that counts.
 
@@ -131,6 +146,8 @@ class TrackingRadar:
         temperature: Noise reference temperature T_0 [K].
         loss_db: Losses L [dB].
         noise_figure_db: Noise figure F [dB].
+        coherent_pulses: Number of pulses that are integrated coherently into one.
+        losses_db: Further losses by name [dB].
     """
 
     peak_power: float = _factor(1, peak_power_w=_SI, peak_power_kw=Unit(1e3))
@@ -140,15 +157,23 @@ class TrackingRadar:
     temperature: float = _factor(-1, temperature_k=_SI)
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
+    coherent_pulses: int = _count("coherent_pulses")
+    losses_db: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        _check_losses(self.losses_db)
 
     def constant(self) -> float:
-        """Radar constant c_r [J m²/K]: P_t G² λ² / ((4π)³ T_0 B F L)."""
+        """Radar constant c_r [J m²/K]: n P_t G² λ² / ((4π)³ T_0 B F L)."""
         decibels = 2.0 * self.gain_db - self.loss_db - self.noise_figure_db
+        decibels -= sum(self.losses_db.values())
         signal = self.peak_power * self.wavelength**2 * 10.0 ** (decibels / 10.0)
-        return float(signal / ((4.0 * math.pi) ** 3 * self.temperature * self.bandwidth))
+        return float(
+            self.coherent_pulses
+            * signal
+            / ((4.0 * math.pi) ** 3 * self.temperature * self.bandwidth)
+        )
 
 
 #: The kinds of radar that a scenario can describe by their parameters.
@@ -156,6 +181,12 @@ RADARS: Mapping[str, type[SurveillanceRadar] | type[TrackingRadar]] = {
     "surveillance": SurveillanceRadar,
     "tracking": TrackingRadar,
 }
+
+
+def _check_losses(losses_db: Mapping[str, float]) -> None:
+    """Raise InputError if a loss is outside its limit."""
+    for name, loss in losses_db.items():
+        check_number(f"{LOSSES_KEY}.{name}", loss, LOSSES)
 
 
 def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArray) -> FloatArray:

@@ -229,6 +229,13 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
     return _moments(shape, states, method, beta)
 
 
+def upper_bound_in_scenario(
+    scenario: Scenario, *, method: str = "linear", beta: float = 3.0
+) -> FloatArray:
+    """Return the upper bound of P_D (n,) at every pose of a scenario, at its level."""
+    return upper_bound(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
+
+
 def nonlinear_in_scenario(
     scenario: Scenario, moments: Moments, *, method: str = "linear", beta: float = 3.0
 ) -> NDArray[np.bool_]:

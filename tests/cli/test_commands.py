@@ -206,7 +206,9 @@ def test_detectors(tool):
     assert (code, err) == (0, "")
     found = table("figures/paper_detectors.csv")
     names = ["north", "marcum", "swerling1", "swerling3"]
-    assert list(found) == ["p_fa", "snr_db", *(f"p_d_{n}" for n in names), "north_less_marcum"]
+    before = ["p_fa", "snr_db", *(f"p_d_{n}" for n in names), "north_less_marcum"]
+    integrated = [f"{what}_swerling2_{n}" for what in ("p_d", "dp_d_per_db") for n in (1, 10, 100)]
+    assert list(found) == [*before, *integrated]
     assert set(found["p_fa"]) == {1e-2, 1.7e-4, 1e-4, 1e-6, 1e-8, 1e-12}
     at = (found["p_fa"] == 1e-4) & (abs(found["snr_db"] - 16) < 1e-9)
     assert found["p_d_swerling1"][at] == pytest.approx(0.7980, abs=5e-5)  # printed, radarsimpy
