@@ -21,7 +21,7 @@ import yaml
 
 import radar_sense
 from radar_sense import cli, keys, schema
-from radar_sense.analyses.contract import Analysis
+from radar_sense.analyses.contract import Analysis, Command
 from radar_sense.keys import Key
 from radar_sense.model.radar_equation import RADARS
 
@@ -122,15 +122,17 @@ def title(section: str) -> str:
 def _key_row(sections: Mapping[str, Sequence[Key]], name: str, key: Key) -> list[str]:
     section = sections[name]
     of_section = [other for other in sections if _is_section_of(other, name, key)]
-    is_part = any(other.name == "covariance" for other in section)
+    is_part = key.required and any(other.name == "covariance" for other in section)
     example = ""
     if key.name == "covariance":
-        size = sum(other.size for other in section if other.name != "covariance")
+        size = sum(other.size for other in section if other.required)
         allowed = f"{size} rows of {size} numbers"
         example = "[covariance.yaml](../../configs/covariance.yaml)"
     elif of_section:
         links = " or ".join(f"[{title(s)}](#{anchor(title(s))})" for s in of_section)
         allowed = f"see {links}"
+        if key.choices:  # a word, or a mapping
+            allowed += "; or " + ", ".join(f"`{word}`" for word in key.choices)
     else:
         example = f"`{_yaml(example_of(name, section, key))}`"
         allowed = schema.allowed(dataclasses.replace(key, size=1) if is_part else key).rstrip(".")
@@ -167,8 +169,10 @@ def _needed(name: str, section: Sequence[Key], key: Key) -> str:
     for group in groups:
         if key.name in group and names >= set(group):
             return f"one of {', '.join(f'`{other}`' for other in group)}"
-    if any(other.name == "covariance" for other in section):
-        return "alone" if key.name == "covariance" else "required, unless `covariance` is there"
+    if key.name == "covariance":
+        return "in place of the other parts"
+    if key.required and "covariance" in names:
+        return "required, unless `covariance` is there"
     if (name, key.name) in _NEEDED:
         return _NEEDED[name, key.name]
     if key.required:
@@ -328,7 +332,7 @@ def python_page() -> str:
 
 
 def _documented(name: str, value: Any) -> str:
-    function = value.run if isinstance(value, Analysis) else value
+    function = value.run if isinstance(value, Command) else value
     text = f"```python\n{_signature(name, function)}\n```\n\n{_markdown(inspect.getdoc(function))}"
     lines = [
         f"- `{_signature(member, attribute, width=1000)}`: {summary}\n"

@@ -103,8 +103,10 @@ class Key:
 
 
 def unit_name(name: str) -> str:
-    """Return the unit at the end of a name, as in `range_km`; "" without a unit."""
+    """Return the unit at the end of a name, as in `range_km` or `db_per_km`; "" without a unit."""
     stem, _, unit = name.rpartition("_")
+    if stem.endswith("_per"):
+        return f"{unit_name(stem.removesuffix('_per'))}/{UNITS.get(unit, unit)}"
     return UNITS.get(unit, "") if stem else ""
 
 
@@ -128,6 +130,14 @@ def declared_sections(cls: Any) -> dict[str, Field[Any]]:
     return {f.metadata["section"]: f for f in _fields(cls) if "section" in f.metadata}
 
 
+def section_keys(cls: Any) -> tuple[Key, ...]:
+    """Return the keys of the mappings that a dataclass declares by `limits.section`."""
+    return tuple(
+        Key(key, _attribute_help(cls, f.name), default=None)
+        for key, f in declared_sections(cls).items()
+    )
+
+
 def _fields(cls: Any) -> tuple[Field[Any], ...]:
     return fields(cls) if is_dataclass(cls) else ()
 
@@ -136,7 +146,12 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     """Return the keys of a data sheet, for each parameter the keys of its units."""
     return tuple(
         tuple(
-            Key(key, unit.meaning or _attribute_help(cls, f.name), f.metadata["limit"])
+            Key(
+                key,
+                unit.meaning or _attribute_help(cls, f.name),
+                f.metadata["limit"],
+                default=REQUIRED if f.default is MISSING else f.default,
+            )
             for key, unit in f.metadata["units"].items()
         )
         for f in fields(cls)
@@ -145,7 +160,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text on an attribute in the docstring of a class or of its bases."""
+    """Return the text about an attribute in the docstring of a class or of its bases."""
     lines = [line for base in cls.__mro__ for line in (base.__doc__ or "").splitlines()]
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
@@ -234,6 +249,8 @@ DETECTOR = Key(
 )
 DETECTOR_MODEL = Key("model", "Name of the detector.", choices=DETECTORS)
 CFAR_TYPE = Key("type", "Kind of CFAR.", choices=CFARS)
+#: Keys of the word that tells the kind of a mapping of a detector.
+TYPES = {"cfar": CFAR_TYPE}
 SCAN_PERIOD = Key(
     "scan_period_s",
     "Time from one look to the next; without it each pose is a look.",
@@ -276,7 +293,12 @@ RADAR = (
 )
 LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
-LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
+LOSSES_DB = Key(
+    LOSSES_KEY,
+    "Further losses by name [dB].",
+    allowed="numbers from 0 to 200 by name",
+    default=None,
+)
 LOSS_NAME = Key(
     "loss",
     "Name of a loss.",
@@ -415,10 +437,7 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         f"radar.detector (model: {name})": (
             DETECTOR_MODEL,
             *declared(cls),
-            *(
-                Key(key, _attribute_help(cls, f.name), default=None)
-                for key, f in declared_sections(cls).items()
-            ),
+            *section_keys(cls),
         )
         for name, cls in DETECTORS.items()
     }

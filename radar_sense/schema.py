@@ -1,11 +1,11 @@
 """The JSON Schema of a scenario file, for editors: generated from the declarations in `keys`.
 
-Names, units, limits, defaults and words come from `keys`. What stands here is the structure of the
-file, and which keys exclude or require which. The schema is of draft-07, the one that language
+Names, units, limits, defaults and words come from `keys`. This file has the structure of a scenario
+file, and the keys that exclude or require each other. The schema has draft-07, which language
 servers support best.
 
-A schema cannot express everything that the reader checks. It accepts what it cannot judge, such as
-a covariance that is not positive semidefinite; `tests/test_schema.py` lists these rules.
+A schema cannot express all checks of the reader. For example, the schema accepts a covariance that
+is not positive semidefinite. `tests/test_schema.py` lists these checks.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from typing import Any
 from radar_sense import keys
 from radar_sense.keys import YES_NO, Key
 from radar_sense.limits import ANY, LARGEST, MAX_RADARS, NOT_NEGATIVE, Limit
+from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.radar_constant import TOLERANCE_DB
-from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.radar_equation import LOSSES, RADARS
 from radar_sense.model.rcs import RCS_MODELS
 
 Schema = dict[str, Any]
 
-#: Name of the file that `radar-sense init` writes beside a scenario.
+#: Name of the schema that `radar-sense init` writes into the folder of a scenario.
 FILE_NAME = "radar_sense.schema.json"
 TITLE = "Scenario of radar-sense"
-#: The line of a scenario file that names its schema to the YAML language server of an editor.
+#: First line of a scenario file, which names the schema for the YAML language server.
 MODELINE = f"# yaml-language-server: $schema={FILE_NAME}\n"
 
 _INFINITY = {"type": "string", "pattern": r"^\+?\.?[iI][nN][fF]([iI][nN][iI][tT][yY])?$"}
@@ -60,7 +61,10 @@ def schema() -> Schema:
                 "geometry": _geometry(),
                 "uncertainty": _mapping(
                     keys.UNCERTAINTY,
-                    {"aircraft": _cov_aircraft(), "radar": {"type": "object"}},
+                    {
+                        "aircraft": _covariance(keys.COV_AIRCRAFT, besides=_OF_RCS, alone=True),
+                        "radar": {"type": "object"},
+                    },
                     required=[],
                 ),
                 "analysis": _mapping(keys.ANALYSIS),
@@ -83,7 +87,7 @@ def schema() -> Schema:
                 else_={
                     "allOf": [
                         _at("aircraft", _with("attitude_deg")),
-                        _at("uncertainty", _with("aircraft")),
+                        _at("uncertainty", _at("aircraft", {"not": _only(_OF_RCS)})),
                     ]
                 },
             ),
@@ -107,10 +111,10 @@ def describe(key: Key) -> str:
 
 
 def allowed(key: Key) -> str:
-    """Return in a sentence what a key may be."""
+    """Return the allowed values of a key in a sentence."""
     if key.choices:
         return f"One of: {', '.join(key.choices)}."
-    if key.pattern:
+    if key.allowed:
         return _sentence(key.allowed)
     if key.limit is None:
         return ""
@@ -210,7 +214,7 @@ def _radar(section: Sequence[Key]) -> Schema:
     places = [keys.RADAR_POSITION.name, keys.RADAR_PLACE.name]
     shapes = {keys.RADAR_PLACE.name: _mapping(keys.PLACE)}
     shapes |= {kind: _data_sheet(kind) for kind in RADARS}
-    shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}}
+    shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}, keys.DETECTOR.name: _detector()}
     required = [key.name for key in section if key.required and key.name not in places]
     return {
         **_mapping(section, shapes, required=required),
@@ -222,18 +226,52 @@ def _one_of_several() -> Schema:
     radar = _radar(keys.RADARS_ENTRY)
     name = keys.RADAR_UNCERTAINTY.name
     levels = [_if(_with(kind), _at(name, _levels_of(kind))) for kind in CONSTANTS]
-    return {**radar, "allOf": [*radar["allOf"], *levels]}
+    pulse = _at("tracking", _with("pulse_width_us"))
+    eclipsing = _if(_at(keys.ECLIPSING.name, {"const": True}), pulse)
+    return {**radar, "allOf": [*radar["allOf"], *levels, eclipsing]}
+
+
+def _detector() -> Schema:
+    """Return the schema of a detector: its name, or a mapping with the keys of its model."""
+    models = {name: _instance(cls, keys.DETECTOR_MODEL) for name, cls in DETECTORS.items()}
+    return {"anyOf": [_value(keys.DETECTOR), _by_word(keys.DETECTOR_MODEL, models)]}
+
+
+def _instance(cls: type, *words: Key) -> Schema:
+    """Return the schema of a mapping that is read into a class."""
+    shapes: dict[str, Schema] = {}
+    sections = keys.declared_sections(cls)
+    for name, field in sections.items():
+        kinds = field.metadata["kinds"]
+        if isinstance(kinds, type):
+            shapes[name] = _instance(kinds)
+        else:
+            word = keys.TYPES[name]
+            by_name = {kind: _instance(of_kind, word) for kind, of_kind in kinds.items()}
+            shapes[name] = _by_word(word, by_name)
+    return _mapping([*words, *keys.declared(cls), *keys.section_keys(cls)], shapes)
 
 
 def _data_sheet(kind: str) -> Schema:
     """Return the schema of a data sheet, with each parameter in one of its units."""
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
-    others = [keys.SEARCH_FACTOR] if kind == "surveillance" else []
-    every = [key for units in parameters for key in units]
+    others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
+    parameter_keys = [key for units in parameters for key in units]
+    total = "loss_db"
+    required = [units[0] for units in names if len(units) == 1 and units[0] != total]
+    losses = {
+        "type": "object",
+        "minProperties": 1,
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(LOSSES),
+    }
     return {
-        **_mapping([*every, *others], required=[units[0] for units in names if len(units) == 1]),
-        "allOf": [_one_of(units) for units in names if len(units) > 1],
+        **_mapping([*parameter_keys, *others], {keys.LOSSES_DB.name: losses}, required=required),
+        "allOf": [
+            *(_one_of(units) for units in names if len(units) > 1),
+            {"anyOf": [_with(total), _with(keys.LOSSES_DB.name)]},
+        ],
     }
 
 
@@ -269,30 +307,38 @@ def _by_word(key: Key, mappings: Mapping[str, Schema]) -> Schema:
 
 
 def _covariance(
-    parts: Sequence[Key], besides: Sequence[Key], shapes: Mapping[str, Schema] | None = None
+    parts: Sequence[Key],
+    shapes: Mapping[str, Schema] | None = None,
+    besides: Sequence[Key] = (),
+    *,
+    alone: bool = False,
 ) -> Schema:
-    """Return the schema of a covariance, part by part or as a whole, with further keys."""
+    """Return the schema of a covariance, part by part or as a whole.
+
+    Args:
+        parts: The keys of the parts.
+        shapes: Schemas of parts that are more than numbers.
+        besides: Further keys.
+        alone: Whether a mapping may have further keys only, and state no covariance.
+    """
     whole = keys.COVARIANCE.name
-    size = sum(key.size for key in parts)
-    matrix = {whole: _matrix(size)}
     by_part = {key.name: _part(key) for key in parts}
+    matrix = {whole: _matrix(sum(key.size for key in parts))}
+    of_parts: Schema = {"required": list(by_part)}
+    if alone:
+        of_parts = {"anyOf": [of_parts, _only(besides)]}
     section = [*parts, keys.COVARIANCE, *besides]
     return {
         **_mapping(section, {**by_part, **matrix, **(shapes or {})}, required=[]),
-        "if": {"required": [whole]},
-        "then": {"not": {"anyOf": [_with(key.name) for key in parts]}},
-        "else": {"required": [key.name for key in parts]},
+        "if": _with(whole),
+        "then": {"properties": dict.fromkeys(by_part, False)},
+        "else": of_parts,
     }
 
 
-def _cov_aircraft() -> Schema:
-    """Return the schema of the uncertainty of the aircraft.
-
-    The uncertainty of the RCS may be the only key, where the route file has the covariances.
-    """
-    schema = _covariance(keys.COV_AIRCRAFT, [keys.RCS_DB])
-    alone = {**_with(keys.RCS_DB.name), "maxProperties": 1}
-    return {**schema, "else": {"anyOf": [schema["else"], alone]}}
+def _only(section: Sequence[Key]) -> Schema:
+    """Return the schema of a mapping that has some of the keys and no others."""
+    return {"propertyNames": {"enum": [key.name for key in section]}, "minProperties": 1}
 
 
 def _part(key: Key) -> Schema:
@@ -321,7 +367,7 @@ def _levels(kind: str) -> Schema:
         "type": "object",
         "minProperties": 1,
         "propertyNames": {"pattern": f"^(?:{keys.LEVEL_NAME.pattern})$"},
-        "additionalProperties": _covariance(keys.COV_RADAR, [keys.ATTENUATION_STD], shapes),
+        "additionalProperties": _covariance(keys.COV_RADAR, shapes, [keys.ATTENUATION_STD]),
     }
 
 
@@ -336,6 +382,14 @@ def _tolerances(kind: str) -> Schema:
         }
         for parameter, units in zip(parameters, keys.declared_units(cls), strict=True)
         for key in units
+        if key.required
+    }
+    properties[keys.LOSSES_DB.name] = {
+        "description": "Standard deviations of the losses by name.",
+        "type": "object",
+        "minProperties": 1,
+        "propertyNames": {"pattern": f"^(?:{keys.LOSS_NAME.pattern})$"},
+        "additionalProperties": _number(TOLERANCE_DB),
     }
     return {
         "type": "object",
@@ -375,4 +429,6 @@ def _levels_of(kind: str) -> Schema:
 
 #: What a radar may have for its c_r.
 CONSTANTS = (keys.CONSTANT.name, *RADARS)
+#: What stands beside the covariance of the pose, and is not a part of it.
+_OF_RCS = (keys.RCS_DB,)
 _GEODETIC = _with(keys.RADAR_PLACE.name)

@@ -1,4 +1,4 @@
-"""How tests write scenarios, make networks, insist on refusals and look at figures."""
+"""Helpers of the tests: scenarios, networks, refusals and figures."""
 
 import copy
 import dataclasses
@@ -114,7 +114,7 @@ def assert_refused(code: int, out: str, err: str) -> None:
 
 
 def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
-    """Take the line apart into line number, key path and complaint."""
+    """Split an error into line number, key path and message."""
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
     assert match, error
     return int(match[1]), match[2] or "", match[3]
@@ -249,6 +249,18 @@ def network_document(*radars, **changes):
 def parsed_network(*radars, **changes):
     """Scenario of `network_document`."""
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
+
+
+def few_draws(patch, draws=128, combinations=512, replicates=2):
+    """Let importance sampling use few draws: its accuracy is tested in `test_importance`."""
+    from radar_sense.mission.importance import pilot, plan, sampling
+    from radar_sense.mission.importance import replicates as parts
+
+    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
+        patch.setattr(plan, name, draws)
+    patch.setattr(pilot, "PILOT_DRAWS", draws)
+    patch.setattr(parts, "COMBINATIONS", combinations)
+    patch.setattr(sampling, "REPLICATES", replicates)
 
 
 #: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.

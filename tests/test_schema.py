@@ -93,7 +93,7 @@ NOT_EXPRESSED = {
         r"is not symmetric|is not positive semidefinite|has a negative variance"
         r"|makes the radar constant|must be at most the attenuation|hides the target within"
         r"|1/6 of the parameter|must be a step other than 0|poses, allowed are|on top of"
-        r"|must not both be 0"
+        r"|must not both be 0|hides the target within"
     ),
     "names that depend on each other": (
         r"analysis.level: must be one of|that no other radar has|must be a level that"
@@ -199,6 +199,9 @@ MISTAKES = [
     {"uncertainty__aircraft__position_m": [1, 1, -1]},
     {"uncertainty__aircraft__position_m": [[1, 0], [0, 1]]},
     {"uncertainty__aircraft__covariance": [[1]]},
+    {"uncertainty__aircraft": {"rcs_db": 1}},
+    {"uncertainty__aircraft__rcs_db": -1},
+    {"uncertainty__aircraft__covariance": [[0] * 6] * 6},
     {"uncertainty__aircraft_correlation_s": -1},
     {"uncertainty__aircraft_correlation_s": "long"},
     {"uncertainty__radar": {}},
@@ -235,6 +238,8 @@ OF_NETWORK = [
             {"name": []},
             {"max_range_km": 0},
             {"horizon": 1},
+            {"eclipsing": True},
+            {"min_range_km": -1},
             {"uncertainty": {}},
             {"uncertainty": 1},
             {"uncertainty": {"high": {"position_m": 1, "constant": {"loss_db": 1}}}},

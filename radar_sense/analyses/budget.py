@@ -119,11 +119,11 @@ _TABLE = (
     MEAN,
     Column("share_<source>", "Share of the variance of P_D from <source>; not by linear.", ""),
     quantity(
-        "share_interaction", "Share of the variance that no single source has; not by linear."
+        "share_interaction", "Share of the variance from interactions of sources; not by linear."
     ),
     Column(
         "total_index_<source>",
-        "Share of the variance that <source> takes part in; by montecarlo.",
+        "Total Sobol' index of <source>: its share and all its interactions; by montecarlo.",
         "",
     ),
     Column("share_error_<source>", "Standard error of the share of <source>; by montecarlo.", ""),
@@ -480,7 +480,7 @@ def _inverse_report(
 
 
 def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
-    """Return the largest factor on the standard deviations of a source, or why there is none."""
+    """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:

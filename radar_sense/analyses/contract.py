@@ -160,8 +160,8 @@ class Result:
     def columns(self) -> dict[str, Column]:
         """Unit and meaning of the columns of the table that the analysis declares, by name."""
         declared = self.by.columns if self.by else ()
-        found = {name: find(declared, name) for name in self.table}
-        return {name: column for name, column in found.items() if column}
+        columns = {name: find(declared, name) for name in self.table}
+        return {name: column for name, column in columns.items() if column}
 
     @property
     def band_label(self) -> str:
@@ -310,7 +310,7 @@ def _content(path: Path) -> bytes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Command:
-    """What a command computes from a scenario, with its options.
+    """A command: a function of a scenario, and its options.
 
     Attributes:
         name: Name of the command.
@@ -318,7 +318,7 @@ class Command:
         options: Options of the command.
         examples: Commands for the help.
         endings: Endings of the files besides figures.
-        has_figures: Whether figures are files of their own.
+        has_figures: Whether the command writes figures as separate files.
     """
 
     name: str
@@ -329,7 +329,7 @@ class Command:
     has_figures: ClassVar[bool]
 
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
-        """Return what the command computes.
+        """Return the result of the command.
 
         Args:
             scenario: The scenario.
@@ -401,7 +401,7 @@ class Analysis(Command):
     has_figures: ClassVar[bool] = True
 
     def __call__(self, scenario: Scenario, **options: Any) -> Result:
-        """Return the result of the analysis; `Command.__call__` says more."""
+        """Return the result of the analysis, as `Command.__call__` does."""
         result: Result = super().__call__(scenario, **options)
         warnings = (
             *plausibility_warnings(self.selected(scenario, **options)),

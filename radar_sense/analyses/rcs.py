@@ -190,7 +190,7 @@ def rcs(scenario: Scenario) -> Result:
 
 
 def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
-    """Return the standard deviation [dB] of an RCS table that has one by aspect."""
+    """Return the column of the standard deviation [dB] of an RCS table; {} without one."""
     spread = getattr(model, "spread", None)
     return {} if spread is None else {"std_db": pattern(spread, *columns)}
 

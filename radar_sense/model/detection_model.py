@@ -34,11 +34,8 @@ from radar_sense.states import (
     sizes_of,
 )
 
-#: Poses per block. The arrays in use fit into a third-level cache, and NumPy's calls are long
-#: enough for several threads to run at full speed.
-BLOCK = 131_072
-#: Poses per block with all partials, which need more arrays. They fit into a second-level cache.
-BLOCK_OF_PARTIALS = 16_384
+#: Poses per block. Arrays of 128 kB stay in a second-level cache.
+BLOCK = 16_384
 #: From S and P_fa to values of a detector, and the slope of the last value by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
@@ -196,9 +193,7 @@ class DetectionModel:
     ) -> tuple[FloatArray, ...]:
         """Return the values of a detector, and the partials of the last one by both states."""
         tails = (*((),) * values, (len(AIRCRAFT),), np.shape(radar)[-1:])
-        return _in_blocks(
-            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
-        )
+        return _in_blocks(lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK)
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)

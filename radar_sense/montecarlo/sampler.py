@@ -12,6 +12,7 @@ from radar_sense.covariance import block_square_root, checked, component_first, 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, draw
+from radar_sense.montecarlo.sequences import TOGETHER
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, constants_of
 
@@ -151,7 +152,12 @@ class Sampler:
         Returns:
             P_D (runs, poses).
         """
-        sqrt_cov = self.sqrt_cov_aircraft
+        sqrt_cov, nominal = self.sqrt_cov_aircraft, self.aircraft[poses]
         sqrt_cov = sqrt_cov if sqrt_cov.ndim == 2 else sqrt_cov[poses]
-        aircraft = draws(self.aircraft[poses], sqrt_cov, normals, overwrite=overwrite)
-        return self.model.p_d(aircraft, radar[:, np.newaxis])
+        p_d = np.empty(normals.shape[:-1])
+        size = max(1, TOGETHER // max(1, int(normals.shape[1])))
+        for start in range(0, len(p_d), size):
+            runs = slice(start, start + size)
+            aircraft = draws(nominal, sqrt_cov, normals[runs], overwrite=overwrite)
+            p_d[runs] = self.model.p_d(aircraft, radar[runs, np.newaxis])
+        return p_d

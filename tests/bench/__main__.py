@@ -67,6 +67,7 @@ def main():
             linearization(kind)
         for kind in RCS:
             monte_carlo(kind)
+        integration()
         print(
             "\n* does not turn to the body frame; the compiler sees that a constant needs no aspect"
         )
@@ -196,6 +197,28 @@ def monte_carlo(kind):
         alike(mc, peer())
         times = interleaved(ours, peer, rounds=3)
         row(f"{name}, {FEWER_RUNS:,} runs", times, FEWER_RUNS * len(case.aircraft), "ns", faster=8)
+
+
+def integration():
+    title("Ten integrated pulses beside North's single pulse, one core")
+    north = scenario()
+    ten = scenario(
+        radar__detector={
+            "model": "swerling2",
+            "pulses": 10,
+            "cfar": {"type": "cell_averaging", "cells": 24},
+        },
+        radar__constant=40,
+    )
+    draws = [partial(rs.monte_carlo, s, runs=FEWER_RUNS, seed=1) for s in (ten, north)]
+    row("Monte Carlo, per sample", interleaved(*draws), FEWER_RUNS * 361, "ns", longer=3)
+    aircraft, radar = random_poses(np.random.default_rng(1))
+    for what in ("p_d", "linearize", "linearize_probit"):
+        calls = [partial(getattr(s.model, what), aircraft, radar) for s in (ten, north)]
+        row(f"{what} of {POSES:,} poses, per pose", interleaved(*calls), POSES, "ns", longer=3)
+    start = time.perf_counter()
+    rs.Marcum(pulses=10).p_d(np.ones(1), 1.2345e-6)
+    print(f"  (the table of a detector is made in {time.perf_counter() - start:.2f} s)")
 
 
 def band_of(mc):

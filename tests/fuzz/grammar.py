@@ -229,12 +229,6 @@ class _Scenario:
             pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
         return [*pairs, (kind, sheet)]
 
-    def with_attenuation(self, level: Pairs) -> Pairs:
-        """Return a level, perhaps with the uncertainty of an attenuation, perhaps too large."""
-        if self.rng.random() > 0.1:
-            return level
-        return [*level, (keys.ATTENUATION_STD.name, self.small())]
-
     def detector(self) -> Any:
         """Return the name of a detector, or a mapping."""
         name = self.rng.choice(list(keys.DETECTOR.choices))
@@ -249,6 +243,12 @@ class _Scenario:
         if name not in ("swerling1", "swerling3") and self.rng.random() < 0.3:
             pairs.append(("binary", binary))
         return pairs
+
+    def with_attenuation(self, level: Pairs) -> Pairs:
+        """Return a level, perhaps with the uncertainty of an attenuation, perhaps too large."""
+        if self.rng.random() > 0.1:
+            return level
+        return [*level, (keys.ATTENUATION_STD.name, self.small())]
 
     def radars(self) -> list[Pairs]:
         """Return several radars."""

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import lay_out, legend_off_data, scenario, write_path
+from helpers import few_draws, lay_out, legend_off_data, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
-from radar_sense.mission.importance import pilot, plan, replicates, sampling
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
@@ -49,12 +48,7 @@ UNCERTAIN = f"""{HEADER},{STD}
 
 @pytest.fixture(autouse=True)
 def _few_draws(monkeypatch):
-    """Use few draws: the accuracy of importance sampling is tested elsewhere."""
-    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        monkeypatch.setattr(plan, name, 128)
-    monkeypatch.setattr(pilot, "PILOT_DRAWS", 128)
-    monkeypatch.setattr(replicates, "COMBINATIONS", 512)
-    monkeypatch.setattr(sampling, "REPLICATES", 2)
+    few_draws(monkeypatch)
 
 
 def write(folder, text=ROUTE, **changes):
@@ -142,7 +136,7 @@ def test_errors_of_keys(tool, key, value, words, text):
 
 @pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
 def test_without_a_scan_period_a_mission_is_refused(tool, text):
-    """P_c would depend on how many rows the route has, and rows are not looks."""
+    """Without a period P_c would depend on the number of rows of the route."""
     file = write_path(Path(), text, "my.yaml")
     code, out, err = tool("mission", file)
     assert (code, out) == (2, "")
@@ -317,7 +311,7 @@ def test_draws_are_those_of_the_seed_alone(tmp_path):
 
 
 def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
-    """With a loss of 3 dB more or less c_r is far from Gaussian; one look is `monte_carlo`'s."""
+    """With a tolerance of 3 dB c_r is far from Gaussian. One look agrees with `monte_carlo`."""
     radar = {
         "surveillance": {
             "average_power_kw": 2.1, "aperture_m2": 2.874, "temperature_k": 487,

@@ -1,0 +1,113 @@
+"""Radars that integrate work in every analysis, by every method, in networks and missions."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import document, scenario, yaml_text
+from numpy.testing import assert_allclose, assert_array_equal
+
+import radar_sense as rs
+from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
+
+ROOT = Path(__file__).parents[2]
+#: Detectors and the c_r with which P_D is neither 0 nor 1 on the paper's orbit.
+CASES = [
+    ({"model": "marcum", "pulses": 10}, 30.0),
+    ({"model": "swerling2", "pulses": 10, "cfar": {"type": "cell_averaging", "cells": 24}}, 40.0),
+    ({"model": "swerling1", "cfar": {"type": "ordered_statistics", "cells": 24, "rank": 18}}, 2e2),
+    ({"model": "swerling4", "pulses": 3, "binary": {"m": 2, "n": 4}}, 40.0),
+]  # fmt: skip
+
+
+def integrating(detector, constant, **changes):
+    level = {"wide": {"position_m": 1000, "constant": constant / 16}}
+    return scenario(
+        radar__detector=detector,
+        radar__constant=constant,
+        uncertainty__radar=level,
+        analysis__level="wide",
+        **changes,
+    )
+
+
+@pytest.mark.parametrize(("detector", "constant"), CASES)
+def test_band_by_form_holds_the_draws(detector, constant):
+    s = integrating(detector, constant, geometry__azimuth_deg={"start": 0, "stop": 90, "step": 15})
+    mc = monte_carlo(s, runs=20_000, method="form")
+    assert 0.02 < mc.mean.min() < mc.mean.max() < 0.999
+    assert (abs(mc.mean - mc.band.mean) < 4.5 * mc.std / np.sqrt(mc.runs)).all()
+    assert_allclose(mc.std, mc.band.std, rtol=0.035)
+    low, high = mc.coverage_interval(1 - 1e-4)
+    assert (low < WITHIN_3_SIGMA).all()
+    assert (high > WITHIN_3_SIGMA).all()
+
+
+@pytest.mark.parametrize(("detector", "constant"), CASES[:2])
+def test_gradient_of_the_model(detector, constant):
+    """Against a central difference of P_D itself."""
+    s = integrating(detector, constant, geometry__azimuth_deg={"start": 30, "stop": 60, "step": 15})
+    lin = s.model.linearize(s.aircraft, s.radar)
+    for i, step in enumerate((1.0, 1.0, 1.0, 1e-5, 1e-5, 1e-5)):
+        ahead, behind = (s.model.p_d(s.aircraft + h * np.eye(6)[i], s.radar) for h in (step, -step))
+        slope = (ahead - behind) / (2 * step)
+        assert_allclose(lin.jac_aircraft[:, i], slope, rtol=1e-4, atol=1e-9 * abs(slope).max())
+    stronger = np.array([0, 0, 0, 1e-4])
+    ahead, behind = (s.model.p_d(s.aircraft, s.radar + h) for h in (stronger, -stronger))
+    assert_allclose(lin.jac_radar[:, 3], (ahead - behind) / 2e-4, rtol=1e-7)
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["variance --method probit", "variance --method form", "budget --method form", "sensitivity",
+     "compare --runs 64", "montecarlo --runs 64 --sampler sobol", "convergence --runs 16",
+     "map --step-km 200 --upper --method form", "detectors"],
+)  # fmt: skip
+def test_every_command(tool, command):
+    text = yaml_text(
+        document(
+            radar__detector=CASES[1][0],
+            radar__constant=40,
+            geometry__azimuth_deg={"start": 40, "stop": 60, "step": 20},
+        )
+    )
+    Path("my.yaml").write_text(text, encoding="utf-8")
+    code, out, err = tool(*command.split(), "my.yaml", "--no-plot", "--out", "out")
+    assert code == 0, err
+    if command == "detectors":
+        assert "swerling2, 10 pulses, cell_averaging 24" in out
+
+
+def test_networks_and_missions():
+    """One radar of a network integrates: its P_D alone changes, and the mission follows."""
+    plain = rs.load_scenario(ROOT / "configs/network.yaml").at_poses(slice(0, None, 40))
+    radars = list(plain.model.radars)
+    model = radars[0].model
+    ten = rs.DetectionModel(model.rcs, model.p_fa, rs.Swerling2(pulses=10))
+    radars[0] = dataclasses.replace(radars[0], model=ten)
+    other = dataclasses.replace(plain, model=rs.NetworkModel(tuple(radars)))
+    before, after = (rs.variance(s, method="form").table for s in (plain, other))
+    names = plain.model.names
+    for name in names[1:]:
+        assert_array_equal(after[f"p_d_{name}"], before[f"p_d_{name}"])
+    snr = plain.model.snr(plain.aircraft, plain.radar)[:, 0]
+    seen = radars[0].visible(plain.aircraft, plain.radar[:4])
+    expected = np.where(seen, rs.Swerling2(pulses=10).p_d(snr, model.p_fa), 0.0)
+    assert_allclose(after[f"p_d_{names[0]}"], expected, rtol=1e-12)
+    missed = 1 - expected
+    for name in names[1:]:
+        missed = missed * (1 - after[f"p_d_{name}"])
+    assert_allclose(after["p_d"], 1 - missed, rtol=1e-9, atol=1e-12)
+
+    mission = rs.load_scenario(ROOT / "configs/mission.yaml").at_poses(slice(0, 80))
+    (radar,) = mission.model.radars
+    four = rs.DetectionModel(radar.model.rcs, radar.model.p_fa, rs.Swerling2(pulses=4))
+    network = rs.NetworkModel((dataclasses.replace(radar, model=four),))
+    flown = dataclasses.replace(mission, model=network).with_analysis(runs=64)
+    looks = rs.analyses.mission(flown).table["p_d"]
+    p_d = flown.model.p_d(flown.aircraft, flown.radar)
+    assert len(looks) > 5
+    assert p_d.min() <= looks.min() < looks.max() <= p_d.max()
+    before = mission.model.p_d(mission.aircraft, mission.radar)
+    assert looks.max() != pytest.approx(before.max(), abs=0.01)  # one pulse of North's
