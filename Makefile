@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 FIGURES := variance montecarlo sensitivity budget detectors rcs convergence
 
-.PHONY: figures test fuzz bench lint format clean
+.PHONY: figures test fuzz reference docs bench lint format clean
 
 # The runtime packages are enough for the figures; what tests and linting need is installed with them.
 $(VENV)/installed: pyproject.toml
@@ -16,6 +16,9 @@ $(VENV)/installed: pyproject.toml
 
 $(VENV)/installed-dev: $(VENV)/installed
 	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+	@# not for every platform; without it the tests in a browser are skipped
+	@$(BIN)/python -m pip install --quiet --only-binary :all: --editable '.[browser]' \
+		|| echo "playwright cannot be installed: no tests in a browser" >&2
 	touch $@
 
 # The peers of the benchmarks are large, and have no wheels for every platform: each is installed by
@@ -58,6 +61,15 @@ test: $(VENV)/installed-dev
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python tests/fuzz --seconds $(or $(SECONDS),60) $(if $(SEED),--seed $(SEED))
 
+# The pages of docs/reference, and the schema in the package, from what the program declares.
+reference: $(VENV)/installed
+	$(BIN)/python docs/make_reference.py
+
+docs: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+	$(BIN)/sphinx-build -W --keep-going --nitpicky -q -b html docs docs/_build
+	@echo "docs/_build/index.html"
+
 bench: $(VENV)/installed-bench
 	$(BIN)/python tests/bench
 
@@ -71,4 +83,4 @@ format: $(VENV)/installed-dev
 	$(BIN)/ruff format .
 
 clean:
-	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) build dist docs/_build .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -12,10 +12,15 @@ from radar_sense.errors import InputError as InputError
 from radar_sense.errors import ScenarioError as ScenarioError
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization
+from radar_sense.model.detectors import BinaryIntegration as BinaryIntegration
+from radar_sense.model.detectors import CellAveraging as CellAveraging
 from radar_sense.model.detectors import Marcum as Marcum
 from radar_sense.model.detectors import North as North
+from radar_sense.model.detectors import OrderedStatistics as OrderedStatistics
 from radar_sense.model.detectors import Swerling1 as Swerling1
+from radar_sense.model.detectors import Swerling2 as Swerling2
 from radar_sense.model.detectors import Swerling3 as Swerling3
+from radar_sense.model.detectors import Swerling4 as Swerling4
 from radar_sense.model.horizon import Horizon as Horizon
 from radar_sense.model.network import NetworkModel as NetworkModel
 from radar_sense.model.network import Radar as Radar

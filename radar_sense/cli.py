@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from radar_sense.analyses.contract import Command, Option
     from radar_sense.scenario import Scenario
 
-#: Where each analysis is, and the first line of its docstring, which `--help` shows.
+#: Module of each analysis, and the first line of its docstring for `--help`.
 ANALYSES: dict[str, tuple[str, str]] = {
     "budget": (
         "radar_sense.analyses.budget:budget",
@@ -45,7 +45,7 @@ ANALYSES: dict[str, tuple[str, str]] = {
     ),
     "detectors": (
         "radar_sense.analyses.detectors:detectors",
-        "P_D of every detector, and the error of North's approximation.",
+        "P_D of every detector, the error of North's approximation, and the integration of pulses.",
     ),
     "map": (
         "radar_sense.analyses.coverage_map:coverage_map",
@@ -81,21 +81,21 @@ ANALYSES: dict[str, tuple[str, str]] = {
 REPORTS: dict[str, tuple[str, str]] = {
     "report": (
         "radar_sense.reporting.command:report",
-        "One HTML page: what is asked of a scenario, and the answers.",
+        "One HTML page: the questions about a scenario, and the answers.",
     ),
 }
-#: More threads than this mostly wait for the interpreter, and each takes some 25 MB.
+#: Default limit of threads. More threads are no faster, and each takes some 25 MB.
 MOST_THREADS = 8
-#: Seconds after which a computation shows a sign of life.
+#: Seconds before a computation shows its progress.
 PATIENCE = 1.0
-#: Options that choose a part of the scenario, and so the names of the files.
+#: Options that select from the scenario. They change the names of the files.
 OF_SCENARIO = ("level", "radar", "runs", "seed")
-#: Exit code of a run that did everything, and whose answer is no.
+#: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 
 
 class BadInput(click.ClickException):
-    """Input that the user can put right; one line and exit code 2."""
+    """Input that the user can correct; one line and exit code 2."""
 
     exit_code = 2
 
@@ -121,18 +121,18 @@ class Cli(click.Group):
         return sorted({*ANALYSES, *REPORTS, *self.commands})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command; that of an analysis is made from the analysis."""
+        """Return a command. The command of an analysis is made from the analysis."""
         if cmd_name not in {*ANALYSES, *REPORTS}:
             return super().get_command(ctx, cmd_name)
         return command_of(load(cmd_name))
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands; no analysis is imported for it."""
+        """Write the list of commands without importing an analysis."""
         with formatter.section("Commands"):
             formatter.write_dl(self._lines())
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the commands and options that begin so; no analysis is imported for it."""
+        """Return the matching commands and options without importing an analysis."""
         return [
             *(
                 CompletionItem(n, help=text)
@@ -163,7 +163,7 @@ class Cli(click.Group):
             _complain(f"Interrupted; {'all files were' if run.written else 'nothing was'} written.")
             code = 130
         except BrokenPipeError:
-            # The reader of the output is gone; Python must not complain when it flushes.
+            # The output is closed. The null device avoids a second error when Python flushes.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = 1
         except OSError as error:
@@ -181,7 +181,7 @@ class Cli(click.Group):
 
 
 def _complain(message: str) -> None:
-    """Print one line on standard error, if that is open."""
+    """Print one line on standard error, if standard error is open."""
     from radar_sense.errors import printable
 
     with suppress(OSError, ValueError):
@@ -190,7 +190,7 @@ def _complain(message: str) -> None:
 
 @contextmanager
 def _sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM do what Ctrl-C does."""
+    """Raise KeyboardInterrupt at SIGTERM, as Ctrl-C does."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -217,8 +217,8 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Turn the text of an option into an int or a float."""
         try:
-            # not by way of a float: a seed may have more digits than that holds
-            text = str(value).replace("_", "?")  # Python's 1_000 is not a number elsewhere
+            # An int directly, because a seed may have more digits than a float.
+            text = str(value).replace("_", "?")  # 1_000 is a number in Python only
             number = int(text) if text.lstrip("+-").isdecimal() else float(text)
         except ValueError:
             number = math.nan
@@ -232,14 +232,14 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 def cli() -> None:
     """How sure can you be of a radar's probability of detection?
 
-    CONFIG is a scenario file; without it, the scenario of the paper is used.
-    Every analysis writes a CSV table (map: NPZ), a figure, and a JSON record of how they were made.
+    CONFIG is a scenario file. Without CONFIG, the scenario of the paper is used.
+    Every analysis writes a CSV table (map: NPZ), a figure, and a JSON record of the inputs.
 
     \b
     Examples:
       radar-sense budget                    the paper's error budget, into figures/
       radar-sense init my.yaml              a scenario of your own to start from
-      radar-sense montecarlo my.yaml        is the linearization good enough for it?
+      radar-sense montecarlo my.yaml        is the linearization good enough?
     """
 
 
@@ -252,7 +252,7 @@ def load(name: str) -> Command:
 
 
 def command_of(analysis: Command) -> click.Command:
-    """Make the command of an analysis: its options, then those of the output."""
+    """Make the command of an analysis: its options, then the options of the output."""
     examples = "".join(f"\n  {line}" for line in analysis.examples)
     return click.Command(
         analysis.name,
@@ -279,14 +279,14 @@ def _option(option: Option) -> click.Option:
 
 
 def _complete(option: Option, ctx: click.Context, start: str) -> list[CompletionItem]:
-    """Return the values of an option that begin so: words of the option, or of the scenario."""
+    """Return the matching values of an option, from its choices or from the scenario."""
     from radar_sense.errors import InputError
 
     words: Iterable[str] = option.choices
     if option.name in ("level", "radar"):
-        # click leaves arguments before an option without a value unread, in ctx.args
+        # click puts the arguments before an incomplete option into ctx.args
         config = ctx.params.get("config") or next(iter(ctx.args), None)
-        with suppress(InputError):  # there are no words in a file that cannot be read
+        with suppress(InputError):  # an unreadable file has no choices
             scenario = _scenario(Path(config) if config else None)
             words = scenario.cov_radar if option.name == "level" else scenario.model.names
     return [CompletionItem(word) for word in words if word.startswith(start)]
@@ -339,7 +339,7 @@ def _run(
     workers: int | None = None,
     **options: Any,
 ) -> None:
-    """Read the scenario, analyse it, write all files, print the report and the file names."""
+    """Read the scenario, compute, write all files, and print the report and the file names."""
     from radar_sense import files
     from radar_sense.errors import printable
 
@@ -384,7 +384,7 @@ def _run(
 
 
 def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
-    """Return the files that were read."""
+    """Return the input files of a run."""
 
     def named(content: object) -> Iterator[Path]:
         if isinstance(content, Mapping):
@@ -399,7 +399,7 @@ def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
 
 @contextmanager
 def _plain_matplotlib() -> Iterator[None]:
-    """Load Matplotlib without the user's settings, and without its messages."""
+    """Load Matplotlib without the user's settings and without its messages."""
     logger, level = logging.getLogger("matplotlib"), logging.getLogger("matplotlib").level
     settings = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
     before = {name: os.environ.get(name) for name in settings}
@@ -420,7 +420,7 @@ def _plain_matplotlib() -> Iterator[None]:
 def check(config: Path | None, quiet: bool) -> None:
     """Read and validate a scenario and print it in full; compute nothing.
 
-    What is printed is a scenario file itself, with every default filled in.
+    The output is a scenario file with every default filled in.
 
     \b
     Examples:
@@ -463,8 +463,8 @@ def check(config: Path | None, quiet: bool) -> None:
 def init(file: Path, quiet: bool, **kinds: bool) -> None:
     """Write a commented scenario to start from.
 
-    FILE is scenario.yaml if left out; - writes to the terminal. The JSON Schema of the file is
-    written beside it, for editors that know the YAML language server. No file is overwritten,
+    FILE is scenario.yaml by default; - writes to the terminal. The JSON Schema of the file is
+    written into the same folder, for editors with the YAML language server. No file is overwritten,
     except for the schema of another version.
 
     \b
@@ -481,7 +481,7 @@ def init(file: Path, quiet: bool, **kinds: bool) -> None:
     chosen = [kind for kind, given in kinds.items() if given]
     if len(chosen) > 1:
         options = " and ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
-        raise BadInput(f"{options} exclude each other; choose one")
+        raise BadInput(f"{options} exclude each other; give one of them")
     kind = "".join(chosen)
     if str(file) == "-":
         if kind == "route":
@@ -495,7 +495,7 @@ def init(file: Path, quiet: bool, **kinds: bool) -> None:
             if (path.exists() or path.is_symlink()) and not is_old_schema(path):
                 raise BadInput(f"{path}: exists already; choose another name")
         write(file.parent, contents)
-    except (OSError, ValueError) as error:  # ValueError: a name with a zero byte in it
+    except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
@@ -508,7 +508,8 @@ def init(file: Path, quiet: bool, **kinds: bool) -> None:
 def schema() -> None:
     """Print the JSON Schema of the scenario file, for editors.
 
-    `init` writes it beside a scenario, whose first line names it to the editor.
+    `init` writes the schema into the folder of a scenario. The first line of the scenario names
+    the schema for the editor.
 
     \b
     Examples:
@@ -546,27 +547,27 @@ def _threads(workers: int | None) -> int:
 def _computing(
     analysis: Command, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
-    """Choose threads or a cluster to compute with, and how progress is shown."""
-    given: dict[str, Any] = {}
+    """Return the arguments for threads, cluster and progress."""
+    arguments: dict[str, Any] = {}
     with ExitStack() as stack:
         if not quiet and sys.stderr is not None and sys.stderr.isatty():
             if "progress" in analysis.keywords:
-                given["progress"] = _progress
+                arguments["progress"] = _progress
             else:
                 stack.enter_context(_computing_line(analysis.name))
         if dask is not None:
             from radar_sense.montecarlo.cluster import cluster
 
-            given["executor"], threads = stack.enter_context(cluster(dask))
-            given["workers"] = workers or threads
+            arguments["executor"], threads = stack.enter_context(cluster(dask))
+            arguments["workers"] = workers or threads
         elif "workers" in analysis.keywords:
-            given["workers"] = _threads(workers)
-        yield given
+            arguments["workers"] = _threads(workers)
+        yield arguments
 
 
 @contextmanager
 def _delayed(show: Callable[[], None]) -> Iterator[threading.Timer]:
-    """Call a function in a thread after PATIENCE seconds, if the context is not over by then."""
+    """Call a function in a thread after PATIENCE seconds, unless the context ends first."""
     timer = threading.Timer(PATIENCE, show)
     timer.daemon = True
     timer.start()
@@ -579,25 +580,43 @@ def _delayed(show: Callable[[], None]) -> Iterator[threading.Timer]:
 
 @contextmanager
 def _computing_line(name: str) -> Iterator[None]:
-    """Show on the terminal that an analysis without progress is computing."""
-    line = f"{name}: computing ..."
-    shown = threading.Event()
+    """Show on the terminal what an analysis is computing, and how much of it is done."""
+    from radar_sense.progress import heard_by
+
+    line, shown = f"{name}: computing ...", False
+    lock = threading.Lock()
+
+    def draw(text: str) -> None:
+        nonlocal line
+        click.echo(f"\r{text:{len(line)}}", nl=False, err=True)
+        line = text
 
     def show() -> None:
-        shown.set()
-        click.echo(line, nl=False, err=True)
+        nonlocal shown
+        with lock:
+            shown = True
+            draw(line)
 
-    with _delayed(show):
+    def hear(what: str, done: int, total: int) -> None:
+        nonlocal line
+        text = f"{name}: {done:,} of {total:,} {what}"
+        with lock:
+            if shown:
+                draw(text)
+            else:
+                line = text
+
+    with _delayed(show), heard_by(hear):
         try:
             yield
         finally:
-            if shown.is_set():
+            if shown:
                 click.echo("\r" + " " * len(line) + "\r", nl=False, err=True)
 
 
 @contextmanager
 def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None]]:
-    """Show progress on standard error, once a computation has taken PATIENCE seconds."""
+    """Show progress on standard error after PATIENCE seconds."""
     started = time.monotonic()
     lock = threading.Lock()
 
@@ -619,7 +638,7 @@ def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None]]
         with lock:
             if shown:
                 bar.update(steps)
-            else:  # counted, and drawn later if at all
+            else:  # the bar is not drawn yet
                 bar.make_step(steps)
 
     with _delayed(show):

@@ -22,7 +22,7 @@ def from_std(std: ArrayLike) -> FloatArray:
 
 
 def problem(covariance: FloatArray) -> str | None:
-    """Return why a matrix (n, n) is not a covariance, or None if it is one."""
+    """Return why a matrix (n, n) is not a covariance, or None if the matrix is a covariance."""
     variances = np.diagonal(covariance)
     if np.any(variances < 0):
         return f"has a negative variance on its diagonal, {variances.min():g}"
@@ -50,16 +50,16 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
         covariances: Symmetric matrices.
 
     Returns:
-        Index and problem of that matrix, or None.
+        Index and problem of the matrix, or None.
     """
     if not _all_definite(covariances):  # semidefinite is enough
         variances = np.diagonal(covariances, axis1=-2, axis2=-1)
         negative = np.any(variances < 0, axis=-1)
-        alone = np.any((variances == 0)[..., np.newaxis] & (covariances != 0), axis=(-2, -1))
+        certain = np.any((variances == 0)[..., np.newaxis] & (covariances != 0), axis=(-2, -1))
         unit = np.eye(covariances.shape[-1])
         correlation = _correlation(np.where(negative[:, np.newaxis, np.newaxis], unit, covariances))
         lowest = np.linalg.eigvalsh(correlation)[:, 0]
-        for index in np.flatnonzero(negative | alone | (lowest < -TOLERANCE)):
+        for index in np.flatnonzero(negative | certain | (lowest < -TOLERANCE)):
             text = problem(covariances[index])
             if text:
                 return int(index), text
@@ -69,8 +69,8 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
 def _all_definite(covariances: FloatArray) -> bool:
     """Return whether symmetric matrices (k, n, n) are all positive definite.
 
-    All are eliminated at once without pivoting, entry by entry. `numpy.linalg.cholesky` takes the
-    matrices one by one, which costs ten times as long for small ones.
+    The elimination without pivoting treats all matrices at once, entry by entry. For small matrices
+    `numpy.linalg.cholesky` takes ten times as long.
     """
     entries = np.moveaxis(covariances, 0, -1).copy()
     for j in range(len(entries)):
@@ -173,8 +173,8 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
 def without_rounding(covariance: FloatArray) -> FloatArray:
     """Return C (..., n, n) with correlations below 1e-14 set to 0.
 
-    A covariance of equal variances that is turned is then diagonal again. Otherwise its square
-    root, and so the draws, would depend on rounding.
+    A rotated covariance of equal variances is then diagonal again. Otherwise the square root, and
+    with it the draws, would depend on rounding.
     """
     std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     least = 1e-14 * std[..., :, np.newaxis] * std[..., np.newaxis, :]
@@ -184,8 +184,8 @@ def without_rounding(covariance: FloatArray) -> FloatArray:
 def square_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C; C may be singular.
 
-    F comes from the eigenvectors of the correlation matrix, which have no units. For independent
-    components F is the diagonal matrix of standard deviations.
+    F is made from the eigenvectors of the correlation matrix, which have no units. For independent
+    components, F is the diagonal matrix of standard deviations.
     """
     if covariance.ndim > 2 and len(covariance) > BLOCK:  # temporaries of one block at a time
         sqrt_cov = np.empty_like(covariance)
@@ -245,10 +245,10 @@ def draws(
     on the number of draws.
 
     Args:
-        mean: Mean of the draws, broadcast against them.
-        sqrt_cov: F (n, n), or (k, n, n) for draws (..., k, n) with one F each.
+        mean: Mean of the draws, which broadcasts with the draws.
+        sqrt_cov: F (n, n), or (k, n, n) with one F for each of k poses of draws (..., k, n).
         normals: Independent unit normals (..., n).
-        overwrite: Overwrite the unit normals, to save memory.
+        overwrite: Whether to overwrite the unit normals, to save memory.
     """
     present = np.any(sqrt_cov, axis=tuple(range(sqrt_cov.ndim - 2)))
     coupled = np.argwhere(present & ~np.eye(len(present), dtype=bool)).tolist()

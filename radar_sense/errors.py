@@ -9,8 +9,8 @@ from collections.abc import Iterable
 class InputError(ValueError):
     """Bad input, described in one line: place, value, and what is allowed.
 
-    File names and cells in the line may come from anywhere. Control characters in them are escaped,
-    because a terminal would obey them.
+    File names and cells in the line may come from untrusted files. Control characters are escaped,
+    because a terminal would execute them.
     """
 
     def __init__(self, message: str) -> None:
@@ -34,7 +34,7 @@ def shorten(text: str) -> str:
 
 
 class ComputationError(RuntimeError):
-    """A computation that could not be completed, in one line: what happened, and the remedy."""
+    """A computation that could not be completed, described in one line with the remedy."""
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:

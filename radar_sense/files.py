@@ -1,8 +1,8 @@
 """From a result to files: CSV, NPZ and JSON as bytes, written all together or not at all.
 
-A run replaces all of its files or none. The new files are complete under temporary names before
-the first is renamed. Ctrl-C and SIGTERM are held back during the renames, and a failed rename is
-undone. A lock on the folder keeps processes apart, so that table and record are of one run.
+A run replaces all of its files or none. All new files are complete under temporary names before the
+first rename. Ctrl-C and SIGTERM are delayed during the renames, and a failed rename is undone. A
+lock on the folder excludes other processes. Table and record are therefore of one run.
 """
 
 from __future__ import annotations
@@ -36,6 +36,10 @@ except ImportError:  # Windows has no locks on folders
 _PACKAGES = ("numpy", "scipy", "click", "matplotlib", "pyyaml")
 #: Endings of the temporary names: the new content, and the old file until all are renamed.
 _NEW, _OLD = ".radar-sense-new", ".radar-sense-old"
+#: Rows of a CSV file that are turned into text at a time, which bounds the memory.
+_ROWS = 16_384
+#: Bytes of a file that are read at a time.
+_PART = 1 << 20
 #: Bytes that must fit on the disk before anything is computed.
 _ROOM = 65_536
 #: Options that choose where and how files are written, with the number of their values.
@@ -69,10 +73,15 @@ def npz(table: Mapping[str, FloatArray]) -> bytes:
 
 
 def csv(table: Mapping[str, FloatArray]) -> bytes:
-    """Return header and numbers, each with as many digits as identify the same float."""
-    rows = zip(*(column.tolist() for column in table.values()), strict=True)
-    lines = [",".join(table), *(",".join(map(repr, row)) for row in rows), ""]
-    return "\n".join(lines).encode()
+    """Return header and numbers, with the digits that identify each float."""
+    content = io.BytesIO()
+    content.write(",".join(table).encode() + b"\n")
+    longest = max((len(column) for column in table.values()), default=0)
+    for start in range(0, longest, _ROWS):
+        part = (column[start : start + _ROWS].tolist() for column in table.values())
+        rows = zip(*part, strict=True)
+        content.write("".join([f"{','.join(map(repr, row))}\n" for row in rows]).encode())
+    return content.getvalue()
 
 
 def record(
@@ -83,8 +92,9 @@ def record(
     scenario: Mapping[str, Any],
     warnings: Sequence[str],
     summary: Mapping[str, Any],
+    columns: Mapping[str, Mapping[str, str]],
 ) -> bytes:
-    """Return the JSON record: the inputs of a result, its warnings and its summary."""
+    """Return the JSON record: the inputs of a result, its warnings, its summary, its columns."""
     content = {
         "analysis": analysis,
         "command": list(command),
@@ -93,15 +103,30 @@ def record(
         "scenario": scenario,
         "warnings": list(warnings),
         "summary": summary,
+        "columns": columns,
     }
     return (json.dumps(_finite(content), indent=2, ensure_ascii=True) + "\n").encode()
 
 
+def holds(path: Path, content: bytes) -> bool:
+    """Return whether a file has this content; the file is read a part at a time."""
+    try:
+        with path.open("rb") as file:
+            place = 0
+            while part := file.read(_PART):
+                if content[place : place + len(part)] != part:
+                    return False
+                place += len(part)
+    except OSError:
+        return False
+    return place == len(content)
+
+
 def yaml_text(document: Mapping[str, Any]) -> str:
     """Return a resolved scenario as the text of a scenario file."""
-    import yaml  # not needed by most commands
+    import yaml  # most commands do not need it
 
-    # default_flow_style None: lists of numbers on one line, mappings spread out
+    # default_flow_style None writes lists of numbers on one line
     text: str = yaml.safe_dump(
         document, sort_keys=False, default_flow_style=None, allow_unicode=True
     )
@@ -118,12 +143,13 @@ def versions() -> dict[str, str]:
 
 
 def same_result(one: bytes, other: bytes) -> bool:
-    """Return whether two records are of the same result, whatever files were written of it."""
+    """Return whether two records have the same result, with any files."""
     first, second = _parsed(one), _parsed(other)
     if not first or not second:
         return False
     for content in (first, second):
         content.pop("versions", None)
+        content.pop("columns", None)
         content["command"] = _computed(content.get("command"))
     return first == second
 
@@ -131,7 +157,7 @@ def same_result(one: bytes, other: bytes) -> bool:
 def replaced_command(old: bytes, new: bytes) -> str | None:
     """Return the command in an old record if it differs from the command in a new record.
 
-    Options that only choose where and how files are written make no difference.
+    Options of the output make no difference.
     """
     first, second = _parsed(old), _parsed(new)
     before = _computed(first.get("command"))
@@ -143,10 +169,10 @@ def replaced_command(old: bytes, new: bytes) -> str | None:
 
 def _parsed(content: bytes) -> dict[str, Any]:
     try:
-        found = json.loads(content)
+        document = json.loads(content)
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return document if isinstance(document, dict) else {}
 
 
 def _level(content: Mapping[str, Any]) -> Any:
@@ -169,9 +195,9 @@ def _computed(command: Any) -> list[str]:
 
 
 def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:
-    """Check, before anything is computed, that files can be written.
+    """Check that files can be written.
 
-    The folder need not exist. It is made when the files are written.
+    The folder need not exist. `write` makes the folder.
 
     Args:
         paths: The files, all in one folder.
@@ -182,8 +208,8 @@ def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None
     """
     folder = paths[0].parent.absolute()
     with contextlib.suppress(FileNotFoundError):
-        folder.stat()  # raises for names that no folder can have
-    # lexists: a link to nowhere is in the way too
+        folder.stat()  # raises OSError for an impossible name
+    # lexists, because a dangling link prevents a folder too
     existing = next(path for path in (folder, *folder.parents) if os.path.lexists(path))
     with tempfile.TemporaryFile(dir=existing) as file:
         file.write(bytes(_ROOM))
@@ -209,7 +235,7 @@ def write(folder: Path, contents: Mapping[str, bytes | None]) -> None:
 
     Raises:
         OSError: If a file cannot be written. The folder is then as before.
-        InterruptedAfterWriting: If an interrupt arrived when it was too late for it.
+        InterruptedAfterWriting: If an interrupt arrived during the renames.
     """
     folder.mkdir(parents=True, exist_ok=True)
     _require_no_folder(folder / name for name in contents)
@@ -247,7 +273,7 @@ def _replace_all(folder: Path, contents: Mapping[str, bytes | None]) -> None:
 
 
 def _keep(path: Path, copy: Path) -> None:
-    """Give a file a second name; copy it where the file system has no hard links."""
+    """Give a file a second name, or copy the file if the file system has no hard links."""
     try:
         os.link(path, copy, follow_symlinks=False)
     except OSError:
@@ -259,7 +285,7 @@ def _temporary(folder: Path, name: str, ending: str) -> Path:
 
 
 def _write_new(path: Path, content: bytes) -> None:
-    # O_EXCL: never through a link that somebody else has put there
+    # "x" is O_EXCL: it refuses an existing file or link.
     with path.open("xb") as file:
         file.write(content)
         file.flush()
@@ -267,18 +293,19 @@ def _write_new(path: Path, content: bytes) -> None:
 
 
 def _remove_temporary(folder: Path, names: Iterable[str], *, everything: bool) -> None:
-    """Remove temporary files: of these names, or everything that killed runs have left."""
-    found = {_temporary(folder, name, ending) for name in names for ending in (_NEW, _OLD)}
+    """Remove the temporary files of some names, or of all killed runs."""
+    temporary = {_temporary(folder, name, ending) for name in names for ending in (_NEW, _OLD)}
     if everything:
-        found.update(p for p in folder.glob(".*.radar-sense-*") if p.name.endswith((_NEW, _OLD)))
-    for path in found:
+        leftover = folder.glob(".*.radar-sense-*")
+        temporary.update(path for path in leftover if path.name.endswith((_NEW, _OLD)))
+    for path in temporary:
         with contextlib.suppress(OSError):
             path.unlink()
 
 
 @contextlib.contextmanager
 def _locked(folder: Path) -> Iterator[bool]:
-    """Lock a folder against other runs; the value tells whether that was possible.
+    """Lock a folder against other runs, and yield whether the lock was possible.
 
     The lock ends with the process, however the process ends.
     """
@@ -295,12 +322,12 @@ def _locked(folder: Path) -> Iterator[bool]:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold SIGINT and SIGTERM back; they are delivered at the end.
+    """Delay SIGINT and SIGTERM until the end of the context.
 
-    The mask of a thread would not do: another thread could receive the signal.
+    The signal mask of a thread is not enough, because another thread could receive the signal.
 
     Raises:
-        InterruptedAfterWriting: If there was one, and its handler raises KeyboardInterrupt.
+        InterruptedAfterWriting: If a delayed signal raises KeyboardInterrupt.
     """
     held: list[int] = []
 
@@ -309,7 +336,9 @@ def _interrupts_held() -> Iterator[None]:
 
     handlers = {}
     try:
-        if threading.current_thread() is threading.main_thread():  # no other is interrupted
+        if (
+            threading.current_thread() is threading.main_thread()
+        ):  # only the main thread receives signals
             for number in (signal.SIGINT, signal.SIGTERM):
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     handlers[number] = signal.signal(number, hold)

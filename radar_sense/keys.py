@@ -1,14 +1,15 @@
-"""The keys of a scenario file: what each means, its unit, its limits, and its default.
+"""The keys of a scenario file: meaning, unit, limits and default of each key.
 
-The reader reads by these declarations and `Scenario.resolved` writes by them. Keys of the RCS
-models and of the data sheets are declared with the fields of their classes (`declared`).
+The reader and `Scenario.resolved` use these declarations. Keys of the RCS models and of the data
+sheets are declared with the fields of their classes (`declared`).
 """
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Any
 
 from radar_sense.limits import (
@@ -23,14 +24,15 @@ from radar_sense.limits import (
     STD_DB,
     Limit,
 )
-from radar_sense.model.detectors import DETECTORS
-from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
+from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
+from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
 from radar_sense.model.trajectory import METHODS
 
 REQUIRED = object()
 YES_NO = ("true", "false")
+_BRACKETS = re.compile(r" \[([^]]*)\]")
 #: Units by the last word of the name of a key or a column.
 UNITS = {
     "m": "m",
@@ -62,11 +64,11 @@ class Key:
         help: Meaning of the value.
         limit: The numbers allowed, in the unit of the key; None if the value is no number.
         unit: SI value of 1 in the unit of the key.
-        size: How many numbers the value has.
-        choices: The words allowed; empty if any.
+        size: Number of numbers in the value.
+        choices: The words allowed; empty if any word is allowed.
         pattern: Regular expression of text.
         allowed: The pattern in words.
-        default: Value of a key that is left out; `REQUIRED` if the key must be there.
+        default: Value of a missing key; `REQUIRED` if the key must be present.
         infinite: Whether `.inf` is allowed.
     """
 
@@ -87,13 +89,21 @@ class Key:
         return self.default is REQUIRED
 
     @property
+    def meaning(self) -> str:
+        """The help without the unit in brackets."""
+        return _BRACKETS.sub("", self.help)
+
+    @property
     def unit_name(self) -> str:
-        """The unit of a number, which the name of the key ends with; "" if it has none."""
-        return "" if self.limit is None else unit_name(self.name)
+        """The unit of a number, from the name or else from the help; "" if it has none."""
+        brackets = _BRACKETS.search(self.help)
+        if self.limit is None:
+            return ""
+        return unit_name(self.name) or (brackets[1] if brackets else "")
 
 
 def unit_name(name: str) -> str:
-    """Return the unit that a name ends with, as in `range_km`; "" if it ends with none."""
+    """Return the unit at the end of a name, as in `range_km`; "" without a unit."""
     stem, _, unit = name.rpartition("_")
     return UNITS.get(unit, "") if stem else ""
 
@@ -106,18 +116,28 @@ def declared(cls: Any) -> tuple[Key, ...]:
             f.metadata["help"] or _attribute_help(cls, f.name),
             f.metadata["limit"],
             f.metadata["unit"],
+            default=REQUIRED if f.default is MISSING else f.default,
         )
-        for f in fields(cls)
+        for f in _fields(cls)
         if "key" in f.metadata
     )
+
+
+def declared_sections(cls: Any) -> dict[str, Field[Any]]:
+    """Return the fields that are declared as mappings by `limits.section`, by key."""
+    return {f.metadata["section"]: f for f in _fields(cls) if "section" in f.metadata}
+
+
+def _fields(cls: Any) -> tuple[Field[Any], ...]:
+    return fields(cls) if is_dataclass(cls) else ()
 
 
 def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     """Return the keys of a data sheet, for each parameter the keys of its units."""
     return tuple(
         tuple(
-            Key(key, _attribute_help(cls, f.name), f.metadata["limit"])
-            for key in f.metadata["units"]
+            Key(key, unit.meaning or _attribute_help(cls, f.name), f.metadata["limit"])
+            for key, unit in f.metadata["units"].items()
         )
         for f in fields(cls)
         if "units" in f.metadata
@@ -125,8 +145,8 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text about an attribute in the docstring of a class."""
-    lines = (cls.__doc__ or "").splitlines()
+    """Return the text on an attribute in the docstring of a class or of its bases."""
+    lines = [line for base in cls.__mro__ for line in (base.__doc__ or "").splitlines()]
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
             text = [line.strip().removeprefix(f"{name}: ")]
@@ -151,9 +171,9 @@ def in_unit(value: float, unit: float) -> float:
 
 
 def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> float | None:
-    """Return the shortest decimal near a guess that `to_si` turns into a value; None if none does.
+    """Return the shortest decimal near a guess with `to_si(decimal) == value`, or None.
 
-    The inverse of a product or of a square rounds, so neighbours of the guess are tried too.
+    Neighbours of the guess are tried too, because the inverse of a product or a square rounds.
     """
     near = [guess]
     for end in (math.inf, -math.inf):
@@ -198,6 +218,8 @@ P_FA = Key("p_fa", "Probability of false alarm.", PROBABILITY)
 DETECTOR = Key(
     "detector", "Detector and fluctuation of the target.", choices=DETECTORS, default="north"
 )
+DETECTOR_MODEL = Key("model", "Name of the detector.", choices=DETECTORS)
+CFAR_TYPE = Key("type", "Kind of CFAR.", choices=CFARS)
 SCAN_PERIOD = Key(
     "scan_period_s",
     "Time from one look to the next; without it each pose is a look.",
@@ -218,7 +240,7 @@ MIN_RANGE = Key(
 )
 ECLIPSING = Key(
     "eclipsing",
-    "Whether P_D is 0 within c tau/2 of pulse_width_us, where the transmitter hides the echo.",
+    "Whether P_D is 0 within c tau/2 (tau: pulse_width_us), where the transmitter hides the echo.",
     choices=YES_NO,
     default=False,
 )
@@ -231,9 +253,16 @@ DATA_SHEETS = tuple(
 RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
 LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
+LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
+LOSS_NAME = Key(
+    "loss",
+    "Name of a loss.",
+    pattern="[a-z][a-z0-9_]{0,29}",
+    allowed="the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
+)
 SEARCH_FACTOR = Key(
     "search_factor",
-    "Number below the power-aperture product of c_r.",
+    "Divisor of the power-aperture product in c_r.",
     choices=SEARCH_FACTORS,
     default="16",
 )
@@ -280,9 +309,9 @@ AZIMUTH_FROM = Key(
 )
 ORBIT = (GEOMETRY_TYPE, RANGE, DOWN, Key("azimuth_deg", "Azimuths of the poses."), AZIMUTH_FROM)
 SWEEP = (
-    Key("start", "First azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("stop", "Last azimuth [deg].", Limit(at_least=-360, at_most=720)),
-    Key("step", "Step of azimuth [deg].", ANY),
+    Key("start", "First azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("stop", "Last azimuth [°].", Limit(at_least=-360, at_most=720)),
+    Key("step", "Step of azimuth [°].", ANY),
 )
 AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), default="time")
 MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
@@ -300,13 +329,13 @@ METHOD = Key("method", "Interpolation in time.", choices=METHODS, default="legs"
 INTERPOLATE = (STEP, METHOD)
 CORRELATION = Key(
     "aircraft_correlation_s",
-    "Correlation time of errors of the pose, for missions.",
+    "Correlation time of the pose errors.",
     NOT_NEGATIVE,
     default=0.0,
     infinite=True,
 )
 UNCERTAINTY = (
-    Key("aircraft", "Covariance of the pose; left out where the route file has it."),
+    Key("aircraft", "Covariance of the pose, unless the route file has the covariance."),
     CORRELATION,
     Key("radar", "Levels of uncertainty of the radar, by name."),
 )
@@ -336,14 +365,19 @@ COV_RADAR = (
         NOT_NEGATIVE,
     ),
 )
-LEVEL = Key("level", "Level of uncertainty of the radar.")
+LEVEL = Key(
+    "level",
+    "Level of uncertainty of the radar.",
+    pattern=_LABEL,
+    allowed="one of the levels of the radar",
+)
 RUNS_KEY = Key("runs", "Monte Carlo runs.", RUNS, default=500)
 SEED_KEY = Key("seed", "Seed of the random numbers.", SEED, default=1)
 ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)
 
 
 def sections() -> Mapping[str, tuple[Key, ...]]:
-    """Return all keys of a scenario file by the section that they stand in."""
+    """Return all keys of a scenario file by section."""
     models = {
         f"aircraft.rcs (model: {name})": (RCS_MODEL, *declared(cls))
         for name, cls in RCS_MODELS.items()
@@ -351,8 +385,23 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
     }
     sheets = {
         f"radar.{kind}": tuple(key for units in declared_units(cls) for key in units)
-        + ((SEARCH_FACTOR,) if kind == "surveillance" else ())
+        + ((LOSSES_DB, SEARCH_FACTOR) if kind == "surveillance" else (LOSSES_DB,))
         for kind, cls in RADARS.items()
+    }
+    detectors = {
+        f"radar.detector (model: {name})": (
+            DETECTOR_MODEL,
+            *declared(cls),
+            *(
+                Key(key, _attribute_help(cls, f.name), default=None)
+                for key, f in declared_sections(cls).items()
+            ),
+        )
+        for name, cls in DETECTORS.items()
+    }
+    cfars = {
+        f"radar.detector.cfar (type: {name})": (CFAR_TYPE, *declared(cls))
+        for name, cls in CFARS.items()
     }
     return {
         "": SCENARIO,
@@ -360,6 +409,9 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         "radars[]": RADARS_ENTRY,
         "radar.position_geodetic": PLACE,
         **sheets,
+        **detectors,
+        **cfars,
+        "radar.detector.binary": declared(BinaryIntegration),
         "aircraft": AIRCRAFT,
         **models,
         "aircraft.rcs (model: table)": TABLE,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields
 from numbers import Real
 from typing import Any
 
@@ -12,7 +13,7 @@ from radar_sense.errors import InputError, shorten
 DEG = math.pi / 180.0
 #: Most radars of a scenario.
 MAX_RADARS = 64
-#: Letters that the name of a scenario may have.
+#: Largest number of letters in the name of a scenario.
 MAX_NAME = 100
 #: Least slant range [m]. The model holds in the far field of the antenna only.
 MIN_RANGE = 1.0
@@ -75,10 +76,10 @@ MAP_KM = Limit(at_least=-1e5, at_most=1e5)
 MAP_STEP_KM = Limit(at_least=1e-6, at_most=1e5)
 #: 3σ of P_D: the standard deviation of a probability is 0.5 at most.
 TARGET = Limit(above=0, at_most=1.5)
-#: P_max of a threshold test, and the number of σ that P_D must stay below it.
+#: P_max of a threshold test, and its number of σ.
 THRESHOLD = Limit(above=0, at_most=1)
 SIGMAS = Limit(above=0, at_most=10)
-#: m and n of m-of-n; more than the 12 of `mission.tracks.MAX_WINDOW` would take too many histories.
+#: m and n of m-of-n, limited by 2^(n − 1) histories. The limit is `mission.tracks.MAX_WINDOW`.
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)
@@ -89,7 +90,9 @@ WORKERS = Limit(at_least=1, at_most=MAX_WORKERS, whole=True)
 FORMATS = ("png", "pdf", "svg")
 
 
-def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -> Any:
+def parameter(
+    key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0, default: Any = MISSING
+) -> Any:
     """Declare a dataclass field that a scenario file sets.
 
     Args:
@@ -97,8 +100,20 @@ def parameter(key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0) -
         limit: The numbers allowed, in the unit of the key.
         meaning: What the number is, for the reference of the scenario file.
         unit: SI value of 1 in the unit of the key.
+        default: Value of a key that is left out; without it the key must be there.
     """
-    return field(metadata={"key": key, "limit": limit, "help": meaning, "unit": unit})
+    metadata = {"key": key, "limit": limit, "help": meaning, "unit": unit}
+    return field(default=default, metadata=metadata)
+
+
+def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
+    """Return the metadata of a dataclass field that a mapping of a scenario file sets.
+
+    Args:
+        key: Key of the mapping in the file.
+        kinds: Dataclass of the field; or several by the name that the mapping gives as its `type`.
+    """
+    return {"section": key, "kinds": kinds}
 
 
 def plain_number(value: Any) -> Any:

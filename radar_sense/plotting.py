@@ -1,8 +1,8 @@
 """Style and helpers of the figures; the only module that imports Matplotlib.
 
 Figures fit one column of a journal (3.5 in). Lines differ by dashes as well as by colour. The
-legend stands beside the axes, not on the data. Matplotlib is used without pyplot: no global state,
-and a faster import.
+legend is outside the axes. Matplotlib is used without pyplot, which has global state and a slow
+import.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ STYLE: dict[Any, Any] = {
     "ytick.direction": "in",
     "legend.frameon": False,
     "legend.handlelength": 2.8,
-    "pdf.fonttype": 42,  # real fonts: text in a PDF stays text
-    "svg.hashsalt": "radar-sense",  # the same figure is the same bytes
+    "pdf.fonttype": 42,  # TrueType, which keeps text in a PDF searchable
+    "svg.hashsalt": "radar-sense",  # the same figure must give the same bytes
     "savefig.dpi": 300,
 }
 WIDTH = 3.5
@@ -62,16 +62,16 @@ BAND = LINES[1]
 SAMPLE_PATH_COLOUR = "0.7"
 #: Keeps white letters readable on light colours.
 OUTLINE = (withStroke(linewidth=1.6, foreground="black"),)
-#: Lines of more points than this are thinned: a million take a minute and 10 MB to draw. A page has
-#: room for no more columns than these.
+#: Lines of more points than MOST_POINTS are thinned, because a million points take a minute and
+#: 10 MB. A page resolves COLUMNS columns.
 MOST_POINTS = 10_000
 COLUMNS = 2_000
 
 
 def styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Styles for as many lines as there are, without those that are taken.
+    """Yield styles of lines, without the styles that are taken.
 
-    After the first round colours come with other dashes, so that no two lines are alike.
+    After the first round each colour has another dash pattern.
     """
     colours, dashes = zip(*(style for style in LINES if style not in taken), strict=True)
     for number in itertools.count():
@@ -98,7 +98,7 @@ def render(figure: Figure, kind: str) -> bytes:
 
 @contextmanager
 def _style() -> Iterator[None]:
-    """Apply the package's style to Matplotlib's defaults; no setting of the user matters."""
+    """Apply the package's style to Matplotlib's defaults, without the user's settings."""
     kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}
     with mpl.rc_context({**defaults, **STYLE}):
@@ -123,7 +123,7 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
 
 
 class DisplayUnit(NamedTuple):
-    """How an axis is drawn: its label, the size of its unit in that of `Axis`, and its ticks."""
+    """The label of an axis, its unit in units of `Axis`, and the steps of its ticks."""
 
     label: str
     unit: float
@@ -136,7 +136,7 @@ _DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
 
 
 def display_unit(axis: Axis) -> DisplayUnit:
-    """Choose the unit of an axis by how far it reaches."""
+    """Choose the unit of an axis by the span of its values."""
     span = float(np.ptp(axis.values))
     if axis.key == "time_s":
         units = (("h", 3600.0, _TENS), ("min", 60.0, _SIXTIES), ("s", 1.0, _SIXTIES))
@@ -154,7 +154,7 @@ def pose_coordinates(axis: Axis) -> FloatArray:
 
 
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
-    """Return the ranges of x where the mask holds, each reaching half way to the next pose."""
+    """Return the ranges of x where the mask holds, extended half way to the next pose."""
     middles = 0.5 * (x[1:] + x[:-1]) if len(x) > 1 else x
     lefts, rights = np.concatenate([x[:1], middles]), np.concatenate([middles, x[-1:]])
     if len(x) == 1:
@@ -167,7 +167,7 @@ def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
 
 
 def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
-    """Shade where a mask holds: one artist for all ranges, and pixels if they are very many."""
+    """Shade the ranges where a mask holds, as pixels if there are too many ranges."""
     spans = [(left, right - left) for left, right in _spans(mask, x)]
     if spans:
         axes.broken_barh(
@@ -183,7 +183,7 @@ def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | 
 
 
 def from_zero(axes: Axes) -> None:
-    """Start the vertical axis so little below zero that a line at zero is still seen."""
+    """Start the vertical axis slightly below zero, to keep a line at zero visible."""
     axes.set_ylim(bottom=-0.02 * axes.get_ylim()[1])
 
 
@@ -192,23 +192,23 @@ def draw_line(
 ) -> None:
     """Draw a line in a style of `LINES`; a single pose as a dot."""
     colour, dashes = style
-    marker = "o" if len(x) == 1 else None  # a line through one pose would show nothing
-    few = thinned(x, y)
+    marker = "o" if len(x) == 1 else None  # a line of one point is invisible
+    kept = thinned(x, y)
     axes.plot(
-        x[few], y[few], color=colour, linestyle=dashes, marker=marker, markersize=3, label=label
+        x[kept], y[kept], color=colour, linestyle=dashes, marker=marker, markersize=3, label=label
     )
 
 
 def coloured_line(
     axes: Axes, x: FloatArray, y: FloatArray, values: FloatArray, colours: str, label: str
 ) -> None:
-    """Draw a line whose colour shows a value from 0 to 1 at each point; a single point as a dot.
+    """Draw a line with the colour of a value from 0 to 1 at each point; a single point as a dot.
 
     A black edge with a white rim keeps the line visible on a map of the same colours.
     """
-    few = thinned(x, y)
-    points = np.column_stack([x, y])[few]
-    middles = 0.5 * (values[few][1:] + values[few][:-1])
+    kept = thinned(x, y)
+    points = np.column_stack([x, y])[kept]
+    middles = 0.5 * (values[kept][1:] + values[kept][:-1])
     rims = [withStroke(linewidth=4.2, foreground="white"), withStroke(linewidth=3.2)]
     if len(points) == 1:
         axes.scatter(x, y, c=values, cmap=colours, vmin=0, vmax=1, s=16, ec="black", label=label)
@@ -230,20 +230,21 @@ def draw_fill(
     axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any
 ) -> None:
     """Fill between two lines."""
-    few = np.union1d(thinned(x, lower), thinned(x, upper))
-    axes.fill_between(x[few], lower[few], upper[few], **style)
+    kept = np.union1d(thinned(x, lower), thinned(x, upper))
+    axes.fill_between(x[kept], lower[kept], upper[kept], **style)
 
 
 def thinned(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
-    """Choose the points of a line that a page can show: all of them, if they are not too many.
+    """Choose the points of a line that a page can show.
 
-    Of every run of points within one column these are the first, the last, the lowest and the
-    highest, which draw the same pixels as all (U. Jugel, Z. Jerzak, G. Hackenbroich and V. Markl,
-    "M4: a visualization-oriented time series data aggregation", PVLDB 7(10), 2014).
+    Up to MOST_POINTS points are all kept. Of more points, each run within one column keeps the
+    first, the last, the lowest and the highest. They draw the same pixels as all points (U. Jugel,
+    Z. Jerzak, G. Hackenbroich and V. Markl, "M4: a visualization-oriented time series data
+    aggregation", PVLDB 7(10), 2014).
 
     Args:
         x: Coordinates (n,), in any order.
-        y: Values (n,). A run of nothing but NaN stays a gap.
+        y: Values (n,). A run of NaN stays a gap.
 
     Returns:
         Indices, increasing.
@@ -269,7 +270,7 @@ def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, l
 
 
 def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
-    """Draw one thin line per run; as pixels, so that a vector file stays small."""
+    """Draw one thin line per run, as pixels to keep a vector file small."""
     points = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
     axes.add_collection(
         LineCollection(
@@ -285,14 +286,14 @@ def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -
 
 
 def _widths(entries: Sequence[int], columns: int) -> list[int]:
-    """Widths of the columns of a legend, which has the first of them longest."""
+    """Return the widths of the columns of a legend. The first columns have the most rows."""
     short, longer = divmod(len(entries), columns)
     ends = list(itertools.accumulate([short + 1] * longer + [short] * (columns - longer)))
     return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
 
 
 def draw_legend(figure: Figure, *panels: Axes) -> None:
-    """Put the legend above the axes, in as many columns as the longest label leaves room for."""
+    """Put the legend above the axes, in the number of columns that the labels allow."""
     handles, labels = [], []
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -300,13 +301,13 @@ def draw_legend(figure: Figure, *panels: Axes) -> None:
             labels.append(label)
     width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
     columns = min(3, max(1, 54 // max(width)))
-    if len(labels) > 6:  # many: each column as wide as it must be
+    if len(labels) > 6:  # columns of different widths leave room for more columns
         columns = next(c for c in (3, 2, 1) if c == 1 or sum(_widths(width, c)) <= 54)
-    # the figure grows with the legend, so that the axes keep their size
+    # The figure grows with the legend, to keep the size of the axes.
     figure.set_figheight(figure.get_figheight() + _LEGEND_ROW * -(-len(labels) // columns))
     legend = figure.legend(
         handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2
     )
     for handle, drawn in zip(handles, legend.legend_handles, strict=True):
         if isinstance(handle, LineCollection) and drawn is not None:
-            drawn.set(linewidth=1.2, alpha=1.0)  # a single hair would hardly be seen
+            drawn.set(linewidth=1.2, alpha=1.0)  # a thin line is invisible in the legend

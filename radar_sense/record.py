@@ -1,7 +1,7 @@
 """Blocks of a resolved scenario: from arrays in SI units to keys and numbers of a scenario file.
 
-A number is the shortest decimal that reads back as the same SI value. An array that no file
-describes is recorded by its length and digest: that record is true, but it cannot be read back.
+A number is the shortest decimal that reads back as the same SI value. An array without a file is
+recorded by its length and digest. Such a record is true, but cannot be read back.
 """
 
 from __future__ import annotations
@@ -9,18 +9,18 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from radar_sense import keys
 from radar_sense.axis import Axis
-from radar_sense.keys import Key, declared, in_unit, shortest
+from radar_sense.keys import Key, declared, declared_sections, in_unit, shortest
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar_constant import Tolerance, relative_std
+from radar_sense.model.radar_constant import Tolerance, nested, relative_std
 from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.provenance import (
@@ -39,7 +39,7 @@ Block = dict[str, Any]
 def radar_block(
     model: DetectionModel, state: FloatArray, source: RadarSource | None, scan_period: float | None
 ) -> Block:
-    """Return the keys that every radar has.
+    """Return the keys of every radar.
 
     Args:
         model: P_fa and detector.
@@ -54,13 +54,13 @@ def radar_block(
         block["position_m"] = state[POSITION].tolist()
     sheet = _sheet(source, state)
     if sheet:
-        block[sheet.kind] = dict(sheet.values)
+        block[sheet.kind] = nested(sheet.values)
         if sheet.search_factor is not None:
             block[sheet.kind]["search_factor"] = sheet.search_factor
     else:
         block["constant"] = float(state[CONSTANT])
     block["p_fa"] = model.p_fa
-    block["detector"] = _detector_name(model)
+    block["detector"] = detector_block(model.detector)
     if scan_period is not None:
         block["scan_period_s"] = scan_period
     return block
@@ -88,14 +88,14 @@ def level_block(
 ) -> Block:
     """Return the uncertainty of one radar at one level.
 
-    Tolerances need the data sheet of the file. Without a data sheet they are under a key that files
-    do not have, because a standard deviation alone would describe another scenario.
+    Tolerances need the data sheet of the file. Without a data sheet they are under a key that no
+    scenario file has, because a standard deviation alone would describe another scenario.
     """
     stated = source.covariances.get(level) if source else None
     block = covariance_block(as_stated(covariance, stated), keys.COV_RADAR)
     if not tolerances:
         return block
-    by_key = {tolerance.key: tolerance.std for tolerance in tolerances}
+    by_key = nested({tolerance.key: tolerance.std for tolerance in tolerances})
     sheet = _sheet(source, state)
     std = float(state[CONSTANT]) * relative_std(tolerances)
     if sheet and "constant" in block and covariance[CONSTANT, CONSTANT] == std * std:
@@ -110,8 +110,8 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
         if source and source.table is rcs:
             block |= {"file": source.file, "mirror": source.mirror, "sha256": source.sha256}
         else:
-            given = (rcs.azimuth, rcs.rcs, rcs.elevation, rcs.std_db)
-            arrays = [array for array in given if array is not None]
+            optional = (rcs.azimuth, rcs.rcs, rcs.elevation, rcs.std_db)
+            arrays = [array for array in optional if array is not None]
             block |= {"nodes": rcs.rcs.size, "sha256": digest(*arrays)}
         if rcs.envelope is not None:
             block["envelope_deg"] = in_unit(rcs.envelope, keys.ENVELOPE_WIDTH.unit)
@@ -122,19 +122,43 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
     return {"model": names[0], **instance_block(rcs)}
 
 
+def detector_block(detector: Detector) -> str | Block:
+    """Return the name of a detector, or a mapping if any of its keys is not at its default."""
+    names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
+    if not names:
+        return repr(detector)
+    block = instance_block(detector)
+    defaults = {key.name: key.default for key in declared(type(detector))}
+    return names[0] if block == defaults else {"model": names[0], **block}
+
+
 def instance_block(instance: Any) -> Block:
-    """Return the fields that a dataclass declares with `limits.parameter`, by key."""
-    attributes = {f.metadata["key"]: f.name for f in dataclasses.fields(instance) if f.metadata}
+    """Return the fields that a dataclass declares in `limits`, by key."""
+    if not dataclasses.is_dataclass(instance):
+        return {}
+    attributes = {
+        f.metadata["key"]: f.name for f in dataclasses.fields(instance) if "key" in f.metadata
+    }
     block: Block = {}
     for key in declared(type(instance)):
         value = getattr(instance, attributes[key.name])
         whole = key.limit is not None and key.limit.whole
         block[key.name] = int(value) if whole else in_unit(float(value), key.unit)
+    for name, field in declared_sections(type(instance)).items():
+        value = getattr(instance, field.name)
+        if value is not None:
+            kinds = field.metadata["kinds"]
+            named = {} if isinstance(kinds, type) else {"type": _name_of(value, kinds)}
+            block[name] = {**named, **instance_block(value)}
     return block
 
 
+def _name_of(value: Any, kinds: Mapping[str, type]) -> str:
+    return next(name for name, cls in kinds.items() if type(value) is cls)
+
+
 def attitude_block(aircraft: FloatArray, provenance: Provenance) -> Block:
-    """Return the attitude on an orbit, and nothing for other poses."""
+    """Return the attitude on an orbit; {} for other poses."""
     if not (isinstance(provenance.geometry, Orbit) and is_as_made(aircraft, provenance)):
         return {}
     unit = keys.ATTITUDE.unit
@@ -182,7 +206,7 @@ def place_block(place: tuple[float, float, float]) -> Block:
 def cov_aircraft_block(
     covariance: FloatArray, stated: StatedCovariance | None, rcs_db: float
 ) -> Block:
-    """Return the key of C_aa, which the route file may have, and of an uncertain RCS."""
+    """Return the keys of C_aa, unless the route file has C_aa, and of an uncertain RCS."""
     matrix = as_stated(covariance, stated)
     block: Block = {}
     if matrix is not None and matrix.ndim == 3:
@@ -195,7 +219,7 @@ def cov_aircraft_block(
 
 
 def correlation_block(correlation_s: float, *, has_times: bool) -> Block:
-    """Return the correlation time of errors of the pose, which only poses with times have."""
+    """Return the correlation time of the pose errors; {} for poses without times."""
     if not (has_times or correlation_s):
         return {}
     # JSON has no number for infinity.
@@ -203,16 +227,16 @@ def correlation_block(correlation_s: float, *, has_times: bool) -> Block:
 
 
 def covariance_block(covariance: FloatArray, parts: Sequence[Key]) -> Block:
-    """Return a covariance (n, n) by parts, or as a whole where parts are correlated."""
+    """Return a covariance (n, n) by parts, or as a whole if the parts are correlated."""
     block: Block = {}
-    rest = covariance.copy()
+    between_parts = covariance.copy()
     start = 0
     for key in parts:
-        some = slice(start, start + key.size)
-        block[key.name] = _part(covariance[some, some], key.unit)
-        rest[some, some] = 0.0
+        part = slice(start, start + key.size)
+        block[key.name] = _part(covariance[part, part], key.unit)
+        between_parts[part, part] = 0.0
         start += key.size
-    if not rest.any() and None not in block.values():
+    if not between_parts.any() and None not in block.values():
         return block
     units = np.repeat([key.unit for key in parts], [key.size for key in parts])
     products = np.outer(units, units).tolist()
@@ -225,7 +249,7 @@ def covariance_block(covariance: FloatArray, parts: Sequence[Key]) -> Block:
 
 
 def _part(matrix: FloatArray, unit: float) -> Any:
-    """Return a standard deviation, one for each component, or a matrix; None if none is exact."""
+    """Return one standard deviation, one for each component, or a matrix; None if inexact."""
     square = unit**2
     if not (matrix - np.diag(np.diagonal(matrix))).any():
         std = [
@@ -244,7 +268,7 @@ def _part(matrix: FloatArray, unit: float) -> Any:
 
 
 def as_stated(covariance: FloatArray, stated: StatedCovariance | None) -> Any:
-    """Return a covariance as the file states it, if it is the one made from that statement."""
+    """Return the covariance stated in the file, if it gives this covariance; else this one."""
     if stated is None or not np.array_equal(covariance, stated.made):
         return covariance
     return stated.stated
@@ -258,7 +282,7 @@ def digest(*arrays: FloatArray) -> str:
 
 
 def is_as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
-    """Return whether the states are the ones made from the orbit or the path."""
+    """Return whether the states are the states made from the orbit or the path."""
     made = provenance.aircraft
     return made is not None and (aircraft is made or np.array_equal(aircraft, made))
 
@@ -266,11 +290,6 @@ def is_as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
 def _sheet(source: RadarSource | None, state: FloatArray) -> Any:
     sheet = source.data_sheet if source else None
     return sheet if sheet and sheet.constant == state[CONSTANT] else None
-
-
-def _detector_name(model: DetectionModel) -> str:
-    names = [name for name, cls in DETECTORS.items() if type(model.detector) is cls]
-    return names[0] if names else repr(model.detector)
 
 
 def _fields(horizon: Horizon | None) -> Block:

@@ -67,18 +67,18 @@ class Scenario:
         name: Stem of the names of output files.
         axis: Azimuth, time or distance of the poses (n,). The default is time where `time_s` is
             given, else the number of the pose.
-        level: The level for analyses of one level. The default is the first.
+        level: The level for analyses of one level. The default is the first level.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
-        rcs_db: Standard deviation of the RCS [dB], of one log-normal factor that all radars, poses
-            and looks share. 0 for an RCS table with a standard deviation of its own.
-        correlation_s: Correlation time [s] of the errors of the pose, a first-order Gauss–Markov
-            process: 0 for independent errors at every pose, infinity for one error at all poses.
-        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
-            of a route in latitude and longitude; else None.
+        rcs_db: Standard deviation of the RCS [dB]. The error is one log-normal factor at all
+            radars, poses and looks. 0 for an RCS table with std_db.
+        correlation_s: Correlation time [s] of the pose errors, a first-order Gauss–Markov process.
+            0 gives independent errors at all poses, and infinity one error at all poses.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
+            frame; None unless the route is in latitude and longitude.
         provenance: Files, orbit, places and data sheets that the arrays were made from.
     """
 
@@ -171,8 +171,8 @@ class Scenario:
         check_number("rcs_db", self.rcs_db, STD_DB)
         if self.rcs_db and self._rcs_spread is not None:
             raise InputError(
-                "rcs_db must be left out, or std_db of the RCS table: both say how uncertain the "
-                "RCS is"
+                "rcs_db and std_db of the RCS table exclude each other: both are the uncertainty "
+                "of the RCS"
             )
 
     def _require_level(self, level: str) -> None:
@@ -213,12 +213,12 @@ class Scenario:
 
     @property
     def rcs_std(self) -> float:
-        """Standard deviation of the error ε of the RCS, see `model.rcs`; 0 if it is certain."""
+        """Standard deviation of the error ε of the RCS, see `model.rcs`; 0 without an error."""
         return self.rcs_db if self._rcs_spread is None else 1.0
 
     @property
     def shared(self) -> FloatArray:
-        """Nominal states that all poses share (4m,) or (4m + 1,): the radars, and ε of the RCS."""
+        """Nominal states common to all poses (4m,) or (4m + 1,): the radars, and ε of the RCS."""
         return np.append(self.radar, 0.0) if self.rcs_std else self.radar
 
     @property
@@ -254,7 +254,7 @@ class Scenario:
 
     @property
     def log_constant(self) -> NDArray[np.bool_]:
-        """Whether each radar (m,) has a c_r with tolerances, which is taken for log-normal."""
+        """Whether each radar (m,) has a c_r with tolerances, which is modelled as log-normal."""
         return np.array([bool(tolerances) for tolerances in self.tolerances_at_level])
 
     @property
@@ -263,7 +263,7 @@ class Scenario:
         return self.axis.values
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
-        """Return the scenario with some of its poses."""
+        """Return the scenario with only some poses."""
         return self._with(
             axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
@@ -321,8 +321,8 @@ class Scenario:
     def resolved(self) -> dict[str, Any]:
         """Return the scenario with the keys and units of a scenario file, defaults filled in.
 
-        A scenario from a file reads back as the same scenario. `record` says what is written for
-        arrays that no file describes.
+        A scenario from a file reads back as the same scenario. For arrays without a file see
+        `record`.
         """
         document: dict[str, Any] = {"name": self.name}
         uncertainty = {
@@ -363,16 +363,16 @@ class Scenario:
         }
 
     def _levels_document(self, i: int) -> dict[str, Any]:
-        some = _components(i)
+        components = _components(i)
         name = self.model.names[i] if self.model.names else ""
         source = self.provenance.radars.get(name)
         none: tuple[tuple[Tolerance, ...], ...] = ((),) * self._radar_count
         return {
             level: record.level_block(
-                matrix[some, some],
+                matrix[components, components],
                 self.tolerances.get(level, none)[i],
                 source,
-                self.radar[some],
+                self.radar[components],
                 level,
             )
             for level, matrix in self.cov_radar.items()
@@ -421,7 +421,7 @@ def check_scenario(scenario: object) -> None:
 
 
 def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
-    """Return the scenario of each radar of a network by name, or nothing for a single radar.
+    """Return the scenario of each radar of a network by name; {} for a single radar.
 
     Each has the limits, the state and the covariance of that radar. Correlations with other radars
     are left out.
@@ -451,7 +451,7 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     """Return the scenario of one radar of a network, with the radar in its name.
 
     Raises:
-        InputError: If there is no such radar, or a single one without a name.
+        InputError: If there is no such radar, or the only radar has no name.
     """
     names = scenario.model.names
     if not names:

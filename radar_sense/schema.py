@@ -63,7 +63,7 @@ def schema() -> Schema:
                     {"aircraft": _covariance(keys.COV_AIRCRAFT), "radar": {"type": "object"}},
                     required=[],
                 ),
-                "analysis": _mapping(keys.ANALYSIS, {"level": _text(keys.LEVEL_NAME)}),
+                "analysis": _mapping(keys.ANALYSIS),
             },
         ),
         **_one_of(["radar", "radars"]),
@@ -75,7 +75,7 @@ def schema() -> Schema:
             ),
             *(
                 _if(_at("radar", _with(kind)), _at("uncertainty", _at("radar", _levels_of(kind))))
-                for kind in _CONSTANTS
+                for kind in CONSTANTS
             ),
             _if(
                 _at("geometry", _at("type", {"const": "path"})),
@@ -92,7 +92,7 @@ def schema() -> Schema:
                 for name, place in (("radar", _GEODETIC), ("radars", {"contains": _GEODETIC}))
             ),
         ],
-        "definitions": {f"levels_{kind}": _levels(kind) for kind in _CONSTANTS},
+        "definitions": {f"levels_{kind}": _levels(kind) for kind in CONSTANTS},
     }
 
 
@@ -101,7 +101,7 @@ def schema() -> Schema:
 
 def describe(key: Key) -> str:
     """Return the description of a key: meaning, unit, limits, default."""
-    words = [key.help, f"Unit: {key.unit_name}." if key.unit_name else "", allowed(key)]
+    words = [key.meaning, f"Unit: {key.unit_name}." if key.unit_name else "", allowed(key)]
     words.append(f"Default: {default(key)}." if default(key) else "")
     return " ".join(filter(None, words))
 
@@ -214,14 +214,14 @@ def _radar(section: Sequence[Key]) -> Schema:
     required = [key.name for key in section if key.required and key.name not in places]
     return {
         **_mapping(section, shapes, required=required),
-        "allOf": [_one_of(places), _one_of(_CONSTANTS)],
+        "allOf": [_one_of(places), _one_of(CONSTANTS)],
     }
 
 
 def _one_of_several() -> Schema:
     radar = _radar(keys.RADARS_ENTRY)
     name = keys.RADAR_UNCERTAINTY.name
-    levels = [_if(_with(kind), _at(name, _levels_of(kind))) for kind in _CONSTANTS]
+    levels = [_if(_with(kind), _at(name, _levels_of(kind))) for kind in CONSTANTS]
     return {**radar, "allOf": [*radar["allOf"], *levels]}
 
 
@@ -318,7 +318,7 @@ def _tolerances(kind: str) -> Schema:
     parameters = [f for f in fields(cls) if "units" in f.metadata]
     properties = {
         key.name: {
-            "description": f"Standard deviation: {key.help}",
+            "description": f"Standard deviation: {describe(key)}",
             **_number(TOLERANCE_DB if parameter.metadata["decibels"] else NOT_NEGATIVE),
         }
         for parameter, units in zip(parameters, keys.declared_units(cls), strict=True)
@@ -361,5 +361,5 @@ def _levels_of(kind: str) -> Schema:
 
 
 #: What a radar may have for its c_r.
-_CONSTANTS = (keys.CONSTANT.name, *RADARS)
+CONSTANTS = (keys.CONSTANT.name, *RADARS)
 _GEODETIC = _with(keys.RADAR_PLACE.name)

@@ -1,8 +1,8 @@
 """The two state vectors: their components, in order, and the sources of uncertainty in them.
 
 Every array of states has its components on the last axis, in the order given here. The states of
-several radars follow one after the other. Where the RCS is uncertain its error comes last, after
-the radars: like the states of the radars it is the same at all poses.
+several radars follow each other. The error of an uncertain RCS is the last component, after the
+radars. Like the radar states, the error is the same at all poses.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ SOURCES: dict[str, Source] = {
 
 
 def sources(radars: Sequence[str] = (), *, rcs: bool = False) -> dict[str, Source]:
-    """Return the sources of an error budget by name. Together they are all components.
+    """Return the sources of an error budget by name. Together they have all components.
 
     Args:
         radars: Names of the radars. Each of several radars is one source. The sources of a single
@@ -87,8 +87,8 @@ def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
         count: Number of all radars, m.
         size: Components of the states of all radars, 4m or 4m + 1.
     """
-    own = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
-    return own + list(range(len(RADAR) * count, size))
+    components = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
+    return components + list(range(len(RADAR) * count, size))
 
 
 def _of_radar(number: int, components: slice) -> Source:
@@ -121,7 +121,7 @@ def check_finite(whose: str, states: ArrayLike) -> None:
 
 
 def at_pose(index: Sequence[int]) -> str:
-    """Return the pose of an index for an error, or nothing for ()."""
+    """Return the pose of an index for an error; "" for ()."""
     if not index:
         return ""
     return f" at pose {', '.join(map(str, index))} (counted from 0)"

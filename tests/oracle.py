@@ -165,3 +165,56 @@ def swerling3(snr, p_fa):
         s, threshold = mpf(snr) / 2, -mp.log(mpf(p_fa))
         p_d = (1 + threshold * s / (1 + s) ** 2) * mp.exp(-threshold / (1 + s))
         return p_d, 1 - p_d
+
+
+# N pulses: the signal's count against the noise's, both summed term by term.
+
+
+def _counts(mean, shape):
+    """Yield the probabilities of 0, 1, ...: Poisson without a shape, or negative binomial."""
+    p = mp.exp(-mean) if shape is None else (1 + mean / shape) ** (-shape)
+    k = 0
+    while True:
+        yield p
+        p = (
+            p * mean / (k + 1)
+            if shape is None
+            else p * (shape + k) * (mean / (shape + mean)) / (k + 1)
+        )
+        k += 1
+
+
+def threshold(pulses, reference, p_fa, guess):
+    """T of a fixed threshold by the incomplete gamma function, of CFAR by that of beta."""
+    if reference is None:
+        return mp.findroot(lambda t: mp.log(mp.gammainc(pulses, t, regularized=True) / p_fa), guess)
+    return mp.findroot(
+        lambda t: mp.log(
+            mp.betainc(reference, pulses, 0, 1 / (1 + t / reference), regularized=True) / p_fa
+        ),
+        guess,
+    )
+
+
+def pulses(snr, number, shape, reference, t):
+    """P_D and 1 − P_D of N pulses, each without cancellation in its lesser tail."""
+    mean, least = number * mpf(snr), mpf(10) ** (8 - mp.dps)
+    weights, noise = [], []
+    most, signal = mpf(0), _counts(mean, shape)
+    for j, p in enumerate(_counts(t, reference)):
+        noise.append(p)
+        if j >= number:
+            weights.append(next(signal))
+            term = weights[-1] * p
+            most = max(most, term)
+            if j > t and p < mpf(10) ** -40 and 0 < term < least * most:
+                break
+    beyond, miss = mpf(0), mpf(0)  # P(j ≥ N + k)
+    for k in range(len(weights) - 1, -1, -1):
+        beyond += noise[number + k]
+        miss += weights[k] * beyond
+    below, p_d = sum(noise[:number]), mpf(0)
+    for k, weight in enumerate(weights):
+        p_d += weight * below
+        below += noise[number + k]
+    return p_d + (1 - sum(weights)), miss

@@ -27,7 +27,7 @@ STOREYS = (
     ("model",),
     ("axis", "covariance"),
     ("states", "limits"),
-    ("errors",),
+    ("errors", "progress"),
 )
 STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}
 

@@ -130,7 +130,7 @@ def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
     """Two of three scenarios have one place broken; each is judged by reader and schema."""
     monkeypatch.chdir(tmp_path)
     counts = collections.Counter()
-    for number in range(180):
+    for number in range(120):
         rng = random.Random(f"schema {number}")
         scenario = _Scenario(rng)
         tree = scenario.make()
@@ -139,8 +139,8 @@ def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
         for name, content in scenario.files.items():
             Path(name).write_bytes(content)
         counts[judged(render(tree, rng))] += 1
-    assert counts[False, False] > 30
-    assert counts[True, True] > 80
+    assert counts[False, False] > 20
+    assert counts[True, True] > 50
 
 
 #: One mistake each; the keys are paths into the paper's scenario, or the network's with `radars`.
@@ -275,7 +275,7 @@ def test_a_newcomer_is_in_the_schema(monkeypatch):
         for of_model in schema()["properties"]["aircraft"]["properties"]["rcs"]["allOf"]
         if "edge_m" in of_model["then"]["properties"]
     ]
-    description = "Edge of the cube [m]. Unit: m. A number greater than 0."
+    description = "Edge of the cube. Unit: m. A number greater than 0."
     assert edge == {
         "description": description,
         "type": "number",

@@ -1,4 +1,4 @@
-"""One file a command: numbers -> Result (table, summary, report, warnings), and its figure."""
+"""The analyses, one file each: a scenario in, a Result and its figure out."""
 
 from radar_sense.analyses.budget import budget as budget
 from radar_sense.analyses.compare import compare as compare

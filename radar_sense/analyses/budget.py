@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, MEAN, Column, quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.error_budget import (
     MONTE_CARLO,
@@ -46,8 +47,8 @@ from radar_sense.states import AIRCRAFT_RCS, FloatArray
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
-#: The gradient for a source vanishes where its share of the total is smaller than its largest share
-#: by this factor.
+#: The gradient for a source counts as zero where the share of the source in the total is smaller
+#: than this times its largest share.
 VANISHING = 1e-3
 
 
@@ -91,26 +92,45 @@ _METHOD = dataclasses.replace(
     default_text="linear; with --threshold form",
 )
 _TARGET = Option(
-    "target", "How small must each source be for 3 sigma to stay within X?", TARGET, metavar="X"
+    "target", "Also the factor on each source at which 3 sigma is X.", TARGET, metavar="X"
 )
 _THRESHOLD = Option(
     "threshold",
-    "How small must each source be for P_D + K sigma to stay within P_MAX?",
+    "Also the factor on each source at which P_D + K sigma is P_MAX.",
     THRESHOLD,
     metavar="P_MAX",
 )
 _K = Option("k", "K of --threshold.", SIGMAS, metavar="K", default_text="3")
 _AT = Option(
     "at",
-    "Azimuth [deg], time [s] or distance [m] that --target or --threshold is for.",
+    "Azimuth [deg], time [s] or distance [m] of the pose for --target or --threshold.",
     ANY,
     metavar="X",
     default_text="all",
 )
 
 
+_TABLE = (
+    *AXIS,
+    Column("three_sigma_<source>", "3 sigma of P_D from <source> alone.", ""),
+    quantity("three_sigma_total", "3 sigma of P_D from all sources together."),
+    MEAN,
+    Column("share_<source>", "Share of the variance of P_D from <source>; not by linear.", ""),
+    quantity(
+        "share_interaction", "Share of the variance that no single source has; not by linear."
+    ),
+    Column(
+        "total_index_<source>",
+        "Share of the variance that <source> takes part in; by montecarlo.",
+        "",
+    ),
+    Column("share_error_<source>", "Standard error of the share of <source>; by montecarlo.", ""),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _METHOD, _TARGET, _THRESHOLD, _K, _AT, "runs", "seed"],
     examples=[
         "radar-sense budget",
@@ -136,9 +156,9 @@ def budget(
         scenario: The scenario.
         method: A method of propagation, or "montecarlo" for Sobol' indices. "automatic" is linear,
             and form with a threshold.
-        target: With it, also how small each source must be for 3σ to stay within this.
-        threshold: With it, also how small each source must be for P_D + kσ to stay within this.
-        k: How many σ P_D must stay below the threshold, 3 by default.
+        target: Limit of 3σ, for the accuracy required of each source; None for no limit.
+        threshold: Limit of P_D + kσ, for the accuracy required of each source; None for no limit.
+        k: k of the threshold, 3 by default.
         at: Place on the scenario's axis of the only pose that counts for target or threshold;
             every pose if None.
 
@@ -150,13 +170,11 @@ def budget(
     goal = _goal(method, target, threshold, k, at)
     axis = scenario.axis
     contributions = error_budget(scenario, method)
-    three_sigma, total = (
-        {s: 3 * std for s, std in contributions.alone.items()},
-        3 * contributions.std,
-    )
+    three_sigma = {s: 3 * std for s, std in contributions.alone.items()}
+    total = 3 * contributions.std
     shares = contributions.shares()
     worst = peak(total, axis)
-    pose = int(np.argmax(reached(total)))  # the first of several that differ by rounding alone
+    pose = int(np.argmax(reached(total)))  # the first of the poses that are equal to rounding
     at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
     ranked = sorted(at_worst, key=lambda source: np.nan_to_num(-at_worst[source], nan=np.inf))
     known = np.isfinite(np.stack(list(three_sigma.values()))).all(axis=0) & np.isfinite(total)
@@ -175,13 +193,15 @@ def budget(
     parts = {name: 3 * std for name, std in contributions.parts.items()}
     part_shares = {name: float(v[pose]) for name, v in contributions.part_shares().items()}
     parts_ranked = sorted(parts, key=lambda name: np.nan_to_num(-parts[name][pose], nan=np.inf))
-    of_parts = parts_of(scenario)
-    indented = {name: f"  {name.removeprefix(of.source + '_')}" for name, of in of_parts.items()}
+    constant_parts = parts_of(scenario)
+    indented = {
+        name: f"  {name.removeprefix(part.source + '_')}" for name, part in constant_parts.items()
+    }
     width = max(21, *(len(name) + 1 for name in (*ranked, *indented.values())))
     rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s), width)] for s in ranked}
     for name in parts_ranked:
         share, error, three = part_shares[name], errors.get(name), float(parts[name][pose])
-        rows[of_parts[name].source].append(_row(indented[name], three, share, error, width))
+        rows[constant_parts[name].source].append(_row(indented[name], three, share, error, width))
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if goal is not None:
@@ -274,14 +294,14 @@ def _goal(
     k: float | None,
     at: float | None,
 ) -> _Goal | None:
-    """Return the goal of an inverse question, or None if there is none.
+    """Return the limit given by target or threshold; None if neither is given.
 
     Raises:
         InputError: If there is no such method, or options do not go together.
     """
     check_method(method, [MONTE_CARLO])
     if target is not None and threshold is not None:
-        raise InputError("--target and --threshold are two questions; ask one at a time")
+        raise InputError("--target and --threshold exclude each other; give one of them")
     if target is None and threshold is None:
         for name, value in (("at", at), ("k", k)):
             if value is not None:
@@ -310,10 +330,12 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
         "parts": [
             {
                 "name": name,
-                "source": of.source,
-                "label": of.part.key if of.source == of.constant else f"{of.source} {of.part.key}",
+                "source": part.source,
+                "label": part.tolerance.name
+                if part.source == part.constant
+                else f"{part.source} {part.tolerance.name}",
             }
-            for name, of in parts_of(scenario).items()
+            for name, part in parts_of(scenario).items()
         ],
     }
 
@@ -321,21 +343,21 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
 def _vanishing(
     scenario: Scenario, alone: Mapping[str, FloatArray], total: FloatArray
 ) -> dict[str, str]:
-    """Return the sources that matter elsewhere, and where their gradient (nearly) vanishes."""
+    """Return the sources with a (nearly) vanishing gradient at some poses, and the poses."""
     places = {}
-    # A radar that does not see the aircraft contributes nothing, to any order.
-    seen = scenario.model.visible(scenario.aircraft, scenario.radar)
-    sees = dict(zip(scenario.model.names, np.moveaxis(seen, -1, 0), strict=False))
+    # A radar that does not see the aircraft has no effect of second order.
+    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
+    visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
     for source, values in alone.items():
-        part = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
-        nothing = (part < VANISHING * part.max()) & (total > 0) & sees.get(source, True)
-        if place := describe_poses(nothing, scenario.axis):
+        share = np.divide(values, total, out=np.zeros_like(total), where=total > 0)
+        vanishes = (share < VANISHING * share.max()) & (total > 0) & visible_by.get(source, True)
+        if place := describe_poses(vanishes, scenario.axis):
             places[source] = place
     return places
 
 
 def _vanishing_warnings(places: Mapping[str, str]) -> tuple[str, ...]:
-    """Return one warning for all sources whose gradient vanishes somewhere."""
+    """Return one warning for all sources whose gradient vanishes at some poses."""
     if not places:
         return ()
     if len(places) <= NAMED:
@@ -343,15 +365,15 @@ def _vanishing_warnings(places: Mapping[str, str]) -> tuple[str, ...]:
     else:
         sources_and_places = f"{len(places)} sources at some poses, listed in the record"
     return (
-        f"the gradient vanishes for {sources_and_places}: the linear budget leaves out effects of "
-        "second order, which remain there; use --method form or montecarlo",
+        f"the gradient vanishes for {sources_and_places}: only effects of second order remain "
+        "there, which the linear budget leaves out; use --method form or montecarlo",
     )
 
 
 def _correlated(alone: Mapping[str, FloatArray], total: FloatArray, method: str) -> tuple[str, ...]:
-    """Warn if linear contributions do not add up, because sources are correlated."""
+    """Return a warning if the contributions do not add up, because sources are correlated."""
     if method != "linear":
-        return ()  # the row of the interaction has both correlation and nonlinearity
+        return ()  # other methods report the interaction
     together = np.sqrt(np.sum([values**2 for values in alone.values()], axis=0))
     gap = np.nanmax(abs(total - together), initial=0)
     if gap <= 1e-9 * np.nanmax(total, initial=0):
@@ -375,7 +397,7 @@ def _row(
 
 
 def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]) -> dict[str, Any]:
-    """Return the entries of the summary for the parts of radar constants, if there are any."""
+    """Return the entries of the summary for the parts of radar constants; {} without parts."""
     if not three_sigma:
         return {}
     return {
@@ -385,18 +407,20 @@ def _parts_summary(three_sigma: Mapping[str, float], shares: Mapping[str, float]
 
 
 def _short(part: str) -> str:
-    """Return the name of a part, without the prefix that all parts of a single radar have."""
+    """Return the name of a part without the common prefix of a single radar."""
     return part.removeprefix("radar_constant_")
 
 
 def _measure_better(
     scenario: Scenario, method: str, ranked: Sequence[str], pose: int, total: float
 ) -> tuple[str, ...]:
-    """Return the part of a radar constant to measure better, and the total with half its σ."""
+    """Return the part of a radar constant to measure first, and the total with half its σ."""
     if not ranked or not total > 0:
         return ()
     several = "s" if len(scenario.tolerances_at_level) > 1 else ""
-    advice = f"of the radar constant{several}, {_short(ranked[0])} is what to measure better first"
+    advice = (
+        f"of the radar constant{several}, {_short(ranked[0])} is the part to measure better first"
+    )
     if method == MONTE_CARLO:
         return (advice,)
     (halved,) = value_function(scenario.at_poses(np.array([pose])), method)([ranked[0]], 0.5)
@@ -458,10 +482,10 @@ def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:
-            return "not known: this method has no answer"
+            return "not known: this method has no value"
         if factor >= 1:
-            return f"no reduction needed; may grow {factor:.4g}-fold, and more is not known"
-        return f"{factor:.4g}, and more is not known: this method has no answer"
+            return f"no reduction needed; may grow {factor:.4g}-fold (no value beyond)"
+        return f"{factor:.4g}; this method has no value beyond"
     if factor is None:
         words = (
             f"not enough alone: {accuracy.residual:.4f} remains at {axis.format(accuracy.place)}"

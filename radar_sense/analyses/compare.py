@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, DRAWS, P_D, quantity
 from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     describe_extreme,
@@ -47,12 +48,24 @@ def plot(result: Result, figure: Figure) -> None:
             draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
             draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
     top.set_ylabel(r"Bounds of $P_D$ at $\Phi(\pm 3)$")
-    bottom.set_ylabel("Bounds less those\nof Monte Carlo")
+    bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
     draw_legend(figure, top)
+
+
+_TABLE = (
+    *AXIS,
+    P_D,
+    *DRAWS,
+    quantity("mean_pd_<method>", "Mean of P_D by <method>."),
+    quantity("sigma_pd_<method>", "Standard deviation of P_D by <method>."),
+    quantity("lower_3sigma_<method>", "Lower 3-sigma bound of P_D by <method>."),
+    quantity("upper_3sigma_<method>", "Upper 3-sigma bound of P_D by <method>."),
+)
 
 
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", "runs", "seed", "sampler", "workers", "dask"],
     examples=[
         "radar-sense compare",
@@ -75,7 +88,7 @@ def compare(
     Args:
         scenario: The scenario.
         sampler: "random" or "sobol".
-        workers: Threads to compute with; of no influence on the result.
+        workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
         progress: Shows the runs that are done.
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from radar_sense import files
+from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
@@ -36,12 +37,12 @@ class FigureError(RuntimeError):
 
 
 class Progress(Protocol):
-    """Shows how far a computation is."""
+    """Shows the progress of a computation."""
 
     def __call__(
         self, total: int, what: str
     ) -> AbstractContextManager[Callable[[int], None] | None]:
-        """Start to show progress; the context's value is called with the number of new steps."""
+        """Start to show progress; call the context's value with the number of new steps."""
         ...
 
 
@@ -57,10 +58,10 @@ class Option:
     Attributes:
         name: The keyword; `step_km` is --step-km on the command line.
         help: The line in the command's help.
-        limit: What a number must be; None for a word.
+        limit: Limit of a number; None for a word.
         metavar: Placeholder of the value in the help.
-        default: The value where none is given.
-        default_text: The default in words, where None stands for it.
+        default: The default value.
+        default_text: The default in words, if the value is None.
         count: How many numbers the option takes.
         choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
@@ -82,7 +83,7 @@ OPTIONS: Mapping[str, Option] = {
     option.name: option
     for option in (
         Option("level", "Level of radar uncertainty.", metavar="NAME"),
-        Option("radar", "Only this radar of a network, as if there were no other.", metavar="NAME"),
+        Option("radar", "Only this radar of a network; the others are left out.", metavar="NAME"),
         Option(
             "method",
             f"Method of propagation: {', '.join(METHODS)}.",
@@ -94,7 +95,7 @@ OPTIONS: Mapping[str, Option] = {
         Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's"),
         Option(
             "sampler",
-            "random, or sobol: quasi-random points, fewer for the same accuracy of mean and sigma.",
+            "random; or sobol, quasi-random points that need fewer runs for mean and sigma.",
             metavar="NAME",
             default="random",
             choices=SAMPLERS,
@@ -107,13 +108,13 @@ OPTIONS: Mapping[str, Option] = {
         ),
         Option(
             "dask",
-            "Compute on the Dask cluster whose scheduler listens there, such as tcp://host:8786.",
+            "Compute on a Dask cluster, given by its scheduler, such as tcp://host:8786.",
             metavar="ADDRESS",
         ),
     )
 }
 
-#: Options that choose something of the scenario, unless the analysis has a keyword of that name.
+#: Options that select from the scenario, unless the analysis has a keyword of the same name.
 _OF_SCENARIO = ("level", "radar", "runs", "seed")
 
 
@@ -123,13 +124,13 @@ class Result:
 
     Attributes:
         scenario: The scenario, with level, runs and seed as they were used.
-        table: Columns of the table by name, all of one length (n,); of a map axes and planes.
+        table: Columns of the table by name, all of one length (n,). A map has axes and planes.
         summary: Numbers for the JSON record.
         report: Lines for the terminal.
         warnings: Where the numbers are unreliable, one sentence each.
-        method: Method of propagation behind the numbers.
-        arrays: Arrays that the figure shows and the table does not have, by name.
-        passed: Whether the answer is yes, for an analysis that answers a question.
+        method: Method of propagation of the numbers.
+        arrays: Arrays that only the figure shows, by name.
+        passed: Whether the test of the analysis passed; True if there is no test.
         by: The analysis.
     """
 
@@ -152,6 +153,13 @@ class Result:
     def stem(self) -> str:
         """Name of the files of the result, without folder and ending."""
         return self.by.stem(self.scenario) if self.by else f"{self.scenario.name}_result"
+
+    @property
+    def columns(self) -> dict[str, Column]:
+        """Unit and meaning of the columns of the table that the analysis declares, by name."""
+        declared = self.by.columns if self.by else ()
+        found = {name: find(declared, name) for name in self.table}
+        return {name: column for name, column in found.items() if column}
 
     @property
     def band_label(self) -> str:
@@ -185,7 +193,7 @@ class Result:
 
         Args:
             folder: Folder of the files; made if it does not exist.
-            formats: Formats of the figure: png, pdf, svg. Without any no figure is written.
+            formats: Formats of the figure: png, pdf, svg. () writes no figure.
             command: The command line, for the record.
 
         Returns:
@@ -193,7 +201,7 @@ class Result:
 
         Raises:
             FigureError: If the figure could not be drawn. Table and record are written.
-            OSError: If a file cannot be written. Then none is.
+            OSError: If a file cannot be written. No file is written then.
             ValueError: If there is no such format.
         """
         written = self.write(folder, formats, command=command)
@@ -217,6 +225,10 @@ class Result:
             scenario=self.scenario.resolved(),
             warnings=self.warnings,
             summary=self.summary,
+            columns={
+                name: {"unit": column.unit, "meaning": column.meaning}
+                for name, column in self.columns.items()
+            },
         )
         figures, error = self._figures(formats)
         contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
@@ -224,10 +236,11 @@ class Result:
         contents[f"{self.stem}.json"] = record
         paths = [folder / name for name in contents]
 
-        old_table, old_record = (_content(folder / f"{self.stem}.{e}") for e in (ending, "json"))
+        old_record = _content(folder / f"{self.stem}.json")
         replaced = files.replaced_command(old_record, record) if old_record else None
         removed = []
-        if table != old_table or not files.same_result(old_record, record):
+        same_table = files.holds(folder / f"{self.stem}.{ending}", table)
+        if not same_table or not files.same_result(old_record, record):
             stale = [folder / f"{self.stem}.{name}" for name in FORMATS if name not in figures]
             removed = [path for path in stale if path.is_file()]
         contents |= dict.fromkeys((path.name for path in removed), None)
@@ -235,7 +248,7 @@ class Result:
         return Written(paths, removed, replaced, error)
 
     def _figures(self, formats: Sequence[str]) -> tuple[dict[str, bytes], FigureError | None]:
-        """Return the figure in each format; the error, if it cannot be drawn, loses no numbers."""
+        """Return the figure in each format, or the error if it cannot be drawn."""
         if not formats:
             return {}, None
         try:
@@ -277,7 +290,7 @@ class Written:
         paths: The table, the figures, the record.
         removed: Figures of another result that had the same name.
         replaced: The command whose files were replaced; None if the command was the same.
-        figure_error: Why there is no figure, if it could not be drawn.
+        figure_error: The error if the figure could not be drawn.
     """
 
     paths: list[Path]
@@ -318,8 +331,8 @@ class Command:
 
         Args:
             scenario: The scenario.
-            options: Options of the command. `level`, `radar` and `seed` are always allowed;
-                `workers`, `executor` and `progress` are if the command has them.
+            options: Options of the command. `level`, `radar`, `runs` and `seed` are always allowed.
+                `workers`, `executor` and `progress` are allowed if the command has them.
 
         Raises:
             InputError: If the scenario is no `Scenario`, or an option is not allowed.
@@ -337,7 +350,7 @@ class Command:
         return self.run(self.selected(scenario, **options), **of_run)
 
     def selected(self, scenario: Scenario, **options: Any) -> Scenario:
-        """Return the scenario at the level, with the runs and seed, and of the radar chosen.
+        """Return the scenario with the chosen level, runs, seed and radar.
 
         Raises:
             InputError: If there is no such level or radar, or a number is out of range.
@@ -362,7 +375,7 @@ class Command:
 
     @property
     def help(self) -> str:
-        """Help of the command: the docstring up to the arguments."""
+        """Return the help of the command: the docstring up to the arguments."""
         text = inspect.getdoc(self.run) or ""
         return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
 
@@ -377,9 +390,11 @@ class Analysis(Command):
 
     Attributes:
         plot: Draws the figure of a result into an empty figure; reads the result only.
+        columns: Columns that the table may have.
     """
 
     plot: Callable[[Result, Figure], None]
+    columns: tuple[Column, ...] = ()
     endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
     has_figures: ClassVar[bool] = True
 
@@ -398,6 +413,7 @@ def analysis(
     plot: Callable[[Result, Figure], None],
     options: Sequence[str | Option] = (),
     examples: Sequence[str] = (),
+    columns: Sequence[Column] = (),
     name: str = "",
 ) -> Callable[[Callable[..., Result]], Analysis]:
     """Make an analysis of a function from a scenario to a result.
@@ -406,11 +422,12 @@ def analysis(
         plot: Draws the figure.
         options: Names in `OPTIONS`, or options that only this analysis has.
         examples: Commands for the help.
-        name: Name of the command, that of the function by default.
+        columns: Columns that the table may have.
+        name: Name of the command; the name of the function by default.
     """
 
     def decorate(run: Callable[..., Result]) -> Analysis:
         chosen = tuple(OPTIONS[o] if isinstance(o, str) else o for o in options)
-        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot)
+        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot, tuple(columns))
 
     return decorate

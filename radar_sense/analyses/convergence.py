@@ -1,9 +1,9 @@
 """Errors of Monte Carlo by number of runs: random draws, Sobol' points, and a control variate.
 
 The errors of mean, standard deviation and 3σ quantiles are estimated from many independent
-repetitions, against a reference of many more runs. The unit is σ_pd. For random draws and for
-Sobol' points there is a variant with the paper's linear model as a control variate (P. Glasserman,
-*Monte Carlo Methods in Financial Engineering*, 2003, section 4.1). On the same draws
+repetitions, against a reference of many more runs. The unit is σ_pd. Random draws and Sobol' points
+each have a variant with the paper's linear model as a control variate (P. Glasserman, *Monte Carlo
+Methods in Financial Engineering*, 2003, section 4.1). On the same draws
 
     L = P̄_D + A_a (a − ā) + A_r (r − r̄),    r before c_r is cut off at 0,
 
@@ -12,13 +12,13 @@ known, and is subtracted from the statistics of P_D:
 
     mean        m_P − (m_L − P̄_D)
     variance    s_P² − (s_L² − σ_L²)
-    quantile    the order statistic of P_D whose rank is the number of draws of L below P̄_D − 3σ_L;
-                the upper quantile likewise
+    quantile    the order statistic of P_D whose rank is the number of draws of L below P̄_D − 3σ_L
+                (the upper quantile likewise)
 
-The coefficient of the control is 1, so nothing is estimated: the mean is unbiased for any number of
-runs, and so is the variance of random draws. With Sobol' points n − 1 in the denominator makes s²
-too large by up to σ²/n; the control removes that too. A coefficient by regression would have a bias
-of the order 1/runs. The control needs a gradient of P_D.
+The coefficient of the control is 1 and is not estimated. The mean is therefore unbiased for any
+number of runs, as is the variance of random draws. A coefficient by regression would have a bias of
+the order 1/runs. With Sobol' points, n − 1 in the denominator makes s² too large by up to σ²/n. The
+control removes this error too. The control needs a gradient of P_D.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
@@ -51,7 +52,7 @@ T = TypeVar("T")
 #: Largest number of runs: default and limit.
 DEFAULT_RUNS = 2**14
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
-#: Largest count of different numbers of runs; each is twice the one before.
+#: Largest count of different numbers of runs. Each number is twice the number before.
 SIZES = 9
 #: The rate is fitted to this many of the largest numbers of runs.
 RATE_SIZES = 5
@@ -59,11 +60,11 @@ RATE_SIZES = 5
 POSES = 19
 #: Independent repetitions. The relative uncertainty of the errors is about 1/√(2 · 32), an eighth.
 REPLICATIONS = 32
-#: The reference: number of independent Sobol' sequences, and their runs over the largest runs.
+#: The reference: number of independent Sobol' sequences, and the factor on the largest runs.
 REFERENCES, REFERENCE_FACTOR = 8, 8
 #: Runs drawn at a time, a power of two; a part of the result's definition.
 BLOCK = 4096
-#: A smaller standard deviation of P_D is rounding.
+#: A smaller standard deviation of P_D counts as zero.
 LEAST_STD = 1e-12
 STATISTICS = ("mean", "std", "quantile")
 ESTIMATORS = ("random", "sobol", "random_control", "sobol_control")
@@ -77,7 +78,7 @@ class LinearModel:
 
     Attributes:
         by_radar: Partials for the unit normals of the radar (n, m), A_r F_r with F Fᵀ = C.
-        by_aircraft: Partials for those of the aircraft (n, 6), A_a F_a.
+        by_aircraft: Partials for the unit normals of the aircraft (n, 6), A_a F_a.
     """
 
     by_radar: FloatArray
@@ -88,11 +89,13 @@ class LinearModel:
         """Linearize P_D at the nominal states of a sampler; NaN where there is no gradient."""
         lin = sampler.model.linearize(sampler.aircraft, sampler.radar)
         by_radar = _partials(lin.jac_radar, sampler.sqrt_cov_radar)
-        more = sampler.radar_normals - by_radar.shape[1]
-        by_radar = np.hstack([by_radar, np.zeros((len(by_radar), more))])
+        added = sampler.radar_normals - by_radar.shape[1]
+        by_radar = np.hstack([by_radar, np.zeros((len(by_radar), added))])
         by_log_constant = (lin.jac_radar * sampler.radar)[:, CONSTANTS]
-        used = columns(len(sampler.radar), sampler.parts)
-        for i, (parts, part_columns) in enumerate(zip(sampler.parts, used, strict=True)):
+        columns_by_radar = columns(len(sampler.radar), sampler.parts)
+        for i, (parts, part_columns) in enumerate(
+            zip(sampler.parts, columns_by_radar, strict=True)
+        ):
             for part, column in zip(parts, part_columns, strict=True):
                 by_radar[:, column] = by_log_constant[:, i] * part.slope
         return cls(by_radar, _partials(lin.jac_aircraft, sampler.sqrt_cov_aircraft))
@@ -104,9 +107,9 @@ class LinearModel:
         return np.sqrt(total)
 
     def deviation(self, radar_normals: FloatArray, aircraft_normals: FloatArray) -> FloatArray:
-        """L − P̄_D (runs, n) from unit normals (runs, m) and (runs, n, 6)."""
+        """Return L − P̄_D (runs, n) from unit normals (runs, m) and (runs, n, 6)."""
         total = np.zeros(aircraft_normals.shape[:-1])
-        # Written out, as the rounding of a matrix product depends on the library behind it.
+        # A loop, because the rounding of a matrix product depends on the BLAS library.
         for i in range(self.by_radar.shape[1]):
             total += radar_normals[:, i, np.newaxis] * self.by_radar[:, i]
         for i in range(self.by_aircraft.shape[1]):
@@ -115,7 +118,7 @@ class LinearModel:
 
 
 def _partials(jacobian: FloatArray, sqrt_cov: FloatArray) -> FloatArray:
-    # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
+    # A gradient may be undefined where nothing is uncertain; 0 · NaN must be 0 there.
     known = np.where(np.any(sqrt_cov != 0, axis=-1), jacobian, 0.0)
     partials: FloatArray = np.sum(known[..., np.newaxis] * sqrt_cov, axis=-2)
     return partials
@@ -131,22 +134,22 @@ def draw(
     p_d = np.empty((runs, poses))
     deviation = None if linear is None else np.empty((runs, poses))
     for block in range(blocks.blocks):
-        part, normals = blocks.part(block), blocks.normals(block)
+        rows, normals = blocks.runs_of(block), blocks.normals(block)
         if linear is not None and deviation is not None:
-            deviation[part] = linear.deviation(*normals)
-        p_d[part], _ = blocks.p_d(*normals)  # overwrites the normals
+            deviation[rows] = linear.deviation(*normals)
+        p_d[rows], _ = blocks.p_d(*normals)  # overwrites the normals
     return p_d, deviation
 
 
 def plain(p_d: FloatArray) -> FloatArray:
-    """Mean, standard deviation, lower and upper quantile (4, n) of draws (runs, n)."""
+    """Return mean, standard deviation, lower and upper quantile (4, n) of draws (runs, n)."""
     position = np.full(p_d.shape[1], quantile_position(len(p_d), TAIL))
     lower, upper = order_statistics(p_d, position), -order_statistics(-p_d, position)
     return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), lower, upper])
 
 
 def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> FloatArray:
-    """The same statistics (4, n) with the linear model as control variate.
+    """Return the statistics of `plain` (4, n) with the linear model as control variate.
 
     The formulas are at the top of this module.
 
@@ -161,10 +164,10 @@ def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> Float
     runs = len(p_d)
     mean = p_d.mean(axis=0) - deviation.mean(axis=0)
     variance = p_d.var(axis=0, ddof=1) - (deviation.var(axis=0, ddof=1) - std * std)
-    beyond = [np.sum(side * deviation < -3.0 * std, axis=0) for side in (1, -1)]
+    tail_counts = [np.sum(side * deviation < -3.0 * std, axis=0) for side in (1, -1)]
     lower, upper = (
         side * order_statistics(side * p_d, (runs - 1) / runs * count)
-        for side, count in zip((1, -1), beyond, strict=True)
+        for side, count in zip((1, -1), tail_counts, strict=True)
     )
     estimates = np.stack([mean, np.sqrt(np.maximum(variance, 0.0)), lower, upper])
     estimates[:, np.isnan(std)] = np.nan
@@ -176,11 +179,11 @@ class Convergence:
     """Estimates by number of runs, and the reference.
 
     Attributes:
-        runs: Numbers of runs (k,), each twice the one before.
+        runs: Numbers of runs (k,), each twice the number before.
         axis: The n poses.
         reference: Mean, standard deviation, lower and upper quantile (4, n).
-        reference_error: Their standard errors (4, n).
-        estimates: By estimator, (repetitions, k, 4, n).
+        reference_error: Standard errors of the reference (4, n).
+        estimates: Estimates of each estimator (repetitions, k, 4, n).
     """
 
     runs: NDArray[np.int64]
@@ -191,16 +194,19 @@ class Convergence:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Poses where σ_pd is large enough to be the unit of errors (n,)."""
+        """Where (n,) σ_pd is large enough to be the unit of errors."""
         usable: NDArray[np.bool_] = self.reference[1] > LEAST_STD
         return usable
 
     def error(self, estimator: str, statistic: str) -> FloatArray:
-        """RMS error (k,) over repetitions and poses, in units of σ_pd; NaN without usable poses."""
+        """Return the RMS error (k,) over repetitions and poses, in units of σ_pd.
+
+        Without usable poses the error is NaN.
+        """
         return self._rms(self.estimates[estimator] - self.reference, statistic)
 
     def reference_rms(self, statistic: str) -> float:
-        """RMS standard error of the reference over poses, in units of σ_pd."""
+        """Return the RMS standard error of the reference over poses, in units of σ_pd."""
         return float(self._rms(self.reference_error[np.newaxis, np.newaxis], statistic)[0])
 
     def _rms(self, difference: FloatArray, statistic: str) -> FloatArray:
@@ -227,7 +233,7 @@ def measure(
         scenario: The scenario, at its level; its seed gives the seeds of the repetitions.
         runs: Largest number of runs.
         replications: Number of independent repetitions.
-        workers: Threads to compute with; the result does not depend on them.
+        workers: Threads to compute with; the result does not depend on their number.
         progress: Called with 1 after each of `replications` + REFERENCES parts.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
@@ -294,10 +300,10 @@ def plot(result: Result, figure: Figure) -> None:
         axes.margins(x=0.03)
         first = [error[0] for error in errors.values() if np.all(error > 0)]
         if not first:
-            continue  # nothing that a logarithmic axis could show
+            continue  # a logarithmic axis cannot show 0
         axes.set_yscale("log")
         _slope(axes, runs, 1.6 * np.max(first), -0.5, "$n^{-1/2}$")
-        if statistic != "quantile":  # which nothing brings to fall so fast
+        if statistic != "quantile":  # no estimator of the quantiles has this rate
             _slope(axes, runs, np.min(first) / 1.6, -1.0, "$n^{-1}$")
     rows[-1].set_xlabel("Number of runs $n$")
     draw_legend(figure, rows[0])
@@ -305,14 +311,26 @@ def plot(result: Result, figure: Figure) -> None:
 
 _RUNS = Option(
     "runs",
-    "Largest number of runs; a power of two is taken.",
+    "Largest number of runs, rounded down to a power of two.",
     RUNS,
     default=DEFAULT_RUNS,
 )
 
 
+_TABLE = (
+    quantity("runs", "Number of runs."),
+    quantity("error_mean_<estimator>", "RMS error of the mean by <estimator>, in sigma of P_D."),
+    quantity("error_std_<estimator>", "RMS error of sigma by <estimator>, in sigma of P_D."),
+    quantity(
+        "error_quantile_<estimator>",
+        "RMS error of the 3-sigma quantiles by <estimator>, in sigma of P_D.",
+    ),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _RUNS, "seed", "workers"],
     examples=[
         "radar-sense convergence --runs 4096",
@@ -328,14 +346,14 @@ def convergence(
 ) -> Result:
     """Error of Monte Carlo by number of runs, for random and Sobol' draws.
 
-    Also with the linear model as a control variate for both. Sobol' points are best for mean and
-    sigma, whose error falls nearly as 1/runs; for 3-sigma quantiles they win less. Random draws are
-    the only ones whose coverage has a binomial confidence interval.
+    Both kinds of draws also have a variant with the linear model as a control variate. Sobol'
+    points are best for mean and sigma, whose error falls nearly as 1/runs. For 3-sigma quantiles
+    the gain is smaller. Only random draws give the coverage a binomial confidence interval.
 
     Args:
         scenario: The scenario; its number of runs is not used.
-        runs: Largest number of runs, of which the largest power of two is taken.
-        workers: Threads to compute with; of no influence on the result.
+        runs: Largest number of runs, rounded down to a power of two.
+        workers: Threads to compute with; the result does not depend on their number.
         progress: Shows the repetitions that are done.
 
     Raises:
@@ -382,7 +400,7 @@ def convergence(
         },
         report=(
             f"RMS error with {runs:,} runs ({scenario.level}) in units of sigma of P_D, its rate, "
-            "and how many random runs would do the same:",
+            "and the number of random runs for the same error:",
             f"  {'':17}{'mean':27}{'sigma':27}3-sigma quantiles",
             *(
                 f"  {name.replace('_', ', '):17}"
@@ -398,7 +416,7 @@ def convergence(
 
 
 def rate(runs: NDArray[np.int64], error: FloatArray) -> float:
-    """Exponent r of an error that falls as runs^r, by least squares over the largest runs."""
+    """Return the exponent r of an error proportional to runs^r, by least squares."""
     runs, error = runs[-RATE_SIZES:], error[-RATE_SIZES:]
     if len(runs) < 2 or not (error > 0).all():
         return float("nan")
@@ -407,7 +425,7 @@ def rate(runs: NDArray[np.int64], error: FloatArray) -> float:
 
 
 def _equal_runs(runs: int, random: float, error: float) -> float:
-    """Number of random runs with this error, where `runs` have the error `random`."""
+    """Return the number of random runs with this error, if `runs` have the error `random`."""
     return float(runs * (random / error) ** 2) if error > 0 else float("nan")
 
 
@@ -419,7 +437,7 @@ def _cell(error: float, rate: float, equal: float) -> str:
 
 
 def _too_few(measured: Convergence) -> tuple[str, ...]:
-    """Warn if there are too few runs for the errors to show a rate."""
+    """Return a warning if there are too few runs to show a rate."""
     if len(measured.runs) >= RATE_SIZES:
         return ()
     least = 2**RATE_SIZES
@@ -430,18 +448,18 @@ def _too_few(measured: Convergence) -> tuple[str, ...]:
 def _warnings(measured: Convergence) -> tuple[str, ...]:
     undefined: NDArray[np.bool_] = np.isnan(measured.estimates["random_control"][0, 0, 0])
     reasons = (
-        (undefined, "the gradient is undefined, and there is no control without a linear model,"),
-        (~measured.usable, "sigma of P_D is zero, and errors cannot be measured by it,"),
+        (undefined, "there is no control variate, as the gradient is undefined"),
+        (~measured.usable, "sigma of P_D, the unit of the errors, is zero"),
     )
     return tuple(
-        f"{words} {place}" + ("" if mask.all() else "; the errors are those of the other poses")
+        f"{words} {place}" + ("" if mask.all() else "; the errors are of the other poses")
         for mask, words in reasons
         if (place := describe_poses(mask, measured.axis))
     )
 
 
 def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) -> None:
-    """Draw what falls as a power of the number of runs, to compare the lines with."""
+    """Draw a power of the number of runs, to compare the lines with."""
     if len(runs) < 2:
         return
     guide = start * (runs / runs[0]) ** power

@@ -1,4 +1,4 @@
-"""A map of P_D or its upper bound over an area, with the route coloured by its own P_D."""
+"""A map of P_D or its upper bound over an area, with the route in the same colours."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.grid import (
     BETA,
@@ -33,9 +34,9 @@ from radar_sense.states import ATTITUDE, RADAR, FloatArray
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
-#: Colours of the map and of the route. They are as light as P_D is high, also in grey.
+#: Colours of the map and of the route. Their lightness grows with P_D, also in a grey print.
 COLOURS = "cividis"
-#: Levels of P_D that are drawn as lines and whose areas are given.
+#: Levels of P_D with contour lines, and with areas in the report.
 LEVELS = (0.1, 0.5, 0.9)
 
 
@@ -46,10 +47,10 @@ def plot(result: Result, figure: Figure) -> None:
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
     bounded, worst = "upper_3sigma" in table, "worst_heading_deg" in table
-    # A figure has room for no more cells than this; lines through more would take long.
-    every = max(1, -(-max(len(north), len(east)) // 1000))
-    north, east = north[::every], east[::every]
-    values = table["upper_3sigma" if bounded else "p_d"][::every, ::every]
+    # A figure resolves no more than 1000 cells a side, and contours of more cells take long.
+    stride = max(1, -(-max(len(north), len(east)) // 1000))
+    north, east = north[::stride], east[::stride]
+    values = table["upper_3sigma" if bounded else "p_d"][::stride, ::stride]
     half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
@@ -82,7 +83,7 @@ def plot(result: Result, figure: Figure) -> None:
             linestyles="-",
             linewidths=0.8,
         )
-        if len(scenario.model.names) <= 3:  # else labels cover what they are about
+        if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
             axes.clabel(lines, fmt="%g", fontsize=6.5)
         for v in drawn:
             bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
@@ -111,14 +112,14 @@ def plot(result: Result, figure: Figure) -> None:
         )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     draw_legend(figure, axes)
-    # As the aspect is given, one round of layout can leave a label outside the page. (A map that is
-    # flat has room for its labels, and would only get flatter.)
+    # With a fixed aspect, one round of layout can leave a label outside the page. A second round
+    # would make a flat map flatter, and flat maps have room for their labels.
     if shape > 0.5:
         figure.draw_without_rendering()
 
 
 def _draw_route(axes: Axes, result: Result) -> None:
-    """Draw the poses in the colours of the map, by the numbers at their own attitude."""
+    """Draw the poses in the colours of the map, by P_D or its bound at their own attitude."""
     from radar_sense.plotting import coloured_line
 
     poses = result.scenario.aircraft / 1e3
@@ -148,20 +149,30 @@ _OPTIONS = (
     ),
     Option("east_km", "West and east end.", MAP_KM, count=2, default_text="around radars and path"),
     Option("step_km", "Distance of cells.", MAP_STEP_KM, default_text="1/500 of the longer side"),
-    Option("down_km", "Down coordinate.", MAP_KM, default_text="that of the first pose"),
+    Option("down_km", "Down coordinate.", MAP_KM, default_text="as at the first pose"),
     Option(
         "course_deg",
         "Yaw of the aircraft.",
         Limit(at_least=-360, at_most=360),
-        default_text="that of the first pose",
+        default_text="as at the first pose",
     ),
     Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
     "workers",
 )
 
 
+_TABLE = (
+    quantity("north_m", "North of the rows of cells, from the origin."),
+    quantity("east_m", "East of the columns of cells, from the origin."),
+    quantity("p_d", "P_D in each cell (rows, columns)."),
+    quantity("upper_3sigma", "With --upper: upper 3-sigma bound of P_D in each cell."),
+    quantity("worst_heading_deg", "With --worst-heading: the heading of the largest P_D."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", *_OPTIONS],
     examples=[
         "radar-sense map",
@@ -188,7 +199,7 @@ def coverage_map(
 ) -> Result:
     """P_D over an area at one height and course.
 
-    The numbers are written as NPZ, for numpy.load, in single precision: north_m, east_m, p_d;
+    The table is an NPZ file for numpy.load. It has north_m, east_m and, in single precision, p_d;
     upper_3sigma with --upper; worst_heading_deg with --worst-heading. The figure shows the route in
     the same colours, by P_D at the attitude of each pose.
 
@@ -199,22 +210,22 @@ def coverage_map(
         step_km: Distance of the cells [km].
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
-        upper: Whether to compute the upper bound at Φ(3) too, and show that.
+        upper: Whether to compute the upper bound at Φ(3) too, and to show the bound.
         worst_heading: Whether P_D is the largest over all headings.
-        method: Method that gives the bound.
+        method: Method of propagation of the bound.
         workers: Number of threads.
         progress: Shows the cells that are done.
 
     Raises:
-        InputError: If there is no such method, a method is named without `upper`, options
+        InputError: If there is no such method, a method is given without `upper`, options
             contradict each other, or the area is not allowed.
     """
     if method != "linear" and not upper:
-        raise InputError("--method is for the upper bound, which only --upper computes")
+        raise InputError("--method needs --upper, which computes the upper bound")
     if worst_heading and upper:
-        raise InputError("--worst-heading shows P_D, and --upper its bound; use one of them")
+        raise InputError("--worst-heading and --upper exclude each other; give one of them")
     if worst_heading and course_deg is not None:
-        raise InputError("--worst-heading takes all headings, --course-deg one; use one of them")
+        raise InputError("--worst-heading and --course-deg exclude each other; give one of them")
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
@@ -241,7 +252,7 @@ def coverage_map(
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
     areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in LEVELS}
-    what = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
+    quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     rows, columns = cells.shape
     route = _route(scenario, method if upper else None)
     summary: dict[str, Any] = {
@@ -263,7 +274,7 @@ def coverage_map(
         arrays={"route": route},
         summary=summary,
         report=(
-            f"{what} in {rows} x {columns} cells, {_pose_in_words(summary)}",
+            f"{quantity} in {rows} x {columns} cells, {_pose_in_words(summary)}",
             *(
                 f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
                 for level, area in areas.items()
@@ -316,6 +327,6 @@ def _warnings(
         if outside:
             lines.append(
                 f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "
-                "elevations of the RCS table; there its outermost values are used"
+                "elevations of the RCS table; there the outermost values of the table are used"
             )
     return tuple(lines)

@@ -1,26 +1,52 @@
-"""P_D of every detector, and the error of North's approximation."""
+"""P_D of every detector, the error of North's approximation, and the integration of pulses."""
 
 from __future__ import annotations
 
+import math
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import Column, quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
-from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.detectors import (
+    DETECTORS,
+    Detector,
+    Marcum,
+    PulseDetector,
+    Swerling1,
+    Swerling2,
+    Swerling3,
+    Swerling4,
+    required_snr,
+)
+from radar_sense.record import detector_block
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
-    from radar_sense.plotting import Figure
+    from radar_sense.plotting import Axes, Figure
 
 #: Probabilities of false alarm of the table, besides the scenario's.
 P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
 #: Signal-to-noise ratios of the table [dB].
 SNR_DB = np.linspace(-10.0, 30.0, 401)
-#: With a single pulse each of the other detectors equals one of these.
+#: Detectors that differ for a single pulse. Each other detector equals one of them.
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
+#: Numbers of integrated pulses, and the detectors that integrate.
+PULSES = (1, 10, 100)
+INTEGRATING = {
+    "marcum": Marcum,
+    "swerling1": Swerling1,
+    "swerling2": Swerling2,
+    "swerling3": Swerling3,
+    "swerling4": Swerling4,
+}
+#: P_D whose signal-to-noise ratio is reported.
+REQUIRED = (0.5, 0.9)
 
 
 def _power_of_ten(value: float) -> str:
@@ -33,27 +59,27 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense.plotting import LINES, MaxNLocator, draw_legend, draw_line, pose_panels
 
-    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
+    (top, bottom, slope) = pose_panels(figure, 3, result.scenario.axis)
     table, chosen = result.table, result.scenario.model.models[0].p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
-    # the scenario's, and the ends if their curves and labels are well away from it
-    few = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
-    for p_fa in (chosen, *few):
+    # The extreme P_fa are drawn only if their labels keep clear of the scenario's P_fa.
+    extremes = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
+    for p_fa in (chosen, *extremes):
         for name, style in zip(DISTINCT, (("0.75", "-"), *LINES), strict=False):
             p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
             label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
             draw_line(top, snr_db, p_d, style, label=label)
-        # labels above the data, the scenario's higher, so that none is on another
+        # Labels are above the data. The scenario's label is higher, to avoid overlap.
         half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
         place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
         top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=6.5)
     for line in top.lines[:: len(DISTINCT)]:
-        line.set_linewidth(3.5)  # North's shows on both sides of Marcum's
+        line.set_linewidth(3.5)  # North's line must be visible under Marcum's
     top.set_ylim(-0.04, 1.34)
     top.set_yticks(np.linspace(0, 1, 6))
     top.set_ylabel(r"$P_D$")
-    # In grey, as colours are for the detectors; the scenario's in black.
+    # Grey and black, because colours stand for detectors in the upper panel.
     others = [p for p in p_fas[::-1] if p != chosen]
     dashes = [dash for _, dash in (*LINES[:4], LINES[5])]
     styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
@@ -61,13 +87,63 @@ def plot(result: Result, figure: Figure) -> None:
         error = table["north_less_marcum"][table["p_fa"] == p_fa]
         draw_line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
     bottom.set_ylabel("North less Marcum")
-    bottom.set_xlabel("Signal-to-noise ratio $S$ [dB]")
-    bottom.xaxis.set_major_locator(MaxNLocator(nbins=9))
+    _draw_slopes(slope, result, chosen)
+    slope.set_xlabel("Signal-to-noise ratio $S$ of a pulse [dB]")
+    slope.xaxis.set_major_locator(MaxNLocator(nbins=9))
     draw_legend(figure, top, bottom)
+
+
+def _draw_slopes(axes: Axes, result: Result, p_fa: float) -> None:
+    """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
+    from radar_sense.plotting import LINES, draw_line
+
+    table = result.table
+    rows = table["p_fa"] == p_fa
+    snr_db = table["snr_db"][rows]
+    slopes = {n: table[f"dp_d_per_db_swerling2_{n}"][rows] for n in PULSES}
+    p_d = {n: table[_column("swerling2", n)][rows] for n in PULSES}
+    half = {n: np.interp(0.5, p_d[n], snr_db) for n in PULSES}
+    for n, style in zip(PULSES, (LINES[1], LINES[0], LINES[3]), strict=True):
+        draw_line(axes, snr_db, slopes[n], style)
+        if not p_d[n][0] < 0.5 < p_d[n][-1]:
+            continue
+        at_half = np.interp(half[n], snr_db, slopes[n])
+        side = 1 if half[n] < 15.0 else -1  # where the label has room
+        axes.plot(half[n], at_half, "o", color=style[0], markersize=4)
+        axes.annotate(
+            f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}",
+            (half[n], at_half),
+            xytext=(9 * side, 0),
+            textcoords="offset points",
+            ha="left" if side > 0 else "right",
+            va="center",
+            fontsize=6.5,
+            color=style[0],
+        )
+        if n > 1:
+            # One pulse that the gain of integration makes as strong as n pulses.
+            draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
+            axes.lines[-1].set_linewidth(0.7)
+    note = "dots: $P_D$ 0.5; thin lines: 1 pulse, gain of integration in $c_r$"
+    axes.set_title(note, loc="right", fontsize=6.5, pad=2)
+    axes.set_xlim(SNR_DB[0], SNR_DB[-1])
+    axes.set_ylim(0, 1.18 * max(values.max() for values in slopes.values()))
+    axes.set_ylabel("d$P_D$/dB of Swerling 2")
+
+
+_TABLE = (
+    quantity("p_fa", "Probability of false alarm."),
+    quantity("snr_db", "Signal-to-noise ratio of a single pulse."),
+    quantity("p_d_<detector>", "P_D by the detector <detector>."),
+    quantity("north_less_marcum", "P_D by North's approximation less the exact P_D."),
+    quantity("p_d_swerling2_<pulses>", "P_D by Swerling 2 with <pulses> integrated pulses."),
+    Column("dp_d_per_db_swerling2_<pulses>", "Change of the P_D of <pulses> pulses by dB.", "1/dB"),
+)
 
 
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=[],
     examples=[
         "radar-sense detectors",
@@ -75,12 +151,11 @@ def plot(result: Result, figure: Figure) -> None:
     ],
 )
 def detectors(scenario: Scenario) -> Result:
-    """P_D of every detector, and the error of North's approximation."""
+    """P_D of every detector, the error of North's approximation, and the integration of pulses."""
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
+    ratios = 10.0 ** (SNR_DB / 10.0)
     p_d = {
-        name: np.concatenate(
-            [DETECTORS[name]().p_d(10.0 ** (SNR_DB / 10.0), p_fa) for p_fa in p_fas]
-        )
+        name: np.concatenate([DETECTORS[name]().p_d(ratios, p_fa) for p_fa in p_fas])
         for name in DISTINCT
     }
     error = p_d["north"] - p_d["marcum"]
@@ -94,6 +169,7 @@ def detectors(scenario: Scenario) -> Result:
         north, exact = (DETECTORS[name]().p_d(ratio, model.p_fa) for name in DISTINCT[:2])
         of_radars.append(abs(north - exact))
     at_poses = peak(np.max(of_radars, axis=0), scenario.axis)
+    required = _required(scenario)
     return Result(
         scenario=scenario,
         table={
@@ -101,12 +177,96 @@ def detectors(scenario: Scenario) -> Result:
             "snr_db": np.tile(SNR_DB, len(p_fas)),
             **{f"p_d_{name}": values for name, values in p_d.items()},
             "north_less_marcum": error,
+            **_integrated(ratios, p_fas),
         },
-        summary={"largest_error_of_north": worst, "error_of_north_at_poses": at_poses},
+        summary={
+            "largest_error_of_north": worst,
+            "error_of_north_at_poses": at_poses,
+            "required_snr": required,
+        },
         report=(
-            "largest error of North's approximation, its P_D less that of Marcum:",
+            "largest error of North's approximation, P_D(north) - P_D(marcum):",
             *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
-            f"at a pose of this scenario at most {describe_extreme(at_poses, scenario.axis)}",
+            f"largest error at the poses of this scenario: "
+            f"{describe_extreme(at_poses, scenario.axis)}",
+            "required signal-to-noise ratio S of a pulse, and dP_D/dB there:",
+            *_describe_required(required),
         ),
         warnings=(),
     )
+
+
+def _column(name: str, pulses: int) -> str:
+    """Return the column of P_D of a detector that integrates pulses."""
+    return f"p_d_{name}_{pulses}"
+
+
+def _integrated(snr: FloatArray, p_fas: list[float]) -> dict[str, FloatArray]:
+    """Return the columns of Swerling 2 by the number of pulses, and its dP_D/dB."""
+    columns: dict[str, FloatArray] = {}
+    slopes: dict[str, FloatArray] = {}
+    per_db = snr * (np.log(10.0) / 10.0)
+    for pulses in PULSES:
+        both = [Swerling2(pulses=pulses).linearize(snr, p_fa) for p_fa in p_fas]
+        columns[_column("swerling2", pulses)] = np.concatenate([p_d for p_d, _ in both])
+        slopes[f"dp_d_per_db_swerling2_{pulses}"] = np.concatenate(
+            [slope * per_db for _, slope in both]
+        )
+    return columns | slopes
+
+
+def _required(scenario: Scenario) -> list[dict[str, Any]]:
+    """Return the required S of the detectors at the P_fa of each radar, and of its own detector."""
+    rows: list[dict[str, Any]] = []
+    for p_fa in sorted({model.p_fa for model in scenario.model.models}, reverse=True):
+        some: list[Detector] = [
+            cls(pulses=pulses) for cls in INTEGRATING.values() for pulses in PULSES
+        ]
+        for model in scenario.model.models:
+            plain = isinstance(model.detector, PulseDetector) and model.detector in some
+            if model.p_fa == p_fa and not plain:
+                some.append(model.detector)
+        for one in some:
+            for p_d in REQUIRED:
+                snr = required_snr(one, p_fa, p_d)
+                _, slope = one.linearize(np.asarray(snr), p_fa)
+                rows.append(
+                    {
+                        "detector": detector_block(one),
+                        "p_fa": p_fa,
+                        "p_d": p_d,
+                        "snr_db": 10.0 * math.log10(snr) if snr else None,
+                        "dp_d_per_db": float(slope) * snr * math.log(10.0) / 10.0,
+                    }
+                )
+    return rows
+
+
+def _describe_required(rows: list[dict[str, Any]]) -> Iterator[str]:
+    """Yield the lines of the required signal-to-noise ratios, one for each detector."""
+    for i in range(0, len(rows), len(REQUIRED)):
+        of_one = rows[i : i + len(REQUIRED)]
+        if i == 0 or of_one[0]["p_fa"] != rows[i - 1]["p_fa"]:
+            heads = "".join(f"{'P_D':>13} {row['p_d']:<6g}" for row in of_one)
+            yield f"  P_fa {of_one[0]['p_fa']:<8g}{'':22}{heads}"
+        values = (
+            f"{row['snr_db']:9.2f} dB {row['dp_d_per_db']:8.3f}"
+            if row["snr_db"] is not None
+            else f"{'any':>20}"
+            for row in of_one
+        )
+        yield f"    {_describe_detector(of_one[0]['detector']):<31}{''.join(values)}"
+
+
+def _describe_detector(block: str | dict[str, Any]) -> str:
+    """Return a detector in words."""
+    if isinstance(block, str):
+        return block
+    words = [block["model"]]
+    if block.get("pulses", 1) > 1:
+        words.append(f"{block['pulses']} pulses")
+    if "cfar" in block:
+        words.append(f"{block['cfar']['type']} {block['cfar']['cells']}")
+    if "binary" in block:
+        words.append(f"{block['binary']['m']} of {block['binary']['n']}")
+    return ", ".join(words)

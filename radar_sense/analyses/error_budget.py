@@ -1,7 +1,7 @@
-"""Contributions of the sources to the uncertainty of P_D, and how small the sources must be.
+"""Contributions of the sources to the uncertainty of P_D, and the accuracy required of them.
 
-A source of the budget is a block of a state's covariance, see `states.sources`. Where the scenario
-says what makes a radar constant uncertain, there are parts of it, one for each parameter.
+A source of the budget is a block of a state's covariance, see `states.sources`. A radar constant
+with tolerances has parts, one for each parameter with a tolerance.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
 from radar_sense.montecarlo.sobol import sobol_indices
+from radar_sense.progress import report
 from radar_sense.propagation import (
     Moments,
     check_method,
@@ -32,7 +33,8 @@ from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, fin
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
 MONTE_CARLO = "montecarlo"
 
-#: Scaling a source by a million is as good as any scaling, by a millionth as good as removing it.
+#: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
+#: smaller factor as 0.
 LARGEST_LOG_FACTOR = float(np.log(1e6))
 
 
@@ -43,14 +45,14 @@ class Budget:
     Attributes:
         mean: Mean of P_D (n,).
         std: Standard deviation of P_D from all sources together (n,).
-        alone: Standard deviation from each source with the others certain (n,); by Sobol' indices,
-            from each source with the others averaged out.
-        moments: Moments of P_D with all sources; None by Sobol' indices.
-        finer: As `alone`, from the aircraft as a whole and from parts of the radars of a network,
-            which are in `alone` already in another grouping (n,); none by Sobol' indices.
-        total_index: Share of the variance that each source takes part in (n,), by Sobol' indices.
-        share_error: Standard errors of the shares, of the interaction, and of the shares of the
-            parts (n,), by Sobol' indices.
+        alone: Standard deviation from each source with the others certain (n,). Sobol' indices
+            average over the other sources.
+        moments: Moments of P_D with all sources; None for Sobol' indices.
+        finer: As `alone`, for other groups of the same states (n,): the aircraft as a whole, and
+            position and constant of each radar of a network. Empty for Sobol' indices.
+        total_index: Total Sobol' index of each source (n,); None for other methods.
+        share_error: Standard errors of the shares of sources, interaction and parts (n,), for
+            Sobol' indices; None for other methods.
         parts: Standard deviation from each part of a radar constant alone (n,), by `parts_of`.
     """
 
@@ -64,15 +66,15 @@ class Budget:
     parts: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def part_shares(self) -> dict[str, FloatArray]:
-        """Shares of the variance by part of a radar constant alone (n,), NaN as `shares`."""
+        """Return the share of the variance from each part of a radar constant alone (n,)."""
         variance = np.where(self.std > 0, self.std**2, np.nan)
         return {name: std**2 / variance for name, std in self.parts.items()}
 
     def shares(self) -> dict[str, FloatArray]:
-        """Shares of the variance by source, and `interaction`, which makes them add up to 1 (n,).
+        """Return the share of the variance from each source, and `interaction` (n,).
 
-        The interaction is the share that no single source has: from correlations, or because P_D is
-        not linear. It can be negative. All shares are NaN where nothing is uncertain.
+        The interaction is 1 minus the other shares. Correlations and nonlinearity of P_D cause an
+        interaction, which can be negative. All shares are NaN where nothing is uncertain.
         """
         variance = np.where(self.std > 0, self.std**2, np.nan)
         shares = {source: std**2 / variance for source, std in self.alone.items()}
@@ -81,26 +83,29 @@ class Budget:
 
 
 def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
-    """Error budget of a scenario at its level.
+    """Return the error budget of a scenario at its level.
 
     Args:
-        scenario: The scenario; runs and seed are those of the Sobol' indices.
+        scenario: The scenario, with runs and seed for Sobol' indices.
         method: A method of propagation, or "montecarlo" for Sobol' indices.
 
     Raises:
-        InputError: If there is no such method, or Sobol' indices are asked for and sources are
-            correlated.
+        InputError: If there is no such method. Also if the method is Sobol' indices and sources
+            are correlated.
     """
     check_method(method, [MONTE_CARLO])
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
-    wanted = (sources_of(scenario), finer_sources(names), parts_of(scenario))
+    groups = (sources_of(scenario), finer_sources(names), parts_of(scenario))
     std = std_function(scenario, method=method)
-    alone, finer, parts = (
-        {name: std(*_alone(scenario, name)) for name in group} for group in wanted
-    )
+    count = sum(len(group) for group in groups)
+    std_by_name: dict[str, FloatArray] = {}
+    for name in itertools.chain(*groups):
+        std_by_name[name] = std(*_alone(scenario, name))
+        report("sources of the budget", len(std_by_name), count)
+    alone, finer, parts = ({name: std_by_name[name] for name in group} for group in groups)
     return Budget(
         mean=total.mean,
         std=total.std,
@@ -117,51 +122,52 @@ def sources_of(scenario: Scenario) -> dict[str, Source]:
 
 
 @dataclass(frozen=True)
-class OfConstant:
-    """A part of a radar constant, and where in a budget it belongs.
+class ConstantPart:
+    """A part of a radar constant, and its place in a budget.
 
     Attributes:
-        part: The part.
+        tolerance: The tolerance of one parameter of the radar constant.
         radar: Number of the radar, from 0.
-        source: Name of the source, one of `states.sources`, that it is a part of.
+        source: Name of the source, one of `states.sources`, that has the part.
         constant: Name of the radar constant, in a network one of `states.finer_sources`.
     """
 
-    part: Tolerance
+    tolerance: Tolerance
     radar: int
     source: str
     constant: str
 
     @property
     def name(self) -> str:
-        """Its name in a budget, which `network.name_problem` keeps from meaning anything else."""
-        return f"{self.constant}_{self.part.key}"
+        """Name of the part in a budget; `network.name_problem` keeps the name unique."""
+        return f"{self.constant}_{self.tolerance.name}"
 
 
-def parts_of(scenario: Scenario) -> dict[str, OfConstant]:
+def parts_of(scenario: Scenario) -> dict[str, ConstantPart]:
     """Return the parts of all radar constants at the scenario's level, by their names."""
     names = scenario.model.names
     constants = constant_names(names)
     members = [
-        OfConstant(part, i, names[i] if len(names) > 1 else constants[i], constants[i])
-        for i, parts in enumerate(scenario.tolerances_at_level)
-        for part in parts
+        ConstantPart(tolerance, i, names[i] if len(names) > 1 else constants[i], constants[i])
+        for i, tolerances in enumerate(scenario.tolerances_at_level)
+        for tolerance in tolerances
     ]
-    return {of.name: of for of in members}
+    return {part.name: part for part in members}
 
 
 @dataclass(frozen=True)
 class RequiredAccuracy:
-    """How large a source may be for 3σ of P_D, or its upper bound, to stay within a limit.
+    """Accuracy of a source at which 3σ of P_D, or the upper bound of P_D, is within a limit.
 
     Attributes:
-        factor: Largest factor on its standard deviations; below 1 the source has to shrink. None if
-            not even 0 is small enough, 0 if a millionth is not; infinite if a million is.
-        residual: Value that remains with the source at `factor`, or at 0 if there is none.
-        place: Where the residual is, on the scenario's axis.
-        residual_from: The largest of the other sources there, `P_D itself` where P_D exceeds the
-            limit, None if all sources are scaled together.
-        known: False if the method has no answer, at no factor or beyond the one given.
+        factor: Largest factor on the standard deviations of the source; below 1 the source has to
+            shrink. None if factor 0 exceeds the limit, 0 if a millionth exceeds the limit, and
+            infinite if a million is within the limit.
+        residual: Value at `factor`, or at factor 0 if `factor` is None.
+        place: Place of the residual on the scenario's axis.
+        residual_from: The largest of the other sources at the place; "P_D itself" where P_D exceeds
+            the limit; None if all sources are scaled together.
+        known: False if the method has no value at any factor, or at factors beyond `factor`.
     """
 
     factor: float | None
@@ -179,41 +185,40 @@ def required_accuracies(
     method: str = "linear",
     at: float | None = None,
 ) -> dict[str, RequiredAccuracy]:
-    """Return how small each source must be for 3σ of P_D, or its bound, to stay within a limit.
+    """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
-    The value is assumed to grow with the source. Only strong correlations contradict that.
+    The value is assumed to grow with the source. Strong correlations can violate the assumption.
 
     Args:
         scenario: The scenario, at its level.
         limit: Limit of 3σ of P_D, or of its upper bound; positive.
-        k: The upper bound is the one at Φ(k), P_D + kσ by `linear`; None for 3σ.
+        k: k of the upper bound at Φ(k), which is P_D + kσ by `linear`. None limits 3σ.
         method: Method of propagation.
         at: Place on the scenario's axis of the only pose that counts; every pose if None.
 
     Returns:
-        The accuracy required of each source with the others unchanged, of each part of a radar
-        constant, as named by `parts_of`, and of "all" sources scaled together.
+        The accuracy required of each source and of each part of a radar constant (`parts_of`),
+        with the others unchanged. "all" scales all sources together.
 
     Raises:
-        InputError: If there is no pose there.
+        InputError: If there is no pose at that place.
     """
     if at is not None:
         scenario = _only_at(scenario, at)
     budget = error_budget(scenario, method)
-    of_parts = parts_of(scenario)
     at_all_poses = value_function(scenario, method, k)
-    # A source that has to shrink has to do so at the poses above the limit alone.
+    # Only the poses above the limit decide how much a source has to shrink.
     above = ~(at_all_poses((), 1.0) <= limit)
     at_critical_poses = at_all_poses
     if above.any():
         at_critical_poses = value_function(scenario.at_poses(np.flatnonzero(above)), method, k)
 
     def excess(log_factor: float, names: Collection[str]) -> float:
-        """Largest value less the limit; NaN where the method has no answer."""
+        """Return the largest value minus the limit; NaN where the method has no value."""
         return float(np.max(at_critical_poses(names, float(np.exp(log_factor))))) - limit
 
     def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
-        """Return the factor, and whether the method has an answer beyond it."""
+        """Return the factor, and whether the method has a value at larger factors."""
         least = float(np.max(at_critical_poses(names, 0.0)))
         if not least <= limit:
             return None, not np.isnan(least)
@@ -236,23 +241,23 @@ def required_accuracies(
             low, high = (middle, high) if excess(middle, names) <= 0 else (low, middle)
         from scipy.optimize import brentq  # slow to import
 
-        unanswered: list[float] = []
+        undefined: list[float] = []
 
         def defined_excess(log_factor: float) -> float:
             value = excess(log_factor, names)
-            if np.isnan(value):  # not within the limit, as above
-                unanswered.append(log_factor)
+            if np.isnan(value):  # NaN is not within the limit
+                undefined.append(log_factor)
                 return 1.0
             return value
 
         root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
-        known = not unanswered or min(unanswered) > root + 1e-9
-        return float(np.exp(root - 1e-9)), known  # on the side that is within the limit
+        known = not undefined or min(undefined) > root + 1e-9
+        return float(np.exp(root - 1e-9)), known  # the side within the limit
 
     def required(names: Collection[str]) -> RequiredAccuracy:
         factor, known = largest_factor(names)
-        used = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
-        residual = at_all_poses(names, used)
+        finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
+        residual = at_all_poses(names, finite_factor)
         unknown = np.isnan(residual)
         pose = int(np.argmax(unknown if unknown.any() else reached(residual)))
         return RequiredAccuracy(
@@ -265,8 +270,8 @@ def required_accuracies(
             known=known,
         )
 
-    each = {name: required([name]) for name in (*budget.alone, *of_parts)}
-    return {**each, "all": required(list(budget.alone))}
+    names = (*budget.alone, *parts_of(scenario))
+    return {**{name: required([name]) for name in names}, "all": required(list(budget.alone))}
 
 
 def value_function(
@@ -274,8 +279,8 @@ def value_function(
 ) -> Callable[[Collection[str], float], FloatArray]:
     """Return a function from names of sources and a factor on their σ to a value (n,).
 
-    The value is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. Names are those of
-    sources, `states.sources`, and of parts of a radar constant, `parts_of`.
+    The value is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. `states.sources` has the
+    names of sources, and `parts_of` the names of parts of radar constants.
     """
     if k is None:
         std = std_function(scenario, method=method)
@@ -305,24 +310,25 @@ def value_function(
 def _residual_from(
     scenario: Scenario, budget: Budget, names: Collection[str], pose: int, p_max: float | None
 ) -> str | None:
-    """Return the largest source at a pose besides some; "P_D itself" where P_D is above p_max."""
+    """Return the largest of the other sources at a pose; "P_D itself" if P_D is above p_max."""
     if p_max is not None:
         p_d = scenario.model.p_d(scenario.aircraft[pose], scenario.radar)
         if p_d > p_max:
             return "P_D itself"
-    of_parts, others = parts_of(scenario), dict(budget.alone)
-    for of in [of_parts[name] for name in names if name in of_parts]:  # the rest of its radar
-        del others[of.source]
-        rest = [n for n, other in of_parts.items() if other.source == of.source]
-        others.update({name: budget.parts[name] for name in rest})
-        if of.source != of.constant:
-            others[f"{of.source}_position"] = budget.finer[f"{of.source}_position"]
+    parts, others = parts_of(scenario), dict(budget.alone)
+    # The source of a part is replaced by its parts and, in a network, by the radar's position.
+    for part in [parts[name] for name in names if name in parts]:
+        del others[part.source]
+        siblings = [name for name, other in parts.items() if other.source == part.source]
+        others.update({name: budget.parts[name] for name in siblings})
+        if part.source != part.constant:
+            others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
     at_pose = {name: std[pose] for name, std in others.items() if name not in names}
     return max(at_pose, key=at_pose.__getitem__) if at_pose else None
 
 
 def _only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with the pose at one place alone."""
+    """Return the scenario with only the pose at one place."""
     axis = scenario.axis
     pose = axis.find(at)
     if pose is None:
@@ -334,7 +340,7 @@ def _only_at(scenario: Scenario, at: float) -> Scenario:
 
 
 def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
-    """Return C_aa and C_rr with one source, or one part of a radar constant, and nothing else."""
+    """Return C_aa and C_rr of one source, or one part of a radar constant, with the others 0."""
     parts = parts_of(scenario)
     owner, components = _source(scenario, parts[name].constant if name in parts else name)
     others = parts.keys() - {name} if name in parts else ()
@@ -355,15 +361,15 @@ def _source(scenario: Scenario, name: str) -> Source:
 def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
     """Return C_aa and C_rr with the standard deviations of some sources multiplied."""
     covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_shared}
-    of_parts = parts_of(scenario)
-    scaled = [(_source(scenario, name), factor) for name in names if name not in of_parts]
-    changed = [of_parts[name] for name in of_parts if name in names]
-    for radar, constant in dict.fromkeys((of.radar, of.constant) for of in changed):
+    parts = parts_of(scenario)
+    scaled = [(_source(scenario, name), factor) for name in names if name not in parts]
+    changed = [part for name, part in parts.items() if name in names]
+    for radar, constant in dict.fromkeys((part.radar, part.constant) for part in changed):
         tolerances = scenario.tolerances_at_level[radar]
-        parts = [of.part for of in changed if of.radar == radar]
+        scaled_parts = [part.tolerance for part in changed if part.radar == radar]
         whole = relative_std(tolerances)
-        others = relative_std([part for part in tolerances if part not in parts])
-        residual = np.hypot(others, factor * relative_std(parts))
+        others = relative_std([t for t in tolerances if t not in scaled_parts])
+        residual = np.hypot(others, factor * relative_std(scaled_parts))
         scaled.append((_source(scenario, constant), residual / whole if whole else 1.0))
     for (whose, components), by in scaled:
         covariances[whose] = covariance.scale_std(covariances[whose], components, by)
@@ -371,7 +377,7 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
-    sampler = Sampler.of(scenario)  # refuses what is not a covariance
+    sampler = Sampler.of(scenario)
     parts, blocks_by_name = parts_of(scenario), sources_of(scenario)
     cov_radar = scenario.cov_shared
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
@@ -387,7 +393,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "radar": np.zeros_like(cov_radar),
     }
     for whose, components in blocks_by_name.values():
-        # the square root of each source by itself, so that no input belongs to two of them
+        # One square root for each source, because Sobol' indices need separate inputs.
         block = (..., components, components)
         if whose == "radar":
             states = range(components.start, components.stop)
@@ -410,10 +416,10 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         name: inputs[whose][components] for name, (whose, components) in blocks_by_name.items()
     }
     part_columns = columns(len(cov_radar), scenario.tolerances_at_level)
-    for of, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
-        # a constant is all of its parts, and then each of them is a group by itself
-        groups[of.name] = [inputs["radar"][column]]
-        groups[of.source] = list(dict.fromkeys(groups[of.source] + groups[of.name]))
+    for part, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
+        # The group of a radar constant has the inputs of all its parts.
+        groups[part.name] = [inputs["radar"][column]]
+        groups[part.source] = list(dict.fromkeys(groups[part.source] + groups[part.name]))
 
     def p_d(normals: FloatArray, poses: slice) -> FloatArray:
         errors = _errors(sqrt_cov["aircraft"], normals[:, : len(AIRCRAFT)], poses)
@@ -435,7 +441,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     std = np.sqrt(indices.variance)
     first = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
     error = dict(zip(groups, indices.first_error, strict=True))
-    # an estimate of a share can come out below zero
+    # The estimate of a small share may be negative.
     alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first.items()}
     return Budget(
         mean=indices.mean,
@@ -452,7 +458,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
 
 
 def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable[FloatArray]:
-    """Errors (m, 6) of the aircraft at each pose: the same at all poses, or one for each."""
+    """Yield the errors (m, 6) of the aircraft at each pose."""
     mean = np.zeros(len(AIRCRAFT))
     if sqrt_cov.ndim == 2:
         return itertools.repeat(covariance.draws(mean, sqrt_cov, normals))

@@ -1,11 +1,11 @@
-"""The cells of a map, and P_D and its upper bound in each of them.
+"""The cells of a map, and P_D and its upper bound in each cell.
 
-The aircraft is put into every cell at one height and on one course, and the rest of the scenario is
-as it is. Cells are computed some rows at a time, and only their results are kept.
+The aircraft is at the centre of every cell, at one height and on one course. Everything else is as
+in the scenario. Cells are computed in blocks of rows, to save memory.
 
-Where the route is in latitude and longitude it is one height above the ellipsoid, and course and
-attitude are those relative to the level of the cell. (At 500 km from the origin the surface is
-20 km lower than there, so that cells at one "down" would be above all radars, or in the ground.)
+For a route in latitude and longitude the height is the height above the ellipsoid. Course and
+attitude are relative to the horizontal plane of the cell. One "down" in all cells would not do:
+500 km from the origin the surface is 20 km lower than at the origin.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ from radar_sense.propagation import check_method, upper_bound
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, RADAR, FloatArray
 
-#: Most cells of a map; in single precision 100 MB.
+#: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
-#: Cells on the longer side if nothing is said of their size.
+#: Default number of cells on the longer side.
 CELLS = 500
 #: Cells computed at a time.
 BLOCK = 16_384
@@ -38,18 +38,18 @@ BLOCK = 16_384
 BETA = 3.0
 DOWN = 2
 _YAW = 5
-#: Headings at which the RCS is computed to find its lobes, and steps that are tried, in halves.
+#: Headings at which the RCS is computed to find its lobes, and halves of the steps tried.
 CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
-#: Part of the RCS that the nearest of the sampled headings may lie below the peak of a lobe.
+#: Part of the RCS by which the nearest sampled heading may be below the peak of a lobe.
 LOBE_LOSS = 0.005
-#: Steps of the golden section; each takes 0.62 of the bracket, and these one in 16,000.
+#: Steps of the golden section. Each step shrinks the bracket to 0.62, and all to 1 in 16,000.
 _SECTIONS = 20
 
-#: Numbers of all cells (rows, columns), and indices of some of them.
+#: A quantity in all cells (rows, columns), and the indices of a block of cells.
 Plane: TypeAlias = NDArray[np.float32]
 Block: TypeAlias = tuple[slice, slice]
-#: Newton's steps to find the down of a height. After them 1 mm or less is left up to 6000 km away.
+#: Newton's steps to find the down of a height; the error is 1 mm or less up to 6000 km away.
 _ROUNDS = 8
 
 
@@ -82,33 +82,33 @@ def grid(
 
     Args:
         scenario: The scenario.
-        north_km: From where to where in north [km]. If None, as far to each side of the radars'
-            centre as the farthest of radars and path, and a fifth more.
-        east_km: From where to where in east [km]; likewise.
-        step_km: Distance of the cells [km]; if None, a 500th of the longer side.
+        north_km: South and north end [km]. None takes the centre of the radars plus and minus 1.2
+            times the largest distance of radars and path from the centre.
+        east_km: West and east end [km]. None is as for `north_km`.
+        step_km: Distance of the cells [km]. None takes a 500th of the longer side.
 
     Raises:
-        InputError: If there is nothing between the ends, a number is out of range or there are
-            too many cells.
+        InputError: If the ends are not in order, a number is out of range or there are too many
+            cells.
     """
     radars = scenario.radar.reshape(-1, len(RADAR))[:, :DOWN]
     centre = radars.mean(axis=0)
-    everything = np.vstack([scenario.aircraft[:, :DOWN], radars])
-    reach = 1.2 * max(float(np.max(abs(everything - centre))), 1e3)
+    positions = np.vstack([scenario.aircraft[:, :DOWN], radars])
+    reach = 1.2 * max(float(np.max(abs(positions - centre))), 1e3)
     ends = []
-    for axis, (name, given) in enumerate((("north", north_km), ("east", east_km))):
-        if given is None:
+    for axis, (name, side) in enumerate((("north", north_km), ("east", east_km))):
+        if side is None:
             ends.append((float(centre[axis]) - reach, float(centre[axis]) + reach))
             continue
-        for end in given:
+        for end in side:
             if not MAP_KM.allows(end):
                 raise InputError(f"{name} must be {MAP_KM} of km, got {end:g}")
-        if not given[0] < given[1]:
+        if not side[0] < side[1]:
             raise InputError(
                 f"{name} must go from a lesser to a greater number of km, "
-                f"got {given[0]:g} to {given[1]:g}"
+                f"got {side[0]:g} to {side[1]:g}"
             )
-        ends.append((given[0] * 1e3, given[1] * 1e3))
+        ends.append((side[0] * 1e3, side[1] * 1e3))
     longest = max(stop - start for start, stop in ends)
     step = longest / CELLS if step_km is None else step_km * 1e3
     if not MAP_STEP_KM.allows(step / 1e3):
@@ -121,8 +121,8 @@ def grid(
         )
     if min(counts) < 2:
         raise InputError(
-            f"a step of {step / 1e3:g} km is longer than a side of the map; at least two cells "
-            "must fit on each"
+            f"a step of {step / 1e3:g} km is longer than a side of the map; each side needs at "
+            "least two cells"
         )
     north, east = (
         np.asarray(start + step * np.arange(count), dtype=float)
@@ -141,24 +141,24 @@ def p_d_in_cells(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Plane, Plane | None]:
-    """Return P_D in each cell, and its upper bound at Φ(3) if a method of propagation is named.
+    """Return P_D in each cell, and its upper bound at Φ(3) if a method of propagation is given.
 
-    Roll and pitch are the first pose's. Height and course are too, where they are not given. So is
-    the covariance of the aircraft's state, if it changes along the path.
+    Roll, pitch and the covariance of the aircraft are taken from the first pose. The defaults of
+    height and course are, too.
 
     Args:
         scenario: The scenario.
         cells: The cells.
-        down: Down coordinate [m]. For a route in latitude and longitude it is minus the height
+        down: Down coordinate [m]. For a route in latitude and longitude, `down` is minus the height
             above the origin, and every cell has the same height above the ellipsoid.
         course: Yaw [rad].
-        method: Method that gives the bound, None for no bound.
-        workers: Number of threads. The result does not depend on it.
+        method: Method of propagation of the bound; None for no bound.
+        workers: Threads to compute with; the result does not depend on their number.
         progress: Called with the number of new cells.
 
     Returns:
-        P_D and bound (rows, columns) in single precision. NaN where the aircraft would be at the
-        radar, and where the method does not converge.
+        P_D and bound (rows, columns) in single precision. NaN where the aircraft is at a radar,
+        and where the method does not converge.
 
     Raises:
         InputError: If there is no such method.
@@ -185,8 +185,8 @@ def p_d_in_cells(
         return p_d, bound
 
     count = 1 if method is None else 2
-    found = _in_cells(scenario, cells, pose, planes, count, workers, progress)
-    return found[0], None if method is None else found[1]
+    p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers, progress)
+    return p_d, bounds[0] if bounds else None
 
 
 def worst_p_d_in_cells(
@@ -197,21 +197,20 @@ def worst_p_d_in_cells(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> tuple[Plane, Plane]:
-    """Return the largest P_D over all headings in each cell, and the heading [deg] that has it.
+    """Return the largest P_D over all headings in each cell, and its heading [deg].
 
-    Headings are sampled so finely that a sample is on every lobe of the RCS. A golden section then
-    finds the maximum on the best lobe. A lobe whose peak is higher by less than `LOBE_LOSS` of the
-    RCS can be missed.
+    Every lobe of the RCS has a sampled heading. A golden section finds the maximum on the best
+    lobe. The search can miss a lobe that is higher by less than `LOBE_LOSS` of the RCS.
 
     Args:
         scenario: The scenario.
         cells: The cells.
         down: As in `p_d_in_cells`.
-        workers: Number of threads. The result does not depend on it.
+        workers: Threads to compute with; the result does not depend on their number.
         progress: Called with the number of new cells.
 
     Raises:
-        InputError: If the RCS has lobes that are too narrow.
+        InputError: If the lobes of the RCS are too narrow.
     """
     pose = pose_in_cells(scenario, down, None)
     step = 2.0 * np.pi / heading_count(scenario, pose)
@@ -235,9 +234,9 @@ def worst_p_d_in_cells(
             better = p_d > best
             best[better], at[better] = p_d[better], heading
         if len(headings) > 1:
-            refined, where = _golden_section(p_d_at, at - step, at + step)
-            better = refined > best
-            best[better], at[better] = refined[better], where[better]
+            maximum, argument = _golden_section(p_d_at, at - step, at + step)
+            better = maximum > best
+            best[better], at[better] = maximum[better], argument[better]
         return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
 
     largest, heading = _in_cells(scenario, cells, pose, planes, 2, workers, progress)
@@ -245,11 +244,11 @@ def worst_p_d_in_cells(
 
 
 def heading_count(scenario: Scenario, pose: FloatArray) -> int:
-    """Return how many headings find every lobe of the RCS, as the aircraft turns in a pose.
+    """Return the number of headings that find every lobe of the RCS in a pose.
 
     The RCS is computed on circles of heading, for radars up to 30 deg above and below the aircraft.
-    The step is the longest for which the better of two neighbouring headings loses at most
-    `LOBE_LOSS` of the RCS.
+    With the longest allowed step, the better of two neighbouring headings loses at most `LOBE_LOSS`
+    of the RCS.
 
     Raises:
         InputError: If the lobes are too narrow.
@@ -272,9 +271,9 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
         )
         return not np.any(neighbours < (1.0 - LOBE_LOSS) * sigma)
 
-    # From short steps to long: a step longer than several equal lobes would seem to lose nothing.
+    # From short steps to long, because a step over several equal lobes seems to lose nothing.
     half_steps = list(itertools.takewhile(finds_lobes, HALF_STEPS))
-    # The circle cannot tell far more lobes than it has points from few.
+    # The sampled circle cannot resolve more lobes than half its points.
     if not half_steps or getattr(rcs, "lobes", 0) > CIRCLE // 2:
         raise InputError("the lobes of the RCS are too narrow for a search over headings")
     return math.ceil(CIRCLE / (2 * half_steps[-1]))
@@ -283,7 +282,7 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
 def _golden_section(
     function: Callable[[FloatArray], FloatArray], low: FloatArray, high: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return maxima of a function between two arguments, by arrays, and where they are."""
+    """Return the maxima of a function between low and high (...), and their arguments (...)."""
     part = (math.sqrt(5.0) - 1.0) / 2.0
     left, right = high - part * (high - low), low + part * (high - low)
     at_left, at_right = function(left), function(right)
@@ -307,27 +306,27 @@ def _in_cells(
     workers: int,
     progress: Callable[[int], None] | None,
 ) -> list[Plane]:
-    """Return planes (rows, columns) of numbers, computed from the states (..., 6) of each block."""
+    """Return planes (rows, columns), computed from the states (..., 6) of each block."""
     blocks = blocks_of(cells)
 
-    def computed(index: int) -> tuple[FloatArray, ...]:
+    def compute_block(index: int) -> tuple[FloatArray, ...]:
         return planes(states_in(cells, blocks[index], pose, scenario.origin))
 
-    found = [np.empty(cells.shape, dtype=np.float32) for _ in range(count)]
-    results = in_order(computed, len(blocks), workers)
+    filled = [np.empty(cells.shape, dtype=np.float32) for _ in range(count)]
+    results = in_order(compute_block, len(blocks), workers)
     for block, parts in zip(blocks, results, strict=True):
-        for plane, part in zip(found, parts, strict=True):
+        for plane, part in zip(filled, parts, strict=True):
             plane[block] = part
         if progress:
             progress(parts[0].size)
-    return found
+    return filled
 
 
 def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) -> FloatArray:
-    """State (6,) of the aircraft in every cell; its north and east have no meaning.
+    """Return the aircraft state (6,) in every cell; north and east have no meaning.
 
-    With an origin down is minus the height above that of the origin, and attitude is relative to
-    the level of the place.
+    With an origin, down is minus the height above the origin. The attitude is relative to the
+    horizontal plane of the cell.
     """
     pose: FloatArray = scenario.aircraft[0].copy()
     origin = scenario.origin
@@ -344,7 +343,7 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
 
 
 def blocks_of(cells: Grid) -> list[Block]:
-    """Return parts of the grid as indices."""
+    """Return the blocks of the grid as indices."""
     rows, columns = cells.shape
     width = min(columns, BLOCK)
     height = max(1, BLOCK // width)
@@ -358,7 +357,7 @@ def blocks_of(cells: Grid) -> list[Block]:
 def states_in(
     cells: Grid, block: Block, pose: FloatArray, origin: tuple[float, float, float] | None
 ) -> FloatArray:
-    """Return the aircraft states (rows, columns, 6) in a part of the grid."""
+    """Return the aircraft states (rows, columns, 6) in a block of the grid."""
     north, east = cells.north[block[0]], cells.east[block[1]]
     states = np.empty((len(AIRCRAFT), len(north), len(east)))
     states[0], states[1] = north[:, np.newaxis], east
@@ -372,7 +371,7 @@ def states_in(
 def _turn_to_origin(
     aircraft: FloatArray, origin: tuple[float, float, float] | None
 ) -> FloatArray | None:
-    """Return the turns (..., 3, 3) from the level of each place to the level of the origin."""
+    """Return the turns (..., 3, 3) from the local horizontal of each place to the origin's."""
     if origin is None:
         return None
     place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
@@ -380,23 +379,23 @@ def _turn_to_origin(
 
 
 def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
-    """Put states (..., 6) at one height above the ellipsoid and level where they are, in place.
+    """Change states (..., 6) in place to one height above the ellipsoid and local attitudes.
 
-    Newton's method on down: a metre down at the origin is the cosine of the angle between the two
-    vertical lines in height.
+    Newton's method finds the down coordinate. The derivative of height by down is minus the cosine
+    of the angle between the vertical lines of cell and origin.
 
     Raises:
-        InputError: If a cell is so far from the origin that its line down passes the earth.
+        InputError: If the down line of a cell does not meet the earth.
     """
-    wanted = origin[2] - aircraft[..., DOWN]
+    height = origin[2] - aircraft[..., DOWN]
     for _ in range(_ROUNDS):
         place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
         turn = geodesy.turn_to_origin(place, origin)
-        wrong = place[..., 2] - wanted
-        aircraft[..., DOWN] += wrong / np.maximum(turn[..., DOWN, DOWN], 0.05)
-    if not np.all(abs(wrong) < 1e-2):
+        error = place[..., 2] - height
+        aircraft[..., DOWN] += error / np.maximum(turn[..., DOWN, DOWN], 0.05)
+    if not np.all(abs(error) < 1e-2):
         raise InputError(
-            "the map reaches too far from the origin, over the edge of the earth as the origin "
-            "sees it; choose a smaller map, or a geometry.origin nearer to it"
+            "the map reaches too far from the origin, beyond the edge of the earth in the local "
+            "frame; choose a smaller map, or a geometry.origin nearer to the map"
         )
     aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)

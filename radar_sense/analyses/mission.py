@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import axis
+from radar_sense.analyses.columns import AXIS, Column, of_radars, quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     clipping_warnings,
@@ -167,8 +168,46 @@ _N = Option("n", "With --m: length of the window of consecutive looks.", WINDOW)
 _RUNS = Option("runs", "Also make this number of plain draws.", RUNS, default_text="none")
 
 
+#: Of each event: what its bounds, its σ and mean, and its probability begin with in the table.
+_COLUMNS = {
+    "detection": ("", "cumulative", "cumulative_p_d"),
+    "track": ("track_", "track", "track_p_d"),
+}
+
+
+def _columns(event: str, what: str) -> tuple[Column, ...]:
+    """Return the columns of an event."""
+    before, name, p = _COLUMNS[event]
+    return (
+        quantity(p, f"Probability that {what} by now."),
+        quantity(f"sigma_{name}", "Standard deviation of this probability."),
+        quantity(f"{before}lower_3sigma", "Lower 3-sigma bound of this probability."),
+        quantity(f"{before}upper_3sigma", "Upper 3-sigma bound of this probability."),
+        quantity(f"{before}mc_mean", "With --runs: mean of the draws of this probability."),
+        quantity(f"{before}mc_std", "With --runs: standard deviation of the draws."),
+        quantity(f"{before}mc_lower", "With --runs: quantile 0.00135 of the draws."),
+        quantity(f"{before}mc_upper", "With --runs: quantile 0.99865 of the draws."),
+        quantity(f"mean_{name}", "Mean of this probability over the uncertain states."),
+        quantity(f"{before}lower_3sigma_se", "Standard error of the lower bound; by importance."),
+        quantity(f"{before}upper_3sigma_se", "Standard error of the upper bound; by importance."),
+    )
+
+
+_OF_EVENTS = (
+    *_columns("detection", "the aircraft has been detected"),
+    *_columns("track", "a track has been started (with --m and --n)"),
+)
+_TABLE = (
+    *AXIS,
+    quantity("p_d", "P_D of the look, or of all looks at this time together."),
+    *_OF_EVENTS,
+    *of_radars((quantity("p_d", "P_D of the look."), *_OF_EVENTS)),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _METHOD, _M, _N, _RUNS, "seed", "workers"],
     examples=[
         "radar-sense mission my.yaml",
@@ -460,13 +499,6 @@ def _of(drawn: MissionDraws, event: str) -> Drawn:
     statistics = drawn.detection if event == "detection" else drawn.track
     assert statistics is not None
     return statistics
-
-
-#: Columns of each event: prefix of the bounds, stem of σ and mean, name of the probability.
-_COLUMNS = {
-    "detection": ("", "cumulative", "cumulative_p_d"),
-    "track": ("track_", "track", "track_p_d"),
-}
 
 
 def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN
 from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
@@ -58,8 +59,12 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, top)
 
 
+_TABLE = (*AXIS, *BAND, *DRAWS, COVERAGE, MEAN)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", "method", "runs", "seed", "sampler", "workers", "dask"],
     examples=[
         "radar-sense montecarlo",
@@ -83,7 +88,7 @@ def montecarlo(
         scenario: The scenario.
         method: Method of propagation that gives the band.
         sampler: "random" or "sobol".
-        workers: Threads to compute with; of no influence on the result.
+        workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
         progress: Shows the runs that are done.
 
@@ -102,7 +107,7 @@ def montecarlo(
         )
     banded = mc.has_band
     coverage = np.where(banded, mc.coverage, np.inf)
-    pose = int(np.argmin(coverage))  # the lowest of the poses that have a band
+    pose = int(np.argmin(coverage))  # the lowest coverage of the poses with a band
     overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
     without = int(np.count_nonzero(~banded))
     warnings = list(validity_warnings(scenario, mc.band, method, "the draws hold there"))
@@ -120,17 +125,17 @@ def montecarlo(
     }
     lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}"
     drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)})"
-    of_poses = f" at the {len(axis) - without} poses that have one" if without else ""
+    of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
     covered = (
         f"{drawn}: {overall:.2%} of the draws lie in the {method} 3-sigma band{of_poses}, "
-        f"{WITHIN_3_SIGMA:.2%} should"
+        f"{WITHIN_3_SIGMA:.2%} expected"
     )
     no_band = f"{without} of {len(axis)} poses have no {method} band and no coverage"
     if without == len(axis):
         covered, lowest = f"{drawn}: no coverage", ""
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
-        # Bonferroni: with 95 % confidence none of the poses is called inconsistent by chance.
+        # Bonferroni: 95 % confidence that no pose is called inconsistent by chance.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
         off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
         if banded.any():
@@ -140,8 +145,8 @@ def montecarlo(
         summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
             warnings.append(
-                f"the {method} band does not hold the 99.73 % of the draws that it should "
-                f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
+                f"the {method} band does not hold 99.73 % of the draws {describe_poses(off, axis)} "
+                "(95 % confidence for all poses together)"
             )
     warnings += (
         *distribution_warnings(scenario, method),

@@ -1,4 +1,4 @@
-"""Warnings of scenarios that are possible but hardly meant."""
+"""Warnings of scenarios that are allowed but implausible, such as wrong units."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from radar_sense.model.geometry import slant_range
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, RADAR, FloatArray
 
-#: Greatest speed [m/s] and slant range [m] that are not warned of.
+#: Greatest speed [m/s] and slant range [m] without a warning.
 MAX_SPEED, MAX_RANGE = 2e3, 5e6
-#: Least height above the ellipsoid [m]: the lowest land, less the greatest depth of the geoid.
+#: Least height above the ellipsoid [m]: the lowest land minus the greatest depth of the geoid.
 MIN_HEIGHT = -600.0
-#: Latitude and longitude look swapped where the swap brings an aircraft nearer than this part.
+#: Latitude and longitude look swapped if the swap reduces a range below this part.
 NEARER = 0.2
-#: P_D is at its floor where it is above it by less than this part of it.
+#: P_D is at its floor if it exceeds the floor by less than this part of the floor.
 ABOVE_FLOOR = 1e-6
 
 
 def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
-    """Return what in a scenario is possible but hardly meant."""
+    """Return a warning for each implausible property of a scenario."""
     return (
         *_speed(scenario),
         *_height(scenario),
@@ -90,11 +90,11 @@ def _swapped(scenario: Scenario) -> bool:
     aircraft = scenario.aircraft[:, POSITION]
     radars = scenario.radar.reshape(-1, len(RADAR))
     nearest = _ranges(aircraft, scenario.radar).min(axis=1)
-    other = radars.copy()
-    other[:, POSITION] = _with_swapped_place(radars[:, POSITION], scenario.origin)
+    moved_radars = radars.copy()
+    moved_radars[:, POSITION] = _with_swapped_place(radars[:, POSITION], scenario.origin)
     moved_aircraft = _with_swapped_place(aircraft, scenario.origin)
     with_aircraft = _ranges(moved_aircraft, scenario.radar).min(axis=1)
-    with_radars = _ranges(aircraft, other.ravel()).min(axis=1)
+    with_radars = _ranges(aircraft, moved_radars.ravel()).min(axis=1)
     far = nearest > 0.2 * MAX_RANGE
     swapped = (with_aircraft < NEARER * nearest) | (with_radars < NEARER * nearest)
     return bool(np.any(far & swapped))
@@ -121,7 +121,7 @@ def _floor(scenario: Scenario) -> tuple[str, ...]:
     if np.any(p_d > (1.0 + ABOVE_FLOOR) * floor):
         return ()
     return (
-        f"P_D is at its floor everywhere, {np.max(p_d):.3g}, as without any signal: are radar "
+        f"P_D is at its floor at all poses, {np.max(p_d):.3g}, as without a signal: are radar "
         "constant, RCS and ranges in their units?",
     )
 
@@ -135,6 +135,6 @@ def _spacing(scenario: Scenario) -> tuple[str, ...]:
     longest = float(np.diff(scenario.time_s)[coarse].max())
     return (
         f"rows of the path are up to {longest:.4g} s apart, and P_D may differ much between them: "
-        f"aspect or range change much in {np.count_nonzero(coarse)} of {len(coarse)} steps; fill "
-        "them in with geometry.interpolate",
+        f"aspect or range change much in {np.count_nonzero(coarse)} of {len(coarse)} steps; add "
+        "poses between the rows with geometry.interpolate",
     )

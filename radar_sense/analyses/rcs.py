@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses.columns import quantity
 from radar_sense.analyses.contract import Result, analysis
+from radar_sense.analyses.report import table_warnings
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, RADAR, FloatArray
+from radar_sense.states import RADAR, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -21,7 +23,7 @@ AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
 
 
 def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
-    """Return body-frame unit vectors (..., 3) to azimuths, and elevations above (...) [deg]."""
+    """Return body-frame unit vectors (..., 3) to azimuths and elevations (...) [deg]."""
     azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
     # Straight above and below h must be 0, not the rounding of π/2.
     h = np.where(abs(elevation_deg) == 90, 0.0, np.cos(elevation))
@@ -66,7 +68,7 @@ def plot(result: Result, figure: Figure) -> None:
     middle = float(arrays["cut_elevation_deg"])
     azimuth, horizon, seen = (arrays[f"cut_{of}"] for of in ("azimuth_deg", "horizon_m2", "m2"))
     top = max(horizon.max(), seen.max())
-    # Deep nulls would squeeze the rest of the scale, and a cross section of 0 has no decibels.
+    # Deep nulls would compress the rest of the scale, and a cross section of 0 has no decibels.
     floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
     for sigma, label, style in (
         (horizon, "at the horizon", LINES[0]),
@@ -117,8 +119,16 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, polar, plane)
 
 
+_TABLE = (
+    quantity("azimuth_deg", "Azimuth of the radar seen from the aircraft, 0 off the nose."),
+    quantity("elevation_deg", "Elevation of the radar seen from the aircraft, positive above."),
+    quantity("rcs_m2", "Radar cross section in this direction."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=[],
     examples=[
         "radar-sense rcs",
@@ -128,12 +138,12 @@ def plot(result: Result, figure: Figure) -> None:
 def rcs(scenario: Scenario) -> Result:
     """The radar cross section by aspect: a polar cut and a map.
 
-    The table that it writes can be read as `rcs: {model: table, file: ...}` again.
+    A scenario can use the written table, as `rcs: {model: table, file: ...}`.
     """
     model = scenario.model.rcs
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
-    # Straight above and below, a table has one value at all azimuths, or does not reach that far.
+    # Straight above and below a row is kept only if all azimuths have one value.
     ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
     below, above = np.all(ends == ends[0], axis=0)
     elevation = elevation[(0 if below else 1) : (None if above else -1)]
@@ -163,7 +173,7 @@ def rcs(scenario: Scenario) -> Result:
         summary=summary,
         report=(
             *(f"{name} RCS {_in_words(summary[name])}" for name in ("largest", "smallest")),
-            f"the geometry sees {low:.1f} to {high:.1f} dBsm, at elevation "
+            f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation "
             f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
         ),
         arrays={
@@ -174,7 +184,7 @@ def rcs(scenario: Scenario) -> Result:
             if isinstance(model, TableRCS) and model.elevation is not None
             else np.zeros(0),
         },
-        warnings=_beyond(scenario, model, seen_elevation),
+        warnings=table_warnings(scenario),
     )
 
 
@@ -185,7 +195,7 @@ def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
 
 
 def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:
-    """Return σ_r for the figure: around the horizon, at an elevation, and over the sphere."""
+    """Return σ_r for the figure: at the horizon, at one elevation, and over the sphere."""
     cut = np.arange(-180.0, 180.25, 0.25)
     azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
     return {
@@ -212,19 +222,4 @@ def _in_words(extreme: dict[str, float]) -> str:
     return (
         f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, "
         f"elevation {extreme['elevation_deg']:g} deg"
-    )
-
-
-def _beyond(scenario: Scenario, model: RCS, elevation: FloatArray) -> tuple[str, ...]:
-    """Warn if draws of the attitude leave the elevations of a table."""
-    if not isinstance(model, TableRCS) or model.elevation is None:
-        return ()
-    variances = np.diagonal(scenario.cov_aircraft, axis1=-2, axis2=-1)[..., ATTITUDE]
-    reach = 3 * np.rad2deg(np.sqrt(variances.max()))
-    low, high = np.rad2deg(model.elevation[[0, -1]])
-    if elevation.min() - reach >= low and elevation.max() + reach <= high:
-        return ()
-    return (
-        f"3 sigma of the attitude, {reach:.3g} deg, reach beyond the elevations of the RCS table, "
-        f"{low:g} to {high:g} deg; there its outermost values are used",
     )

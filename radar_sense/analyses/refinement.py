@@ -1,8 +1,8 @@
 """Poses between the rows of a path, added until P_D and its bound are resolved.
 
-Between two rows the position is on a straight line (in latitude and longitude on one that follows
-the curve of the earth), the attitude turns the short way at a constant rate, and the covariance is
-the weighted mean. A mission takes the same states between rows.
+Between two rows the position is on a straight line, in latitude and longitude if the path follows
+the curve of the earth. The attitude turns the short way at a constant rate. The covariance is
+interpolated linearly. A mission has the same states between rows.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from radar_sense.provenance import Path
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, RADAR, FloatArray
 
-#: Largest turn of the aspect [rad] between two poses: of a smooth RCS, and of one with lobes.
+#: Largest turn of the aspect [rad] between two poses, for a smooth RCS and for an RCS with lobes.
 SMOOTH_ASPECT, LOBED_ASPECT = np.deg2rad(5.0), np.deg2rad(1.0)
 #: Largest distance between two poses, as a part of the range of each radar.
 LARGEST_MOVE = 0.1
-#: Steps of time [s] that are not halved. A P_D that jumps, at a horizon, stays unresolved there.
+#: Shorter steps [s] are not halved. P_D jumps at a horizon, where no step is short enough.
 SHORTEST = 0.2
 #: Most poses of a refined path.
 MAX_POSES = 20_000
@@ -39,7 +39,7 @@ class Refined:
         scenario: The scenario of n poses.
         moments: The moments of P_D (n,).
         rows: Poses (m,) that are rows of the path.
-        resolved: Whether there are enough poses.
+        resolved: Whether the poses resolve P_D.
     """
 
     scenario: Scenario
@@ -54,13 +54,10 @@ class Refined:
 
 
 def can_refine(scenario: Scenario) -> bool:
-    """Return whether there are poses between those of the scenario that its file does not choose.
-
-    They are those of a path of two rows or more without `geometry.interpolate`.
-    """
+    """Return whether the scenario is a path of two rows or more without `geometry.interpolate`."""
     geometry = scenario.provenance.geometry
-    chosen = isinstance(geometry, Path) and geometry.step_s is not None
-    return scenario.time_s is not None and len(scenario.time_s) > 1 and not chosen
+    interpolated = isinstance(geometry, Path) and geometry.step_s is not None
+    return scenario.time_s is not None and len(scenario.time_s) > 1 and not interpolated
 
 
 def refined(
@@ -71,9 +68,9 @@ def refined(
 ) -> Refined:
     """Return a path with poses added until P_D and its upper bound are linear between poses.
 
-    First steps are halved until the aspect of each radar turns by a few degrees at most, and a step
-    is a tenth of its range. Then steps are halved until the second differences show that P_D and
-    its bound are within the tolerance of straight lines between poses.
+    First, steps are halved by geometry: the aspect of each radar may turn by a few degrees, and the
+    aircraft may move by a tenth of the range. Then steps are halved until P_D and its bound are
+    within the tolerance of straight lines, by their second differences.
 
     Args:
         scenario: The scenario of a path.
@@ -141,9 +138,9 @@ def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
 
 
 def _bend(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Return how far (n − 1,) values may be from straight lines between poses; 0 if not known.
+    """Return the distance (n − 1,) of values from straight lines between poses; 0 if unknown.
 
-    It is h²/8 times the second derivative, the greater of those at both ends.
+    The distance is h²/8 times the second derivative. The greater derivative of both ends is used.
     """
     step = np.diff(time)
     if len(step) < 2:
@@ -158,14 +155,14 @@ def _bend(time: FloatArray, values: FloatArray) -> FloatArray:
 def _halved(
     time: FloatArray, row: NDArray[np.intp], steps: NDArray[np.bool_]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return times and rows with a new time, of row −1, in the middle of some steps."""
+    """Return times and rows with new times in the middle of some steps, with row number −1."""
     after = np.flatnonzero(steps) + 1
     middle = 0.5 * (time[after - 1] + time[after])
     return np.insert(time, after, middle), np.insert(row, after, -1)
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return the moments of old poses, by number in `row`, and of new ones where it is −1."""
+    """Return the moments of old poses, by the number in `row`, and of new poses at row −1."""
     arrays = []
     for field in fields(Moments):
         values, added = getattr(old, field.name), getattr(new, field.name)
@@ -176,13 +173,13 @@ def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
 
 
 def _with_rows(scenario: Scenario, time: FloatArray, row: NDArray[np.intp]) -> Scenario:
-    """Return the scenario at times, with the states of its rows unchanged by rounding."""
+    """Return the scenario at some times, with the exact states at its rows."""
     path = along(scenario, time)
-    given = np.flatnonzero(row >= 0)
+    at_row = np.flatnonzero(row >= 0)
     aircraft = path.aircraft.copy()
-    aircraft[given] = scenario.aircraft[row[given]]
+    aircraft[at_row] = scenario.aircraft[row[at_row]]
     covariance = path.cov_aircraft
     if covariance.ndim == 3:
         covariance = covariance.copy()
-        covariance[given] = scenario.cov_aircraft[row[given]]
+        covariance[at_row] = scenario.cov_aircraft[row[at_row]]
     return path.along_path(axis=path.axis, aircraft=aircraft, cov_aircraft=covariance, time_s=time)

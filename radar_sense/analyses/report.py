@@ -26,14 +26,14 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
-#: Names in one warning; more are counted.
+#: Largest number of names in one warning. Of more names, the rest is a number.
 NAMED = 4
 
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
     """Mark the poses at which the largest value is reached.
 
-    Poses that mirror each other differ by rounding, which must not decide between them.
+    Mirrored poses have equal values that differ by rounding. All of them are marked.
     """
     top = np.nanmax(values, initial=-np.inf)
     return np.greater_equal(values, top - 1e-9 * abs(top))
@@ -71,7 +71,7 @@ def listed(words: Iterable[str]) -> str:
 
 
 def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
-    """Describe the poses of a mask; nothing if there are none."""
+    """Describe the poses of a mask; "" if there are none."""
     count = int(np.count_nonzero(mask))
     if count == 0:
         return ""
@@ -87,15 +87,15 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
 
 
 def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any]]:
-    """Largest 3σ of P_D, and where, of each radar of a network by itself."""
+    """Return the largest 3σ of P_D of each radar of a network by itself, and its place."""
     return {
-        name: peak(3 * propagate_scenario(one, method=method).std, scenario.axis)
-        for name, one in single_radar_scenarios(scenario).items()
+        name: peak(3 * propagate_scenario(radar_scenario, method=method).std, scenario.axis)
+        for name, radar_scenario in single_radar_scenarios(scenario).items()
     }
 
 
 def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, ...]:
-    """Return a line for each radar of a network, under a heading; nothing for a single radar."""
+    """Return a heading and a line for each radar of a network; () for a single radar."""
     if not words_by_radar:
         return ()
     width = max(map(len, words_by_radar))
@@ -106,7 +106,7 @@ def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, 
 
 
 def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entry of the summary for the radars of a network, if there are any."""
+    """Return the entry of the summary for the radars of a network; {} for a single radar."""
     return {"largest_three_sigma_by_itself": dict(largest)} if largest else {}
 
 
@@ -133,27 +133,27 @@ def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, Fl
 
 
 def in_brackets(method: str) -> str:
-    """Return the method in brackets; nothing for the default."""
+    """Return the method in brackets; "" for the default."""
     return "" if method == "linear" else f" ({method})"
 
 
 def level_and_method(level: str, method: str) -> str:
-    """Return the level of radar uncertainty, and the method where another than the default."""
+    """Return the level of radar uncertainty, and the method unless it is the default."""
     return level if method == "linear" else f"{level}, {method}"
 
 
 def validity_warnings(
     scenario: Scenario, moments: Moments, method: str, remedy: str = ""
 ) -> tuple[str, ...]:
-    """Return where the band of a method is not to be trusted, and what to use there.
+    """Return where the band of a method is unreliable, and what to use there.
 
-    An RCS with lobes gives one line for all reasons, since its lobes are behind all of them.
+    An RCS with lobes gives one line for all reasons, since the lobes cause all of them.
 
     Args:
         scenario: The scenario, at its level.
         moments: Moments by the method.
         method: The method.
-        remedy: What to use in its place; by default another method.
+        remedy: What to use instead; "" names another method.
     """
     axis = scenario.axis
     nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
@@ -167,12 +167,12 @@ def validity_warnings(
     problems = (
         (
             ~moments.converged,
-            f"{method} has no value, as it did not converge or its gradient is undefined,",
+            f"{method} has no value (not converged, or gradient undefined)",
             ": use montecarlo",
         ),
         (
             undefined & moments.converged,
-            "the gradient is undefined, with the radar straight above or below the aircraft,",
+            "the gradient is undefined (radar straight above or below the aircraft)",
             ": use montecarlo",
         ),
         (outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
@@ -191,7 +191,7 @@ def validity_warnings(
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return "a, b and c: text" once for all labels with the same text; many are counted."""
+    """Return one line "a, b and c: text" for all labels with the same text."""
     labels: dict[str, list[str]] = {}
     for label, text in labelled:
         labels.setdefault(text, []).append(label)
@@ -205,12 +205,12 @@ def _few(names: Sequence[str]) -> str:
 
 
 def points_named(mc: MonteCarlo) -> str:
-    """Return ", Sobol' points" for these; nothing for random draws."""
+    """Return ", Sobol' points" for Sobol' points; "" for random draws."""
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
 def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
-    """Warn if the processes of a cluster rounded differently."""
+    """Return a warning if the processes of a cluster rounded differently."""
     if len(mc.canaries) < 2:
         return ()
     return (
@@ -249,26 +249,28 @@ def clipping_warnings(count: int) -> tuple[str, ...]:
 
 
 def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ...]:
-    """Say where states within 3σ see a radar beyond the elevations of an RCS table.
+    """Return a warning where states within 3σ are beyond the elevations of an RCS table.
 
-    The deviation of the elevation is that to first order.
+    The standard deviation of the elevation is computed to first order.
 
     Args:
         scenario: The scenario, at its level.
-        runs: Runs of Monte Carlo, to say about how many draws there are beyond too.
+        runs: Runs of Monte Carlo. With them the warning has the expected number of draws beyond.
     """
     table = scenario.model.rcs
     if not isinstance(table, TableRCS) or table.elevation is None:
         return ()
     low, high = table.elevation[[0, -1]]
-    reached, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
-    of_aircraft = square_root(scenario.cov_aircraft)
+    outside, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    sqrt_cov_aircraft = square_root(scenario.cov_aircraft)
     for i in range(len(scenario.model.models)):
         part = slice(i * len(RADAR), (i + 1) * len(RADAR))
         radar = scenario.radar[part]
-        of_radar = square_root(scenario.cov_radar[scenario.level][part, part])
-        steps: list[tuple[Any, Any]] = [(of_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))]
-        steps += [(0.0, of_radar[:, k]) for k in range(len(RADAR))]
+        sqrt_cov_radar = square_root(scenario.cov_radar[scenario.level][part, part])
+        steps: list[tuple[Any, Any]] = [
+            (sqrt_cov_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))
+        ]
+        steps += [(0.0, sqrt_cov_radar[:, k]) for k in range(len(RADAR))]
         variance = np.zeros(len(scenario.aircraft))
         for by_aircraft, by_radar in steps:
             ends = [
@@ -277,24 +279,24 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
             ]
             variance += (0.5 * (ends[0] - ends[1])) ** 2
         elevation, std = _elevation(scenario.aircraft, radar), np.sqrt(variance)
-        reached |= (elevation - 3 * std < low) & (low > -POLE)
-        reached |= (elevation + 3 * std > high) & (high < POLE)
+        outside |= (elevation - 3 * std < low) & (low > -POLE)
+        outside |= (elevation + 3 * std > high) & (high < POLE)
         with np.errstate(divide="ignore", invalid="ignore"):
             below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
         share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
-    place = describe_poses(reached, scenario.axis)
+    place = describe_poses(outside, scenario.axis)
     if not place:
         return ()
-    counted = "" if runs is None else f"about {runs * share:,.0f} draws, "
-    poses = f"{np.count_nonzero(reached)} of {len(reached)} poses"
+    draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
+    poses = f"{np.count_nonzero(outside)} of {len(outside)} poses"
     return (
         f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
-        f"states within 3 sigma lie beyond ({counted}{poses}), where its outermost values are "
-        f"used, {place}",
+        f"states within 3 sigma lie beyond ({draws}{poses}); there the outermost values of the "
+        f"table are used, {place}",
     )
 
 
 def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Elevation (n,) [rad] at which the aircraft sees a radar, positive above."""
+    """Return the elevation (n,) [rad] of a radar from the aircraft, positive above."""
     x, y, z = np.moveaxis(body_vector(aircraft, radar), -1, 0)
     return np.asarray(np.arctan2(-z, np.hypot(x, y)))

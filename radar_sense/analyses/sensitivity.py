@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from radar_sense.analyses.columns import AXIS, quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
     describe_extreme,
@@ -48,8 +49,16 @@ def plot(result: Result, figure: Figure) -> None:
     draw_legend(figure, axes)
 
 
+_TABLE = (
+    *AXIS,
+    quantity("three_sigma_<level>", "3 sigma of P_D at the level <level> of radar uncertainty."),
+    quantity("mean_pd_<level>", "Mean of P_D at the level <level>; not by linear."),
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["radar", "method"],
     examples=[
         "radar-sense sensitivity",

@@ -1,12 +1,12 @@
-"""The threshold test of path planning: does P_D, with its uncertainty, stay low enough on the way?
+"""The threshold test of path planning: does P_D, with its uncertainty, stay below a threshold?
 
 A path is accepted where P_D + kσ ≤ P_max at every pose (A. Costley, G. Droge, R. Christensen,
 R. C. Leishman and J. Swedeen, "Path planning with uncertainty for aircraft under threat of
 detection from ground-based radar", 2022). The linear bound P_D + kσ can exceed 1. The quantile of
-P_D at Φ(k) is a bound that is right for any distribution.
+P_D at Φ(k) is a bound for any distribution.
 
-A path is tested between its rows too. Where the check of the method says that a bound is
-unreliable, the test has no answer there, unless draws decide.
+A path is also tested between its rows. The test has no answer where the check of the method finds
+the bound unreliable. Draws can decide these poses.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ from radar_sense.provenance import Path
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
-#: The method of a threshold test that names none: `FORM`, and draws where its check warns.
+#: The default method of a threshold test: `FORM`, and draws where its bound is unreliable.
 AUTOMATIC, FORM = "automatic", "form"
-#: P_D and its bound may change between poses by this part of P_max, and by at most this.
+#: P_D and its bound may differ from straight lines between poses by the smaller of
+#: RELATIVE_TOLERANCE · P_max and TOLERANCE.
 RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 
 
@@ -50,10 +51,10 @@ class ThresholdTest:
         p_max: P_max.
         margin: P_max less the bound (n,): negative where P_max is exceeded, NaN without a bound.
         violated: Where P_max is exceeded (n,).
-        unknown: Where the test has no answer (n,): no bound, or one that is unreliable.
-        above: How long the bound is above P_max, in the units of the coordinate. A step from or to
-            a pose without a bound is counted.
-        total: Length of the path, in the same units.
+        unknown: Where the test has no answer (n,): without a bound, or with an unreliable bound.
+        above: Length of the path with the bound above P_max, in the unit of the coordinate. Steps
+            to and from a pose without a bound are counted.
+        total: Length of the path, in the unit of the coordinate.
     """
 
     p_max: float
@@ -65,7 +66,7 @@ class ThresholdTest:
 
     @property
     def verdict(self) -> str:
-        """`violated` at some pose, else `not known` at some pose, else `holds`."""
+        """Verdict on all poses: "violated" or "not known" at a pose, or "holds"."""
         if self.violated.any():
             return "violated"
         return "not known" if self.unknown.any() else "holds"
@@ -77,7 +78,7 @@ class ThresholdTest:
 
     @property
     def first(self) -> int | None:
-        """The first pose that violates P_max, else the first that is not known, or None."""
+        """First pose that is violated; without one the first that is not known; else None."""
         for mask in (self.violated, self.unknown):
             if mask.any():
                 return int(np.argmax(mask))
@@ -99,15 +100,14 @@ def threshold_test(
 ) -> ThresholdTest:
     """Test an upper bound of P_D against a threshold along a path.
 
-    Between poses the bound is taken to be linear, and so is the crossing of the threshold.
+    The bound is assumed to be linear between poses.
 
     Args:
         upper: The upper bound (n,): P_D + kσ, or `Moments.upper` at β = k.
         p_max: P_max, greater than 0 and at most 1.
-        coordinate: Time [s], or azimuth on an orbit [deg], of each pose (n,); it either does not
-            decrease or does not increase.
-        p_d: P_D (n,). Where P_D itself is above P_max the test is violated, whatever the bound.
-        unreliable: Where (n,) the bound cannot be relied on.
+        coordinate: Time [s] of each pose (n,), or azimuth on an orbit [deg], in order.
+        p_d: P_D (n,). Where P_D itself is above P_max, the test is violated.
+        unreliable: Where (n,) the bound is unreliable.
 
     Raises:
         ValueError: If p_max is out of range, the coordinates are not in order or a shape does not
@@ -138,13 +138,13 @@ def threshold_test(
 
 
 def _share_above(margin: FloatArray) -> FloatArray:
-    """Share of each step (n − 1,) in which the margin, linear between its ends, is negative."""
+    """Return the share of each step (n − 1,) with a negative margin, linear between poses."""
     known = np.isfinite(margin)
     margin = np.where(known, margin, 0.0)
     above, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
-    beyond, all_of_it = above[:-1] + above[1:], (above + within)[:-1] + (above + within)[1:]
-    # Linear from −b to a, the margin is negative for b/(a + b) of the step.
-    share = np.divide(beyond, all_of_it, out=np.zeros_like(beyond), where=beyond > 0)
+    negative, whole = above[:-1] + above[1:], (above + within)[:-1] + (above + within)[1:]
+    # A margin from −b to a is negative for b/(a + b) of the step.
+    share = np.divide(negative, whole, out=np.zeros_like(negative), where=negative > 0)
     return np.where(known[:-1] & known[1:], share, 1.0)
 
 
@@ -153,13 +153,13 @@ class _Tested:
     """A threshold test of a scenario, at the poses of its refined path.
 
     Attributes:
-        path: The scenario with the poses tested (n,), and those of them that are rows.
+        path: The scenario of the poses tested (n,), and which poses are rows of the path.
         test: The test.
         probability: P(P_D > P_max) (n,).
         drawn: Where draws decided (n,).
         undecided: Where draws did not decide (n,).
         anywhere: P(P_D > P_max) at any pose.
-        tolerance: Change of P_D and its bound between poses, or None where no poses were added.
+        tolerance: Tolerance of P_D and its bound between poses; None if no poses were added.
     """
 
     path: refinement.Refined
@@ -176,15 +176,15 @@ def require_threshold(
 ) -> Result:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`.
 
-    The table gets the bound (`upper_2sigma` for k = 2; the table has the bound for k = 3),
-    `margin`, `violated`, `not_known` and `probability_above`, which is P(P_D > P_max). The result
-    passes if the test holds at every pose, and between them on a path.
+    The table gets the columns `margin`, `violated`, `not_known` and `probability_above`, which is
+    P(P_D > P_max). It also gets the bound, such as `upper_2sigma` for k = 2. The result passes if
+    the test holds at every pose, and on a path also between them.
 
     Args:
         result: The result of `variance`.
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
-        with_draws: Decide by draws where the bound of the method is unreliable.
+        with_draws: Whether draws decide where the bound of the method is unreliable.
 
     Raises:
         InputError: If p_max or k is out of range.
@@ -214,8 +214,8 @@ def require_threshold(
 def _tested(
     scenario: Scenario, method: str, p_max: float, k: float, *, with_draws: bool
 ) -> _Tested:
-    def propagate(some: Scenario) -> Moments:
-        return propagate_scenario(some, method=method, beta=k)
+    def propagate(path_scenario: Scenario) -> Moments:
+        return propagate_scenario(path_scenario, method=method, beta=k)
 
     moments, tolerance = propagate(scenario), None
     path = refinement.Refined(scenario, moments, np.arange(len(moments.p_d)), resolved=True)
@@ -230,13 +230,13 @@ def _tested(
     probability = exceedance_probability(poses, p_max, method=method)
     upper, drawn = moments.upper.copy(), np.zeros(len(moments.p_d), dtype=bool)
     undecided, violated = drawn.copy(), drawn.copy()
-    some = np.flatnonzero(unreliable & ~(moments.p_d > p_max))
-    if with_draws and some.size:
-        decision = decide(poses.at_poses(some), p_max, float(ndtr(-k)))
-        upper[some], probability[some] = decision.upper, decision.probability
-        drawn[some] = decision.holds | decision.violated
-        undecided[some] = ~drawn[some]
-        violated[some] = decision.violated
+    open_poses = np.flatnonzero(unreliable & ~(moments.p_d > p_max))
+    if with_draws and open_poses.size:
+        decision = decide(poses.at_poses(open_poses), p_max, float(ndtr(-k)))
+        upper[open_poses], probability[open_poses] = decision.upper, decision.probability
+        drawn[open_poses] = decision.holds | decision.violated
+        undecided[open_poses] = ~drawn[open_poses]
+        violated[open_poses] = decision.violated
     test = threshold_test(
         upper,
         p_max,
@@ -260,7 +260,7 @@ def _tested(
 def _coordinate(scenario: Scenario) -> tuple[FloatArray, str]:
     """Return the coordinate that lengths are measured along, and its unit.
 
-    A path has times, also where its tables are laid out along the distance.
+    Lengths on a path are times, also if the axis of its tables is the distance.
     """
     if scenario.time_s is None:
         return scenario.axis.values, scenario.axis.unit
@@ -356,15 +356,15 @@ def _verdict(tested: _Tested) -> str:
 
 
 def _remedy(tested: _Tested, method: str) -> str:
-    """Return why the test has no answer, and what has one."""
+    """Return why the test has no answer, and the remedy."""
     if not tested.path.resolved:
         return (
             f"  P_D is not resolved by {len(tested.path.scenario.axis)} poses: "
             "choose steps with geometry.interpolate"
         )
     if tested.undecided.any():
-        few = "the tail is too thin for draws, or the bound too near to the threshold"
-        return f"  draws do not decide there: {few}"
+        reason = "the tail is too thin for draws, or the bound too near to the threshold"
+        return f"  draws do not decide there: {reason}"
     remedy = "leave out --method: draws then decide"
     if method != FORM:
         remedy = f"use --method {FORM}, or leave out --method"
@@ -404,19 +404,19 @@ def _number(probability: float) -> str:
 
 
 def _correlation(scenario: Scenario) -> str:
-    """Return how the errors of the aircraft are correlated from pose to pose."""
+    """Describe the correlation of the aircraft errors from pose to pose."""
     if not scenario.correlation_s or scenario.time_s is None:
-        return f"errors of the aircraft new at each of {len(scenario.axis)} poses"
+        return f"errors of the aircraft independent at {len(scenario.axis)} poses"
     return f"errors of the aircraft correlated over {scenario.correlation_s:g} s"
 
 
 def _poses_lines(tested: _Tested) -> list[str]:
-    """Return between which poses the test has looked."""
+    """Return the number or the step of the poses tested on a path."""
     scenario = tested.path.scenario
     if tested.tolerance is not None:
         return [
             f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between the rows "
-            f"of the path: P_D and bound are within {tested.tolerance:g} of straight lines between"
+            f"of the path: P_D and bound are within {tested.tolerance:g} of straight lines"
         ]
     geometry = scenario.provenance.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:
@@ -425,7 +425,7 @@ def _poses_lines(tested: _Tested) -> list[str]:
 
 
 def check_threshold(p_max: float, k: float) -> None:
-    """Raise InputError unless P_max and k can be tested."""
+    """Raise InputError if P_max or k is out of range."""
     for name, value, limit in (("threshold", p_max, THRESHOLD), ("k", k, SIGMAS)):
         if not limit.allows(value):
             raise InputError(f"{name} must be {limit}, got {value}")

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN, quantity
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
@@ -46,7 +47,7 @@ def plot(result: Result, figure: Figure) -> None:
         label = f"{result.method} validated" if axes is top else None
         draw_shade(axes, table["validated"] > 0, x, label=label)
     for end, style in zip(("lower", "upper"), LINES, strict=False):
-        with np.errstate(invalid="ignore"):  # 0/0 where a radar sees nothing: a gap in the line
+        with np.errstate(invalid="ignore"):  # 0/0 where no radar sees the aircraft makes a gap
             distance = table[f"distance_{end}"] / table["delta"]
         draw_line(top, x, distance, style, label=f"{end} bound")
     top.axhline(1.0, color="black", lw=0.8)
@@ -72,8 +73,26 @@ _DIGITS = Option(
 )
 
 
+_TABLE = (
+    *AXIS,
+    *BAND,
+    *DRAWS,
+    quantity("delta", "Numerical tolerance of P_D, from the digits of sigma that matter."),
+    quantity("distance_lower", "Distance of the lower bound by the method from that of the draws."),
+    quantity("distance_upper", "Distance of the upper bound by the method from that of the draws."),
+    quantity("runs", "Number of draws at this pose."),
+    COVERAGE,
+    quantity("coverage_low", "Lower end of the 95 % confidence interval of the coverage."),
+    quantity("coverage_high", "Upper end of the 95 % confidence interval of the coverage."),
+    quantity("stable", "1 where the draws are stable to the tolerance, else 0."),
+    quantity("validated", "1 where the method is validated, else 0."),
+    MEAN,
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", "method", _DIGITS, "seed", "workers"],
     examples=[
         "radar-sense validate --digits 1",
@@ -90,15 +109,15 @@ def validate(
 ) -> Result:
     """May a method be trusted here? A verdict by adaptive Monte Carlo.
 
-    Draws until mean, deviation and 3-sigma interval are stable to the digits that matter, and
-    compares the interval of the method with that of the draws (JCGM 101, clauses 7.9 and 8).
-    Ends with exit code 3 if the method is not validated at every pose.
+    Runs are drawn until mean, deviation and 3-sigma interval are stable to the digits that matter.
+    Then the intervals of the method and of the draws are compared (JCGM 101, clauses 7.9 and 8).
+    The exit code is 3 if the method is not validated at every pose.
 
     Args:
         scenario: The scenario.
         method: Method of propagation.
         digits: Significant digits of the standard deviation that matter.
-        workers: Threads to compute with; of no influence on the result.
+        workers: Threads to compute with; the result does not depend on their number.
         progress: Shows the poses that are done.
 
     Raises:
@@ -111,7 +130,7 @@ def validate(
         )
     low, high = verdict.coverage_interval()
     distance = np.fmax(verdict.distance_lower, verdict.distance_upper)
-    # where a radar sees nothing there is no deviation and no δ, and no distance either
+    # Without a deviation δ is 0. The distance is 0 too, unless the method is wrong.
     without = np.where(distance > 0, np.inf, distance)
     ratio = np.divide(distance, verdict.delta, out=without, where=verdict.delta > 0)
     no_result = ~np.isfinite(verdict.moments.lower + verdict.moments.upper)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radar_sense.analyses.columns import AXIS, BAND, LINK, MEAN, OF_THRESHOLD, PLACES, of_radars
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
@@ -51,7 +52,7 @@ def plot(result: Result, figure: Figure) -> None:
     table, x = result.table, pose_coordinates(result.scenario.axis)
     draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
     names = result.scenario.model.names
-    if len(names) > 1:  # where one radar is all there is, its line is on that of the network
+    if len(names) > 1:  # the line of a radar that is alone in view hides the network's line
         axes.lines[-1].set(linewidth=2.2, zorder=1.8)
     for name, style in zip(names if len(names) > 1 else (), styles(BAND), strict=False):
         draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
@@ -81,8 +82,20 @@ _THRESHOLD = Option(
 _K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="3")
 
 
+_TABLE = (
+    *AXIS,
+    *LINK,
+    *BAND,
+    MEAN,
+    *of_radars((*LINK, *BAND)),
+    *OF_THRESHOLD,
+    *PLACES,
+)
+
+
 @analysis(
     plot=plot,
+    columns=_TABLE,
     options=["level", "radar", _METHOD, _THRESHOLD, _K],
     examples=[
         "radar-sense variance",
@@ -100,15 +113,15 @@ def variance(
 ) -> Result:
     """Standard deviation of P_D along the geometry.
 
-    With --threshold also whether the upper bound of P_D, at K sigma, stays low enough, as path
-    planners ask, and P(P_D > P_MAX). Exit code 3 says that it does not, or that it is not known.
+    With --threshold also the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX).
+    Exit code 3 means that the test is violated or not known.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation. "automatic" is linear without a threshold; with one it is
-            form, and draws where the check of form warns.
+        method: Method of propagation. "automatic" is linear without a threshold. With a threshold
+            it is form, and draws where form is unreliable.
         threshold: P_max of the threshold test; None for no test.
-        k: How many σ below P_max P_D must stay, 3 by default.
+        k: Number of σ in the threshold test, 3 by default.
 
     Raises:
         InputError: If there is no such method, P_max or k is out of range, or k is given alone.
@@ -176,7 +189,7 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
 
 
 def _places(scenario: Scenario) -> dict[str, FloatArray]:
-    """Return the columns of the positions on a path; nothing for an orbit."""
+    """Return the columns of the positions on a path; {} for an orbit."""
     if scenario.time_s is None:
         return {}
     position = scenario.aircraft[:, POSITION]
@@ -192,7 +205,7 @@ def _places(scenario: Scenario) -> dict[str, FloatArray]:
 
 
 def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
-    """Return range, RCS and SNR of a single radar; nothing for a network."""
+    """Return range, RCS and SNR of a single radar; {} for a network."""
     aircraft, radar = scenario.aircraft, scenario.radar
     if len(scenario.model.models) > 1:
         return {}

@@ -1,4 +1,4 @@
-"""Plain draws of whole missions: radars once a run, pose errors that are correlated in time."""
+"""Plain draws of whole missions: one draw of the radars a run, pose errors correlated in time."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ class RadarSampler(Protocol):
 
     @property
     def radar_normals(self) -> int:
-        """Unit normals that a draw takes."""
+        """Number of unit normals of a draw."""
         ...
 
     def draw_radar(self, normals: FloatArray, /) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """States (runs, 4m) from unit normals, and where a c_r below 0 was set to 0 (runs,)."""
+        """Return states (runs, 4m), and where a c_r below 0 was set to 0 (runs,)."""
         ...
 
 
@@ -48,7 +48,7 @@ class MissionDraws:
         runs: Number of runs.
         seed: Seed of the draws.
         detection: P_c up to each look.
-        track: Probability of m-of-n up to each look, if it was asked for.
+        track: Probability of m-of-n up to each look; None without m and n.
         clipped: Number of runs in which a radar constant was drawn below zero and set to zero.
     """
 
@@ -84,7 +84,7 @@ class PoseProcess:
         return cls(aircraft, pose_sqrt_cov(cov, len(time)), *correlation)
 
     def poses(self, normals: FloatArray) -> FloatArray:
-        """Aircraft states (K, runs, 6) from independent unit normals (K, 6, runs), overwritten."""
+        """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
         for k in range(1, len(normals)):
             normals[k] *= self.innovation_std[k - 1]
             normals[k] += self.rho[k - 1] * normals[k - 1]
@@ -100,7 +100,7 @@ class PoseProcess:
 
 @dataclass(frozen=True, eq=False)
 class _Runs:
-    """The runs of a mission, a block at a time."""
+    """The runs of a mission in blocks."""
 
     model: Model
     process: PoseProcess
@@ -113,14 +113,14 @@ class _Runs:
 
     @property
     def blocks(self) -> int:
-        """Number of blocks; the last one need not be full."""
+        """Number of blocks; the last block may have fewer runs."""
         return -(-self.runs // self.runs_per_block)
 
     def statistics(self, index: int) -> _Statistics:
         """Draw a block of runs and return their statistics."""
         generator = random_stream(self.seed, index)
         looks, width = len(self.process.aircraft), self.runs_per_block
-        # All of the block is drawn, so that more runs begin with the same ones.
+        # A whole block is drawn, because a longer computation must begin with the same runs.
         radar_normals = generator.standard_normal((width, self.sampler.radar_normals))
         normals = generator.standard_normal((looks, len(AIRCRAFT), width))
         runs = min(width, self.runs - index * width)
@@ -129,13 +129,13 @@ class _Runs:
         events = [_accumulated(p_d)]
         if self.m_of_n:
             events.append(any_group(p_d, 1.0 - p_d, *self.m_of_n, self.scan_group)[0])
-        of_events = []
+        statistics = []
         for rows in events:
             moments, tails = RunningMoments(looks), Tails(looks, self.runs, TAIL)
             moments.add(rows)
             tails.add(rows)
-            of_events.append((moments, tails))
-        return _Statistics(of_events, int(np.count_nonzero(negative)))
+            statistics.append((moments, tails))
+        return _Statistics(statistics, int(np.count_nonzero(negative)))
 
 
 class _Statistics:
@@ -172,7 +172,7 @@ def mission_monte_carlo(
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> MissionDraws:
-    """Draw whole missions: the radars once a run, poses whose errors are correlated in time.
+    """Draw whole missions and return their statistics.
 
     Args:
         model: The model.
@@ -183,10 +183,10 @@ def mission_monte_carlo(
         correlation_time: τ [s] of the pose errors, from 0 to infinity.
         runs: Number of runs, two or more.
         seed: Seed of the draws.
-        m_of_n: m and n, to have the probability of m-of-n too.
+        m_of_n: m and n of a track; None for detection alone.
         scan_group: The scan group of each look (K,); None if all looks are of one group.
-        workers: Threads to compute with; of no influence on the result.
-        progress: Called with the number of runs that have come in since the last call.
+        workers: Threads to compute with; the result does not depend on their number.
+        progress: Called with the number of new runs.
 
     Raises:
         ValueError: If a shape does not fit or a number is out of range.
@@ -224,7 +224,7 @@ def mission_monte_carlo(
 
 
 def _accumulated(p_d: FloatArray) -> FloatArray:
-    """P_c (runs, K) from P_D (runs, K), as sums of numbers that are not negative."""
+    """Return P_c (runs, K) from P_D (runs, K), by sums without cancellation."""
     p_c = np.empty(p_d.shape)
     total = np.zeros(len(p_d))
     for k in range(p_d.shape[1]):

@@ -1,10 +1,10 @@
-"""A sequence of looks: the model that gives P_D of each, and the correlation of their pose errors.
+"""A sequence of looks: the model of P_D at each look, and the correlation of the pose errors.
 
 The pose errors are a first-order Gauss-Markov process (A. Gelb, *Applied Optimal Estimation*,
 1974, ch. 3). The pose at look i is x̄_i + F_i u_i. The unit normals u_i have the covariance
 exp(−|t_i − t_j|/τ) I, and F_i is the symmetric square root of C_i, F_i F_iᵀ = C_i. At τ = 0 looks
 at different times have independent errors. At τ = ∞ all looks have the same error. Two looks at one
-time see one pose and share its error for every τ.
+time have one pose with one error, for every τ.
 """
 
 from __future__ import annotations
@@ -21,20 +21,20 @@ from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
 
 class Model(Protocol):
-    """What is asked of a model: `DetectionModel`, a network, or `Interleaved`.
+    """The methods of a model of looks: `DetectionModel`, a network, or `Interleaved`.
 
     K looks are the first axis of the aircraft states. m radars have 4m states, and may have the
     error of the RCS after them.
     """
 
     def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
-        """P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
+        """Return P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
         ...
 
     def linearize_probit(
         self, aircraft: FloatArray, radar: FloatArray, /
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Probits z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
+        """Return z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
         ...
 
 
@@ -53,11 +53,11 @@ class Interleaved:
     radars: tuple[tuple[int, ...], ...]
 
     def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
-        """P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
+        """Return P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
         p_d = np.empty(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]))
         for i, model in enumerate(self.models):
             looks = self.scan_group == i
-            # component first, as memory has it
+            # the memory order of the states, component first
             states = np.moveaxis(np.moveaxis(aircraft, -1, 0)[:, looks], 0, -1)
             p_d[looks] = model.p_d(states, radar[..., self._states(i, radar.shape[-1])])
         return p_d
@@ -65,13 +65,13 @@ class Interleaved:
     def linearize_probit(
         self, aircraft: FloatArray, radar: FloatArray, /
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Probits z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
+        """Return z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
         z, by_aircraft = np.empty(len(aircraft)), np.empty(aircraft.shape)
         by_radar = np.zeros((len(aircraft), len(radar)))
         for i, model in enumerate(self.models):
-            looks, part = self.scan_group == i, self._states(i, len(radar))
-            z[looks], by_aircraft[looks], by_radar[np.ix_(looks, part)] = model.linearize_probit(
-                aircraft[looks], radar[part]
+            looks, states = self.scan_group == i, self._states(i, len(radar))
+            z[looks], by_aircraft[looks], by_radar[np.ix_(looks, states)] = model.linearize_probit(
+                aircraft[looks], radar[states]
             )
         return z, by_aircraft, by_radar
 
@@ -104,7 +104,7 @@ class Looks:
 
     @property
     def hazard(self) -> FloatArray:
-        """Hazard h = −ln(1 − P_D) of each look (K,), to its own digits in both tails."""
+        """Hazard h = −ln(1 − P_D) of each look (K,), accurate in both tails."""
         hazard: FloatArray = -log_ndtr(-self.probit)
         return hazard
 
@@ -142,7 +142,7 @@ def look_times(time: ArrayLike) -> FloatArray:
 
 
 def pose_correlation(time: FloatArray, correlation_time: float) -> tuple[FloatArray, FloatArray]:
-    """Return ρ (K − 1,) of each look's pose error with the next, and the innovation's √(1 − ρ²).
+    """Return ρ (K − 1,) of the pose errors of successive looks, and √(1 − ρ²) of the innovation.
 
     Raises:
         ValueError: If the correlation time is negative.
@@ -151,7 +151,9 @@ def pose_correlation(time: FloatArray, correlation_time: float) -> tuple[FloatAr
         raise ValueError(f"correlation time must not be negative, got {correlation_time}")
     step = np.diff(time)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        x = np.where(step > 0, step / correlation_time, 0.0)  # one time, one pose: also at τ = 0
+        x = np.where(
+            step > 0, step / correlation_time, 0.0
+        )  # one time has one pose error, also at τ = 0
     return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))
 
 
@@ -159,7 +161,7 @@ def pose_sqrt_cov(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
     """Return the symmetric square roots F (K, 6, 6) of C_aa.
 
     Raises:
-        ValueError: If the covariance is neither (6, 6) nor (K, 6, 6), or no covariance.
+        ValueError: If the shape is neither (6, 6) nor (K, 6, 6), or a matrix is no covariance.
     """
     covariance = np.asarray(cov_aircraft, dtype=float)
     n = len(AIRCRAFT)
@@ -174,10 +176,10 @@ def pose_sqrt_cov(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
 def pose_variance(
     looks: Looks, slope: FloatArray, cov_aircraft: ArrayLike, correlation_time: float
 ) -> FloatArray:
-    """Variance (..., K), up to each look, of Σ slope_j z_j from the errors of the poses.
+    """Return the variance (..., K), up to each look, of Σ slope_j z_j from the pose errors.
 
-    With a_j = slope_j F_jᵀ ∂z_j/∂x and ρ_ij the correlation of looks i and j it is the double sum
-    V_k = Σ_{i,j≤k} a_i·a_j ρ_ij. As ρ_ik = ρ_ij ρ_jk for times i, j, k in order,
+    With a_j = slope_j F_jᵀ ∂z_j/∂x and the correlation ρ_ij of looks i and j, the variance is the
+    double sum V_k = Σ_{i,j≤k} a_i·a_j ρ_ij. For times i, j, k in order, ρ_ik = ρ_ij ρ_jk. Therefore
     A_k = Σ_{i≤k} ρ_ik a_i = ρ_{k−1,k} A_{k−1} + a_k and V_k = V_{k−1} + a_k·(2 A_k − a_k).
     """
     weights = pose_slopes(looks, cov_aircraft)
@@ -188,19 +190,19 @@ def pose_variance(
         if k:
             along = rho[k - 1] * along
         step = slope[..., k, np.newaxis] * weight
-        if slope.ndim > 1:  # a later look has no part in an earlier probability, even if undefined
+        if slope.ndim > 1:  # a later look does not count for an earlier event, also if NaN
             step[:k] = 0.0
         along = along + step
         total = total + np.sum(step * (2.0 * along - step), axis=-1)
         variance[..., k] = total
-    # a double sum of a semidefinite kernel can round to just below zero
+    # Rounding can make the sum of a semidefinite kernel negative.
     return np.maximum(variance, 0.0)
 
 
 def pose_slopes(looks: Looks, cov_aircraft: ArrayLike) -> FloatArray:
     """Return the partials F_jᵀ ∂z_j/∂x (K, 6) of each look's probit for unit normals."""
     sqrt_cov = pose_sqrt_cov(cov_aircraft, len(looks.time))
-    # A gradient may be undefined where nothing is uncertain: 0 · NaN is no uncertainty here.
+    # A gradient may be undefined where nothing is uncertain; 0 · NaN must be 0 there.
     partials = np.where(np.any(sqrt_cov != 0, axis=-1), looks.by_aircraft, 0.0)
     slopes: FloatArray = np.einsum("kij,ki->kj", sqrt_cov, partials)
     return slopes

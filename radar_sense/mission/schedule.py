@@ -1,8 +1,8 @@
-"""Times at which the radars of a scenario look: from the first pose on, once every scan period.
+"""Times of the looks of all radars: from the first pose on, once every scan period.
 
 The radars that have one scan period are a scan group. They look together, and their looks at one
-time count as one look with their fused P_D. At a time that several scan groups have in common there
-is a look of each group, and all these looks see one pose.
+time count as one look with a fused P_D. Scan groups may have a look time in common. Each group then
+has its own look, and the looks have one pose.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ class Schedule:
     """The looks of g scan groups at K times, L looks in all.
 
     Attributes:
-        time: Times at which at least one group looks (K,) [s], increasing.
+        time: Times with a look (K,) [s], increasing.
         period: Scan period of each group [s].
         radars: The radars of each group, as places in the network.
-        looks: Which groups look at each time (K, g).
+        looks: Whether each group looks at each time (K, g).
     """
 
     time: FloatArray
@@ -61,19 +61,19 @@ class Schedule:
         scan_group = self.scan_group
         if scan_group is None:
             return model
-        parts = (NetworkModel(tuple(model.radars[i] for i in some)) for some in self.radars)
-        return Interleaved(tuple(parts), scan_group, self.radars)
+        networks = (NetworkModel(tuple(model.radars[i] for i in group)) for group in self.radars)
+        return Interleaved(tuple(networks), scan_group, self.radars)
 
     def group_of(self, radar: int) -> int:
         """Return the scan group of a radar."""
-        return next(g for g, some in enumerate(self.radars) if radar in some)
+        return next(g for g, radars in enumerate(self.radars) if radar in radars)
 
     def of_radar(self, radar: int) -> tuple[Schedule, NDArray[np.intp]]:
         """Return the schedule of one radar by itself, and the times, 0 to K − 1, of its looks."""
         group = self.group_of(radar)
-        own = np.flatnonzero(self.looks[:, group])
-        looks = np.ones((len(own), 1), dtype=bool)
-        return Schedule(self.time[own], (self.period[group],), ((0,),), looks), own
+        times = np.flatnonzero(self.looks[:, group])
+        looks = np.ones((len(times), 1), dtype=bool)
+        return Schedule(self.time[times], (self.period[group],), ((0,),), looks), times
 
 
 def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
@@ -86,18 +86,20 @@ def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
     Raises:
         InputError: If a radar has no scan period, or one is not possible.
     """
-    given = {radar.name: radar.scan_period for radar in model.radars}
-    missing = [repr(name) for name, value in given.items() if value is None]
+    period_by_radar = {radar.name: radar.scan_period for radar in model.radars}
+    missing = [repr(name) for name, value in period_by_radar.items() if value is None]
     if missing:
-        # The rows of a file are no looks: more rows would mean more looks and a greater P_c.
+        # Rows of a file must not count as looks, because more rows would give a greater P_c.
         radars = f"radar {', '.join(missing)} needs" if model.names else "a mission needs"
         raise InputError(
             f"{radars} a scan_period_s, the time [s] from one look to the next: "
             f"add scan_period_s to {'that radar' if model.names else 'radar'}, such as "
             "scan_period_s: 10"
         )
-    periods = tuple(dict.fromkeys(p for p in given.values() if p is not None))
-    radars_of = tuple(tuple(i for i, p in enumerate(given.values()) if p == one) for one in periods)
+    periods = tuple(dict.fromkeys(p for p in period_by_radar.values() if p is not None))
+    radars_of = tuple(
+        tuple(i for i, p in enumerate(period_by_radar.values()) if p == one) for one in periods
+    )
     time, looks = _together([_times(poses, p) for p in periods])
     return Schedule(time, periods, radars_of, looks), interpolate(poses, time)
 
@@ -105,25 +107,25 @@ def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
 def _times(poses: Route, period: float) -> FloatArray:
     try:
         return even_times(poses, period)
-    except InputError as error:  # names the period as the argument of `times`
+    except InputError as error:  # the message has the argument's name, and not the key
         raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 
 
 def _together(times_of_groups: Sequence[FloatArray]) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Return all times (K,) of some scan groups, and which groups look at each (K, g).
+    """Return all times (K,) of some scan groups, and whether each group looks (K, g).
 
-    Times that differ by rounding alone, as 3 · 0.1 and 0.3, are one.
+    Times that are equal to rounding, such as 3 · 0.1 and 0.3, become one time.
     """
     if sum(map(len, times_of_groups)) > MAX_ROWS:
         raise InputError(
             f"the periods radar.scan_period_s make more than {MAX_ROWS:,} looks together"
         )
-    every = np.concatenate(times_of_groups)
+    times = np.concatenate(times_of_groups)
     number = np.repeat(np.arange(len(times_of_groups)), [len(s) for s in times_of_groups])
-    order = np.argsort(every, kind="stable")
-    every, number = every[order], number[order]
-    rounding = 0.5 * max(MIN_STEP, 1e-15 * float(np.max(abs(every))))
-    new = np.diff(every, prepend=-np.inf) > rounding
+    order = np.argsort(times, kind="stable")
+    times, number = times[order], number[order]
+    rounding = 0.5 * max(MIN_STEP, 1e-15 * float(np.max(abs(times))))
+    new = np.diff(times, prepend=-np.inf) > rounding
     looks = np.zeros((np.count_nonzero(new), len(times_of_groups)), dtype=bool)
     looks[np.cumsum(new) - 1, number] = True
-    return every[new], looks
+    return times[new], looks

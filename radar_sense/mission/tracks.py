@@ -1,13 +1,13 @@
 """Track initiation: the probability that m of n looks in a row have detected the aircraft.
 
-Given P_D the looks are independent. The outcomes of the last n − 1 looks are the state of a Markov
-chain, which success absorbs (J. C. Fu and M. V. Koutras, "Distribution theory of runs: a Markov
-chain approach", J. Amer. Statist. Assoc. 89, 1994). So the probability is exact. Before look n the
-window holds the looks so far.
+Given P_D, the looks are independent. The outcomes of the last n − 1 looks are the state of a Markov
+chain, and success is its absorbing state (J. C. Fu and M. V. Koutras, "Distribution theory of runs:
+a Markov chain approach", J. Amer. Statist. Assoc. 89, 1994). The probability is therefore exact.
+Before look n the window has fewer looks.
 
-Looks of several scan groups do not share a window: a look of one group that sees nothing does not
-break the track of another. Given the states the groups are independent, so that the network's
-probability is T = 1 − Π (1 − T_g) over its groups.
+Each scan group has its own window: a missed look of one group does not break the track of another
+group. Given the states, the groups are independent. The probability of the network is therefore
+T = 1 − Π (1 − T_g) over its groups.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from radar_sense.states import FloatArray
 
 #: Largest n of m-of-n, which has 2^(n−1) histories.
 MAX_WINDOW = 12
-#: Numbers that one step of the Markov chain works on, to stay within a second-level cache.
+#: Numbers in one step of the Markov chain, which fit into a second-level cache.
 CHAIN_BLOCK = 65_536
 
 
@@ -45,14 +45,14 @@ def track_initiation(
     method: str = "probit",
     beta: float = 3.0,
 ) -> Cumulative:
-    """Probability of m of n looks in a row by each look, with its uncertainty to first order.
+    """Return the probability of m of n looks by each look, with its uncertainty to first order.
 
-    Time and memory grow with K². 2000 looks take some 0.6 s.
+    Time and memory grow with K².
 
     Args:
         looks: The looks.
         m: Detections needed.
-        n: Looks in a row that they must be within, at most `MAX_WINDOW`.
+        n: Length of the window of consecutive looks, at most `MAX_WINDOW`.
         cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
         cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
         correlation_time: τ [s] of the pose errors, from 0 to infinity.
@@ -64,15 +64,15 @@ def track_initiation(
         ValueError: If there is no such method, a shape does not fit or a number is out of range.
     """
     p_d, miss = looks.p_d, ndtr(-looks.probit)
-    p, left = any_group(p_d, miss, m, n, scan_group)
+    p, no_track = any_group(p_d, miss, m, n, scan_group)
     # dP_D/dz = φ(z)
     slope = any_group_gradient(p_d, miss, m, n, scan_group) * density(looks.probit)
     variance = pose_variance(looks, slope, cov_aircraft, correlation_time)
-    # Rows end with their own look: the partials for later ones are 0.
+    # The partials of row k for looks after k are 0.
     by_radar = variance_along(_sum_over(slope, looks.by_radar), checked("radar", cov_radar))
     std = np.sqrt(variance[..., -1] + by_radar)
-    # Before look m no track is possible, and later it may be so sure that nothing is left of φ(z).
-    z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(left)), -FAR, FAR)
+    # P is 0 before look m and may round to 1 later; φ(z) underflows in both cases.
+    z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(no_track)), -FAR, FAR)
     std_z = np.where(abs(z) < FAR, std / density(z), 0.0)
     return in_time_order(p, bounds_method(method, beta)(z, std, std_z, beta), std)
 
@@ -80,16 +80,16 @@ def track_initiation(
 def any_group(
     p_d: FloatArray, miss: FloatArray, m: int, n: int, scan_group: NDArray[np.intp] | None
 ) -> tuple[FloatArray, FloatArray]:
-    """Return T and 1 − T (..., K) of m of n in one scan group or more, as `m_of_n` does."""
+    """Return T and 1 − T (..., K) of m of n in any scan group."""
     if scan_group is None:
         return m_of_n(p_d, miss, m, n)
-    p, left = np.zeros(p_d.shape), np.ones(p_d.shape)
-    for mine, latest in _groups(scan_group):
-        p_group, left_group = m_of_n(p_d[..., mine], miss[..., mine], m, n)
+    p, no_track = np.zeros(p_d.shape), np.ones(p_d.shape)
+    for looks, latest in _groups(scan_group):
+        p_of_group, no_track_of_group = m_of_n(p_d[..., looks], miss[..., looks], m, n)
         begun = latest >= 0
-        p += left * np.where(begun, p_group[..., latest], 0.0)
-        left *= np.where(begun, left_group[..., latest], 1.0)
-    return p, left
+        p += no_track * np.where(begun, p_of_group[..., latest], 0.0)
+        no_track *= np.where(begun, no_track_of_group[..., latest], 1.0)
+    return p, no_track
 
 
 def any_group_gradient(
@@ -100,38 +100,38 @@ def any_group_gradient(
     scan_group: NDArray[np.intp] | None,
     ends: NDArray[np.intp] | None = None,
 ) -> FloatArray:
-    """Partials (E, K) of `any_group` at looks `ends` (E,), all of them if None, for P_D (K,).
+    """Return partials (E, K) of T at looks `ends` (E,), or at all looks, for P_D (K,).
 
     ∂T/∂P_j = ∂T_g/∂P_j Π (1 − T_h) over the other scan groups h.
     """
     ends = np.arange(len(p_d)) if ends is None else ends
     if scan_group is None:
         return m_of_n_gradient(p_d, miss, m, n, ends)
-    groups = [(mine, latest[ends]) for mine, latest in _groups(scan_group)]
-    lefts = [
-        np.where(latest >= 0, m_of_n(p_d[mine], miss[mine], m, n)[1][latest], 1.0)
-        for mine, latest in groups
+    groups = [(looks, latest[ends]) for looks, latest in _groups(scan_group)]
+    no_track = [
+        np.where(latest >= 0, m_of_n(p_d[looks], miss[looks], m, n)[1][latest], 1.0)
+        for looks, latest in groups
     ]
     gradient = np.zeros((len(ends), len(p_d)))
-    for i, (mine, latest) in enumerate(groups):
-        others = np.prod([left for j, left in enumerate(lefts) if j != i], axis=0)
-        own = m_of_n_gradient(p_d[mine], miss[mine], m, n, np.maximum(latest, 0))
-        gradient[:, mine] = np.where(
-            latest[:, np.newaxis] >= 0, np.reshape(others, (-1, 1)) * own, 0.0
+    for i, (looks, latest) in enumerate(groups):
+        others = np.prod(no_track[:i] + no_track[i + 1 :], axis=0)
+        of_group = m_of_n_gradient(p_d[looks], miss[looks], m, n, np.maximum(latest, 0))
+        gradient[:, looks] = np.where(
+            latest[:, np.newaxis] >= 0, np.reshape(others, (-1, 1)) * of_group, 0.0
         )
     return gradient
 
 
 def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArray, FloatArray]:
-    """Probability T of m of n looks in a row by each look, and 1 − T, from P_D and 1 − P_D.
+    """Return the probability T of m of n looks by each look, and 1 − T.
 
-    Both are sums of numbers that are not negative, so that each is right to its own digits.
+    Both are sums without cancellation, accurate to a relative rounding error.
 
     Args:
         p_d: P_D of each look (..., K).
         miss: 1 − P_D (..., K).
         m: Detections needed, 1 to n.
-        n: Looks in a row that they must be within, at most `MAX_WINDOW`.
+        n: Length of the window of consecutive looks, at most `MAX_WINDOW`.
 
     Returns:
         T and 1 − T (..., K).
@@ -142,12 +142,12 @@ def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArra
     detections = histories(m, n)
     shape, states = p_d.shape, len(detections)
     p_d, miss = (np.ascontiguousarray(a.reshape(-1, shape[-1]).T) for a in (p_d, miss))
-    p, left = np.empty(p_d.shape), np.empty(p_d.shape)
+    p, no_track = np.empty(p_d.shape), np.empty(p_d.shape)
     block = max(64, CHAIN_BLOCK // states)
     for start in range(0, p_d.shape[1], block):
         rows = slice(start, start + block)
-        _chain(p_d[:, rows], miss[:, rows], detections, m, n, p[:, rows], left[:, rows])
-    return p.T.reshape(shape), left.T.reshape(shape)
+        _chain(p_d[:, rows], miss[:, rows], detections, m, n, p[:, rows], no_track[:, rows])
+    return p.T.reshape(shape), no_track.T.reshape(shape)
 
 
 def _chain(
@@ -157,32 +157,32 @@ def _chain(
     m: int,
     n: int,
     p: FloatArray,
-    left: FloatArray,
+    no_track: FloatArray,
 ) -> None:
     """Write T and 1 − T (K, rows) of one block of rows."""
     one_short = np.flatnonzero(detections == m - 1)
     weight = np.zeros((len(detections), p_d.shape[1]))
     weight[0] = 1.0
     total, unseen = np.zeros(p_d.shape[1]), 0
-    rest = weight.sum(axis=0)
+    remainder = weight.sum(axis=0)
     for k, (hit, missed) in enumerate(zip(p_d, miss, strict=True)):
         unseen = 0 if hit.any() else unseen + 1
-        if unseen < n:  # after n looks that cannot detect, the history is empty already
+        if unseen < n:  # after n looks without a possible detection the history is empty
             total = total + hit * weight[one_short].sum(axis=0)
             weight = _advanced(weight, hit, missed, detections, m)
-            rest = weight.sum(axis=0)
-        p[k], left[k] = total, rest
+            remainder = weight.sum(axis=0)
+        p[k], no_track[k] = total, remainder
 
 
 def m_of_n_gradient(
     p_d: FloatArray, miss: FloatArray, m: int, n: int, ends: NDArray[np.intp]
 ) -> FloatArray:
-    """Partials (E, K) of T at looks `ends` (E,) for P_D of each look (K,).
+    """Return partials (E, K) of T at looks `ends` (E,) for P_D of each look (K,).
 
-    Forwards goes the probability of every history before look j, backwards the probability of
-    success by a look of `ends` from every history after it. The partial is the difference that a
-    detection at j makes to it. Where success is likely, the probability of failure goes backwards,
-    because a difference of two numbers near 1 would lose digits.
+    A forward pass gives the probability of each history before look j. A backward pass gives the
+    probability of success by a look of `ends`, for each history after look j. The partial is the
+    difference between a detection and a miss at j. Where success is likely, the backward pass gives
+    the probability of failure, because a difference of two numbers near 1 would lose digits.
     """
     detections = histories(m, n)
     looks, states = len(p_d), len(detections)
@@ -211,7 +211,7 @@ def m_of_n_gradient(
 
 
 def histories(m: int, n: int) -> NDArray[np.intp]:
-    """Number of detections in each history of the last n − 1 looks, the latest the lowest bit.
+    """Return the detections in each history of the last n − 1 looks; bit 0 is the latest look.
 
     Raises:
         ValueError: If m or n is out of range.
@@ -224,14 +224,13 @@ def histories(m: int, n: int) -> NDArray[np.intp]:
 def _groups(
     scan_group: NDArray[np.intp],
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
-    """For each scan group: its looks (K,), and the place of its latest by each look (K,), or −1."""
-    return [
-        (mine, np.cumsum(mine) - 1) for mine in (scan_group == g for g in np.unique(scan_group))
-    ]
+    """Return the mask of each scan group (K,), and its latest look by each look (K,) or −1."""
+    masks = (scan_group == group for group in np.unique(scan_group))
+    return [(looks, np.cumsum(looks) - 1) for looks in masks]
 
 
 def _sum_over(slope: FloatArray, by_radar: FloatArray) -> FloatArray:
-    """Sum slope (k, K) times partials (K, 4m) over the looks; 0 · NaN is 0 for a later look."""
+    """Return slope (k, K) times partials (K, 4m), summed; 0 · NaN is 0 for a later look."""
     total: FloatArray = np.einsum("kj,ji->ki", slope, np.nan_to_num(by_radar))
     unknown = np.maximum.accumulate(np.isnan(by_radar), axis=0)
     return np.where(unknown, np.nan, total)
@@ -240,14 +239,14 @@ def _sum_over(slope: FloatArray, by_radar: FloatArray) -> FloatArray:
 def _advanced(
     weight: FloatArray, p_d: FloatArray, miss: FloatArray, detections: NDArray[np.intp], m: int
 ) -> FloatArray:
-    """Probability of each history (states, ...) one look later, without success so far."""
+    """Return the probability of each history (states, ...) one look later, without success."""
     states = len(detections)
-    if states == 1:  # m = n = 1: nothing to remember, and any detection is success
+    if states == 1:  # m = n = 1: any detection is success
         return weight * miss
-    going_on = weight.copy()
-    going_on[detections >= m - 1] = 0.0
+    without_success = weight.copy()  # if this look detects
+    without_success[detections >= m - 1] = 0.0
     later = np.empty_like(weight)
-    # The oldest outcome, the highest bit, is forgotten; the new one becomes the lowest.
+    # The oldest outcome, the highest bit, drops out. The new outcome is the lowest bit.
     later[0::2] = (weight[: states // 2] + weight[states // 2 :]) * miss
-    later[1::2] = (going_on[: states // 2] + going_on[states // 2 :]) * p_d
+    later[1::2] = (without_success[: states // 2] + without_success[states // 2 :]) * p_d
     return later

@@ -1,10 +1,14 @@
-"""Detectors: from signal-to-noise ratio to probability of detection with a single pulse.
+"""Detectors: from signal-to-noise ratio to probability of detection.
 
-The pulse passes a square-law detector, and a target is declared where the output is above the
-threshold X = −ln P_fa, in units of the mean noise power. The detectors differ in the fluctuation of
-the target's cross section: none (`Marcum`, and its approximation `North`), or the cases of P.
-Swerling (IRE Trans. IT-6(2), 1960) with S the mean signal-to-noise ratio. For a single pulse case 2
-equals case 1, and case 4 equals case 3.
+Pulses pass a square-law detector, and a target is declared where the output is above a threshold.
+The detectors differ in the fluctuation of the target's cross section: none (`Marcum`, and its
+approximation `North`), or the cases of P. Swerling (IRE Trans. IT-6(2), 1960). S is the mean
+signal-to-noise ratio of one pulse. For a single pulse case 2 equals case 1, and case 4 equals
+case 3.
+
+A single pulse with a fixed threshold has closed forms and a short series. Its threshold is
+X = −ln P_fa, in units of the mean noise power. Everything else is computed by `integration` and
+interpolated by `lookup`: N pulses, CFAR, m of n pulses.
 
 All detectors keep their relative accuracy in both tails. z = Φ⁻¹(P_D) is computed from the lesser
 of P_D and 1 − P_D, which is never a difference from 1.
@@ -13,17 +17,27 @@ of P_D and 1 − P_D, which is never a difference from 1.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, erfcx, gammainc, i0e, ndtri_exp
+from scipy.optimize import brentq
+from scipy.special import erfc, erfcx, gammainc, i0e, ndtr, ndtri, ndtri_exp
 
+from radar_sense.errors import InputError
+from radar_sense.limits import Limit, check_number, check_parameters, parameter, section
+from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
+from radar_sense.model.lookup import ProbitTable
 from radar_sense.states import FloatArray
 
 _HALF_OVER_SQRT_PI = 0.5 / np.sqrt(np.pi)
+#: Limits of what the accuracy is tested for.
+_PULSES = Limit(at_least=1, at_most=1000, whole=True)
+_CELLS = Limit(at_least=1, at_most=1000, whole=True)
+_LOOKS = Limit(at_least=1, at_most=100, whole=True)
 
 
 class Detector(Protocol):
@@ -44,7 +58,7 @@ class Detector(Protocol):
 
 D = TypeVar("D", bound=type[Detector])
 
-#: The detectors that a scenario can name.
+#: The detectors that a scenario can name. Keys of a detector are declared with its fields.
 DETECTORS: dict[str, type[Detector]] = {}
 
 
@@ -87,13 +101,170 @@ class North:
         return np.sqrt(2.0) * (argument - np.sqrt(-np.log(p_fa))), np.sqrt(0.5) / argument
 
 
+@dataclass(frozen=True)
+class CellAveraging:
+    """A threshold proportional to the mean of the noise in reference cells.
+
+    Attributes:
+        cells: Number M of reference cells, each with the sum of as many pulses as the cell tested.
+    """
+
+    cells: int = parameter("cells", _CELLS)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+
+
+@dataclass(frozen=True)
+class OrderedStatistics:
+    """A threshold proportional to one of the sorted reference cells.
+
+    P_D = Π_{i<k} (M − i)/(M − i + α/(1 + S)) for an exponential target, and P_fa is P_D at S = 0
+    (H. Rohling, IEEE Trans. AES-19(4), 1983).
+
+    Attributes:
+        cells: Number M of reference cells.
+        rank: Rank k of the cell, 1 for the one with the least noise.
+    """
+
+    cells: int = parameter("cells", _CELLS)
+    rank: int = parameter("rank", _CELLS)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.rank > self.cells:
+            raise InputError(f"rank must be at most {self.cells}, the cells; got {self.rank}")
+
+
+#: The kinds of CFAR that a scenario can name.
+CFARS: Mapping[str, type[CellAveraging] | type[OrderedStatistics]] = {
+    "cell_averaging": CellAveraging,
+    "ordered_statistics": OrderedStatistics,
+}
+
+
+@dataclass(frozen=True)
+class BinaryIntegration:
+    """A detection where m of n looks are above the threshold; the n looks are one look.
+
+    P_fa belongs to the n looks together.
+
+    Attributes:
+        m: Looks above the threshold that make a detection.
+        n: Looks, each with the sum of `pulses` pulses.
+    """
+
+    m: int = parameter("m", _LOOKS)
+    n: int = parameter("n", _LOOKS)
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.m > self.n:
+            raise InputError(f"m must be at most {self.n}, the n looks; got {self.m}")
+
+
+@dataclass(frozen=True)
+class PulseDetector:
+    """A detector of N pulses, with a fixed threshold or CFAR.
+
+    Attributes:
+        pulses: Number N of pulses that are integrated noncoherently.
+        cfar: CFAR, or None for a fixed threshold.
+        binary: Detection by m of n looks, or None.
+    """
+
+    pulses: int = parameter("pulses", _PULSES, default=1)
+    cfar: CellAveraging | OrderedStatistics | None = field(
+        default=None, metadata=section("cfar", CFARS)
+    )
+    binary: BinaryIntegration | None = field(
+        default=None, metadata=section("binary", BinaryIntegration)
+    )
+
+    #: Whether the cross section is the same for all pulses of a scan, yet random.
+    slow: ClassVar[bool] = False
+    #: Whether the power of a pulse is exponential.
+    exponential: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        check_parameters(self)
+        if self.binary and self.slow:
+            raise InputError(
+                "binary needs pulses that fluctuate independently, or not at all: it is for "
+                "marcum, swerling2 and swerling4"
+            )
+        if isinstance(self.cfar, OrderedStatistics) and not (self.exponential and self.pulses == 1):
+            raise InputError(
+                "cfar ordered_statistics is for swerling1 and swerling2 with one pulse; "
+                "cell_averaging is for all"
+            )
+
+    def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+        """Return P_D (...) at mean signal-to-noise ratios (...) of a pulse, not below zero."""
+        if self._single:
+            return self._pulse_p_d(snr, p_fa)
+        p_d: FloatArray = ndtr(_table(self, p_fa).probit(snr))
+        return p_d
+
+    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        """Return P_D (...) and its slope dP_D/dS (...)."""
+        if self._single:
+            return self._pulse_linearize(snr, p_fa)
+        z, by_snr = _table(self, p_fa).linearize_probit(snr)
+        return ndtr(z), by_snr * (np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi))
+
+    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        if self._single:
+            return self._pulse_linearize_probit(snr, p_fa)
+        return _table(self, p_fa).linearize_probit(snr)
+
+    def tails(self, p_fa: float) -> Tails:
+        """Return the exact tails of P_D.
+
+        Raises:
+            InputError: If P_fa needs a threshold more than 30 dB above noise.
+        """
+        if self.binary is not None:
+            m, n = self.binary.m, self.binary.n
+            return MOfN.of(m, n, p_fa, self._look)
+        return self._look(p_fa)
+
+    def _look(self, p_fa: float) -> Tails:
+        if isinstance(self.cfar, OrderedStatistics):
+            return OrderedCells.of(self.cfar.cells, self.cfar.rank, p_fa)
+        cells = math.inf if self.cfar is None else float(self.cfar.cells)
+        return PulseSum.of(self.pulses, self.shape, self.pulses * cells, p_fa)
+
+    @property
+    def shape(self) -> float:
+        """Shape K of the count of the signal in `integration`."""
+        raise NotImplementedError
+
+    @property
+    def _single(self) -> bool:
+        return self.pulses == 1 and self.cfar is None and self.binary is None
+
+    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+        raise NotImplementedError
+
+    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        raise NotImplementedError
+
+    def _pulse_linearize_probit(
+        self, snr: FloatArray, p_fa: float
+    ) -> tuple[FloatArray, FloatArray]:
+        raise NotImplementedError
+
+
 @detector("marcum")
 @dataclass(frozen=True)
-class Marcum:
+class Marcum(PulseDetector):
     """A steady target, exactly. `North` is an approximation to it.
 
-    P_D = Q₁(a, b) with a² = 2S and b² = 2X (J. I. Marcum, IRE Trans. IT-6(2), 1960). With the
-    modified Bessel functions I_k both tails are sums of positive terms, in which nothing cancels:
+    For a single pulse P_D = Q₁(a, b) with a² = 2S and b² = 2X (J. I. Marcum, IRE Trans. IT-6(2),
+    1960). With the modified Bessel functions I_k both tails are sums of positive terms, in which
+    nothing cancels:
 
         P_D = exp(−(a² + b²)/2) Σ_{k≥0} (a/b)^k I_k(ab), which converges for S < X,
         1 − P_D = exp(−(a² + b²)/2) Σ_{k≥1} (b/a)^k I_k(ab), for S ≥ X.
@@ -103,44 +274,62 @@ class Marcum:
     1e-9. SciPy's `chndtr` returns 1 − P_D only, and 0 where that is below some 1e-50 to 1e-90.
     """
 
-    def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+    @property
+    def shape(self) -> float:
+        """Shape K of the count of the signal in `integration`."""
+        return math.inf
+
+    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at signal-to-noise ratios (...) not below zero."""
         q = _marcum(snr, p_fa)
         tail = np.exp(-q.decay) * q.bessel * q.total
         return np.where(q.upper, 1.0 - tail, tail)
 
-    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return P_D (...) and its slope dP_D/dS (...)."""
         q = _marcum(snr, p_fa)
         scale = np.exp(-q.decay) * q.bessel
         tail = scale * q.total
         return np.where(q.upper, 1.0 - tail, tail), scale * q.slope
 
-    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    def _pulse_linearize_probit(
+        self, snr: FloatArray, p_fa: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         q = _marcum(snr, p_fa)
         return _probit(q.upper, np.log(q.bessel * q.total) - q.decay, q.slope / q.total)
 
 
-@detector("swerling1", "swerling2")  # the same with a single pulse
+@detector("swerling1")
 @dataclass(frozen=True)
-class Swerling1:
-    """Swerling's cases 1 and 2: many similar scatterers, with an exponential cross section.
+class Swerling1(PulseDetector):
+    """Swerling's case 1: many similar scatterers, with an exponential cross section.
 
-    P_D = P_fa^(1/(1 + S)), the mean of Marcum's over an exponential distribution of S.
+    The cross section is the same for all pulses. For a single pulse P_D = P_fa^(1/(1 + S)), the
+    mean of Marcum's over an exponential distribution of S.
     """
 
-    def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+    slow: ClassVar[bool] = True
+    exponential: ClassVar[bool] = True
+
+    @property
+    def shape(self) -> float:
+        """Shape K of the count of the signal in `integration`."""
+        return 1.0
+
+    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at mean signal-to-noise ratios (...) not below zero."""
         return np.exp(math.log(p_fa) / (1.0 + snr))
 
-    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return P_D (...) and its slope dP_D/dS (...)."""
         u = -math.log(p_fa) / (1.0 + snr)
         p_d = np.exp(-u)
         return p_d, p_d * u / (1.0 + snr)
 
-    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    def _pulse_linearize_probit(
+        self, snr: FloatArray, p_fa: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         u = -math.log(p_fa) / (1.0 + snr)
         upper = u < math.log(2.0)
@@ -148,23 +337,44 @@ class Swerling1:
         return _probit(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
 
 
-@detector("swerling3", "swerling4")
+@detector("swerling2")
 @dataclass(frozen=True)
-class Swerling3:
-    """Swerling's cases 3 and 4: one large scatterer among many, chi-square with four degrees.
+class Swerling2(Swerling1):
+    """Swerling's case 2: case 1 with a new cross section at each pulse."""
 
-    P_D = (1 + u s/(1 + s)) exp(−u) with s = S/2 and u = X/(1 + s), the mean of Marcum's over
-    the density (4t/S²) exp(−2t/S) of signal-to-noise ratios t. The complement, without
-    cancellation, is P(2, u) + exp(−u) u/(1 + s) with the incomplete gamma function P.
+    slow: ClassVar[bool] = False
+
+    @property
+    def shape(self) -> float:
+        """Shape K of the count of the signal in `integration`."""
+        return float(self.pulses)
+
+
+@detector("swerling3")
+@dataclass(frozen=True)
+class Swerling3(PulseDetector):
+    """Swerling's case 3: one large scatterer among many, chi-square with four degrees.
+
+    The cross section is the same for all pulses. For a single pulse P_D = (1 + u s/(1 + s)) exp(−u)
+    with s = S/2 and u = X/(1 + s), the mean of Marcum's over the density (4t/S²) exp(−2t/S) of
+    signal-to-noise ratios t. The complement, without cancellation, is P(2, u) + exp(−u) u/(1 + s)
+    with the incomplete gamma function P.
     """
 
-    def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+    slow: ClassVar[bool] = True
+
+    @property
+    def shape(self) -> float:
+        """Shape K of the count of the signal in `integration`."""
+        return 2.0
+
+    def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at mean signal-to-noise ratios (...) not below zero."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
         return (1.0 + u * (s / (1.0 + s))) * np.exp(-u)
 
-    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return P_D (...) and its slope dP_D/dS (...)."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
@@ -172,7 +382,9 @@ class Swerling3:
         slope = u * ((1.0 + 0.5 * u * s) / (1.0 + s)) * noise / (1.0 + s)
         return (1.0 + u * (s / (1.0 + s))) * noise, slope
 
-    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    def _pulse_linearize_probit(
+        self, snr: FloatArray, p_fa: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
@@ -184,6 +396,50 @@ class Swerling3:
         tail = np.where(upper, missed, detected / u)
         rate = (1.0 + 0.5 * u * s) / (1.0 + s) / tail / (1.0 + s)
         return _probit(upper, np.log(tail) + np.log(u) - u, rate)
+
+
+@detector("swerling4")
+@dataclass(frozen=True)
+class Swerling4(Swerling3):
+    """Swerling's case 4: case 3 with a new cross section at each pulse."""
+
+    slow: ClassVar[bool] = False
+
+    @property
+    def shape(self) -> float:
+        """Shape K of the count of the signal in `integration`."""
+        return 2.0 * self.pulses
+
+
+def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
+    """Return the signal-to-noise ratio at which a detector has a P_D, 0 if P_D is not above P_fa.
+
+    Raises:
+        InputError: If P_D is not a probability between 0 and 1.
+    """
+    check_number("p_d", p_d, Limit(above=0, below=1))
+    target = float(ndtri(p_d))
+
+    def excess(log_snr: float) -> float:
+        z, _ = detector.linearize_probit(np.asarray(math.exp(log_snr)), p_fa)
+        return float(z) - target
+
+    low, high = math.log(1e-12), math.log(1e30)
+    if excess(low) >= 0.0:
+        return 0.0
+    return math.exp(brentq(excess, low, high, xtol=1e-13, rtol=1e-14))
+
+
+@lru_cache(maxsize=128)
+def _table(detector: PulseDetector, p_fa: float) -> ProbitTable:
+    """Return the table of z of a detector, which is made at the first use."""
+    tails = detector.tails(p_fa)
+
+    def exact(snr: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return _probit(*tails.tail(snr))
+
+    # P_D doubles on the scale of 1/rate.
+    return ProbitTable.of(exact, 3.0 * float(tails.tail(np.zeros(1)).rate[0]))
 
 
 class _Marcum(NamedTuple):

@@ -11,12 +11,13 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.limits import Limit
-from radar_sense.model.radar_equation import RADARS
+from radar_sense.model.radar_equation import LOSSES_KEY, RADARS
 from radar_sense.states import FloatArray
 
 #: A parameter that divides must stay well away from 0, or c_r would have no mean. Its standard
@@ -27,6 +28,7 @@ TOLERANCE_DB = Limit(at_least=0, at_most=20)
 #: c_r differs from the distribution that a method assumes if its mean, its standard deviation
 #: (both as fractions of the assumed ones) or its skewness differ by more than this.
 MEAN_CHANGE, STD_CHANGE, SKEWNESS_CHANGE = 0.01, 0.02, 0.3
+_LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
 _NEPERS = math.log(10.0) / 10.0  # ln of a ratio of powers of 1 dB
 
 
@@ -35,7 +37,7 @@ class Tolerance:
     """The tolerance of a parameter of a radar constant, Gaussian in the unit of its key.
 
     Attributes:
-        key: Key of the parameter in a scenario file.
+        key: Key of the parameter in a scenario file; `losses_db.NAME` for a loss by name.
         value: Nominal value of the parameter, in the unit of the key.
         std: Standard deviation of the parameter, in the unit of the key.
         power: c_r is proportional to this power of the parameter, or to 10^(power · value/10) for a
@@ -48,6 +50,11 @@ class Tolerance:
     std: float
     power: int
     decibels: bool
+
+    @property
+    def name(self) -> str:
+        """Name of the parameter in tables: its key, or `NAME_db` of a loss by name."""
+        return column_name(self.key)
 
     @property
     def slope(self) -> float:
@@ -93,7 +100,8 @@ class DataSheet:
     Attributes:
         kind: A name in `radar_equation.RADARS`.
         constant: c_r [J m²/K].
-        values: The parameters, by the keys of a scenario file and in the units of these keys.
+        values: The parameters, by the keys of a scenario file and in the units of these keys;
+            losses by name under `losses_db.NAME`.
         search_factor: The search factor of a surveillance radar as a scenario file writes it.
     """
 
@@ -104,7 +112,7 @@ class DataSheet:
 
     def tolerances(self, std: Mapping[str, float]) -> tuple[Tolerance, ...]:
         """Return the tolerances of parameters, from their standard deviations by key."""
-        return tuple(
+        declared = tuple(
             Tolerance(
                 key,
                 self.values[key],
@@ -116,6 +124,28 @@ class DataSheet:
             for key, unit in f.metadata.get("units", {}).items()
             if key in std
         )
+        return declared + tuple(
+            Tolerance(key, self.values[key], std[key], -1, decibels=True)
+            for key in self.values
+            if key.startswith(_LOSS) and key in std
+        )
+
+
+def loss_key(name: str) -> str:
+    """Return the key of a loss by name."""
+    return f"{_LOSS}{name}"
+
+
+def column_name(key: str) -> str:
+    """Return the name of a parameter in tables."""
+    return f"{key.removeprefix(_LOSS)}_db" if key.startswith(_LOSS) else key
+
+
+def nested(by_key: Mapping[str, float]) -> dict[str, Any]:
+    """Return values by key with the losses in a mapping of their own, as in a scenario file."""
+    losses = {k.removeprefix(_LOSS): v for k, v in by_key.items() if k.startswith(_LOSS)}
+    others = {key: value for key, value in by_key.items() if not key.startswith(_LOSS)}
+    return {**others, **({LOSSES_KEY: losses} if losses else {})}
 
 
 @dataclass(frozen=True)

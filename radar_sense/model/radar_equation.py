@@ -14,12 +14,15 @@ from typing import Any
 from scipy.constants import Boltzmann, speed_of_light
 
 from radar_sense.errors import InputError
-from radar_sense.limits import POSITIVE, Limit, check_parameters
+from radar_sense.limits import POSITIVE, Limit, check_number, check_parameters
 from radar_sense.states import FloatArray
 
 DECIBELS = Limit(at_least=-200, at_most=200)
 #: What a receiver or a line takes away, in decibels; neither gives anything.
 LOSSES = Limit(at_least=0, at_most=200)
+COUNT = Limit(at_least=1, at_most=1e6, whole=True)
+#: Key of the losses by name.
+LOSSES_KEY = "losses_db"
 #: The whole sphere is 4π.
 SOLID_ANGLE = Limit(above=0, at_most=12.5664)
 #: What stands below the power-aperture product in c_r, by the name that a scenario gives it. With a
@@ -32,10 +35,17 @@ SEARCH_FACTORS: Mapping[str, float] = {"16": 16.0, "4pi": 4.0 * math.pi}
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit that a scenario may give a parameter in: SI value = scale · value^power."""
+    """A unit that a scenario may give a parameter in: SI value = scale · value^power.
+
+    Attributes:
+        scale: The SI value of 1 in the unit.
+        power: 1, or -1 for a unit of the inverse.
+        meaning: What the number is, if it is not the parameter itself.
+    """
 
     scale: float = 1.0
     power: int = 1
+    meaning: str = ""
 
     def to_si(self, value: float) -> float:
         """Turn a value in this unit into SI."""
@@ -43,11 +53,20 @@ class Unit:
 
 
 _SI = Unit()
+_ROTATION = Unit(60.0, -1, "Rotation rate of the antenna, with one scan a turn.")
+_FREQUENCY = Unit(speed_of_light / 1e9, -1, "Carrier frequency.")
+_PULSE = Unit(1e6, -1, "Width of the pulse before compression, the inverse of the bandwidth.")
 
 
 def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
     """Declare a parameter that c_r goes with to this power, and the keys with the units it has."""
     return field(metadata={"power": power, "limit": limit, "units": units, "decibels": False})
+
+
+def _count(key: str) -> Any:
+    """Declare a count that c_r is proportional to. It is 1 if left out, and has no tolerance."""
+    metadata = {"power": 1, "limit": COUNT, "units": {key: _SI}, "decibels": False}
+    return field(default=1, metadata=metadata)
 
 
 def _decibels(sign: int, key: str) -> Any:
@@ -71,26 +90,31 @@ class SurveillanceRadar:
         search_volume: Solid angle Ω searched [sr].
         loss_db: Losses L [dB].
         noise_figure_db: Noise figure F [dB].
+        losses_db: Further losses by name [dB].
         search_factor: The number below the product, 16 in the paper, 4π elsewhere.
     """
 
     average_power: float = _factor(1, average_power_w=_SI, average_power_kw=Unit(1e3))
     aperture: float = _factor(1, aperture_m2=_SI)
     temperature: float = _factor(-1, temperature_k=_SI)
-    scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=Unit(60.0, -1))
+    scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=_ROTATION)
     search_volume: float = _factor(-1, SOLID_ANGLE, search_volume_sr=_SI)
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
     search_factor: float = 16.0
+    losses_db: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        _check_losses(self.losses_db)
         if self.search_factor not in SEARCH_FACTORS.values():
             raise InputError(f"search_factor must be 16 or 4π, got {self.search_factor}")
 
     def constant(self) -> float:
         """Radar constant c_r [J m²/K], `eq:c_r_surv`: P_av A / (16 T_0 L F) · T_sc / Ω."""
-        loss: float = 10.0 ** ((self.loss_db + self.noise_figure_db) / 10.0)
+        loss: float = 10.0 ** (
+            (self.loss_db + self.noise_figure_db + sum(self.losses_db.values())) / 10.0
+        )
         power_aperture = self.average_power * self.aperture
         return (
             power_aperture
@@ -107,7 +131,8 @@ class TrackingRadar:
 
         S = P_t G² λ² σ / ((4π)³ k T_0 B F L R⁴),
 
-    without any gain of integrating pulses (Mahafza 2000; Skolnik 2001; Richards 2005). The
+    without any gain of noncoherent integration (Mahafza 2000; Skolnik 2001; Richards 2005), which
+    belongs to the detector. Pulses that are integrated coherently multiply S by their number. The
     bandwidth is that of the matched filter, 1/τ for a plain pulse of width τ; with pulse
     compression τ is the width of the uncompressed pulse, as it is the energy that counts.
 
@@ -119,24 +144,34 @@ class TrackingRadar:
         temperature: Noise reference temperature T_0 [K].
         loss_db: Losses L [dB].
         noise_figure_db: Noise figure F [dB].
+        coherent_pulses: Number of pulses that are integrated coherently into one.
+        losses_db: Further losses by name [dB].
     """
 
     peak_power: float = _factor(1, peak_power_w=_SI, peak_power_kw=Unit(1e3))
     gain_db: float = _decibels(2, "gain_dbi")
-    wavelength: float = _factor(2, frequency_ghz=Unit(speed_of_light / 1e9, -1), wavelength_m=_SI)
-    bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=Unit(1e6, -1))
+    wavelength: float = _factor(2, frequency_ghz=_FREQUENCY, wavelength_m=_SI)
+    bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=_PULSE)
     temperature: float = _factor(-1, temperature_k=_SI)
     loss_db: float = _decibels(-1, "loss_db")
     noise_figure_db: float = _decibels(-1, "noise_figure_db")
+    coherent_pulses: int = _count("coherent_pulses")
+    losses_db: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+        _check_losses(self.losses_db)
 
     def constant(self) -> float:
-        """Radar constant c_r [J m²/K]: P_t G² λ² / ((4π)³ T_0 B F L)."""
+        """Radar constant c_r [J m²/K]: n P_t G² λ² / ((4π)³ T_0 B F L)."""
         decibels = 2.0 * self.gain_db - self.loss_db - self.noise_figure_db
+        decibels -= sum(self.losses_db.values())
         signal = self.peak_power * self.wavelength**2 * 10.0 ** (decibels / 10.0)
-        return float(signal / ((4.0 * math.pi) ** 3 * self.temperature * self.bandwidth))
+        return float(
+            self.coherent_pulses
+            * signal
+            / ((4.0 * math.pi) ** 3 * self.temperature * self.bandwidth)
+        )
 
 
 #: The kinds of radar that a scenario can describe by their parameters.
@@ -144,6 +179,12 @@ RADARS: Mapping[str, type[SurveillanceRadar] | type[TrackingRadar]] = {
     "surveillance": SurveillanceRadar,
     "tracking": TrackingRadar,
 }
+
+
+def _check_losses(losses_db: Mapping[str, float]) -> None:
+    """Raise InputError if a loss is outside its limit."""
+    for name, loss in losses_db.items():
+        check_number(f"{LOSSES_KEY}.{name}", loss, LOSSES)
 
 
 def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArray) -> FloatArray:

@@ -1,14 +1,14 @@
 """Adaptive Monte Carlo, and the verdict on a method of propagation, pose by pose.
 
-The procedure is that of JCGM 101:2008 (Supplement 1 to the "Guide to the expression of uncertainty
-in measurement"). Clause 7.9: batches are drawn until mean, standard deviation and both ends of the
+The procedure follows JCGM 101:2008 (Supplement 1 to the "Guide to the expression of uncertainty in
+measurement"). Clause 7.9: batches are drawn until mean, standard deviation and both ends of the
 coverage interval are stable to a numerical tolerance δ. δ follows from the number of significant
 digits of the standard deviation. Clause 8: the method is validated where both ends of its interval
 are within δ of the ends by Monte Carlo.
 
-Every pose has its own δ and its own number of batches. A batch at a pose has a random stream of its
-own. The radar states of a batch, shared by all poses, have another. The result at a pose therefore
-depends neither on the other poses nor on who computed what.
+Every pose has its own δ and its own number of batches. Each batch at a pose has its own random
+stream. The radar states of a batch, shared by all poses, have another stream. The result at a pose
+therefore does not depend on the other poses, or on the number of threads.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
 
-#: First key of all random streams here; `monte_carlo` has others. Part of the result's definition.
+#: First key of the random streams, different from `monte_carlo`. Another key gives other draws.
 STREAM = 101
 #: 7.9.4 b): least number of draws of a batch, and least expected number outside the interval.
 LEAST_DRAWS = 10_000
 LEAST_OUTSIDE = 100
-#: Relative rounding of P_D. No tolerance is finer; a smaller standard deviation is rounding.
+#: Relative rounding of P_D, the least tolerance.
 ROUNDING = 1e-13
-#: Limit of the numbers kept for the quantiles of all draws (256 MB); it limits the active poses.
+#: Limit of the numbers kept for the quantiles (256 MB), which limits the poses drawn together.
 MAX_KEPT = 32_000_000
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
-#: At 4 a batch has 1.6 million draws; at 5 it would have 174 million.
+#: A batch has 1.6 million draws for a β of 4, and would have 174 million for a β of 5.
 BETA = Limit(above=0, at_most=4)
 FRACTION = Limit(above=0, at_most=1)
 MAX_RUNS = 20_000_000
@@ -59,7 +59,7 @@ class Validation:
         method: Name of the method.
         digits: Significant digits of the standard deviation, n_dig of 7.9.2.
         beta: The interval reaches from Φ(−β) to Φ(β).
-        fraction: Part of δ that the draws had to be stable to.
+        fraction: Tolerance of the stability, as a part of δ.
         seed: Seed of the draws.
         runs: Draws used (n,).
         delta: Numerical tolerance δ of P_D (n,).
@@ -73,7 +73,7 @@ class Validation:
         stable: Where the draws became stable within the runs allowed (n,).
         validated: Where the draws are stable and both distances are within δ (n,).
         refuted: Where the draws are stable and a distance exceeds δ significantly (n,).
-        inside: Number of draws within the method's bounds (n,); NaN where it has none.
+        inside: Number of draws within the method's bounds (n,); NaN without bounds.
         clipped: Number of runs whose radar constant was drawn below zero and set to zero, among
             the runs of the pose with the most runs.
     """
@@ -100,12 +100,12 @@ class Validation:
 
     @property
     def undecided(self) -> NDArray[np.bool_]:
-        """Where the runs allowed were too few for a verdict (n,)."""
+        """Where the allowed runs were too few for a verdict (n,)."""
         return ~self.validated & ~self.refuted
 
     @property
     def verdict(self) -> str:
-        """Verdict for all poses: refuted if any is, else undecided if any is, else validated."""
+        """Verdict for all poses: refuted or undecided at any pose, or validated."""
         if np.any(self.refuted):
             return "refuted"
         return "undecided" if np.any(self.undecided) else "validated"
@@ -116,7 +116,7 @@ class Validation:
         return self.inside / self.runs
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-        """Binomial confidence interval of the coverage, lower and upper ends (n,)."""
+        """Return the binomial confidence interval of the coverage, lower and upper ends (n,)."""
         return binomial_interval(self.inside, self.runs, confidence)
 
     def __repr__(self) -> str:
@@ -140,23 +140,23 @@ def validate(
     """Compare the interval of a method with the interval by Monte Carlo, drawn until stable.
 
     Stable means that twice the standard error of mean, standard deviation and interval ends is
-    within `fraction` of δ, 7.9.4. With a fraction of 1 the draws can still be off by more than δ.
-    Clause 8.2 therefore asks for 1/5 where a method is to be validated, with some 25 times as many
-    draws. Here a larger fraction is enough: a pose where a distance exceeds δ, but not
-    significantly, is neither validated nor refuted; more batches are drawn there. With a smaller
-    fraction fewer methods are validated by chance whose error is just above δ.
+    within `fraction` of δ (7.9.4). With a fraction of 1 the draws can be off by more than δ. Clause
+    8.2 therefore asks for a fraction of 1/5 to validate a method, which needs 25 times the draws.
+
+    A larger fraction is enough here. Where a distance exceeds δ, but not significantly, the pose is
+    neither validated nor refuted, and more batches are drawn. With a smaller fraction a method with
+    an error just above δ is less often validated by chance.
 
     Args:
         scenario: The scenario, at its level and with its seed.
         method: A name in `propagation.METHODS`.
-        digits: Significant digits of the standard deviation, 1 to 4. One more digit takes some 100
-            times as many draws.
+        digits: Significant digits of the standard deviation, 1 to 4. One more digit takes 100 times
+            the draws.
         beta: The interval reaches from Φ(−β) to Φ(β).
-        fraction: Part of δ that the draws have to be stable to, up to 1.
+        fraction: Tolerance of the stability, as a part of δ, up to 1.
         max_runs: Draws after which a pose is undecided.
-        workers: Threads to compute with; the result does not depend on them.
-        progress: Called after every batch with the number of poses that have ended, decided or
-            not, since the last call.
+        workers: Threads to compute with; the result does not depend on their number.
+        progress: Called after every batch with the number of new poses with a verdict.
 
     Raises:
         InputError: If there is no such method or a number is not allowed.
@@ -173,7 +173,7 @@ def validate(
             raise InputError(f"{name} must be {limit}, got {value}")
     digits, max_runs = int(digits), int(max_runs)  # 2.0 is a whole number too
     batches = _Batches.of(scenario, beta)
-    # 7.9.4 f): a single batch does not show how stable it is
+    # 7.9.4 f): stability needs two batches or more
     if max_runs < 2 * batches.draws:
         raise InputError(
             f"max_runs must be at least {2 * batches.draws}, two batches for a beta of {beta:g}, "
@@ -191,16 +191,16 @@ def validate(
             drawn = in_order(_drawing(batches, number, radar, active), len(active), workers)
             for pose, batch in zip(active, drawn, strict=True):
                 pose.batches.append(batch)
-            left = []
+            undecided = []
             for pose in active:
                 result = pose.result(batches, digits, fraction, last=number == most - 1)
                 if result is None:
-                    left.append(pose)
+                    undecided.append(pose)
                 else:
                     results[pose.index] = result
             if progress:
-                progress(len(active) - len(left))
-            active = left
+                progress(len(active) - len(undecided))
+            active = undecided
             if not active:
                 break
     return Validation(
@@ -227,14 +227,14 @@ def validate(
 
 
 def numerical_tolerance(std: float, digits: int) -> float:
-    """δ of 7.9.2: half a unit in the last significant digit of a standard deviation.
+    """Return δ of 7.9.2, half a unit in the last significant digit of a standard deviation.
 
-    Rounded to n_dig digits the deviation is c · 10^l with a whole number c of n_dig digits; then
-    δ = ½ · 10^l. A deviation of 0 gives 0; NaN gives NaN.
+    The deviation, rounded to n_dig digits, is c · 10^l with a whole number c of n_dig digits. Then
+    δ is ½ · 10^l. A deviation of 0 gives 0, and NaN gives NaN.
     """
     if std == 0 or math.isnan(std):
         return std
-    # Formatting rounds before it takes the exponent: 0.0996 to two digits is 0.10, l = −2.
+    # The exponent after rounding: 0.0996 to two digits is 0.10, with l = −2.
     exponent = int(f"{std:.{digits - 1}e}".partition("e")[2])
     return float(f"5e{exponent - digits}")
 
@@ -245,7 +245,7 @@ class _Batch:
 
     Attributes:
         estimates: Mean, standard deviation, lower and upper quantile (4,).
-        ends: The smallest and the largest draws, which determine the quantiles.
+        ends: The smallest and the largest draws, for the quantiles of all batches.
         inside: Number of draws within the method's bounds.
     """
 
@@ -256,14 +256,14 @@ class _Batch:
 
 @dataclass(frozen=True, eq=False)
 class _Batches:
-    """Draws batches.
+    """Draws of batches.
 
     Attributes:
-        sampler: Draws states, computes P_D.
+        sampler: Draws states and computes P_D.
         seed: Seed of all batches.
         tail: Probability beyond either end of the interval.
         draws: Draws of a batch, M of 7.9.4.
-        kept: How many of the smallest draws of a batch are kept, and of the largest.
+        kept: Number of the smallest draws of a batch to keep, and of the largest draws.
     """
 
     sampler: Sampler
@@ -277,20 +277,20 @@ class _Batches:
         tail = float(ndtr(-beta))
         # 7.9.4 b): 1 − p is the probability of both tails together.
         draws = max(LEAST_DRAWS, math.ceil(LEAST_OUTSIDE / (2 * tail)))
-        # A batch has `expected` draws beyond the quantile of all batches on average; more than
-        # `kept` have a probability below 1e-13.
+        # A batch has on average `expected` draws beyond the quantile of all batches. The
+        # probability of more than `kept` is below 1e-13.
         expected = draws * tail
         kept = math.ceil(expected + 8 * math.sqrt(expected) + 8)
         return cls(Sampler.of(scenario), scenario.seed, tail, draws, min(kept, draws))
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
-        """Radar states of a batch (draws, 4m), and the number with a constant set to zero."""
+        """Return radar states (draws, 4m), and the number of draws with a c_r set to zero."""
         normals = self._stream(number, 0).standard_normal((self.draws, self.sampler.radar_normals))
         radar, negative = self.sampler.draw_radar(normals)
         return radar, int(np.count_nonzero(negative))
 
     def p_d(self, number: int, radar: FloatArray, pose: int) -> FloatArray:
-        """P_D of a batch at a pose (draws,)."""
+        """Return P_D of a batch at a pose (draws,)."""
         normals = self._stream(number, 1 + pose).standard_normal((len(AIRCRAFT), self.draws, 1))
         poses = slice(pose, pose + 1)
         return self.sampler.draw_p_d(np.moveaxis(normals, 0, -1), radar, poses, overwrite=True)[
@@ -309,9 +309,9 @@ class _Batches:
         return _Batch(np.array([p_d.mean(), p_d.std(ddof=1), low, high]), ends, int(inside))
 
     def quantiles(self, ends: list[FloatArray]) -> tuple[float, float]:
-        """Quantiles of all draws of some batches, from the ends of each."""
+        """Return the quantiles of all draws of some batches, from the ends of each batch."""
         values = np.concatenate(ends)[:, np.newaxis]
-        # ranks from either end among the ends are ranks among all draws
+        # The rank from either end is the same among the ends as among all draws.
         position = np.array([quantile_position(len(ends) * self.draws, self.tail)])
         lower, upper = order_statistics(values, position), -order_statistics(-values, position)
         return float(lower[0]), float(upper[0])
@@ -344,7 +344,7 @@ class _Pose:
 
     def __init__(self, index: int, moments: Moments) -> None:
         self.index = index
-        # A method that computes the same value differently may differ in the last digit.
+        # Method and draws may round the same value differently in the last digit.
         self.bounds = np.array([moments.lower[index], moments.upper[index]])
         slack = ROUNDING * abs(moments.p_d[index])
         self.lower = moments.lower[index] - slack
@@ -354,7 +354,7 @@ class _Pose:
     def result(
         self, batches: _Batches, digits: int, fraction: float, *, last: bool
     ) -> tuple[float, ...] | None:
-        """The result after the batches so far, a row of `_RESULT`; None if more are needed."""
+        """Return the result, a row of `_RESULT`; None if more batches are needed."""
         delta, errors, stable = self.stability(batches.draws, digits, fraction)
         if not stable and not last:
             return None
@@ -365,36 +365,36 @@ class _Pose:
         return (*summary, delta, stable, verdict)
 
     def stability(self, draws: int, digits: int, fraction: float) -> tuple[float, FloatArray, bool]:
-        """δ, the standard errors of mean, deviation and quantiles, and whether they are stable."""
+        """Return δ, errors of mean, deviation and quantiles, and whether all are stable."""
         mean, std = self._moments(draws)
-        # 7.9.4 i), j): u(y) from all draws, and δ from it
+        # 7.9.4 i), j): u(y) from all draws, and δ from u(y)
         delta = np.maximum(numerical_tolerance(std, digits), ROUNDING * abs(mean))
         if len(self.batches) < 2:
             return delta, np.full(4, np.nan), False
         # 7.9.4 g), h): standard deviations of the averages over the batches
         estimates = np.array([batch.estimates for batch in self.batches])
         errors = estimates.std(axis=0, ddof=1) / math.sqrt(len(estimates))
-        # 7.9.4 k), with the δ/5 of 8.2 if the fraction is 1/5
+        # 7.9.4 k); a fraction of 1/5 gives the δ/5 of 8.2
         return delta, errors, bool(np.all(2 * errors <= fraction * delta))
 
     def verdict(self, ends: tuple[float, float], delta: float, errors: FloatArray) -> int:
-        """Compare the method's bounds with those of stable draws, 8.1."""
+        """Compare the method's bounds with the quantiles of stable draws, 8.1."""
         distances = abs(self.bounds - ends)
         if np.all(distances <= delta):
             return VALIDATED
-        # Two batches can agree by chance. Student's t accounts for that at one pose, but not among
-        # hundreds of poses; a third batch is therefore drawn before a method is refuted.
+        # Two batches can agree by chance. Student's t accounts for the chance at one pose, but not
+        # at hundreds of poses. A method is therefore refuted by three batches or more.
         if len(self.batches) < 3 and np.isfinite(distances).all():
             return UNDECIDED
         margin = stdtrit(len(self.batches) - 1, CONFIDENCE) * errors
-        # NaN, of a method without a result, compares as false and is refuted
+        # NaN, from a method without a result, compares as false and gives REFUTED.
         return UNDECIDED if np.all(distances <= delta + margin) else REFUTED
 
     def summary(self, batches: _Batches) -> tuple[int, float, float, float, float, int]:
-        """Runs, mean, standard deviation, quantiles and draws inside of all draws, 7.9.4 l).
+        """Return runs, mean, deviation, quantiles and count inside of all draws, 7.9.4 l).
 
         The average of the batches' quantiles would have a bias of some 0.003 standard deviations.
-        The bias of the quantiles of all draws is smaller by the number of batches.
+        The quantiles of all draws have this bias divided by the number of batches.
         """
         return (
             len(self.batches) * batches.draws,
@@ -404,7 +404,7 @@ class _Pose:
         )
 
     def _moments(self, draws: int) -> tuple[float, float]:
-        """Mean and standard deviation of all draws of all batches, which have one size."""
+        """Return mean and standard deviation of all draws of all batches."""
         means, stds = np.array([batch.estimates[:2] for batch in self.batches]).T
         mean = float(means.mean())
         squares = (draws - 1) * np.sum(stds**2) + draws * np.sum((means - mean) ** 2)

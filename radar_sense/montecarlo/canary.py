@@ -1,7 +1,7 @@
-"""A fixed computation whose last digits show how a process rounds.
+"""A fixed computation whose last digits show the rounding of a process.
 
-NumPy and the C library choose their code by the CPU. Exponentials and tangents may then differ in
-the last digit from machine to machine, and statistics of P_D with them.
+NumPy and the C library choose their code by the CPU. The last digit of exponentials and tangents,
+and of statistics of P_D, may therefore differ from machine to machine.
 """
 
 from __future__ import annotations

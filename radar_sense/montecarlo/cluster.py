@@ -22,11 +22,11 @@ from radar_sense.errors import ComputationError, InputError
 
 #: Seconds to wait for a scheduler that does not answer.
 TIMEOUT = 5
-#: Seconds without a result after which a line says what is waited for.
+#: Seconds without a result before a line on the state of the cluster.
 PATIENCE = 8
-#: Seconds without a scheduler, or without workers, after which the computation is given up.
+#: Seconds without a scheduler, or without workers, before the computation is given up.
 GIVE_UP = 30
-#: Loggers of Dask that write tracebacks where this module raises an error of one line.
+#: Loggers of Dask that write tracebacks. This module raises errors of one line instead.
 LOGGERS = (
     "distributed",
     "distributed.client",
@@ -42,7 +42,7 @@ def _print(line: str) -> None:
 
 @contextmanager
 def cluster(
-    address: str, say: Callable[[str], None] = _print
+    address: str, report: Callable[[str], None] = _print
 ) -> Iterator[tuple[ClusterExecutor, int]]:
     """Connect to the scheduler of a Dask cluster.
 
@@ -50,7 +50,7 @@ def cluster(
 
     Args:
         address: Address of the scheduler, such as tcp://host:8786.
-        say: Called with a line about what is waited for, when no results come in.
+        report: Called with a line on the state of the cluster, if no results arrive.
 
     Yields:
         An executor, and the number of threads of all workers.
@@ -62,9 +62,7 @@ def cluster(
     try:
         import distributed
     except ImportError as error:
-        raise InputError(
-            "--dask needs more to be installed: pip install 'radar-sense[dask]'"
-        ) from error
+        raise InputError("--dask needs Dask: pip install 'radar-sense[dask]'") from error
     connect: Any = distributed.Client  # which has no types
     with _quiet_loggers():
         try:
@@ -80,11 +78,11 @@ def cluster(
             if not threads:
                 raise InputError(f"--dask: the scheduler at {address} has no workers")
             _require_package(client)
-            # pure=False: a task has a name of its own, not a digest of its arguments
-            executor = ClusterExecutor(client, client.get_executor(pure=False), address, say)
+            # pure=False gives each task a unique name, in place of a digest of the arguments
+            executor = ClusterExecutor(client, client.get_executor(pure=False), address, report)
             with executor:
                 yield executor, threads
-        except asyncio.CancelledError as error:  # not an Exception: Dask's, of a lost scheduler
+        except asyncio.CancelledError as error:  # from Dask, when the scheduler is lost
             raise ComputationError(_lost(address)) from error
         finally:
             with suppress(Exception, asyncio.CancelledError):
@@ -98,16 +96,16 @@ class ClusterExecutor(Executor):
         client: The Dask client.
         inner: Executor of the client.
         address: Address of the scheduler.
-        say: Called with a line about what is waited for.
+        report: Called with a line on the state of the cluster.
     """
 
     def __init__(
-        self, client: Any, inner: Executor, address: str, say: Callable[[str], None]
+        self, client: Any, inner: Executor, address: str, report: Callable[[str], None]
     ) -> None:
-        self._client, self._inner, self._address, self._say = client, inner, address, say
+        self._client, self._inner, self._address, self._report = client, inner, address, report
         self._pending: set[Future[Any]] = set()
         self._last_result = time.monotonic()
-        self._said = ""
+        self._reported = ""
         self._closed = threading.Event()
         self._lock = threading.RLock()
         self._watch = threading.Thread(target=self._watch_until_closed, daemon=True)
@@ -128,14 +126,14 @@ class ClusterExecutor(Executor):
         return outer
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Stop watching; calls that have not begun are dropped by closing the client."""
+        """Stop watching. Closing the client drops the calls that have not begun."""
         self._closed.set()
 
     def _finish(self, inner: Future[Any], outer: Future[Any]) -> None:
         """Copy the result or the error of a call to the future that `submit` returned."""
         with self._lock:
             self._pending.discard(outer)
-            self._last_result, self._said = time.monotonic(), ""
+            self._last_result, self._reported = time.monotonic(), ""
             if outer.done():
                 return
             error: BaseException | None
@@ -156,29 +154,29 @@ class ClusterExecutor(Executor):
         """Report a stall of PATIENCE, and give up after GIVE_UP without scheduler or workers.
 
         Args:
-            now: Present time, as by `time.monotonic`.
+            now: Present time by `time.monotonic`.
         """
         with self._lock:
             stalled = now - self._last_result
             if not self._pending or stalled < PATIENCE:
                 return
-            waiting, hopeless = self._waiting()
+            state, hopeless = self._state()
             if hopeless and stalled >= GIVE_UP:
                 for future in list(self._pending):
                     if not future.done():
                         future.set_exception(
-                            ComputationError(f"given up after {GIVE_UP} s: {waiting}")
+                            ComputationError(f"given up after {GIVE_UP} s: {state}")
                         )
                 self._pending.clear()
-            elif waiting != self._said:
-                self._said = waiting
-                self._say(f"No results for {stalled:.0f} s: {waiting}")
+            elif state != self._reported:
+                self._reported = state
+                self._report(f"No results for {stalled:.0f} s: {state}")
 
-    def _waiting(self) -> tuple[str, bool]:
-        """What is waited for, and whether nobody computes."""
+    def _state(self) -> tuple[str, bool]:
+        """Return the state of the cluster in words, and whether no worker computes."""
         if self._client.status != "running":
             return f"the Dask scheduler at {self._address} does not answer", True
-        # the client's own copy, which needs no answer of the scheduler
+        # The client's copy of the list needs no answer from the scheduler.
         workers = len(self._client.scheduler_info(n_workers=-1)["workers"])
         if not workers:
             return f"the Dask scheduler at {self._address} has no workers", True
@@ -188,8 +186,8 @@ class ClusterExecutor(Executor):
 def _knock(address: str) -> None:
     """Raise OSError or ValueError unless a Dask scheduler seems to listen at an address.
 
-    A scheduler writes first; a web server waits for a request. A Dask client would wait for a web
-    server for a minute, and prints tracebacks where there is no server.
+    A scheduler sends the first byte, and a web server does not. A Dask client would need a minute
+    to refuse a web server, and prints tracebacks if there is no server.
     """
     parts = urlsplit(address)
     if parts.scheme != "tcp":
@@ -200,7 +198,7 @@ def _knock(address: str) -> None:
 
 
 def _require_package(client: Any) -> None:
-    """Raise InputError if a worker lacks the package; such a worker would die over a task."""
+    """Raise InputError if a worker lacks the package, because it would crash at the first task."""
     specs = client.run(find_spec, "radar_sense", on_error="return")
     lacking = [worker for worker, spec in specs.items() if spec is None]
     if lacking:
@@ -215,7 +213,7 @@ def _lost(address: str) -> str:
 
 
 def _explained(error: BaseException, address: str) -> BaseException:
-    """Return the error of a call, in one line where the cluster is the cause."""
+    """Return the error of a call, as one line if the cluster is the cause."""
     name = type(error).__name__
     if (
         isinstance(error, (CancelledError, asyncio.CancelledError))

@@ -18,20 +18,22 @@ from radar_sense.covariance import component_first, symmetric_square_root
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import binomial_interval
+from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
 
-#: Draws of P_D, poses times runs times radars, in one call.
+#: Largest number of draws of P_D in one call: poses times runs times radars.
 MAX_DRAWS = 2e7
-#: Runs after which the first decisions are made, and the growth of runs from decision to decision.
+#: Runs before the first decision, and the growth of runs from decision to decision.
 FIRST_RUNS, GROWTH = 2**13, 4
-#: Most runs of one pose, and expected number of them beyond the bound that is enough.
+#: Largest number of runs of a pose, and a sufficient expected number of runs beyond the bound.
 MAX_RUNS, ENOUGH_BEYOND = 2**18, 400
 #: Confidence of a decision at one pose.
 CONFIDENCE = 0.999
-#: The draws of a path end where the standard error is below this part of the probability.
+#: The draws of a path end when the standard error is below this part of the probability.
 RELATIVE_ERROR = 0.02
-#: Poses left out of the draws of a path have together less than this part of the probability.
+#: Poses are left out of the draws of a path if together they have less than this part of the
+#: probability.
 NEGLIGIBLE = 0.005
 #: Values of P_D in memory at a time.
 _BLOCK = 2**20
@@ -61,11 +63,11 @@ class Decision:
 def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
     """Draw at each pose of a scenario until P(P_D > p_max) ≤ `tail` is decided.
 
-    The draws end undecided where the probability is too near to the tail for `MAX_RUNS` runs, or
-    where all poses together take more than `MAX_DRAWS` draws.
+    A pose stays undecided if the probability is too near to the tail for `MAX_RUNS` runs. Poses may
+    also stay undecided after `MAX_DRAWS` draws at all poses together.
 
     Args:
-        scenario: The scenario, at its level; its seed is that of the draws.
+        scenario: The scenario, at its level and with its seed.
         p_max: The limit of P_D.
         tail: 1 − Φ(k).
     """
@@ -74,23 +76,24 @@ def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
     keep = math.ceil(tail * most) + 1
     above, runs = np.zeros(n), np.zeros(n, dtype=int)
     largest = np.full((keep, n), -np.inf)
-    left, target, spent, stage = np.arange(n), FIRST_RUNS, 0.0, 0
-    while left.size:
+    undecided, target, spent, stage = np.arange(n), FIRST_RUNS, 0.0, 0
+    while undecided.size:
         radars = len(scenario.model.models)
-        affordable = int((MAX_DRAWS - spent) / (len(left) * radars)) + int(runs[left[0]])
+        affordable = int((MAX_DRAWS - spent) / (len(undecided) * radars)) + int(runs[undecided[0]])
         target = min(target, most, max(affordable, 2))
-        done = int(runs[left[0]])
+        done = int(runs[undecided[0]])
         if target <= done:
             break
-        sampler = Sampler.of(scenario.at_poses(left))
+        sampler = Sampler.of(scenario.at_poses(undecided))
         for p_d in _independent(sampler, scenario.seed, stage, target - done):
-            above[left] += np.count_nonzero(p_d > p_max, axis=0)
-            both = np.concatenate([largest[:, left], p_d])
-            largest[:, left] = np.partition(both, len(both) - keep, axis=0)[-keep:]
-        runs[left] = target
-        spent += len(left) * radars * (target - done)
-        low, high = binomial_interval(above[left], runs[left], CONFIDENCE)
-        left = left[(low <= tail) & (high > tail)]
+            above[undecided] += np.count_nonzero(p_d > p_max, axis=0)
+            candidates = np.concatenate([largest[:, undecided], p_d])
+            kept = np.partition(candidates, len(candidates) - keep, axis=0)[-keep:]
+            largest[:, undecided] = kept
+        runs[undecided] = target
+        spent += len(undecided) * radars * (target - done)
+        low, high = binomial_interval(above[undecided], runs[undecided], CONFIDENCE)
+        undecided = undecided[(low <= tail) & (high > tail)]
         target, stage = target * GROWTH, stage + 1
     low, high = binomial_interval(above, runs, CONFIDENCE)
     rank = np.clip(np.ceil(tail * runs).astype(int), 1, keep)
@@ -105,7 +108,7 @@ class Anywhere:
 
     Attributes:
         probability: The probability.
-        error: Its standard error.
+        error: Standard error of the probability.
         runs: Number of runs.
     """
 
@@ -118,10 +121,10 @@ def exceeded_anywhere(scenario: Scenario, p_max: float, probability: FloatArray)
     """Return P(P_D > p_max) at any pose, from runs with common errors of the radars.
 
     Args:
-        scenario: The scenario, at its level; its seed is that of the draws.
+        scenario: The scenario, at its level and with its seed.
         p_max: The limit of P_D.
-        probability: P(P_D > p_max) at each pose (n,). Poses whose probabilities sum to less than
-            `NEGLIGIBLE` of the greatest are left out.
+        probability: P(P_D > p_max) at each pose (n,). The poses of least probability are left out
+            if their sum is below `NEGLIGIBLE` times the greatest probability.
     """
     probability = np.where(np.isnan(probability), 1.0, probability)
     order = np.argsort(probability)
@@ -140,13 +143,13 @@ def exceeded_anywhere(scenario: Scenario, p_max: float, probability: FloatArray)
             break
         if runs >= FIRST_RUNS and hits == runs:
             break
-    # one run more of each kind, so that the error is not 0 where all runs agree
+    # One more run of each kind keeps the error above 0 if all runs agree.
     share = (hits + 1) / (runs + 2)
     return Anywhere(hits / runs, math.sqrt(share * (1.0 - share) / runs), runs)
 
 
 def _independent(sampler: Sampler, seed: int, stage: int, runs: int) -> Iterator[FloatArray]:
-    """Yield P_D (runs, n) whose errors of the aircraft are independent from pose to pose."""
+    """Yield P_D (runs, n) with aircraft errors that are independent from pose to pose."""
     poses = len(sampler.aircraft)
     size = max(1, _BLOCK // (poses * len(sampler.model.models)))
     for block, start in enumerate(range(0, runs, size)):
@@ -155,10 +158,11 @@ def _independent(sampler: Sampler, seed: int, stage: int, runs: int) -> Iterator
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((count, poses, len(AIRCRAFT)))
         yield sampler.draw_p_d(normals, radar, overwrite=True)
+        report("draws a pose", start + count, runs)
 
 
 def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
-    """Yield P_D (runs, n) whose errors of the aircraft are correlated along the path."""
+    """Yield P_D (runs, n) with aircraft errors that are correlated along the path."""
     poses = len(path.aircraft)
     sampler = dataclasses.replace(
         Sampler.of(path),
@@ -174,6 +178,7 @@ def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
         for i in range(1, poses):
             normals[i] = rho[i - 1] * normals[i - 1] + innovation_std[i - 1] * normals[i]
         yield sampler.draw_p_d(normals.swapaxes(0, 1), radar)
+        report("runs along the path", start + count, runs)
 
 
 def _correlations(path: Scenario) -> tuple[FloatArray, FloatArray]:

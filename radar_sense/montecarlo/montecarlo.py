@@ -2,8 +2,8 @@
 
 As in the paper, the radar state is drawn once per run and shared by all poses of the run. The
 aircraft state is drawn at every pose of every run. Runs are computed in blocks. The draws of a
-block depend on the seed and the block's number alone, and statistics are merged in the order of the
-blocks. The result therefore depends on the states and the seed alone, not on who computed a block.
+block depend only on the seed and the number of the block. Statistics are merged in the order of the
+blocks. The result therefore depends only on the states and the seed, and not on the threads.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import RADAR, FloatArray
 
-#: Samples of a block, about. A part of the result's definition: another value, other draws.
+#: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
-#: Largest number of blocks of a task, divided by the number of radars. Longer tasks hand over
-#: results less often; a task that has begun is not interrupted. With fewer than LEAST_TASKS tasks
-#: the tasks are shorter. Both are parts of the definition: the order of sums depends on them.
+#: Largest number of blocks of a task, divided by the number of radars. Longer tasks transfer
+#: results less often, but cannot be interrupted. Tasks are shorter if there would be fewer than
+#: LEAST_TASKS. The order of sums, and with it the last digits, depends on both numbers.
 MOST_BLOCKS = 4
 LEAST_TASKS = 64
-#: Limits of the runs kept whole for the figure: number of runs, and of values of P_D.
+#: Limits of the runs kept for the figure: number of runs, and number of values of P_D.
 MAX_SAMPLE_PATHS = 500
 MAX_SAMPLE_PATH_POINTS = 2_000_000
 #: Probability below −3 standard deviations of a normal distribution.
@@ -79,7 +79,7 @@ class MonteCarlo:
 
     @property
     def coverage(self) -> FloatArray:
-        """Share of the draws within the method's bounds (n,), NaN where it has none."""
+        """Share of the draws within the method's bounds (n,), NaN without bounds."""
         return np.where(self.has_band, self.inside / self.runs, np.nan)
 
     @property
@@ -88,9 +88,9 @@ class MonteCarlo:
         return np.isfinite(self.band.lower + self.band.upper)
 
     def coverage_interval(self, confidence: float = 0.95) -> tuple[FloatArray, FloatArray]:
-        """Binomial confidence interval of the coverage, lower and upper ends (n,).
+        """Return the binomial confidence interval of the coverage, lower and upper ends (n,).
 
-        The interval is valid for random draws. Sobol' points are too even for it.
+        The interval is valid for random draws only. Sobol' points are more even.
         """
         low, high = binomial_interval(self.inside, self.runs, confidence)
         return np.where(self.has_band, low, np.nan), np.where(self.has_band, high, np.nan)
@@ -118,7 +118,7 @@ class _Statistics:
         return self.moments.count
 
     def add(self, p_d: FloatArray, clipped: int, sample_paths: int, band: Moments) -> None:
-        """Add P_D of runs (m, n), and keep the first `sample_paths` of them whole."""
+        """Add P_D of runs (m, n), and keep the first `sample_paths` runs for the figure."""
         self.moments.add(p_d)
         self.tails.add(p_d)
         self.inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
@@ -141,7 +141,7 @@ class Blocks:
     """The runs of a Monte Carlo computation in blocks.
 
     Attributes:
-        sampler: Draws states, computes P_D.
+        sampler: Draws states and computes P_D.
         source: Source of the unit normals.
         runs: Number of runs.
         runs_per_block: Runs of a block; the last block may have fewer.
@@ -157,23 +157,23 @@ class Blocks:
         """Number of blocks."""
         return -(-self.runs // self.runs_per_block)
 
-    def part(self, block: int) -> slice:
+    def runs_of(self, block: int) -> slice:
         """Return the runs of a block."""
         first = block * self.runs_per_block
         return slice(first, min(first + self.runs_per_block, self.runs))
 
     def normals(self, block: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of a block for the radar (runs, m) and the aircraft (runs, n, 6)."""
-        part = self.part(block)
+        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
+        runs = self.runs_of(block)
         radar, aircraft = self.source.block(block)
-        return radar[: part.stop - part.start], aircraft[: part.stop - part.start]
+        return radar[: runs.stop - runs.start], aircraft[: runs.stop - runs.start]
 
     def p_d(
         self, radar_normals: FloatArray, aircraft_normals: FloatArray
     ) -> tuple[FloatArray, int]:
-        """P_D (runs, n), and the number of runs with a constant set to 0.
+        """Return P_D (runs, n), and the number of runs with a c_r set to 0.
 
-        The aircraft's unit normals are overwritten.
+        The unit normals of the aircraft are overwritten.
         """
         radar, negative = self.sampler.draw_radar(radar_normals)
         p_d = self.sampler.draw_p_d(aircraft_normals, radar, overwrite=True)
@@ -182,7 +182,7 @@ class Blocks:
 
 @dataclass(frozen=True, eq=False)
 class _Tasks:
-    """Tasks of a few blocks each, with their statistics."""
+    """Tasks of a few blocks each."""
 
     blocks: Blocks
     band: Moments
@@ -206,7 +206,7 @@ class _Tasks:
         statistics = _Statistics(len(blocks.sampler.aircraft), blocks.runs)
         first = task * self.blocks_per_task
         for block in range(first, min(first + self.blocks_per_task, blocks.blocks)):
-            sample_paths = max(0, self.sample_paths - blocks.part(block).start)
+            sample_paths = max(0, self.sample_paths - blocks.runs_of(block).start)
             statistics.add(*blocks.p_d(*blocks.normals(block)), sample_paths, self.band)
         if self.with_canary:
             statistics.canaries.add(canary())
@@ -228,15 +228,15 @@ def monte_carlo(
     """Draw the states of a scenario, and compare P_D with the band of a method of propagation.
 
     Args:
-        scenario: The scenario; it also has the runs, seed and level where these are None.
+        scenario: The scenario. Its runs, seed and level are the defaults.
         runs: Number of runs, two or more.
         seed: Seed of the draws; the same seed gives the same result.
-        workers: Threads to compute with; the result does not depend on them.
+        workers: Threads to compute with; the result does not depend on their number.
         level: Level of radar uncertainty.
         method: Method of propagation of the band; the default is the paper's linearization.
         sampler: "random", or "sobol" for quasi-random points.
         executor: Computes in place of threads, with up to 8 calls pending for each of `workers`.
-            The result does not depend on it.
+            The result does not depend on the executor.
         progress: Called with the number of runs of each task that has been computed.
 
     Raises:
@@ -283,7 +283,7 @@ def monte_carlo_states(
         cov_radar: C_rr (4, 4), or (4m, 4m).
         runs: Number of runs, two or more.
         seed: Seed of the draws; the same seed gives the same result.
-        workers: As in `monte_carlo`, like all arguments that follow.
+        workers: Threads to compute with.
         method: Method of propagation of the band.
         sampler: "random" or "sobol".
         executor: Computes in place of threads.
@@ -316,7 +316,7 @@ def monte_carlo_states(
 
 
 def _require_possible(poses: int, runs: int, sampler: str) -> None:
-    """Raise InputError, before anything is computed, if the draws are not possible."""
+    """Raise InputError if the sampler or the memory does not allow the draws."""
     check_sampler(sampler, runs)
     Tails(poses, runs, TAIL)
 

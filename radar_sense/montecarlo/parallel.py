@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 class Mergeable(Protocol):
-    """Statistics of some runs, to which those of other runs can be added."""
+    """Statistics of some runs that can be merged with the statistics of other runs."""
 
     @property
     def runs(self) -> int:
@@ -35,7 +35,7 @@ def merged(
     executor: Executor | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> S:
-    """Compute the statistics of tasks 0 to tasks − 1 and merge them in that order.
+    """Compute the statistics of tasks 0 to tasks − 1 and merge them in this order.
 
     Args:
         statistics: Computes the statistics of a task.

@@ -22,7 +22,7 @@ ALL_POSES = slice(None)
 def normals(components: int, parts: Sequence[Sequence[Tolerance]]) -> int:
     """Return the number of unit normals of a radar state.
 
-    Each component has one. A radar constant made of k uncertain parameters has k.
+    Each component has one normal. A radar constant made of k uncertain parameters has k normals.
     """
     return components + sum(max(0, len(radar_parts) - 1) for radar_parts in parts)
 
@@ -35,15 +35,15 @@ def made_of_parts(parts: Sequence[Sequence[Tolerance]]) -> list[int]:
 def columns(components: int, parts: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
     """Return the columns of the unit normals that the parameters of each radar constant use.
 
-    The first parameter uses the column of its c_r. The others use columns after those of all
-    components.
+    The first parameter uses the column of its c_r. The other parameters use columns after the
+    columns of all components.
     """
-    used, end = [], components
+    columns_by_radar, end = [], components
     for i, radar_parts in enumerate(parts):
-        more = range(end, end + max(0, len(radar_parts) - 1))
-        used.append([len(RADAR) * i + CONSTANT, *more] if radar_parts else [])
-        end = more.stop
-    return used
+        added = range(end, end + max(0, len(radar_parts) - 1))
+        columns_by_radar.append([len(RADAR) * i + CONSTANT, *added] if radar_parts else [])
+        end = added.stop
+    return columns_by_radar
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,8 +57,8 @@ class Sampler:
             where it is uncertain. A draw of it holds for all radars and poses of a run.
         sqrt_cov_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
         sqrt_cov_radar: F (4, 4), or (4m, 4m), with F Fᵀ = C_rr.
-        parts: The uncertain parameters of the c_r of each radar, where they are known. The
-            parameters are drawn, and c_r is computed from them.
+        parts: The uncertain parameters of the c_r of each radar; () for a Gaussian c_r. The
+            parameters are drawn, and c_r is computed from the parameters.
     """
 
     model: NetworkModel
@@ -108,7 +108,7 @@ class Sampler:
 
     @property
     def radar_normals(self) -> int:
-        """Number of unit normals of a radar state: 4 each, or 3 and one for each part of c_r."""
+        """Number of unit normals of all radars: 4 each, or 3 and one for each part of c_r."""
         return normals(len(self.radar), self.parts)
 
     def draw_radar(self, normals: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
@@ -124,9 +124,9 @@ class Sampler:
         constants = radar[:, CONSTANTS]  # a view: assignments change `radar`
         negative = constants < 0
         constants[negative] = 0.0
-        used = columns(len(self.radar), self.parts)
-        for i, (parts, part_columns) in enumerate(zip(self.parts, used, strict=True)):
-            if parts:  # a negative parameter has been set to zero, and c_r is then zero too
+        columns_by_radar = columns(len(self.radar), self.parts)
+        for i, (parts, part_columns) in enumerate(zip(self.parts, columns_by_radar, strict=True)):
+            if parts:  # `draw` returns 0 for a negative parameter
                 constants[:, i] = draw(self.radar[CONSTANTS][i], parts, normals[:, part_columns])
                 negative[:, i] = constants[:, i] == 0
         return radar, np.asarray(negative.any(axis=1))
@@ -144,8 +144,8 @@ class Sampler:
         Args:
             normals: Unit normals for the aircraft (runs, poses, 6).
             radar: Radar states (runs, 4m).
-            poses: The poses, among those of the sampler.
-            overwrite: Overwrite the unit normals, to save memory.
+            poses: Poses of the sampler.
+            overwrite: Whether to overwrite the unit normals, to save memory.
 
         Returns:
             P_D (runs, poses).

@@ -1,8 +1,8 @@
 """Unit normals for the states of a scenario: random, or from a Sobol' sequence.
 
-For each block of runs a source gives one vector for the radar of every run, and one for the
-aircraft at every pose of every run. A block depends on the seed and its number alone. A source
-always gives whole blocks, also where fewer runs are needed.
+For each block of runs a source returns one vector for the radar of every run, and one vector for
+the aircraft at every pose of every run. A block depends only on the seed and its number. A source
+always returns whole blocks.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from scipy.special import ndtri
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
-#: Bits of a coordinate of a Sobol' point, the most that SciPy can skip ahead in (1.17).
+#: Bits of a coordinate of a Sobol' point. SciPy 1.17 can skip ahead with up to 32 bits.
 BITS = 32
 _UNIT = 2.0**-BITS
-#: Limit of the runs with Sobol' points. SciPy skips to a block by counting up to it, which takes
-#: longer than P_D with more runs.
+#: Limit of the runs with Sobol' points. SciPy skips to a block by counting, which takes longer than
+#: P_D with more runs.
 MAX_SOBOL_RUNS = 2**24
 #: Numbers of the random streams that scramble and shift Sobol' points.
 _SCRAMBLE, _SHIFT = 2**32 - 2, 2**32 - 1
@@ -37,7 +37,7 @@ class Source(Protocol):
     """A source of unit normals."""
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
+        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
         ...
 
 
@@ -58,7 +58,7 @@ class Random:
     radar: int = len(RADAR)
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
+        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
         generator = random_stream(self.seed, index)
         radar = generator.standard_normal((self.runs, self.radar))
         # Component first in memory, as P_D is computed component by component.
@@ -70,12 +70,12 @@ class Random:
 def _fill_with_normals(generator: np.random.Generator, values: FloatArray) -> None:
     """Fill an array (2k, ...) with independent unit normals, made in pairs.
 
-    With u and v uniform in [0, 1), r = √(−2 ln(1 − u)) and t = tan πv they are (G. E. P. Box and
+    With u and v uniform in [0, 1), r = √(−2 ln(1 − u)) and t = tan πv, a pair is (G. E. P. Box and
     M. E. Muller, "A note on the generation of random normal deviates", 1958)
 
         r cos 2πv = 2r/(1 + t²) − r,  r sin 2πv = t · 2r/(1 + t²).
 
-    NumPy's `standard_normal` draws one after the other and takes twice the time.
+    NumPy's `standard_normal` takes twice the time.
     """
     generator.random(out=values)
     u, v = values[::2], values[1::2]
@@ -98,15 +98,16 @@ class Sobol:
     """Unit normals from a scrambled Sobol' sequence in the dimensions of all states.
 
     The sequence has ten dimensions, four more for each further radar of a network, and one more
-    for each parameter of a radar constant beyond the first. All poses share the sequence, and with
-    it the radar's draws. At each pose the aircraft's points have a digital shift of their own (an
-    exclusive-or with random bits), under which a Sobol' sequence remains one: at each pose the
-    points fill all dimensions evenly, and the errors differ from pose to pose. (P. L'Ecuyer and
-    C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002.)
+    for each parameter of a radar constant beyond the first. All poses share the draws of the radar.
+    The draws of the aircraft have a different digital shift at each pose, an exclusive-or with
+    random bits. A digital shift keeps the evenness of a Sobol' sequence (P. L'Ecuyer and
+    C. Lemieux, "Recent advances in randomized quasi-Monte Carlo methods", 2002). The errors differ
+    from pose to pose.
 
-    Statistics of one pose are valid. Joint statistics of two poses are not: the aircraft's draws
-    at two poses are shifts of each other, and not independent. Over many seeds their correlation
-    has mean 0. With one seed its magnitude is about 0.7, for any number of runs.
+    Statistics of one pose are valid. Joint statistics of two poses are not valid: the aircraft's
+    draws at two poses are shifts of each other, and not independent. Over many seeds the
+    correlation of the draws has mean 0. For one seed the correlation is about ±0.7, for any number
+    of runs.
 
     Attributes:
         seed: Seed of scrambling and shifts.
@@ -121,7 +122,7 @@ class Sobol:
     radar: int = len(RADAR)
 
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """Unit normals of a block, for the radar (runs, m) and for the aircraft (runs, n, 6)."""
+        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
         from scipy.stats import qmc  # slow to import
 
         sequence = qmc.Sobol(
@@ -138,7 +139,7 @@ class Sobol:
 
 
 def _normal(bits: NDArray[np.uint32]) -> FloatArray:
-    """Unit normals from coordinates as whole numbers; half a bit keeps the normals finite."""
+    """Return unit normals from whole coordinates; half a bit keeps the normals finite."""
     normal: FloatArray = ndtri((bits + 0.5) * _UNIT)
     return normal
 
@@ -148,7 +149,7 @@ SAMPLERS: Mapping[str, Any] = {"random": Random, "sobol": Sobol}
 
 
 def check_sampler(name: str, runs: int) -> None:
-    """Raise InputError if there is no such sampler, or if it cannot give that many runs."""
+    """Raise InputError if there is no such sampler, or if it allows fewer runs."""
     if name not in SAMPLERS:
         raise InputError(
             f"sampler must be one of {', '.join(SAMPLERS)}, got {name!r}"

@@ -2,7 +2,7 @@
 
 The first-order index of a group is the share of the variance that remains when all other inputs are
 averaged out. The total index adds every interaction of the group (I. M. Sobol', Math. Comput.
-Simul. 55, 2001). Groups must be independent: a correlation between two groups belongs to neither.
+Simul. 55, 2001). Groups must be independent, because a correlation has no group.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from scipy.special import ndtri
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
-#: Independent scramblings of the same size; their spread gives the standard errors.
+#: Independent scramblings of the same size. The spread of their results gives the standard errors.
 REPLICATES = 8
-#: Limit of the function values at a time (8 MB); the result does not depend on it.
+#: Limit of the function values at a time (8 MB). The result does not depend on the limit.
 MAX_VALUES = 1_000_000
 #: Limit of the memory for the sample and the values of one output [bytes].
 MAX_BYTES = 4_000_000_000
@@ -58,15 +58,15 @@ def sobol_indices(
 
     The sample is a scrambled Sobol' sequence and the estimators are SciPy's (A. Saltelli et al.,
     Comput. Phys. Commun. 181, 2010), with a group in place of one input. The outputs are computed
-    in blocks, so that memory does not grow with outputs times samples.
+    in blocks to limit the memory.
 
     Args:
-        function: Returns some outputs (k, m) at inputs (m, d); the slice selects the outputs.
-        groups: Input numbers of each group; together they are all d inputs. A group may also be
-            listed beside groups that are parts of it.
+        function: Returns some outputs (k, m) at inputs (m, d). The slice selects the outputs.
+        groups: Input numbers of each group. All groups together have all d inputs. A group may
+            contain other groups.
         outputs: Number of outputs, s.
-        samples: Base samples, rounded up to a power of two for each of the replicates. The function
-            is evaluated g + 2 times as often.
+        samples: Base samples, rounded up to a power of two for each replicate. The function is
+            evaluated g + 2 times for each base sample.
         seed: Seed of the scramblings.
 
     Returns:
@@ -80,7 +80,7 @@ def sobol_indices(
 
     dimension = len(set().union(*groups))
     exponent = max(1, int(np.ceil(np.log2(samples / REPLICATES))))
-    # normals, their temporaries and states; values at A, B and each mixture, and their temporaries
+    # 10 numbers an input for normals, states and temporaries; 4 a value at A, B and each mixture
     row_bytes = 8 * (10 * dimension + 4 * (len(groups) + 2))
     if row_bytes << exponent > MAX_BYTES:
         fit = REPLICATES << int(np.log2(MAX_BYTES / row_bytes))
@@ -89,7 +89,7 @@ def sobol_indices(
             f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than {MAX_BYTES / 1e9:g} GB; "
             f"at most {fit:,} runs fit"
         )
-    # at least 2: SciPy rounds the mean of a single output differently
+    # at least 2, because SciPy rounds the mean of a single output differently
     block = max(2, MAX_VALUES // ((len(groups) + 2) << exponent))
     starts = [*range(0, max(outputs - 1, 1), block)]
     slices = [slice(*ends) for ends in zip(starts, [*starts[1:], outputs], strict=True)]
@@ -121,7 +121,7 @@ def _indices(
     normals: FloatArray,
     outputs: slice,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Mean (k,), variance (k,), first-order and total indices (g, k) of some outputs."""
+    """Return mean (k,), variance (k,), first-order and total indices (g, k) of some outputs."""
     from scipy.stats import sobol_indices as estimate
 
     a, b = np.hsplit(normals, 2)

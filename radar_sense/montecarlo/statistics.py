@@ -24,7 +24,7 @@ class RunningMoments:
 
     Blocks of rows are merged by the update of Chan, Golub and LeVeque ("Updating formulae and a
     pairwise algorithm for computing sample variances", 1979). A sum of squares would lose digits
-    where the deviation is small beside the mean.
+    if the deviation is small compared with the mean.
     """
 
     def __init__(self, columns: int) -> None:
@@ -44,7 +44,7 @@ class RunningMoments:
         self._merge(len(rows), mean + rounding, np.maximum(squares, 0.0))
 
     def merge(self, other: RunningMoments) -> None:
-        """Add all rows that another instance has."""
+        """Add all rows of another instance."""
         self._merge(other.count, other.mean, other._squares)
 
     def _merge(self, count: int, mean: FloatArray, squares: FloatArray) -> None:
@@ -56,7 +56,7 @@ class RunningMoments:
         self.count = total
 
     def std(self) -> FloatArray:
-        """Sample standard deviation (columns,), with n − 1 in the denominator."""
+        """Return the sample standard deviation (columns,), with n − 1 in the denominator."""
         return np.sqrt(self._squares / (self.count - 1))
 
 
@@ -64,7 +64,7 @@ class Tails:
     """Exact quantiles near both ends of each column of many rows.
 
     The quantile at probability p of n rows lies between two order statistics. The p n + 2 smallest
-    and the p n + 2 largest rows determine both quantiles; only those are kept.
+    and the p n + 2 largest rows determine both quantiles. Only these rows are kept.
 
     Args:
         columns: Number of columns.
@@ -86,7 +86,7 @@ class Tails:
                 f"{MAX_TAIL_BYTES / 1e9:g} GB; {remedy}"
             )
         self._low = _Tail(columns, count, probability)
-        # The largest rows are the smallest of the negated rows: one rule serves both ends.
+        # The largest rows are the smallest of the negated rows.
         self._high = _Tail(columns, count, probability)
 
     @property
@@ -106,16 +106,16 @@ class Tails:
         self._high.merge(other._high)
 
     def quantiles(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper quantile (columns,) of all rows.
+        """Return the lower and upper quantile (columns,) of all rows.
 
-        NaN where a block had so much more than its share of a tail that a row of the tail was
-        dropped. For independent rows the probability is below 1e-13.
+        A quantile is NaN if a row of the tail was dropped. A block drops such a row if its share of
+        the tail is far too large. For independent rows the probability is below 1e-13.
         """
         return self._low.quantile(), -self._high.quantile()
 
 
 class _Tail:
-    """The smallest rows of each column, as many as the lower quantile needs."""
+    """The smallest rows of each column that the lower quantile needs."""
 
     def __init__(self, columns: int, count: int, probability: float) -> None:
         self._position = quantile_position(count, probability)
@@ -124,14 +124,14 @@ class _Tail:
         self.capacity = _capacity(count, probability)
         self._buffer: FloatArray = np.empty((0, columns))  # grows to the capacity at most
         self._filled = 0
-        self._dropped = np.full(columns, np.inf)  # no row that was dropped is smaller
+        self._dropped = np.full(columns, np.inf)  # lower bound of all dropped rows
 
     @property
     def bytes(self) -> int:
         return self._buffer.nbytes
 
     def share(self, rows: int) -> int:
-        """Number of rows of a block to keep: the expected number in the tail plus 8σ."""
+        """Return the number of rows of a block to keep: the expected number in the tail plus 8σ."""
         expected = rows * self._probability
         return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), self._keep, rows)
 
@@ -159,9 +159,9 @@ class _Tail:
         above = min(below + 1, len(rows) - 1)
         rows.partition([below, above], axis=0)
         low, high = rows[below], rows[above]
-        part = self._position - below
-        needed = high if part > 0 else low
-        return np.where(needed > self._dropped, np.nan, low + part * (high - low))
+        fraction = self._position - below
+        needed = high if fraction > 0 else low
+        return np.where(needed > self._dropped, np.nan, low + fraction * (high - low))
 
     def _reserve(self, rows: int) -> None:
         """Make room for a number of rows, at most the capacity."""
@@ -178,26 +178,26 @@ class _Tail:
 
 
 def _needed(count: int, probability: float) -> int:
-    """Number of the smallest of `count` rows that determine the quantile."""
+    """Return the number of the smallest of `count` rows that determine the quantile."""
     return min(math.floor(quantile_position(count, probability)) + 2, count)
 
 
 def _capacity(count: int, probability: float) -> int:
-    """Largest number of rows that a tail holds."""
+    """Return the largest number of rows of a tail."""
     return math.ceil(TAIL_ROOM * _needed(count, probability))
 
 
 def quantile_position(count: int, probability: float) -> float:
-    """Position, counted from 0, of a quantile among `count` sorted rows.
+    """Return the position, counted from 0, of a quantile among `count` sorted rows.
 
-    The quantile is linear between the order statistics around (n − 1) p, as NumPy's default is.
-    (Hyndman and Fan, The American Statistician 50(4), 1996, number 7.)
+    The quantile is linear between the order statistics around (n − 1) p, the default of NumPy
+    (Hyndman and Fan, The American Statistician 50(4), 1996, number 7).
     """
     return (count - 1) * probability
 
 
 def order_statistics(rows: FloatArray, position: FloatArray) -> FloatArray:
-    """Order statistics (columns,) of rows (m, columns), linear between two positions.
+    """Return order statistics (columns,) of rows (m, columns), linear between two positions.
 
     Args:
         rows: The rows, or at least the smallest entries of each column up to the positions.
@@ -228,7 +228,7 @@ def _ends(rows: FloatArray, keep: int) -> tuple[FloatArray, FloatArray]:
 def binomial_interval(
     successes: FloatArray, count: int | NDArray[np.int64], confidence: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
-    """Confidence interval of a proportion whose coverage is never below the confidence.
+    """Return a confidence interval of a proportion, with at least the stated confidence.
 
     C. J. Clopper and E. S. Pearson, Biometrika 26(4), 1934.
 

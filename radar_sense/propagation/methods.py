@@ -5,7 +5,7 @@ To add a method, write a file with its function and add a row to `METHODS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -17,6 +17,7 @@ from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
+from radar_sense.progress import report
 from radar_sense.propagation import checks
 from radar_sense.propagation.form import (
     EXCEEDANCE_NODES,
@@ -39,6 +40,8 @@ from radar_sense.states import FloatArray
 
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
+#: Poses between two reports of progress, divided by the number of radars.
+REPORTED = 16_384
 
 #: From uncertain states of k poses and β to the moments of P_D (k,).
 MomentsFunction: TypeAlias = Callable[[UncertainStates, float], Moments]
@@ -205,9 +208,14 @@ def nonlinear(
     chosen = METHODS[method]
     if moments is None:
         moments = chosen.moments(states, beta)
-    flat = moments.reshaped((len(states),))
-    unreliable: NDArray[np.bool_] = chosen.nonlinear(states, flat, beta).reshape(shape)[()]
-    return unreliable
+    flat, unreliable, done = moments.reshaped((len(states),)), [], 0
+    for part in _reported(states):
+        rows = slice(done, done + len(part))
+        unreliable.append(chosen.nonlinear(part, flat.at(rows), beta))
+        done += len(part)
+        report(f"poses checked by {method}", done, len(states))
+    result: NDArray[np.bool_] = np.concatenate(unreliable).reshape(shape)[()]
+    return result
 
 
 def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: float = 3.0) -> Moments:
@@ -277,7 +285,17 @@ def check_method(method: str, besides: Sequence[str] = ()) -> None:
 
 
 def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta: float) -> Moments:
-    return METHODS[method].moments(states, beta).certain_where_std_is_zero().reshaped(shape)
+    parts, done = [], 0
+    for part in _reported(states):
+        parts.append(METHODS[method].moments(part, beta).certain_where_std_is_zero())
+        done += len(part)
+        report(f"poses propagated by {method}", done, len(states))
+    return Moments.concatenated(parts).reshaped(shape)
+
+
+def _reported(states: UncertainStates) -> Iterator[UncertainStates]:
+    """Cut states into the parts after which progress is reported."""
+    return states.cut(max(1, REPORTED // len(states.log_constant)))
 
 
 def _check_choices(method: str, beta: float) -> None:

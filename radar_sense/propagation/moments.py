@@ -62,7 +62,7 @@ class Moments:
         """Return the moments as arrays of this shape, or scalars where it is ()."""
         return Moments(*(getattr(self, f.name).reshape(shape)[()] for f in fields(self)))
 
-    def at(self, rows: NDArray[np.intp]) -> Moments:
+    def at(self, rows: NDArray[np.intp] | slice) -> Moments:
         """Return the moments at some poses, of moments (k,)."""
         return Moments(*(getattr(self, f.name)[rows] for f in fields(self)))
 

@@ -94,7 +94,10 @@ class UncertainStates:
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
         """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
-        size = max(1, min(BLOCK, MAX_NUMBERS // numbers))
+        return self.cut(max(1, min(BLOCK, MAX_NUMBERS // numbers)))
+
+    def cut(self, size: int) -> Iterator[UncertainStates]:
+        """Yield parts with at most this number of poses, one part if there are no poses."""
         for start in range(0, max(len(self), 1), size):
             arrays = (a if len(a) == 1 else a[start : start + size] for a in self._arrays)
             yield UncertainStates(self.model, self.log_constant, *arrays)

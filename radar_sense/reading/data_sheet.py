@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, fields
+from typing import Any
 
 from radar_sense import keys
 from radar_sense.limits import LARGEST, NOT_NEGATIVE, SMALLEST
@@ -11,8 +13,11 @@ from radar_sense.model.radar_constant import (
     TOLERANCE_DB,
     DataSheet,
     Tolerance,
+    column_name,
+    loss_key,
+    nested,
 )
-from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
+from radar_sense.model.radar_equation import LOSSES, RADARS, SEARCH_FACTORS
 from radar_sense.reading.yaml_reader import Entry
 
 
@@ -29,13 +34,19 @@ def read_data_sheet(entry: Entry, kind: str) -> DataSheet:
     cls = RADARS[kind]
     declared = [f for f in fields(cls) if "units" in f.metadata]
     parameters = list(zip(declared, keys.declared_units(cls), strict=True))
-    others = [keys.SEARCH_FACTOR] if kind == "surveillance" else []
+    others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
     names = [key.name for _, units in parameters for key in units]
     entries = entry.mapping([], [*names, *(key.name for key in others)])
     values: dict[str, float] = {}
-    arguments: dict[str, float] = {}
+    arguments: dict[str, Any] = {}
+    losses = _read_losses(entries, names)
     for field, units in parameters:
         given = [key for key in units if key.name in entries]
+        if not given and field.default is not MISSING:
+            continue
+        if not given and losses and field.name == "loss_db":  # all losses have names
+            arguments[field.name] = 0.0
+            continue
         if len(given) != 1:
             alternatives = " and ".join(f"'{key.name}'" for key in units)
             if len(units) == 1:
@@ -44,8 +55,10 @@ def read_data_sheet(entry: Entry, kind: str) -> DataSheet:
         (key,) = given
         values[key.name] = entries[key.name].value(key)
         arguments[field.name] = field.metadata["units"][key.name].to_si(values[key.name])
+    values |= {loss_key(name): loss for name, loss in losses.items()}
+    arguments[keys.LOSSES_DB.name] = losses
     search_factor: int | str | None = None
-    if others:
+    if keys.SEARCH_FACTOR in others:
         name = (
             entries["search_factor"].value(keys.SEARCH_FACTOR)
             if "search_factor" in entries
@@ -61,15 +74,43 @@ def read_data_sheet(entry: Entry, kind: str) -> DataSheet:
     return DataSheet(kind, constant, values, search_factor)
 
 
+def _read_losses(entries: Mapping[str, Entry], names: Sequence[str]) -> dict[str, float]:
+    """Read the losses by name [dB].
+
+    Args:
+        entries: The mapping of the radar.
+        names: Keys of the other parameters.
+    """
+    key = keys.LOSSES_DB.name
+    if key not in entries:
+        return {}
+    by_name = entries[key].named(keys.LOSS_NAME)
+    if not by_name:
+        raise entries[key].error("needs at least one loss")
+    for name, entry in by_name.items():
+        column = column_name(loss_key(name))
+        if column in names:
+            raise entry.error(f"must have another name, as {column!r} is a key of the radar")
+    return {name: entry.number(LOSSES) for name, entry in by_name.items()}
+
+
 def read_tolerances(entry: Entry, sheet: DataSheet) -> tuple[Tolerance, ...]:
     """Read standard deviations of parameters, each in the unit of its key.
 
     Raises:
         InputError: If a key is not one of the data sheet, or a number is not allowed.
     """
-    entries = entry.mapping([], list(sheet.values))
+    losses_key = keys.LOSSES_DB.name
+    allowed = [key for key in nested(sheet.values) if key != "coherent_pulses"]
+    entries = entry.mapping([], allowed)
     if not entries:
-        raise entry.error(f"needs at least one of the keys {', '.join(sheet.values)}")
+        raise entry.error(f"needs at least one of the keys {', '.join(allowed)}")
+    if losses_key in entries:
+        losses = entries.pop(losses_key)
+        by_name = losses.mapping([], list(nested(sheet.values)[losses_key]))
+        if not by_name:
+            raise losses.error("needs at least one loss")
+        entries |= {loss_key(name): of_loss for name, of_loss in by_name.items()}
     std: dict[str, float] = {}
     for key, value in entries.items():
         (tolerance,) = sheet.tolerances({key: 0.0})

@@ -14,13 +14,14 @@ from radar_sense import covariance, keys
 from radar_sense.errors import did_you_mean
 from radar_sense.limits import MAX_RADARS
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import DETECTORS, Detector
+from radar_sense.model.detectors import DETECTORS, Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.network import NetworkModel, Radar, name_problem
 from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.provenance import RadarSource, StatedCovariance
 from radar_sense.reading.data_sheet import read_data_sheet
+from radar_sense.reading.detector import read_detector
 from radar_sense.reading.geometry import Poses
 from radar_sense.reading.trajectory import read_place
 from radar_sense.reading.uncertainty import Levels, read_levels
@@ -114,15 +115,31 @@ def read_radar(
     if constant is None:
         sheet = read_data_sheet(entries[chosen[0]], chosen[0])
         constant = sheet.constant
+    p_fa = section.value(keys.P_FA)
+    detector: Detector = DETECTORS[keys.DETECTOR.default]()
+    if keys.DETECTOR in section:
+        detector = read_detector(section[keys.DETECTOR], p_fa)
+        if sheet and sheet.kind == "surveillance" and _looks(detector) > 1:
+            raise section[keys.DETECTOR].error(
+                "must be of one pulse with 'surveillance', which takes all the energy of a scan "
+                "for a single pulse; 'tracking' and 'constant' are of one pulse of several"
+            )
     return RadarEntry(
         state=np.array([*radar_position, constant]),
-        p_fa=section.value(keys.P_FA),
-        detector=DETECTORS[section.value(keys.DETECTOR)](),
+        p_fa=p_fa,
+        detector=detector,
         data_sheet=sheet,
         place=radar_place,
         place_entry=entries.get(place),
         scan_period=section.value(keys.SCAN_PERIOD),
     )
+
+
+def _looks(detector: Detector) -> int:
+    """Return the number of pulses behind one P_D."""
+    if not isinstance(detector, PulseDetector):
+        return 1
+    return detector.pulses * (detector.binary.n if detector.binary else 1)
 
 
 def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:

@@ -10,14 +10,14 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 import yaml
 
 from radar_sense.errors import InputError, did_you_mean, shorten
-from radar_sense.keys import FILE, SHA256, YES_NO, Key, declared
+from radar_sense.keys import FILE, SHA256, YES_NO, Key, declared, declared_sections
 from radar_sense.limits import ANY, LARGEST, SMALLEST, Limit
 from radar_sense.reading.text_file import (
     NOT_FINITE,
@@ -196,20 +196,35 @@ class Entry:
         return self.integer(limit) if limit.whole else self.number(limit)
 
     def instance(self, cls: type[T], *, besides: Sequence[str] = ()) -> T:
-        """Read a mapping into a dataclass whose fields are declared with `limits.parameter`.
+        """Read a mapping into a dataclass whose fields are declared in `limits`.
 
         Args:
             cls: The dataclass.
             besides: Further required keys, which the caller reads.
         """
-        attributes = {f.metadata["key"]: f.name for f in fields(cls)}  # type: ignore[arg-type]
-        keys = declared(cls)
-        entries = self.mapping([*besides, *attributes])
-        values = {key.name: entries[key.name].value(key) for key in keys}
+        declarations = fields(cls) if is_dataclass(cls) else ()
+        attributes = {f.metadata["key"]: f.name for f in declarations if "key" in f.metadata}
+        sections = declared_sections(cls)
+        required = [key.name for key in declared(cls) if key.required]
+        optional = [key.name for key in declared(cls) if not key.required]
+        section = Section(self.mapping([*besides, *required], [*optional, *sections]))
+        arguments = {attributes[key.name]: section.si(key) for key in declared(cls)}
+        for name, field in sections.items():
+            if name in section:
+                arguments[field.name] = section[name].instance_of(field.metadata["kinds"])
         try:
-            return cls(**{attributes[key.name]: in_si(values[key.name], key) for key in keys})
+            return cls(**arguments)
         except ValueError as error:
             raise self.error(str(error)) from error
+
+    def instance_of(self, kinds: type | Mapping[str, type]) -> Any:
+        """Read a mapping into a dataclass, or into the one of several that its `type` names."""
+        if isinstance(kinds, type):
+            return self.instance(kinds)
+        entries = self.entries()
+        if "type" not in entries:
+            raise self.error(f"missing key 'type', one of {', '.join(kinds)}")
+        return self.instance(kinds[entries["type"].choice(kinds)], besides=["type"])
 
     def _items(self, count: int, what: str) -> list[Entry]:
         if not self.is_list() or len(self.node.value) != count:

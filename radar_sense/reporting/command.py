@@ -120,7 +120,7 @@ def _report(
     workers: int = 1,
     progress: Progress = silent,
 ) -> Report:
-    """One HTML page: what is asked of a scenario, and the answers.
+    """One HTML page: the questions about a scenario, and the answers.
 
     It has P_D with its band, the error budget, a comparison of the methods, the mission along a
     path, a map, all warnings, and the scenario. With --threshold also the threshold test; exit code

@@ -203,7 +203,7 @@ def test_where_a_method_has_no_answer_none_is_made_up():
     for found in result.summary["target"]["required_accuracy"].values():
         assert not found["known"]
         assert not found["factor"]
-    assert sum("this method has no answer" in line for line in result.report) == 5
+    assert sum("this method has no value" in line for line in result.report) == 5
 
 
 def test_undefined_gradients_of_what_is_certain_do_not_matter():

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from helpers import document, lay_out, scenario
+from helpers import document, lay_out, scenario, without_pixels
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -50,7 +50,7 @@ def inputs(name: str):
 @pytest.mark.parametrize("name", ALL)
 def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     # Pixels of each figure are drawn by the tests of the command line.
-    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
+    without_pixels(monkeypatch)
     monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     for s in inputs(name):
         result = ALL[name](s, **SHORT.get(name, {}))
@@ -69,6 +69,12 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         written = json.loads(record.read_text(encoding="utf-8"))
         assert written["analysis"] == name
         assert written["warnings"] == list(result.warnings)
+        # every column is declared with its meaning, and the record says both
+        assert list(written["columns"]) == list(result.table)
+        for column in written["columns"].values():
+            assert column["meaning"].isascii()
+            assert column["meaning"].endswith(".")
+            assert "<" not in column["meaning"]
 
 
 @pytest.mark.parametrize("name", ALL)

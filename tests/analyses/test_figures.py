@@ -63,7 +63,7 @@ def test_layout_of_detectors(p_fa):
     """Labels lie on the axes, not on each other, and not on the data."""
     figure = analyses.detectors(scenario(radar__p_fa=p_fa)).plot()
     FigureCanvasAgg(figure).draw()  # where text is as large as the axes say
-    top, bottom = figure.axes
+    top, bottom, slope = figure.axes
     (legend,) = figure.legends
     assert not legend.get_window_extent().overlaps(top.get_window_extent())
     boxes = [text.get_window_extent() for text in top.texts]
@@ -73,10 +73,16 @@ def test_layout_of_detectors(p_fa):
         assert box.y1 < inside.y1
         assert box.y0 > top.transData.transform((0, 1.0))[1]
         assert not any(box.overlaps(other) for other in boxes[:i])
-    assert "[dB]" in bottom.get_xlabel()
+    assert "[dB]" in slope.get_xlabel()
+    words = [text.get_window_extent() for text in slope.texts]
+    for i, box in enumerate(words):
+        inside = slope.get_window_extent()
+        assert inside.x0 < box.x0 < box.x1 < inside.x1
+        assert inside.y0 < box.y0 < box.y1 < inside.y1
+        assert not any(box.overlaps(other) for other in words[:i])
     assert len(top.lines) == 4 * len(boxes)
     # told apart without colour: two solid lines of very different width, and dashes
-    for axes in figure.axes:
+    for axes in (top, bottom):
         lines = axes.lines[:4] if axes is top else axes.lines
         styles = {
             (str(line._unscaled_dash_pattern), line.get_linewidth(), line.get_color() == "black")

@@ -1,4 +1,4 @@
-"""Scenarios that are possible but hardly meant are warned of, once an analysis and by `check`."""
+"""Warnings of scenarios that are allowed but implausible, by every analysis and by `check`."""
 
 import math
 from pathlib import Path
@@ -67,7 +67,7 @@ def test_below_the_ground(tmp_path):
 
 def test_no_signal_at_all():
     (warning,) = plausibility_warnings(scenario(radar__constant=1e-12))
-    assert warning.startswith("P_D is at its floor everywhere, 0.00")
+    assert warning.startswith("P_D is at its floor at all poses, 0.00")
     weak = scenario(radar__constant=0.01)  # P_D above its floor by 1e-4 of it
     assert plausibility_warnings(weak) == ()
 
@@ -76,7 +76,7 @@ def test_rows_far_apart(tmp_path):
     far = "time_s,north_m,east_m,down_m\n0,-300000,90000,-9000\n3000,300000,90000,-9000\n"
     (warning,) = of_route(tmp_path, far)
     assert warning.startswith("rows of the path are up to 3000 s apart")
-    assert "in 1 of 1 steps; fill them in with geometry.interpolate" in warning
+    assert "in 1 of 1 steps; add poses between the rows with geometry.interpolate" in warning
     filled = {"type": "path", "file": "route.csv", "interpolate": {"step_s": 1000}}
     assert of_route(tmp_path, far, geometry=filled) == ()
 

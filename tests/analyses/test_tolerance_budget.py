@@ -157,7 +157,7 @@ def test_budget_says_what_to_measure_better():
     s = sheet_scenario()
     result = analyses.budget(s)
     line = next(line for line in result.report if "measure better" in line)
-    assert "loss_db is what to measure better first" in line
+    assert "loss_db is the part to measure better first" in line
     better = sheet_scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
     pose = s.theta_r_deg.tolist().index(
         result.summary["largest_three_sigma_total"]["theta_r_deg"][0]

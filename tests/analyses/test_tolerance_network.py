@@ -124,8 +124,8 @@ def test_the_command_shows_the_parts(tool):
     shown = [re.search(r" (\d\.\d{4})", line).start() for line in lines[1:13]]
     assert len(set(shown)) == 1  # in one column
     assert re.search(
-        r"^of the radar constants, [ab]_constant_\w+ is what to measure better first: with half "
-        r"its deviation the total would be 0\.\d{4}$",
+        r"^of the radar constants, [ab]_constant_\w+ is the part to measure better first: with "
+        r"half its deviation the total would be 0\.\d{4}$",
         out,
         re.MULTILINE,
     )

@@ -161,7 +161,7 @@ def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
     assert test["above_s"] == pytest.approx(np.count_nonzero(upper > 0.1), abs=10)
     assert test["worst_margin"]["value"] == pytest.approx(0.1 - upper.max(), abs=0.002)
     assert test["first_violation"]["time_s"] == pytest.approx(np.argmax(upper > 0.1), abs=100)
-    assert any("fill them in with geometry.interpolate" in w for w in result.warnings)
+    assert any("add poses between the rows with geometry.interpolate" in w for w in result.warnings)
 
 
 def test_the_refined_path_is_within_its_tolerance(tmp_path):
@@ -258,7 +258,7 @@ def test_the_budget_of_a_threshold(tool):
     assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
     for options, words in (
         (["--k", "2"], "--k belongs to --threshold"),
-        (["--target", "0.1", "--threshold", "0.5"], "one at a time"),
+        (["--target", "0.1", "--threshold", "0.5"], "exclude each other; give one"),
         (["--target", "0.1", "--k", "2"], "--k belongs to --threshold"),
         (["--method", "montecarlo", "--threshold", "0.5"], "a threshold needs one of the methods"),
         (["--threshold", "0.5", "--k", "11"], "not greater than 10"),

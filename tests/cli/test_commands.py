@@ -22,6 +22,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from helpers import without_pixels
 
 import radar_sense as rs
 from radar_sense.cli import _progress, cli
@@ -34,8 +35,9 @@ ROUTE = ROOT / "configs/path_route.csv"
 COMMANDS = cli.list_commands(None)
 #: Those that write results.
 # What validate draws takes longer; it has tests of its own, on a single pose. A mission needs a
-# path; it has tests of its own too.
-ANALYSES = [c for c in COMMANDS if c not in ("check", "init", "schema", "mission", "validate")]
+# path; it has tests of its own too, as the report has, which gathers analyses.
+OTHERS = ("check", "init", "mission", "report", "schema", "validate")
+ANALYSES = [c for c in COMMANDS if c not in OTHERS]
 
 #: The first columns of each table. Their names and order are fixed, because others read them.
 COLUMNS = {
@@ -90,8 +92,8 @@ def process(*args: object, **options: object) -> subprocess.CompletedProcess:
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw figures but do not render them, and draw small blocks: most of the time of a command."""
-    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
+    """Leave out what takes most of the time of a command: pixels, and large blocks of draws."""
+    without_pixels(monkeypatch)
     convergence = import_module("radar_sense.analyses.convergence")
     monkeypatch.setattr(convergence, "BLOCK", 64)
 
@@ -113,6 +115,7 @@ def examples(text: str) -> list[str]:
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
+    monkeypatch.setattr("radar_sense.reporting.evidence.DRAWS", 40)
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")
     lines = examples(out)
@@ -204,7 +207,9 @@ def test_detectors(tool):
     assert (code, err) == (0, "")
     found = table("figures/paper_detectors.csv")
     names = ["north", "marcum", "swerling1", "swerling3"]
-    assert list(found) == ["p_fa", "snr_db", *(f"p_d_{n}" for n in names), "north_less_marcum"]
+    before = ["p_fa", "snr_db", *(f"p_d_{n}" for n in names), "north_less_marcum"]
+    integrated = [f"{what}_swerling2_{n}" for what in ("p_d", "dp_d_per_db") for n in (1, 10, 100)]
+    assert list(found) == [*before, *integrated]
     assert set(found["p_fa"]) == {1e-2, 1.7e-4, 1e-4, 1e-6, 1e-8, 1e-12}
     at = (found["p_fa"] == 1e-4) & (abs(found["snr_db"] - 16) < 1e-9)
     assert found["p_d_swerling1"][at] == pytest.approx(0.7980, abs=5e-5)  # printed, radarsimpy
@@ -215,7 +220,7 @@ def test_detectors(tool):
         assert abs(worst["error"]) == abs(difference[found["p_fa"] == p_fa]).max()
     assert largest[1.7e-4]["error"] == pytest.approx(0.0050, abs=5e-5)
     assert "P_fa 0.00017  +0.0050 at 5.7 dB" in out
-    assert "at a pose of this scenario at most 0.0039 at 0 and 180 deg" in out
+    assert "largest error at the poses of this scenario: 0.0039 at 0 and 180 deg" in out
 
 
 def test_a_detector_that_is_named_is_used(tool):
@@ -529,6 +534,10 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
         ("montecarlo --runs 2000", r"runs  \[#*\]  2000/2000  [\d,]+ runs/s"),
         ("map --step-km 20", r"cells  \[#*\]  (\d+)/\1  [\d,]+ cells/s"),
         ("variance", r"variance: computing \.\.\."),
+        ("variance --method form", r"variance: 361 of 361 poses propagated by form"),
+        ("variance --method form", r"variance: 361 of 361 poses checked by form"),
+        ("budget", r"budget: 4 of 4 sources of the budget"),
+        ("variance --threshold 0.5", r"variance: [\d,]+ of [\d,]+ runs along the path"),
     ],
 )
 @pytest.mark.parametrize("options", [[], ["-q"], ["elsewhere"]])
@@ -548,7 +557,8 @@ def test_a_sign_of_life_on_a_terminal_alone(tool, monkeypatch, command, shown, o
 
     monkeypatch.setattr(runner, "isolation", isolated)
     quiet = [o for o in options if o == "-q"]
-    assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == 0
+    code = 3 if "--threshold" in command else 0
+    assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
     if options:
         assert "[" not in terminal.getvalue()
         assert "computing" not in terminal.getvalue()

@@ -213,13 +213,34 @@ class _Scenario:
             self.sheet: list[Key] = []
             return [*pairs, (kind, self.number(key))]
         cls = RADARS[kind]
-        self.sheet = [self.rng.choice(units) for units in keys.declared_units(cls)]
-        sheet: Pairs = [(key.name, self.number(key)) for key in self.sheet]
+        chosen = [self.rng.choice(units) for units in keys.declared_units(cls)]
+        sheet: Pairs = [(key.name, self.number(key)) for key in chosen]
+        self.sheet = [key for key in chosen if key.name != "coherent_pulses"]
+        if self.rng.random() < 0.3:
+            losses = self.rng.sample(["beam_shape", "line", "x1"], self.rng.randint(1, 3))
+            sheet.append(("losses_db", [(name, self.small()) for name in losses]))
+        if kind == "surveillance":  # has the energy of all pulses
+            pairs = [(name, value) for name, value in pairs if name != "detector"]
         if kind == "surveillance" and self.rng.random() < 0.5:
             sheet.append(("search_factor", self.rng.choice(list(keys.SEARCH_FACTOR.choices))))
         if section == "radars[]" and any(key.name == "pulse_width_us" for key in self.sheet):
             pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
         return [*pairs, (kind, sheet)]
+
+    def detector(self) -> Any:
+        """Return the name of a detector, or a mapping."""
+        name = self.rng.choice(list(keys.DETECTOR.choices))
+        if name == "north" or self.rng.random() < 0.6:
+            return name
+        cells = str(self.rng.randint(12, 40))
+        cfar = [("type", "cell_averaging"), ("cells", cells)]
+        binary = [("m", "2"), ("n", str(self.rng.randint(2, 5)))]
+        pairs: Pairs = [("model", name), ("pulses", str(self.rng.randint(1, 20)))]
+        if self.rng.random() < 0.5:
+            pairs.append(("cfar", cfar))
+        if name not in ("swerling1", "swerling3") and self.rng.random() < 0.3:
+            pairs.append(("binary", binary))
+        return pairs
 
     def radars(self) -> list[Pairs]:
         """Return several radars."""
@@ -328,6 +349,8 @@ class _Scenario:
         ".uncertainty": uncertainty,
         ".analysis": analysis,
         "aircraft.rcs": rcs,
+        "radar.detector": detector,
+        "radars[].detector": detector,
         "geometry (type: orbit).azimuth_deg": sweep,
         "geometry (type: path).interpolate": lambda self: self.place("geometry.interpolate"),
         "geometry (type: path).origin": lambda self: self.place("geometry.origin"),

@@ -10,7 +10,15 @@ from scipy.integrate import quad
 from scipy.special import chndtr
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.detectors import DETECTORS, Marcum, North, Swerling1, Swerling3
+from radar_sense.model.detectors import (
+    DETECTORS,
+    Marcum,
+    North,
+    Swerling1,
+    Swerling2,
+    Swerling3,
+    Swerling4,
+)
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
 from radar_sense.propagation import nonlinear, propagate
@@ -166,9 +174,9 @@ def test_detectors_that_a_scenario_can_name():
         "north": North(),
         "marcum": Marcum(),
         "swerling1": Swerling1(),
-        "swerling2": Swerling1(),
+        "swerling2": Swerling2(),
         "swerling3": Swerling3(),
-        "swerling4": Swerling3(),
+        "swerling4": Swerling4(),
     }
 
 

@@ -715,7 +715,7 @@ def test_what_the_table_scenario_says_of_itself():
 def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
     code, out, _ = tool("rcs", "--format", "png")
     assert code == 0
-    assert "the geometry sees" in out
+    assert "RCS in the geometry" in out
     table = rs.load_rcs_table("figures/paper_rcs.csv")
     model = rs.load_scenario().model.rcs
     azimuth = np.arange(-180.0, 180, 0.5)
@@ -738,7 +738,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
     write(path.parent / "t.csv", *G, *rows)
     _, _, err = tool("rcs", path, "--no-plot")
-    assert "3 deg, reach beyond the elevations of the RCS table, -2 to 30 deg" in err
+    assert "the RCS table covers elevations from -2 to 30 deg; states within 3 sigma lie" in err
 
 
 @pytest.mark.parametrize(

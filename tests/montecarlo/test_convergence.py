@@ -372,10 +372,7 @@ def test_no_gradient_no_control():
     for name, column in result.table.items():
         assert np.isnan(column).all() == name.endswith("control")
     (warning,) = result.warnings
-    assert (
-        warning
-        == "the gradient is undefined, and there is no control without a linear model, at 0 deg"
-    )
+    assert warning == "there is no control variate, as the gradient is undefined at 0 deg"
     assert "undefined" in result.report[-1]
     assert "undefined" not in result.report[-3]
 
@@ -385,7 +382,7 @@ def test_no_uncertainty_no_error():
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     (warning,) = result.warnings
-    assert warning == "sigma of P_D is zero, and errors cannot be measured by it, at all 19 poses"
+    assert warning == "sigma of P_D, the unit of the errors, is zero at all 19 poses"
 
 
 @pytest.mark.usefixtures("_small_blocks")
@@ -394,8 +391,8 @@ def test_poses_without_are_left_out():
     sweep = {"start": -1e-3, "stop": 1e-3, "step": 1e-3}
     result = convergence(scenario(**WEAK | {"geometry__azimuth_deg": sweep}), runs=64)
     assert result.warnings == (
-        "the gradient is undefined, and there is no control without a linear model, at 0 deg; "
-        "the errors are those of the other poses",
+        "there is no control variate, as the gradient is undefined at 0 deg; "
+        "the errors are of the other poses",
     )
     assert all(np.isfinite(column).all() for column in result.table.values())
 

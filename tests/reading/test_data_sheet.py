@@ -98,6 +98,35 @@ BAD = {
         changed("tracking", gain_dbi=4000),
         "radar.tracking.gain_dbi: must be a number not less than -200 and not greater than 200",
     ),
+    "loss with the name of a key": (
+        changed("tracking", losses_db={"noise_figure": 1}),
+        "losses_db.noise_figure: must have another name, as 'noise_figure_db' is a key",
+    ),
+    "loss without a name": (
+        changed("tracking", losses_db={"": 1}),
+        "must be the name of a loss, up to 30 letters",
+    ),
+    "loss that is a gain": (
+        changed("tracking", losses_db={"beam_shape": -1}),
+        "losses_db.beam_shape: must be a number not less than 0",
+    ),
+    "no loss": (changed("tracking", losses_db={}), "losses_db: needs at least one loss"),
+    "tolerance of a loss that is not given": (
+        changed("tracking", tolerances={"losses_db": {"beam": 1}}, losses_db={"beam_shape": 1}),
+        "constant.losses_db: unknown key 'beam', allowed: beam_shape",
+    ),
+    "half a pulse": (
+        changed("tracking", coherent_pulses=2.5),
+        "coherent_pulses: must be a whole number not less than 1",
+    ),
+    "tolerance of a number of pulses": (
+        changed("tracking", tolerances={"coherent_pulses": 1}, coherent_pulses=4),
+        "constant: unknown key 'coherent_pulses', allowed: peak_power_kw",
+    ),
+    "pulses of a scan": (
+        changed("surveillance", coherent_pulses=4),
+        "radar.surveillance: unknown key 'coherent_pulses'",
+    ),
     "impossible constant": (
         changed("tracking", gain_dbi=200, peak_power_kw=1e10),
         r"radar.tracking: makes the radar constant 1.\d+e\+\d+ J m\^2/K",
@@ -178,6 +207,63 @@ def test_wide_tolerance_of_a_factor_is_allowed():
     assert np.isfinite(mc.mean).all()
     # Φ(−1) of the pulse widths and Φ(−3) of the wavelengths are below zero
     assert 50 < mc.clipped < 110
+
+
+# Losses by name, and pulses that are integrated coherently.
+
+NAMED = {"beam_shape": 1.6, "line": 2.0}
+SPREAD = {"losses_db": {"beam_shape": 0.4}, "noise_figure_db": 0.3}
+
+
+@pytest.mark.parametrize("kind", TOLERANCES)
+def test_losses_by_name(kind):
+    """They are losses as any other: c_r falls by their sum, and each has its tolerance."""
+    base = {"surveillance": SURVEILLANCE, "tracking": TRACKING}[kind]
+    plain = sheet_scenario(kind)
+    named = sheet_scenario(kind, {**base, "losses_db": NAMED}, SPREAD)
+    assert named.radar[3] == pytest.approx(plain.radar[3] * 10 ** (-3.6 / 10), rel=1e-14)
+    found = {part.name: part for part in named.tolerances["sheet"][0]}
+    assert list(found) == ["noise_figure_db", "beam_shape_db"]
+    nepers = np.log(10) / 10
+    assert found["beam_shape_db"].slope == pytest.approx(-0.4 * nepers, rel=1e-14)
+    assert relative_std(found.values()) == pytest.approx(0.5 * nepers, rel=1e-14)
+    resolved = named.resolved()
+    assert resolved["radar"][kind]["losses_db"] == NAMED
+    assert resolved["uncertainty"]["radar"]["sheet"]["constant"] == SPREAD
+    again = parse_scenario(yaml_text(resolved))
+    assert again.tolerances == named.tolerances
+    assert again.radar[3] == named.radar[3]
+    # and with all of them named none is left without a name
+    only = {key: value for key, value in base.items() if key != "loss_db"}
+    everything = {**NAMED, "rest": base["loss_db"]}
+    other = sheet_scenario(kind, {**only, "losses_db": everything}, SPREAD)
+    assert other.radar[3] == pytest.approx(named.radar[3], rel=1e-14)
+    assert parse_scenario(yaml_text(other.resolved())).radar[3] == other.radar[3]
+
+
+def test_losses_by_name_are_rows_of_the_budget(tool):
+    Path("my.yaml").write_text(
+        yaml_text(sheet_document("tracking", {**TRACKING, "losses_db": NAMED}, SPREAD))
+    )
+    code, out, _ = tool("budget", "my.yaml", "--no-plot", "--out", "out")
+    assert code == 0
+    assert re.search(r"^ +beam_shape_db +0\.\d+ +6\d\.\d%$", out, re.M)  # 0.4^2 of 0.5^2
+    table = np.genfromtxt("out/paper_budget.csv", delimiter=",", names=True)
+    beam, noise = (
+        table[f"three_sigma_radar_constant_{name}_db"] for name in ("beam_shape", "noise_figure")
+    )
+    np.testing.assert_allclose(beam / noise, 4 / 3, rtol=1e-9)
+
+
+def test_coherent_pulses_are_a_gain():
+    one, sixteen = (
+        sheet_scenario("tracking", {**TRACKING, **pulses})
+        for pulses in ({}, {"coherent_pulses": 16})
+    )
+    assert sixteen.radar[3] == pytest.approx(16 * one.radar[3], rel=1e-15)
+    assert sixteen.resolved()["radar"]["tracking"]["coherent_pulses"] == 16
+    assert parse_scenario(yaml_text(sixteen.resolved())).radar[3] == sixteen.radar[3]
+    assert "coherent_pulses" not in one.resolved()["radar"]["tracking"]
 
 
 # The configurations.

@@ -1,0 +1,412 @@
+"""Make the reference pages, and the schema in the package, from what the program declares.
+
+    python docs/make_reference.py
+
+writes docs/reference/*.md and radar_sense/radar_sense.schema.json. `make reference` does the same.
+A test compares the files with what this makes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import inspect
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import yaml
+
+import radar_sense
+from radar_sense import cli, keys, schema
+from radar_sense.analyses.contract import Analysis
+from radar_sense.keys import Key
+from radar_sense.model.radar_equation import RADARS
+
+ROOT = Path(__file__).parents[1]
+MADE = (
+    "<!-- Made by docs/make_reference.py: change the declarations, then `make reference`. -->\n\n"
+)
+#: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
+EXAMPLES = {
+    "min_range_km": 3,
+    "m": 3,
+    "n": 5,
+    "type": "cell_averaging",
+    "eclipsing": "true",
+    "rcs_db": 1.5,
+    "losses_db": {"beam_shape": 1.6},
+    "coherent_pulses": 8,
+    "cfar": {"type": "cell_averaging", "cells": 24},
+    "binary": {"m": 3, "n": 5},
+    "rank": 18,
+    "cells": 24,
+    "pulses": 10,
+    "peak_power_w": 2000,
+    "wavelength_m": 0.0333,
+    "bandwidth_mhz": 0.05,
+    "rcs_m2": 0.2,
+    "envelope_deg": 3,
+    "sha256": "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855",
+}
+
+
+def pages() -> dict[Path, str]:
+    """Return the text of each file that is made."""
+    folder = ROOT / "docs/reference"
+    return {
+        folder / "scenario.md": scenario_page(),
+        folder / "columns.md": columns_page(),
+        folder / "commands.md": commands_page(),
+        folder / "python.md": python_page(),
+        ROOT / "radar_sense" / schema.FILE_NAME: schema.text(),
+    }
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a Markdown table."""
+    lines = [header, ["---"] * len(header), *rows]
+    cells = (" | ".join(cell.replace("|", "\\|") for cell in line) for line in lines)
+    return "".join(f"| {line} |\n" for line in cells)
+
+
+def anchor(title: str) -> str:
+    """Return the anchor that a forge and the site give to a heading."""
+    return re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-")
+
+
+# The scenario file.
+
+
+def scenario_page() -> str:
+    """Return the reference of the scenario file."""
+    sections = keys.sections()
+    text = (
+        "# The scenario file\n\n"
+        + MADE
+        + "A scenario is a YAML file. These are all of its keys, by the section they stand in. "
+        "Every number is in the unit that the name of its key ends with. An unknown key is an "
+        "error, with a suggestion. `radar-sense schema` prints the same as a JSON Schema; "
+        "[Editors](../editors.md) tells how an editor completes keys with it.\n\n"
+        "An example is taken from a file that comes with the program, unless it is the only "
+        "use of its key.\n"
+    )
+    for name, section in sections.items():
+        text += f"\n## {title(name)}\n\n"
+        text += table(
+            ["key", "meaning", "unit", "allowed", "default or need", "example"],
+            [_key_row(sections, name, key) for key in section],
+        )
+        if name == "uncertainty.aircraft":
+            text += _PARTS.format("position and attitude", "6 × 6", "m and °")
+        if name == "uncertainty.radar.LEVEL":
+            text += _PARTS.format("position and constant", "4 × 4", "m and J m²/K")
+    return text
+
+
+_PARTS = (
+    "\nA part with three components may be one standard deviation for all, a list of three, or a "
+    "3 × 3 covariance as three rows. `covariance` stands in place of {}, and is the {} covariance "
+    "in {}.\n"
+)
+
+
+def title(section: str) -> str:
+    """Return the heading of a section."""
+    return f"`{section}`" if section else "The file"
+
+
+def _key_row(sections: Mapping[str, Sequence[Key]], name: str, key: Key) -> list[str]:
+    section = sections[name]
+    of_section = [other for other in sections if _is_section_of(other, name, key)]
+    is_part = any(other.name == "covariance" for other in section)
+    example = ""
+    if key.name == "covariance":
+        size = sum(other.size for other in section if other.name != "covariance")
+        allowed = f"{size} rows of {size} numbers"
+        example = "[covariance.yaml](../../configs/covariance.yaml)"
+    elif of_section:
+        links = " or ".join(f"[{title(s)}](#{anchor(title(s))})" for s in of_section)
+        allowed = f"see {links}"
+    else:
+        example = f"`{_yaml(example_of(name, section, key))}`"
+        allowed = schema.allowed(dataclasses.replace(key, size=1) if is_part else key).rstrip(".")
+        if key.choices:
+            allowed = ", ".join(f"`{word}`" for word in key.choices)
+    return [
+        f"`{key.name}`",
+        key.meaning,
+        key.unit_name,
+        allowed,
+        _needed(name, section, key),
+        example,
+    ]
+
+
+#: Keys whose need depends on another section.
+_NEEDED = {
+    ("aircraft", "attitude_deg"): "required on an orbit, not allowed on a path",
+    ("uncertainty", "aircraft"): "required, unless the route file has it",
+    ("uncertainty", "radar"): "required with `radar`, not allowed with `radars`",
+}
+
+
+def _needed(name: str, section: Sequence[Key], key: Key) -> str:
+    """Return whether a key is required, its default, or its alternatives."""
+    groups = [["radar", "radars"], ["position_m", "position_geodetic"], schema.CONSTANTS]
+    groups += [
+        [unit.name for unit in units]
+        for cls in RADARS.values()
+        for units in keys.declared_units(cls)
+        if len(units) > 1
+    ]
+    names = {other.name for other in section}
+    for group in groups:
+        if key.name in group and names >= set(group):
+            return f"one of {', '.join(f'`{other}`' for other in group)}"
+    if any(other.name == "covariance" for other in section):
+        return "alone" if key.name == "covariance" else "required, unless `covariance` is there"
+    if (name, key.name) in _NEEDED:
+        return _NEEDED[name, key.name]
+    if key.required:
+        return "required"
+    return f"`{schema.default(key)}`" if schema.default(key) else "none"
+
+
+def _is_section_of(section: str, parent: str, key: Key) -> bool:
+    """Return whether a section is the value of a key."""
+    if parent == "radars[]" and key.name == "uncertainty":
+        return section == "uncertainty.radar.LEVEL"
+    path = section.partition(" (")[0].removesuffix("[]").removesuffix(".LEVEL")
+    above = parent.partition(" (")[0].replace("radars[]", "radar")
+    return path == f"{above}.{key.name}".lstrip(".")
+
+
+@functools.cache
+def _mappings() -> list[Mapping[str, Any]]:
+    """Return every mapping in the scenario files that come with the program."""
+    files = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/**/*.yaml"))]
+    found = []
+    for file in [ROOT / "configs/paper.yaml", *files]:
+        # strings, as written: `1e-6` is a number to the reader
+        waiting = [yaml.load(file.read_text(encoding="utf-8"), yaml.BaseLoader)]
+        while waiting:
+            value = waiting.pop(0)
+            if isinstance(value, dict):
+                found.append(value)
+                waiting += value.values()
+            elif isinstance(value, list):
+                waiting += value
+    return found
+
+
+def example_of(name: str, section: Sequence[Key], key: Key) -> Any:
+    """Return an example of a key: from a file, or from `EXAMPLES`."""
+    names = {k.name for k in section}
+    word = re.search(r"\((?:model|type): (\w+)\)", name)
+    for mapping in _mappings():
+        words = (mapping.get("model"), mapping.get("type"))
+        if key.name in mapping and names >= mapping.keys() and (not word or word[1] in words):
+            return mapping[key.name]
+    if word and key.choices and word[1] in key.choices:
+        return word[1]
+    if key.name not in EXAMPLES:
+        raise KeyError(
+            f"{name}.{key.name} has no example: use it in a file in configs/ or add it to EXAMPLES"
+        )
+    return EXAMPLES[key.name]
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{k}: {_yaml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(_yaml, value)) + "]"
+    return f"{value}"
+
+
+# Columns and commands.
+
+
+def columns_page() -> str:
+    """Return the reference of the columns of all tables."""
+    text = (
+        "# The columns of the tables\n\n"
+        + MADE
+        + "Each analysis writes `<scenario>_<analysis>.csv` (`map`: `.npz`). The first row has the "
+        "names of the columns, and nothing else in the file but numbers. A word in angle brackets "
+        "stands for a name of yours: a level, a radar, a source. The JSON record beside the table "
+        "repeats unit and meaning of each column.\n\n"
+        "Which columns there are depends on the scenario and the options. The order is the one "
+        "of the file as far as possible.\n"
+    )
+    for name in sorted(cli.ANALYSES):
+        text += f"\n## `{name}`\n\n"
+        rows = [
+            [f"`{c.name}`", c.unit, re.sub(r"<(\w+)>", r"*\1*", c.meaning)]
+            for c in cli.load(name).columns
+        ]
+        text += table(["column", "unit", "meaning"], rows)
+    return text
+
+
+def commands_page() -> str:
+    """Return the reference of the commands and their options."""
+    text = (
+        "# The commands\n\n"
+        + MADE
+        + "`radar-sense COMMAND --help` prints the same. CONFIG is a scenario file; without it the "
+        "scenario of the paper is used.\n"
+    )
+    context = click.Context(cli.cli, info_name="radar-sense")
+    for name in cli.cli.list_commands(context):
+        command = cli.cli.get_command(context, name)
+        assert command is not None
+        words, _, examples = inspect.cleandoc(command.help or "").partition("\b\nExamples:")
+        arguments = [p for p in command.params if isinstance(p, click.Argument)]
+        usage = " ".join([name, "[OPTIONS]", *(f"[{p.name.upper()}]" for p in arguments)])
+        text += f"\n## `{name}`\n\n{words.strip()}\n\n```text\nradar-sense {usage}\n```\n\n"
+        options = [p for p in command.params if isinstance(p, click.Option)]
+        if options:
+            text += table(["option", "meaning", "default"], list(map(_option_row, options)))
+        lines = [line.strip() for line in examples.strip().splitlines()]
+        text += "\n```console\n" + "".join(f"$ {line}\n" for line in lines) + "```\n"
+    return text
+
+
+def _option_row(option: click.Option) -> list[str]:
+    metavar = "" if option.is_flag else f" {option.metavar or 'WORD'}"
+    words, _, default = (option.help or "").partition("  [default: ")
+    if isinstance(option.type, click.Choice):
+        metavar = " " + "|".join(map(str, option.type.choices))
+    default = default.rstrip("]")
+    if option.show_default:
+        value = option.default
+        default = " ".join(map(str, value)) if isinstance(value, (list, tuple)) else f"{value}"
+    return [f"`{', '.join(option.opts)}{metavar}`", words, default]
+
+
+# Python.
+
+
+def python_page() -> str:
+    """Return the reference of the public names, from their docstrings."""
+    text = (
+        "# From Python\n\n"
+        + MADE
+        + "`import radar_sense as rs`, then `rs.load_scenario` and so on. Angles are in radians, "
+        "all quantities in SI units, unless a name ends with another unit. Every analysis of the "
+        "command line is a function in `rs.analyses`.\n"
+    )
+    names = [name for name in radar_sense.__all__ if not name.startswith("__")]
+    groups = {"Functions": [], "Analyses": [], "Classes": [], "Other names": []}
+    for name in names:
+        value = getattr(radar_sense, name)
+        if isinstance(value, Analysis) or inspect.ismodule(value):
+            continue
+        if inspect.isclass(value):
+            alias = value.__name__ != name
+            groups["Other names" if alias else "Classes"].append((name, value))
+        else:
+            groups["Functions"].append((name, value))
+    groups["Analyses"] = [
+        (f"analyses.{name}", value)
+        for name, value in sorted(vars(radar_sense.analyses).items())
+        if isinstance(value, Analysis)
+    ]
+    for group, members in groups.items():
+        text += f"\n## {group}\n"
+        for name, value in members:
+            if group == "Other names":
+                text += f"\n`{name}` is `{value.__name__}`.\n"
+            else:
+                text += f"\n### `{name}`\n\n{_documented(name, value)}"
+    return text
+
+
+def _documented(name: str, value: Any) -> str:
+    function = value.run if isinstance(value, Analysis) else value
+    text = f"```python\n{_signature(name, function)}\n```\n\n{_markdown(inspect.getdoc(function))}"
+    lines = [
+        f"- `{_signature(member, attribute, width=1000)}`: {summary}\n"
+        for member, attribute, summary in (_members(value) if inspect.isclass(value) else ())
+    ]
+    return text + ("\n*Methods and properties*\n\n" if lines else "") + "".join(lines)
+
+
+def _members(cls: type) -> Iterator[tuple[str, Any, str]]:
+    """Yield the public methods and properties of a class, with the first line of their text."""
+    for name, attribute in vars(cls).items():
+        if name.startswith("_"):
+            continue
+        if isinstance(attribute, (classmethod, staticmethod)):
+            attribute = attribute.__func__
+        is_property = isinstance(attribute, property) or hasattr(attribute, "func")
+        if not (is_property or inspect.isfunction(attribute)):
+            continue
+        doc = inspect.getdoc(attribute)
+        if doc:
+            yield name, attribute, doc.partition("\n\n")[0].replace("\n", " ")
+
+
+def _signature(name: str, value: Any, width: int = 96) -> str:
+    """Return a call with types and defaults, in lines of a width; a property by its name."""
+    if not callable(value):
+        return name
+    parts, keyword_only = [], False
+    for p in inspect.signature(value).parameters.values():
+        if p.name in ("self", "cls", "progress", "executor"):
+            continue
+        if p.kind is p.KEYWORD_ONLY and not keyword_only:
+            parts.append("*")
+            keyword_only = True
+        kind = "" if p.annotation is p.empty else f": {_plain(p.annotation)}"
+        parts.append(f"{p.name}{kind}{_default(p)}")
+    short = f"{name}({', '.join(parts)})"
+    if len(short) <= width:
+        return short
+    return f"{name}(\n" + "".join(f"    {part},\n" for part in parts) + ")"
+
+
+def _plain(annotation: Any) -> str:
+    text = annotation if isinstance(annotation, str) else getattr(annotation, "__name__", "")
+    return text.strip("'\"")
+
+
+def _default(p: inspect.Parameter) -> str:
+    if p.default is p.empty:
+        return ""
+    if p.default is dataclasses._HAS_DEFAULT_FACTORY:  # type: ignore[attr-defined]
+        return " = ..."
+    value = repr(p.default)
+    return f" = {'...' if ' at 0x' in value or len(value) > 40 else value}"
+
+
+def _markdown(doc: str | None) -> str:
+    """Return a docstring of Google style as Markdown."""
+    text, listed = "", False
+    for line in (doc or "").splitlines():
+        heading = re.fullmatch(r"(Args|Attributes|Returns|Raises|Yields):", line)
+        entry = re.match(r"    (\*{0,2}\w+): (.*)", line)
+        if heading:
+            listed = heading[1] != "Returns"
+            text = text.rstrip("\n") + f"\n\n*{heading[1].replace('Args', 'Arguments')}*\n\n"
+        elif entry and listed:
+            text += f"- `{entry[1]}`: {entry[2]}\n"
+        elif listed and line.startswith("        "):
+            text = text.rstrip("\n") + f" {line.strip()}\n"
+        elif line.startswith("    ") and not listed and "*Returns*" not in text:
+            text += f"{line}\n"  # an indented block: an equation or an example
+        else:
+            text += f"{line.strip()}\n"
+            listed = listed and not line.strip()
+    return text.rstrip("\n") + "\n"
+
+
+if __name__ == "__main__":
+    for path, content in pages().items():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(content, encoding="utf-8")
+        print(path.relative_to(ROOT))

@@ -1,0 +1,140 @@
+"""What the pages of docs/ show is so: commands run, outputs are printed, links lead somewhere."""
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from radar_sense.cli import cli
+
+ROOT = Path(__file__).parents[2]
+PAGES = sorted(
+    path
+    for path in (ROOT / "docs").rglob("*.md")
+    if "_build" not in path.parts and path.name != "index.md"
+)
+#: Pages whose commands make the committed figures, or run elsewhere in the tests.
+PARSED_PAGES = {"gallery.md", "commands.md", "benchmarks.md"}
+#: Commands that take many seconds are parsed, not run.
+SLOW = re.compile(
+    r"validate|compare|--runs|--worst-heading|corridor|configs/mission.yaml|--upper|--target"
+)
+
+
+def pages_with(pattern):
+    return [p for p in PAGES if re.search(pattern, p.read_text(encoding="utf-8"), re.MULTILINE)]
+
+
+def fenced(page, language):
+    text = page.read_text(encoding="utf-8")
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+def commands(page):
+    """Yield every command in the console blocks of a page, with the lines shown below it."""
+    for block in fenced(page, "console"):
+        for part in re.split(r"^\$ ", block, flags=re.MULTILINE)[1:]:
+            line, *shown = part.rstrip("\n").split("\n")
+            yield line, shown
+
+
+def parse(line):
+    """Insist that click takes a command line."""
+    name, *words = shlex.split(line.partition(" > ")[0])[1:]
+    command = cli.get_command(click.Context(cli), name)
+    assert command is not None, line
+    command.make_context(name, words)
+
+
+def assert_shown(line, shown, printed):
+    """Insist that the lines shown are printed in this order, without a gap except at `...`."""
+    printed = printed.splitlines()
+    gap, at = False, 0
+    for wanted in shown:
+        if wanted == "...":
+            gap = True
+            continue
+        assert wanted in printed[at:], f"{line}: {wanted!r} is not printed\n" + "\n".join(printed)
+        found = printed.index(wanted, at)
+        assert gap or found == at, f"{line}: not shown: {printed[at:found]}"
+        gap, at = False, found + 1
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with the scenarios of the project in it, which is the current one."""
+    (tmp_path / "configs").symlink_to(ROOT / "configs")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", pages_with(r"^\$ radar-sense"), ids=lambda page: page.stem)
+def test_commands_run_and_print_what_is_shown(page, folder):
+    for line, shown in commands(page):
+        if not line.startswith("radar-sense"):
+            continue
+        parse(line)
+        if page.name in PARSED_PAGES or (SLOW.search(line) and page.name != "tutorial.md"):
+            continue
+        args = shlex.split(line.partition(" > ")[0])[1:]
+        # a figure takes longer than most analyses
+        figure = any(".png" in row for row in shown)
+        if args[0] not in ("init", "check", "schema") and not figure:
+            args.append("--no-plot")
+        result = CliRunner().invoke(cli, args)
+        answer_is_no = "--threshold" in line
+        assert result.exit_code == (3 if answer_is_no else 0), f"{line}\n{result.output}"
+        if shown:
+            rows = [row for row in result.output.splitlines() if not row.startswith("replaced")]
+            assert_shown(line, shown, "\n".join(rows))
+
+
+@pytest.mark.parametrize("page", pages_with(r"^```python$"), ids=lambda page: page.stem)
+def test_python_runs(page, folder):
+    if page.name == "python.md" and page.parent.name == "reference":
+        pytest.skip("signatures")
+    if page.name == "map.md":
+        line = ["map", "configs/path.yaml", "--step-km", "100", "--no-plot"]
+        assert CliRunner().invoke(cli, line).exit_code == 0
+    for code in fenced(page, "python"):
+        exec(compile(code, page.name, "exec"), {})
+
+
+def test_commands_in_sentences_exist():
+    for page in PAGES:
+        text = page.read_text(encoding="utf-8")
+        for line in re.findall(r"`(radar-sense [^`]+)`", text):
+            if "COMMAND" not in line and "<" not in line:
+                parse(line)
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        name, _, anchor = target.partition("#")
+        file = (page.parent / name).resolve() if name else page
+        assert file.exists(), f"{page.name}: {target}"
+        if anchor and file.suffix == ".md":
+            headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
+            slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+            assert anchor in slugs, f"{page.name}: {target}"
+
+
+def test_every_page_is_in_the_navigation():
+    index = (ROOT / "docs/index.md").read_text(encoding="utf-8")
+    readme = (ROOT / "docs/README.md").read_text(encoding="utf-8")
+    for page in PAGES:
+        name = page.relative_to(ROOT / "docs").with_suffix("").as_posix()
+        if name != "README":
+            assert f"\n{name}\n" in index, name
+            assert f"({name}.md)" in readme, name
+
+
+def test_every_figure_is_in_the_gallery():
+    text = (ROOT / "docs/gallery.md").read_text(encoding="utf-8")
+    figures = {path.name for path in (ROOT / "figures").glob("*.png")}
+    assert set(re.findall(r"\(\.\./figures/(.*\.png)\)", text)) == figures

@@ -1,0 +1,83 @@
+"""The reference pages and the schema in the package are what the declarations make of them."""
+
+import importlib.util
+import re
+from pathlib import Path
+
+import pytest
+
+import radar_sense as rs
+from radar_sense import cli, keys
+from radar_sense.limits import POSITIVE
+
+ROOT = Path(__file__).parents[2]
+_SPEC = importlib.util.spec_from_file_location("make_reference", ROOT / "docs/make_reference.py")
+make_reference = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(make_reference)
+PAGES = make_reference.pages()
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda path: path.name)
+def test_the_committed_file_is_what_is_made(path):
+    assert path.read_text(encoding="utf-8") == PAGES[path], "run `make reference`"
+
+
+def rows(page):
+    """Return the cells of all rows of the tables of a page."""
+    text = PAGES[ROOT / "docs/reference" / page]
+    lines = re.findall(r"^\| (`.*) \|$", text, re.MULTILINE)
+    return [re.split(r"(?<!\\\\) \| ", line) for line in lines]
+
+
+def test_every_key_has_meaning_limits_and_an_example():
+    count = 0
+    for name, meaning, unit, allowed, need, example in rows("scenario.md"):
+        count += 1
+        assert meaning, name
+        assert "[" not in meaning, "the unit has a column of its own"
+        assert allowed, name
+        assert need, name
+        assert example or allowed.startswith("see ["), name
+        if re.search(r"_(deg|m|km|s|k|w)`$", name) and not name.startswith("`azimuth_deg"):
+            assert unit, name
+    assert count == sum(len(section) for section in keys.sections().values())
+
+
+def test_the_links_of_the_page_are_headings_of_the_page():
+    text = PAGES[ROOT / "docs/reference/scenario.md"]
+    anchors = {make_reference.anchor(h) for h in re.findall(r"^## (.*)$", text, re.MULTILINE)}
+    links = set(re.findall(r"\]\(#([^)]*)\)", text))
+    assert links
+    assert links <= anchors
+
+
+def test_a_key_without_an_example_is_refused():
+    key = keys.Key("humidity", "Humidity.", POSITIVE)
+    with pytest.raises(KeyError, match="humidity has no example"):
+        make_reference.example_of("radar", (key,), key)
+
+
+def test_examples_of_numbers_are_allowed():
+    """Each example of a number is within the limits of its key."""
+    for section in keys.sections().values():
+        for key in section:
+            if key.limit is None or key.name == "covariance":
+                continue
+            name = next(n for n, s in keys.sections().items() if s is section or key in s)
+            value = make_reference.example_of(name, keys.sections()[name], key)
+            for number in value if isinstance(value, list) else [value]:
+                if not isinstance(number, dict):
+                    assert key.limit.allows(float(number)), (name, key.name, value)
+
+
+def test_every_public_name_and_command_is_there():
+    text = PAGES[ROOT / "docs/reference/python.md"]
+    for name in rs.__all__:
+        public = f"### `{name}`", f"### `analyses.{name}`", f"`{name}` is `", f"`rs.{name}`"
+        assert name.startswith("__") or any(words in text for words in public), name
+    commands = PAGES[ROOT / "docs/reference/commands.md"]
+    columns = PAGES[ROOT / "docs/reference/columns.md"]
+    for name in cli.cli.list_commands(None):
+        assert f"## `{name}`" in commands
+    for name in cli.ANALYSES:
+        assert f"## `{name}`" in columns

@@ -1,0 +1,292 @@
+"""The error of the RCS: its factor, its gradient, and the standard deviation by aspect of a table.
+
+Oracles are plain formulas, or a radar whose data sheet has the same error in another place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from helpers import (
+    document,
+    place,
+    refusal,
+    scenario,
+    sheet_document,
+    write,
+    write_path,
+    yaml_text,
+)
+from numpy.testing import assert_allclose, assert_array_equal
+
+import radar_sense as rs
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.model.rcs_table import TableRCS
+from radar_sense.propagation import METHODS, nonlinear_in_scenario, propagate_scenario
+from radar_sense.reading.rcs_file import load_rcs_table
+
+RNG = np.random.default_rng(17)
+AZIMUTH = np.deg2rad(np.arange(-180, 180, 20.0))
+ELEVATION = np.deg2rad(np.arange(-60, 61, 20.0))
+TABLE = TableRCS(
+    AZIMUTH,
+    np.exp(RNG.normal(-2, 0.5, (len(AZIMUTH), len(ELEVATION)))),
+    ELEVATION,
+    std_db=RNG.uniform(0.5, 3.0, (len(AZIMUTH), len(ELEVATION))),
+)
+CUT = TableRCS(AZIMUTH, TABLE.rcs[:, 3], std_db=TABLE.std_db[:, 0])
+MODELS = {
+    "constant": ConstantRCS(0.1),
+    "ellipsoid": rs.EllipsoidRCS(0.15, 0.13, 0.21),
+    "spikeball": rs.SpikeballRCS(4, 0.18, 0.1),
+    "table": TABLE,
+    "cut": CUT,
+}
+
+
+def states(count):
+    """Random states of an aircraft and a radar, with the error of the RCS."""
+    aircraft = np.concatenate(
+        [RNG.uniform(-3e5, 3e5, (count, 3)), RNG.uniform(-1, 1, (count, 3))], axis=1
+    )
+    radar = np.concatenate(
+        [RNG.uniform(-1e4, 1e4, (count, 3)), RNG.uniform(1, 200, (count, 1))], axis=1
+    )
+    return aircraft, radar, RNG.uniform(-3, 3, count)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_error_is_a_factor_of_the_signal(name):
+    model = rs.DetectionModel(MODELS[name], 1e-6, rs.Swerling1())
+    aircraft, radar, error = states(200)
+    with_error = np.column_stack([radar, error])
+    snr = model.snr(aircraft, radar)
+    if MODELS[name] is not TABLE and MODELS[name] is not CUT:
+        assert_allclose(model.snr(aircraft, with_error), snr * 10 ** (error / 10), rtol=1e-13)
+    spread = 10 * np.log10(model.snr(aircraft, np.column_stack([radar, error * 0 + 1])) / snr)
+    assert_allclose(model.snr(aircraft, with_error), snr * 10 ** (spread * error / 10), rtol=1e-12)
+    assert_array_equal(model.snr(aircraft, np.column_stack([radar, 0 * error])), snr)
+    huge = model.p_d(aircraft, np.column_stack([radar, 0 * error + 1e6]))
+    assert_array_equal(huge, 1.0)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_partials_are_those_of_differences(name):
+    model = rs.DetectionModel(MODELS[name], 1e-6, rs.Swerling1())
+    aircraft, radar, error = states(60)
+    full = np.column_stack([radar, error])
+    lin = model.linearize(aircraft, full)
+    assert lin.jac_radar.shape == (60, 5)
+    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4, 1e-4])
+    whole = np.concatenate([aircraft, full], axis=1)
+    jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
+    for i, step in enumerate(steps):
+        ends = []
+        for sign in (1, -1):
+            moved = whole.copy()
+            moved[:, i] += sign * step
+            ends.append(model.p_d(moved[:, :6], moved[:, 6:]))
+        difference = (ends[0] - ends[1]) / (2 * step)
+        scale = np.abs(difference).max()
+        off = np.abs(jacobian[:, i] - difference)
+        assert np.quantile(off, 0.9) <= 1e-6 * scale  # a spline's third derivative jumps at nodes
+        assert off.max() <= 1e-3 * scale
+
+
+def test_the_standard_deviation_of_a_table_is_exact_at_its_nodes():
+    azimuth, elevation = (a.ravel() for a in np.meshgrid(AZIMUTH, ELEVATION, indexing="ij"))
+    body = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth),
+         -np.sin(elevation)], axis=-1,
+    )  # fmt: skip
+    model = rs.DetectionModel(TABLE, 1e-6, rs.Swerling1())
+    aircraft = np.zeros((len(body), 6))
+    radar = np.column_stack([1e5 * body, np.full(len(body), 1e-3)])
+    for error in (-2.0, 1.0):
+        ratio = model.snr(aircraft, np.column_stack([radar, np.full(len(body), error)]))
+        ratio /= model.snr(aircraft, radar)
+        assert_allclose(10 * np.log10(ratio), error * TABLE.std_db.ravel(), rtol=1e-9)
+    flat = TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=np.full(len(AZIMUTH), 1.5))
+    plain = TableRCS(AZIMUTH, TABLE.rcs[:, 0])
+    one, other = (rs.DetectionModel(t, 1e-6) for t in (flat, plain))
+    half, whole = (np.column_stack([radar, np.full(len(body), e)]) for e in (1.0, 1.5))
+    assert_allclose(one.snr(aircraft, half), other.snr(aircraft, whole), rtol=1e-12)
+
+
+@pytest.mark.parametrize(("detector", "sigma"), [("marcum", 0.2348), ("swerling1", 0.0758)])
+def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
+    model = rs.DetectionModel(ConstantRCS(1.0), 1e-6, rs.Marcum())
+    if detector == "swerling1":
+        model = dataclasses.replace(model, detector=rs.Swerling1())
+    aircraft = np.array([[1e5, 0, 0, 0, 0, 0]])
+    low, high = 1e-6, 1.0
+    for _ in range(60):
+        middle = np.sqrt(low * high)
+        above = model.p_d(aircraft, np.array([0, 0, 0, middle]))[0] > 0.5
+        low, high = (low, middle) if above else (middle, high)
+    s = rs.Scenario(
+        model=model, aircraft=aircraft, radar=[0, 0, 0, low], cov_aircraft=np.zeros((6, 6)),
+        cov_radar={"one": np.zeros((4, 4))}, rcs_db=1.0,
+    )  # fmt: skip
+    moments = propagate_scenario(s)
+    assert moments.p_d[0] == pytest.approx(0.5, abs=1e-9)
+    assert moments.std[0] == pytest.approx(sigma, abs=5e-5)
+    # P_D grows with the factor alone, so that bounds by form are P_D at 3 dB more or less
+    ends = propagate_scenario(s, method="form")
+    for value, decibels in ((ends.lower, -3.0), (ends.upper, 3.0)):
+        at = model.p_d(aircraft, np.array([0, 0, 0, low * 10 ** (decibels / 10)]))
+        assert_allclose(value, at, atol=3e-5)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(60)
+    p_d = model.p_d(aircraft, np.array([[0, 0, 0, low * 10 ** (u / 10)] for u in nodes]))
+    mean = np.sum(weights * p_d) / np.sum(weights)
+    std = np.sqrt(np.sum(weights * (p_d - mean) ** 2) / np.sum(weights))
+    assert ends.mean[0] == pytest.approx(mean, abs=5e-5)
+    assert ends.std[0] == pytest.approx(std, rel=1e-3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
+def test_of_one_radar_it_is_the_same_as_a_loss(method, limits):
+    """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
+    of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 1.5})))
+    content = sheet_document(tolerances={"loss_db": 0})
+    content["uncertainty"]["aircraft"]["rcs_db"] = 1.5
+    of_rcs = rs.parse_scenario(yaml_text(content))
+    pair = []
+    for s in (of_loss, of_rcs):
+        (radar,) = s.model.radars
+        network = NetworkModel((Radar(radar.model, **limits),))
+        pair.append(dataclasses.replace(s, model=network))
+    one, other = (propagate_scenario(s, method=method) for s in pair)
+    for field in ("p_d", "mean", "std", "lower", "upper"):
+        assert_allclose(getattr(one, field), getattr(other, field), rtol=1e-5, atol=1e-9)
+    assert one.std.min() > 0.01
+    warned = [
+        nonlinear_in_scenario(s, m, method=method) for s, m in zip(pair, (one, other), strict=True)
+    ]
+    assert_array_equal(*warned)
+    assert warned[0].any() or not limits
+
+
+def test_a_limit_matters_where_the_error_makes_the_radar_see():
+    """The limit is within reach of the pose, and P_D beside it from nothing to nearly 1."""
+
+    def warns(s):
+        moments = propagate_scenario(s, method="form")
+        return bool(nonlinear_in_scenario(s, moments, method="form")[0])
+
+    content = sheet_document(tolerances={"loss_db": 0})
+    content["uncertainty"]["aircraft"]["rcs_db"] = 3
+    of_rcs = rs.parse_scenario(yaml_text(content)).part(slice(0, 1))
+    of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 3})))
+    warned = []
+    for area in np.geomspace(1e-4, 1e-2, 7):
+        model = rs.DetectionModel(ConstantRCS(area), 1e-6)
+        network = NetworkModel((Radar(model, max_range=220.3e3),))
+        one, other = (
+            dataclasses.replace(s, model=network) for s in (of_loss.part(slice(0, 1)), of_rcs)
+        )
+        assert warns(one) == warns(other)
+        warned.append(warns(other))
+    assert any(warned)
+
+
+def test_everything_is_read_and_read_back(tmp_path):
+    plain = {"position_m": 10, "attitude_deg": 1}
+    given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})
+    assert (given.rcs_db, given.rcs_std) == (1.5, 1.5)
+    assert given.shared.tolist() == [0, 0, 0, 167, 0]
+    assert_array_equal(np.diagonal(given.cov_shared), [1e4, 1e4, 1e4, 25, 2.25])
+    assert given.resolved()["uncertainty"]["aircraft"] == {**plain, "rcs_db": 1.5}
+    again = rs.parse_scenario(yaml_text(given.resolved()))
+    assert again.resolved() == given.resolved()
+    matrix = np.diag([1.0, 2, 3, 4, 5, 6]).tolist()
+    whole = scenario(uncertainty__aircraft={"covariance": matrix, "rcs_db": 2})
+    assert whole.rcs_db == 2
+    absent, zero = scenario(), scenario(uncertainty__aircraft={**plain, "rcs_db": 0})
+    for s in (absent, zero):
+        assert s.rcs_std == 0
+        assert s.shared is s.radar
+        assert s.cov_shared is s.cov_radar["medium"]
+        assert s.resolved()["uncertainty"]["aircraft"] == plain
+    text = "time_s,north_m,east_m,down_m," + ",".join(
+        f"std_{x}" for x in ("north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg")
+    )
+    text += "\n0,0,4e5,-3000,1,1,1,1,1,1\n60,1e4,4e5,-3000,1,1,1,1,1,1\n"
+    flown = rs.load_scenario(write_path(tmp_path, text, uncertainty__aircraft={"rcs_db": 0.5}))
+    assert flown.rcs_db == 0.5
+    assert flown.resolved()["uncertainty"]["aircraft"] == {"rcs_db": 0.5}
+
+
+def table_text(std):
+    """A table of one half, with a column std_db."""
+    rows = ["azimuth_deg,elevation_deg,rcs_m2,std_db"]
+    for elevation in (-90, 0, 90):
+        for azimuth in (0, 90, 180):
+            rows.append(
+                f"{azimuth},{elevation},{0.1 if elevation else 0.2},{std(azimuth, elevation)}"
+            )
+    return "\n".join(rows) + "\n"
+
+
+def smooth_std(azimuth, elevation):
+    return 2.0 if elevation else 1 + azimuth / 180
+
+
+def test_a_table_has_a_standard_deviation_by_aspect(tmp_path):
+    (tmp_path / "rcs.csv").write_text(table_text(smooth_std))
+    for envelope in (None, np.deg2rad(60)):
+        table = load_rcs_table(tmp_path / "rcs.csv", mirror=True, envelope=envelope)
+        body = np.array([[1.0, 0, 0], [0, 1, 0], [0, -1, 0], [-1, 0, 0], [0, 0, 1]])
+        assert_allclose(table.spread.cross_section(body), [1, 1.5, 1.5, 2, 2], rtol=1e-12)
+    content = document(aircraft__rcs={"model": "table", "file": "rcs.csv", "mirror": True})
+    (tmp_path / "s.yaml").write_text(yaml_text(content))
+    s = rs.load_scenario(tmp_path / "s.yaml")
+    assert (s.rcs_db, s.rcs_std, s.cov_shared[-1, -1]) == (0.0, 1.0, 1.0)
+    assert "rcs_db" not in s.resolved()["uncertainty"]["aircraft"]
+    assert rs.analyses.budget(s).table["three_sigma_aircraft_rcs"].min() > 0
+    made = rs.analyses.rcs(s).table
+    nose = (made["azimuth_deg"] == 0) & (made["elevation_deg"] == 0)
+    assert made["std_db"][nose].item() == pytest.approx(1.0)
+
+
+def test_refusals_name_the_key_or_the_line(tool):
+    aircraft = {"position_m": 10, "attitude_deg": 1}
+    for wrong, said in ((-1, "not less than 0"), (21, "not greater than 20"), ("x", "a number")):
+        text = yaml_text(document(uncertainty__aircraft={**aircraft, "rcs_db": wrong}))
+        _, path, complaint = place(refusal(tool, text))
+        assert path == "uncertainty.aircraft.rcs_db"
+        assert said in complaint
+    given = {"model": "table", "file": "rcs.csv", "mirror": True}
+    for std, changes, said in (
+        (smooth_std, {**aircraft, "rcs_db": 1}, "rcs_db: must be left out, or the column std_db"),
+        (lambda a, e: 0, aircraft, "rcs.csv:2: std_db: must be"),
+        (lambda a, e: 1 + a / 180, aircraft, "got 1.5 and 1 dB"),
+    ):
+        write(table_text(std), "rcs.csv")
+        text = yaml_text(document(aircraft__rcs=given, uncertainty__aircraft=changes))
+        assert said in refusal(tool, text)
+
+
+def test_the_classes_refuse_what_the_reader_refuses():
+    paper = rs.load_scenario()
+    with pytest.raises(ValueError, match="rcs_db must be"):
+        dataclasses.replace(paper, rcs_db=-1)
+    with pytest.raises(ValueError, match="both say how uncertain"):
+        rs.Scenario(
+            model=rs.DetectionModel(TABLE, 1e-6), aircraft=paper.aircraft, radar=paper.radar,
+            cov_aircraft=paper.cov_aircraft, cov_radar=dict(paper.cov_radar), rcs_db=1,
+        )  # fmt: skip
+    for std in (np.ones(3), np.zeros(len(AZIMUTH)), np.full(len(AZIMUTH), np.nan)):
+        with pytest.raises(ValueError, match="std_db must"):
+            TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=std)
+    model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
+    with pytest.raises(ValueError, match="got nan for the error of the RCS"):
+        model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan]))
+    for network, sizes in ((NetworkModel((Radar(model),)), (3, 6)), (model, (3, 6))):
+        for size in sizes:
+            with pytest.raises(ValueError, match="radar states must have shape"):
+                network.p_d(np.ones(6), np.zeros(size))

@@ -1,0 +1,141 @@
+"""The detector of a scenario: a name, or a mapping with its pulses, CFAR and looks."""
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+from helpers import assert_refused, document, scenario, single, write, yaml_text
+from scipy.optimize import brentq
+
+import radar_sense as rs
+from radar_sense.limits import POSITIVE, parameter
+from radar_sense.model.detectors import DETECTORS, North, Swerling1, required_snr
+from radar_sense.reading.parse import parse_scenario
+
+CELLS = {"type": "cell_averaging", "cells": 24}
+RANKED = {"type": "ordered_statistics", "cells": 24, "rank": 18}
+GOOD = [
+    ("marcum", rs.Marcum()),
+    ({"model": "marcum"}, rs.Marcum()),
+    ({"model": "north"}, rs.North()),
+    ({"model": "swerling2", "pulses": 10, "cfar": CELLS},
+     rs.Swerling2(pulses=10, cfar=rs.CellAveraging(24))),
+    ({"model": "swerling1", "cfar": RANKED}, rs.Swerling1(cfar=rs.OrderedStatistics(24, 18))),
+    ({"model": "swerling4", "pulses": 2, "binary": {"m": 3, "n": 5}},
+     rs.Swerling4(pulses=2, binary=rs.BinaryIntegration(3, 5))),
+    ({"model": "swerling3", "pulses": 1000}, rs.Swerling3(pulses=1000)),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "expected"), GOOD)
+def test_a_detector_is_read_and_recorded(given, expected):
+    s = scenario(radar__detector=given)
+    assert single(s).detector == expected
+    if isinstance(given, dict):
+        given = (
+            {"model": given["model"], "pulses": 1, **given} if len(given) > 1 else given["model"]
+        )
+    assert s.resolved()["radar"]["detector"] == given
+    again = parse_scenario(yaml_text(s.resolved()))
+    assert single(again).detector == expected
+
+
+BAD = [
+    ({"model": "swerling1", "cfar": {**RANKED, "rank": 25}},
+     "radar.detector.cfar: rank must be at most 24, the cells; got 25"),
+    ({"model": "swerling3", "cfar": RANKED}, "is for swerling1 and swerling2 with one pulse; "
+     "cell_averaging is for all"),
+    ({"model": "swerling1", "binary": {"m": 1, "n": 2}}, "it is for marcum, swerling2 and"),
+    ({"model": "swerling2", "binary": {"m": 3, "n": 2}}, "binary: m must be at most 2"),
+    ({"model": "swerling2", "binary": {"m": 3}}, "binary: missing key 'n', required: m, n"),
+    ({"model": "marcum", "cfar": {"cells": 3}}, "cfar: missing key 'type', one of cell_averaging"),
+    ({"model": "marcum", "cfar": {"type": "os", "cells": 3}}, "must be one of cell_averaging, ord"),
+    ({"model": "marcum", "cfar": {"type": "cell_averaging", "cells": 1}}, "cfar needs more cells"),
+    ({"model": "north", "pulses": 3}, "radar.detector: unknown key 'pulses', allowed: model"),
+    ({"pulses": 3}, "radar.detector: missing key 'model', one of north, marcum"),
+    ({"model": "marcum", "pulse": 3}, "did you mean 'pulses'"),
+    ({"model": "marcum", "pulses": 0}, "detector.pulses: must be a whole number not less than 1"),
+    ({"model": "marcum", "pulses": 1001}, "not greater than 1000, got 1001"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("given", "says"), BAD)
+def test_what_is_refused(tool, given, says):
+    name = write(yaml_text(document(radar__detector=given)))
+    code, out, err = tool("check", name)
+    assert_refused(code, out, err)
+    assert re.match(r"Error: my.yaml:\d+: ", err)
+    assert says in err
+
+
+def test_pulses_of_a_surveillance_radar_are_in_its_energy(tool):
+    sheet = {"average_power_kw": 10, "aperture_m2": 15, "temperature_k": 290, "rotation_rpm": 10,
+             "search_volume_sr": 2, "loss_db": 8, "noise_figure_db": 3}  # fmt: skip
+    bad = document(radar={"position_m": [0, 0, 0], "surveillance": sheet, "p_fa": 1e-6,
+                          "detector": {"model": "marcum", "pulses": 2}})  # fmt: skip
+    code, out, err = tool("check", write(yaml_text(bad)))
+    assert_refused(code, out, err)
+    assert "takes all the energy of a scan for a single pulse" in err
+
+
+def test_a_detector_from_outside_has_keys_of_its_own(monkeypatch):
+    """One class, in one file: its fields are the keys of a scenario."""
+
+    @dataclasses.dataclass(frozen=True)
+    class Scaled(North):
+        """North's, for a signal some times as strong.
+
+        Attributes:
+            factor: Factor of the signal.
+        """
+
+        factor: float = parameter("factor", POSITIVE, default=2.0)
+
+        def linearize_probit(self, snr, p_fa):
+            z, slope = super().linearize_probit(self.factor * snr, p_fa)
+            return z, self.factor * slope
+
+    monkeypatch.setitem(DETECTORS, "scaled", Scaled)
+    s = scenario(radar__detector={"model": "scaled", "factor": 3})
+    assert s.resolved()["radar"]["detector"] == {"model": "scaled", "factor": 3.0}
+    assert single(scenario(radar__detector="scaled")).detector == Scaled(2.0)
+    with pytest.raises(rs.InputError, match="factor: must be a number greater than 0"):
+        scenario(radar__detector={"model": "scaled", "factor": 0})
+
+
+# The configurations.
+
+
+def test_engagement_zone():
+    """arXiv 2509.02483: R(0.15) = 3041.862 m. Its 745.41 K is rounded, which is worth 5 mm."""
+    s = rs.load_scenario("configs/engagement_zone.yaml")
+    model = single(s)
+
+    def excess(distance):
+        return float(model.p_d([distance, 0, 0, 0, 0, 0], s.radar)) - 0.15
+
+    rounding = 3041.862 * 0.005 / 745.41 / 4
+    assert brentq(excess, 1e3, 1e4, xtol=1e-9) == pytest.approx(3041.862, abs=5e-4 + rounding)
+
+
+def test_airport_surveillance():
+    """Its tolerances count 1.5 times as much as with one pulse that has the gain in c_r."""
+    s = rs.load_scenario("configs/airport_surveillance.yaml")
+    model = single(s)
+    assert model.detector == rs.Swerling3(pulses=18, cfar=rs.CellAveraging(16))
+    p_d = s.model.p_d(s.aircraft, s.radar)
+    assert 0.4 < p_d.min() < 0.6
+    gain = required_snr(Swerling1(), model.p_fa, 0.5) / required_snr(
+        model.detector, model.p_fa, 0.5
+    )
+    sigma = [
+        rs.DetectionModel(model.rcs, model.p_fa, detector).linearize(s.aircraft, radar).std(
+            np.zeros((6, 6)), factor**2 * s.cov_radar["data_sheet"]
+        )
+        for detector, factor in ((model.detector, 1.0), (Swerling1(), gain))
+        for radar in [s.radar * [1, 1, 1, factor]]
+    ]  # fmt: skip
+    lowest = p_d.argmin()
+    assert sigma[0][lowest] / sigma[1][lowest] == pytest.approx(1.5, abs=0.05)
+    assert 3 * sigma[0].max() == pytest.approx(0.46, abs=0.005)
