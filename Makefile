@@ -33,6 +33,7 @@ figures: $(VENV)/installed
 	@for analysis in $(FIGURES); do \
 		$(BIN)/radar-sense $$analysis --out figures --format pdf --format png || exit; \
 	done
+	@$(BIN)/radar-sense range --p-d 0.1 --p-d 0.5 --p-d 0.9 --out figures --format pdf --format png
 	@$(BIN)/radar-sense rcs configs/table.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense montecarlo configs/table.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense budget configs/s_band_surveillance.yaml --out figures --format pdf --format png

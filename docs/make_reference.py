@@ -31,6 +31,7 @@ MADE = (
 )
 #: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
 EXAMPLES = {
+    "attenuation_db_per_km": 0.014,
     "min_range_km": 3,
     "m": 3,
     "n": 5,

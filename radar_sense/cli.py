@@ -1,6 +1,6 @@
 """The command line: one command an analysis, and `check` and `init`; no numbers.
 
-`--help` answers without NumPy: an analysis is imported when its own command is asked for.
+`--help` needs no NumPy: an analysis is imported only for its own command.
 """
 
 from __future__ import annotations
@@ -58,6 +58,10 @@ ANALYSES: dict[str, tuple[str, str]] = {
     "montecarlo": (
         "radar_sense.analyses.montecarlo:montecarlo",
         "Monte Carlo draws of P_D against the band of a method.",
+    ),
+    "range": (
+        "radar_sense.analyses.detection_range:detection_range",
+        "How far each radar detects the aircraft, by bearing or by aspect.",
     ),
     "rcs": (
         "radar_sense.analyses.rcs:rcs",
@@ -256,7 +260,7 @@ def command_of(analysis: Command) -> click.Command:
     examples = "".join(f"\n  {line}" for line in analysis.examples)
     return click.Command(
         analysis.name,
-        callback=click.pass_obj(lambda run, **given: _run(analysis, run, **given)),
+        callback=click.pass_obj(lambda run, **options: _run(analysis, run, **options)),
         params=[_config(), *map(_option, analysis.options), *_output(analysis)],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
@@ -269,6 +273,7 @@ def _option(option: Option) -> click.Option:
         [f"--{option.name.replace('_', '-')}"],
         help=option.help + default,
         is_flag=option.flag,
+        multiple=option.multiple,
         metavar=None if option.flag else option.metavar,
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
@@ -343,7 +348,7 @@ def _run(
     from radar_sense import files
     from radar_sense.errors import printable
 
-    chosen = {name: value for name, value in options.items() if value is not None}
+    chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
         scenario = _scenario(config)
@@ -478,7 +483,7 @@ def init(file: Path, quiet: bool, **kinds: bool) -> None:
     from radar_sense.files import write
     from radar_sense.reading.starters import is_old_schema, starter_files, starter_text
 
-    chosen = [kind for kind, given in kinds.items() if given]
+    chosen = [kind for kind, flag in kinds.items() if flag]
     if len(chosen) > 1:
         options = " and ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
         raise BadInput(f"{options} exclude each other; give one of them")

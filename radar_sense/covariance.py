@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -123,7 +124,7 @@ def _first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
     return first_problem(matrices)
 
 
-def scale_std(covariance: FloatArray, components: slice, factor: float) -> FloatArray:
+def scale_std(covariance: FloatArray, components: slice | list[int], factor: float) -> FloatArray:
     """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
     scale = np.ones(covariance.shape[-1])
     scale[components] = factor
@@ -139,11 +140,19 @@ def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
     return total
 
 
-def keep_components(covariance: FloatArray, components: slice) -> FloatArray:
+def keep_components(covariance: FloatArray, components: slice | list[int]) -> FloatArray:
     """Return the covariance (..., n, n) with zeros for all but some components."""
     masked = np.zeros_like(covariance)
-    masked[..., components, components] = covariance[..., components, components]
+    block = block_of(components)
+    masked[block] = covariance[block]
     return masked
+
+
+def block_of(components: slice | list[int]) -> tuple[Any, ...]:
+    """Return the index of the covariance of some components in a covariance (..., n, n)."""
+    if isinstance(components, slice):
+        return ..., components, components
+    return ..., np.array(components)[:, np.newaxis], np.array(components)
 
 
 def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:

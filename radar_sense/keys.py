@@ -103,8 +103,10 @@ class Key:
 
 
 def unit_name(name: str) -> str:
-    """Return the unit at the end of a name, as in `range_km`; "" without a unit."""
+    """Return the unit at the end of a name, as in `range_km` or `db_per_km`; "" without a unit."""
     stem, _, unit = name.rpartition("_")
+    if stem.endswith("_per"):
+        return f"{unit_name(stem.removesuffix('_per'))}/{UNITS.get(unit, unit)}"
     return UNITS.get(unit, "") if stem else ""
 
 
@@ -215,6 +217,20 @@ RADAR_PLACE = Key(
 )
 CONSTANT = Key("constant", "Radar constant c_r [J m²/K].", POSITIVE, default=None)
 P_FA = Key("p_fa", "Probability of false alarm.", PROBABILITY)
+ATTENUATION = Key(
+    "attenuation_db_per_km",
+    "One-way attenuation on the way to the target and back.",
+    NOT_NEGATIVE,
+    1e-3,
+    default=0.0,
+)
+ATTENUATION_STD = Key(
+    ATTENUATION.name,
+    "Standard deviation of the attenuation, which is log-normal.",
+    NOT_NEGATIVE,
+    1e-3,
+    default=0.0,
+)
 DETECTOR = Key(
     "detector", "Detector and fluctuation of the target.", choices=DETECTORS, default="north"
 )
@@ -250,7 +266,16 @@ DATA_SHEETS = tuple(
     Key(kind, f"Parameters of a {kind} radar, in place of the constant.", default=None)
     for kind in RADARS
 )
-RADAR = (RADAR_POSITION, RADAR_PLACE, P_FA, CONSTANT, *DATA_SHEETS, DETECTOR, SCAN_PERIOD)
+RADAR = (
+    RADAR_POSITION,
+    RADAR_PLACE,
+    P_FA,
+    CONSTANT,
+    *DATA_SHEETS,
+    DETECTOR,
+    SCAN_PERIOD,
+    ATTENUATION,
+)
 LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
 LOSSES_DB = Key(LOSSES_KEY, "Further losses by name [dB].", default=None)
@@ -422,6 +447,6 @@ def sections() -> Mapping[str, tuple[Key, ...]]:
         "geometry.interpolate": INTERPOLATE,
         "uncertainty": UNCERTAINTY,
         "uncertainty.aircraft": (*COV_AIRCRAFT, COVARIANCE, RCS_DB),
-        "uncertainty.radar.LEVEL": (*COV_RADAR, COVARIANCE),
+        "uncertainty.radar.LEVEL": (*COV_RADAR, COVARIANCE, ATTENUATION_STD),
         "analysis": ANALYSIS,
     }

@@ -1,4 +1,4 @@
-"""Progress of a computation, reported by whoever computes and shown by whoever listens."""
+"""Progress of a computation: reports of the computing code, and a listener that shows them."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeAlias
 
-#: Called with what is computed, how much of it is done, and how much there is.
+#: Called with the name of the computation, the steps done, and all steps.
 Listener: TypeAlias = Callable[[str, int, int], None]
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 def report(what: str, done: int, total: int) -> None:
-    """Tell the listener of this thread, if there is one, how far a computation is."""
+    """Report the steps done to the listener of this thread; do nothing without a listener."""
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)
@@ -22,7 +22,7 @@ def report(what: str, done: int, total: int) -> None:
 
 @contextmanager
 def heard_by(listener: Listener) -> Iterator[None]:
-    """Let a listener hear all reports of this thread within the context."""
+    """Send all reports of this thread to a listener within the context."""
     token = _listener.set(listener)
     try:
         yield

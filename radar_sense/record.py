@@ -42,7 +42,7 @@ def radar_block(
     """Return the keys of every radar.
 
     Args:
-        model: P_fa and detector.
+        model: P_fa, detector and attenuation.
         state: State of the radar (4,).
         source: Origin of the state, or None.
         scan_period: Time from one look to the next [s], or None.
@@ -63,6 +63,8 @@ def radar_block(
     block["detector"] = detector_block(model.detector)
     if scan_period is not None:
         block["scan_period_s"] = scan_period
+    if model.attenuation:
+        block[keys.ATTENUATION.name] = in_unit(model.attenuation, keys.ATTENUATION.unit)
     return block
 
 
@@ -85,6 +87,7 @@ def level_block(
     source: RadarSource | None,
     state: FloatArray,
     level: str,
+    attenuation_std: float,
 ) -> Block:
     """Return the uncertainty of one radar at one level.
 
@@ -93,6 +96,8 @@ def level_block(
     """
     stated = source.covariances.get(level) if source else None
     block = covariance_block(as_stated(covariance, stated), keys.COV_RADAR)
+    if attenuation_std:
+        block[keys.ATTENUATION_STD.name] = in_unit(attenuation_std, keys.ATTENUATION_STD.unit)
     if not tolerances:
         return block
     by_key = nested({tolerance.key: tolerance.std for tolerance in tolerances})

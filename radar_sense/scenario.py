@@ -19,14 +19,14 @@ from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, check_number
+from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import RCS
 from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
-from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, size_of
 
 #: Covariances checked at a time.
 _BLOCK = 2**14
@@ -75,6 +75,8 @@ class Scenario:
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
         rcs_db: Standard deviation of the RCS [dB]. The error is one log-normal factor at all
             radars, poses and looks. 0 for an RCS table with std_db.
+        attenuation_std: Standard deviation of the attenuation of each radar (m,) [dB/m], by level.
+            The attenuation is log-normal, with the value of the model as its median.
         correlation_s: Correlation time [s] of the pose errors, a first-order Gauss–Markov process.
             0 gives independent errors at all poses, and infinity one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
@@ -95,6 +97,7 @@ class Scenario:
     tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
     rcs_db: float = 0.0
+    attenuation_std: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
     provenance: Provenance = field(default_factory=Provenance)
@@ -111,7 +114,8 @@ class Scenario:
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
-        object.__setattr__(self, "tolerances", MappingProxyType(dict(self.tolerances)))
+        for name in ("tolerances", "attenuation_std"):
+            object.__setattr__(self, name, MappingProxyType(dict(getattr(self, name))))
         if not len(self.axis):
             along = axes.pose_number(len(self.aircraft))
             if self.time_s is not None:
@@ -168,6 +172,11 @@ class Scenario:
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
+        for level, of_radars in self.attenuation_std.items():
+            for std, model in zip(of_radars, self.model.models, strict=True):
+                check_number(
+                    f"attenuation_std[{level!r}]", std, Limit(at_least=0, at_most=model.attenuation)
+                )
         check_number("rcs_db", self.rcs_db, STD_DB)
         if self.rcs_db and self._rcs_spread is not None:
             raise InputError(
@@ -218,19 +227,42 @@ class Scenario:
 
     @property
     def shared(self) -> FloatArray:
-        """Nominal states common to all poses (4m,) or (4m + 1,): the radars, and ε of the RCS."""
-        return np.append(self.radar, 0.0) if self.rcs_std else self.radar
+        """Nominal states common to all poses: radars (4m,), and further errors, see `states`."""
+        further = self._shared_size - len(self.radar)
+        return np.append(self.radar, np.zeros(further)) if further else self.radar
 
     @property
     def cov_shared(self) -> FloatArray:
         """Covariance of the shared states, at the level."""
-        matrix = self.cov_radar[self.level]
-        if not self.rcs_std:
+        matrix, size = self.cov_radar[self.level], self._shared_size
+        end = len(matrix)
+        if size == end:
             return matrix
-        covariance = np.zeros((len(matrix) + 1, len(matrix) + 1))
-        covariance[:-1, :-1] = matrix
-        covariance[-1, -1] = self.rcs_std**2
-        return covariance
+        std = np.zeros(size)
+        std[end] = self.rcs_std
+        if size > end + 1:
+            for i, (model, own) in enumerate(
+                zip(self.model.models, self._attenuation, strict=True)
+            ):
+                std[end + 1 + i] = own / model.attenuation if own else 0.0
+        shared = covariance.from_std(std)
+        shared[:end, :end] = matrix
+        return shared
+
+    @property
+    def attenuation_uncertain(self) -> bool:
+        """Whether the attenuation of any radar is uncertain, at the level."""
+        return any(self._attenuation)
+
+    @property
+    def _attenuation(self) -> tuple[float, ...]:
+        return self.attenuation_std.get(self.level, (0.0,) * self._radar_count)
+
+    @property
+    def _shared_size(self) -> int:
+        return size_of(
+            self._radar_count, rcs=self.rcs_std > 0, attenuation=self.attenuation_uncertain
+        )
 
     @property
     def _rcs_spread(self) -> RCS | None:
@@ -374,6 +406,7 @@ class Scenario:
                 source,
                 self.radar[components],
                 level,
+                self.attenuation_std[level][i] if level in self.attenuation_std else 0.0,
             )
             for level, matrix in self.cov_radar.items()
         }
@@ -403,7 +436,8 @@ class Scenario:
 
     def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[dict[str, Any]]]:
         # A mapping proxy cannot be pickled.
-        mappings = {"cov_radar": dict(self.cov_radar), "tolerances": dict(self.tolerances)}
+        names = ("cov_radar", "tolerances", "attenuation_std")
+        mappings = {name: dict(getattr(self, name)) for name in names}
         return _make_scenario, (vars(self) | mappings,)
 
 
@@ -441,6 +475,9 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
             ),
             tolerances=MappingProxyType(
                 {level: (of_radars[i],) for level, of_radars in scenario.tolerances.items()}
+            ),
+            attenuation_std=MappingProxyType(
+                {level: (of_radars[i],) for level, of_radars in scenario.attenuation_std.items()}
             ),
         )
         for i, radar in enumerate(model.radars)

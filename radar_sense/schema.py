@@ -1,11 +1,11 @@
 """The JSON Schema of a scenario file, for editors: generated from the declarations in `keys`.
 
-Names, units, limits, defaults and words come from `keys`. What stands here is the structure of the
-file, and which keys exclude or require which. The schema is of draft-07, the one that language
+Names, units, limits, defaults and words come from `keys`. This file has the structure of a scenario
+file, and the keys that exclude or require each other. The schema has draft-07, which language
 servers support best.
 
-A schema cannot express everything that the reader checks. It accepts what it cannot judge, such as
-a covariance that is not positive semidefinite; `tests/test_schema.py` lists these rules.
+A schema cannot express all checks of the reader. For example, the schema accepts a covariance that
+is not positive semidefinite. `tests/test_schema.py` lists these checks.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from radar_sense.model.rcs import RCS_MODELS
 
 Schema = dict[str, Any]
 
-#: Name of the file that `radar-sense init` writes beside a scenario.
+#: Name of the schema that `radar-sense init` writes into the folder of a scenario.
 FILE_NAME = "radar_sense.schema.json"
 TITLE = "Scenario of radar-sense"
-#: The line of a scenario file that names its schema to the YAML language server of an editor.
+#: First line of a scenario file, which names the schema for the YAML language server.
 MODELINE = f"# yaml-language-server: $schema={FILE_NAME}\n"
 
 _INFINITY = {"type": "string", "pattern": r"^\+?\.?[iI][nN][fF]([iI][nN][iI][tT][yY])?$"}
@@ -60,7 +60,7 @@ def schema() -> Schema:
                 "geometry": _geometry(),
                 "uncertainty": _mapping(
                     keys.UNCERTAINTY,
-                    {"aircraft": _covariance(keys.COV_AIRCRAFT), "radar": {"type": "object"}},
+                    {"aircraft": _cov_aircraft(), "radar": {"type": "object"}},
                     required=[],
                 ),
                 "analysis": _mapping(keys.ANALYSIS),
@@ -107,7 +107,7 @@ def describe(key: Key) -> str:
 
 
 def allowed(key: Key) -> str:
-    """Return in a sentence what a key may be."""
+    """Return the allowed values of a key in a sentence."""
     if key.choices:
         return f"One of: {', '.join(key.choices)}."
     if key.pattern:
@@ -230,9 +230,11 @@ def _data_sheet(kind: str) -> Schema:
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
     others = [keys.SEARCH_FACTOR] if kind == "surveillance" else []
-    every = [key for units in parameters for key in units]
+    parameter_keys = [key for units in parameters for key in units]
     return {
-        **_mapping([*every, *others], required=[units[0] for units in names if len(units) == 1]),
+        **_mapping(
+            [*parameter_keys, *others], required=[units[0] for units in names if len(units) == 1]
+        ),
         "allOf": [_one_of(units) for units in names if len(units) > 1],
     }
 
@@ -268,18 +270,31 @@ def _by_word(key: Key, mappings: Mapping[str, Schema]) -> Schema:
 # Covariances.
 
 
-def _covariance(parts: Sequence[Key], shapes: Mapping[str, Schema] | None = None) -> Schema:
-    """Return the schema of a covariance, part by part or as a whole."""
+def _covariance(
+    parts: Sequence[Key], besides: Sequence[Key], shapes: Mapping[str, Schema] | None = None
+) -> Schema:
+    """Return the schema of a covariance, part by part or as a whole, with further keys."""
     whole = keys.COVARIANCE.name
     size = sum(key.size for key in parts)
     matrix = {whole: _matrix(size)}
     by_part = {key.name: _part(key) for key in parts}
+    section = [*parts, keys.COVARIANCE, *besides]
     return {
-        **_mapping([*parts, keys.COVARIANCE], {**by_part, **matrix, **(shapes or {})}, required=[]),
+        **_mapping(section, {**by_part, **matrix, **(shapes or {})}, required=[]),
         "if": {"required": [whole]},
-        "then": {"maxProperties": 1},
+        "then": {"not": {"anyOf": [_with(key.name) for key in parts]}},
         "else": {"required": [key.name for key in parts]},
     }
+
+
+def _cov_aircraft() -> Schema:
+    """Return the schema of the uncertainty of the aircraft.
+
+    The uncertainty of the RCS may be the only key, where the route file has the covariances.
+    """
+    schema = _covariance(keys.COV_AIRCRAFT, [keys.RCS_DB])
+    alone = {**_with(keys.RCS_DB.name), "maxProperties": 1}
+    return {**schema, "else": {"anyOf": [schema["else"], alone]}}
 
 
 def _part(key: Key) -> Schema:
@@ -308,7 +323,7 @@ def _levels(kind: str) -> Schema:
         "type": "object",
         "minProperties": 1,
         "propertyNames": {"pattern": f"^(?:{keys.LEVEL_NAME.pattern})$"},
-        "additionalProperties": _covariance(keys.COV_RADAR, shapes),
+        "additionalProperties": _covariance(keys.COV_RADAR, [keys.ATTENUATION_STD], shapes),
     }
 
 

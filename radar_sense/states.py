@@ -1,8 +1,9 @@
 """The two state vectors: their components, in order, and the sources of uncertainty in them.
 
 Every array of states has its components on the last axis, in the order given here. The states of
-several radars follow each other. The error of an uncertain RCS is the last component, after the
-radars. Like the radar states, the error is the same at all poses.
+several radars follow each other. The errors of further parameters come after the radars: ε of the
+RCS, and the error of ln α, the attenuation, of each radar. Like the radar states, these errors are
+the same at all poses. States have no further errors, ε alone, or ε and the error of each ln α.
 """
 
 from __future__ import annotations
@@ -24,16 +25,16 @@ RADAR = ("north", "east", "down", "constant")
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
 CONSTANT = 3
-#: The error of the RCS in the state of one radar.
-RCS_ERROR = len(RADAR)
-#: All components of a radar.
-ALL = slice(0, len(RADAR))
-#: The radar constants in the states of one radar or of several.
+#: The errors of the RCS and of the attenuation in the state of one radar.
+RCS_ERROR, ATTENUATION_ERROR = len(RADAR), len(RADAR) + 1
+#: The radar constants in the states of one radar or of several, without further errors.
 CONSTANTS = slice(CONSTANT, None, len(RADAR))
 #: A source of uncertainty: "aircraft" or "radar", and components of that state.
-Source: TypeAlias = tuple[str, slice]
+Source: TypeAlias = tuple[str, slice | list[int]]
 #: Name of the error of the RCS as a source, in the error budget of one radar or of several.
 AIRCRAFT_RCS = "aircraft_rcs"
+#: Name of the attenuation as a source, in the error budget of one radar.
+RADAR_ATTENUATION = "radar_attenuation"
 #: The sources of the paper's error budget.
 SOURCES: dict[str, Source] = {
     "aircraft_position": ("aircraft", POSITION),
@@ -43,27 +44,38 @@ SOURCES: dict[str, Source] = {
 }
 
 
-def sources(radars: Sequence[str] = (), *, rcs: bool = False) -> dict[str, Source]:
+def sources(
+    radars: Sequence[str] = (), *, rcs: bool = False, attenuation: bool = False
+) -> dict[str, Source]:
     """Return the sources of an error budget by name. Together they have all components.
 
     Args:
         radars: Names of the radars. Each of several radars is one source. The sources of a single
             radar are `SOURCES`.
-        rcs: Whether the radar states end with the error of the RCS.
+        rcs: Whether the error of the RCS is a source.
+        attenuation: Whether the attenuation of a single radar is a source, and that of each of
+            several radars a part of the radar.
     """
-    several = dict(SOURCES)
+    found = dict(SOURCES)
     if len(radars) > 1:
-        several = {name: source for name, source in SOURCES.items() if source[0] == "aircraft"}
-        several |= {name: _of_radar(i, ALL) for i, name in enumerate(radars)}
-    end = len(RADAR) * max(1, len(radars))
-    return {**several, **({AIRCRAFT_RCS: ("radar", slice(end, end + 1))} if rcs else {})}
+        found = {name: source for name, source in SOURCES.items() if source[0] == "aircraft"}
+        size = size_of(len(radars), rcs=rcs, attenuation=attenuation)
+        for i, name in enumerate(radars):
+            own = components_of([i], len(radars), size)
+            found[name] = "radar", [c for c in own if c != len(RADAR) * len(radars)]
+    if rcs:
+        found[AIRCRAFT_RCS] = "radar", [len(RADAR) * max(1, len(radars))]
+    if attenuation and len(radars) < 2:
+        found[RADAR_ATTENUATION] = "radar", [ATTENUATION_ERROR]
+    return found
 
 
-def finer_sources(radars: Sequence[str] = ()) -> dict[str, Source]:
+def finer_sources(radars: Sequence[str] = (), *, attenuation: bool = False) -> dict[str, Source]:
     """Return further sources of a budget of several radars: the aircraft, and parts of radars.
 
     Args:
         radars: Names of the radars; fewer than two have no further sources.
+        attenuation: Whether the attenuation of each radar is a source.
     """
     if len(radars) < 2:
         return {}
@@ -71,6 +83,9 @@ def finer_sources(radars: Sequence[str] = ()) -> dict[str, Source]:
     for i, name in enumerate(radars):
         finer[f"{name}_position"] = _of_radar(i, POSITION)
         finer[f"{name}_constant"] = _of_radar(i, slice(CONSTANT, CONSTANT + 1))
+    if attenuation:
+        first = len(RADAR) * len(radars) + 1
+        finer |= {f"{name}_attenuation": ("radar", [first + i]) for i, name in enumerate(radars)}
     return finer
 
 
@@ -80,15 +95,39 @@ def constant_names(radars: Sequence[str] = ()) -> list[str]:
 
 
 def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
-    """Return the components of some radars in the states of all, with the error of the RCS.
+    """Return the components of some radars in the states of all, with those of further errors.
 
     Args:
         radars: Numbers of the radars, from 0.
         count: Number of all radars, m.
-        size: Components of the states of all radars, 4m or 4m + 1.
+        size: Components of the states of all radars, one of `sizes_of`.
     """
-    components = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
-    return components + list(range(len(RADAR) * count, size))
+    own = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
+    end = len(RADAR) * count
+    if size > end:
+        own.append(end)
+    return own + ([end + 1 + i for i in radars] if size > end + 1 else [])
+
+
+def sizes_of(count: int) -> tuple[int, int, int]:
+    """Return how many components states of m radars may have, without and with further errors."""
+    return (
+        size_of(count, rcs=False, attenuation=False),
+        size_of(count, rcs=True, attenuation=False),
+        size_of(count, rcs=True, attenuation=True),
+    )
+
+
+def size_of(count: int, *, rcs: bool, attenuation: bool) -> int:
+    """Return how many components the states of m radars have with these errors after them."""
+    if attenuation:
+        return (len(RADAR) + 1) * count + 1
+    return len(RADAR) * count + int(rcs)
+
+
+def constants_of(count: int) -> slice:
+    """Return the radar constants in the states of m radars with further errors."""
+    return slice(CONSTANT, len(RADAR) * count, len(RADAR))
 
 
 def _of_radar(number: int, components: slice) -> Source:
@@ -96,10 +135,15 @@ def _of_radar(number: int, components: slice) -> Source:
     return "radar", slice(first + components.start, first + components.stop)
 
 
-def check_finite(whose: str, states: ArrayLike) -> None:
+def check_finite(whose: str, states: ArrayLike, radars: int = 0) -> None:
     """Raise InputError if states (..., n) of "aircraft" or "radar" are not all finite.
 
     The error names the first value that is not finite, its component and its pose, from 0.
+
+    Args:
+        whose: "aircraft" or "radar".
+        states: The states.
+        radars: Number of radars; 0 if no further errors follow them.
     """
     values = np.asarray(states, dtype=float)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -111,8 +155,9 @@ def check_finite(whose: str, states: ArrayLike) -> None:
     *pose, component = wrong[0].tolist()
     names = AIRCRAFT if whose == "aircraft" else RADAR
     name = names[component % len(names)]
-    if component == values.shape[-1] - 1 and component % len(names) == 0:
-        name = "the error of the RCS"
+    end = len(RADAR) * radars
+    if whose == "radar" and radars and component >= end:
+        name = "the error of the RCS" if component == end else "the error of an attenuation"
     elif whose == "radar" and values.shape[-1] > len(RADAR):
         name += f" of radar {component // len(RADAR) + 1}"
     raise InputError(

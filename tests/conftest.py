@@ -1,4 +1,4 @@
-"""The command line in process: a start of Python and NumPy per case would cost a second each."""
+"""The command line in this process, because a new process takes a second to start."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 class Outcome(NamedTuple):
-    """What a run of the tool ended with."""
+    """Exit code and output of a run of the tool."""
 
     code: int
     out: str

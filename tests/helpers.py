@@ -1,4 +1,4 @@
-"""How tests write scenarios, make networks, insist on refusals and look at figures."""
+"""Helpers of the tests: scenarios, networks, refusals and figures."""
 
 import copy
 import dataclasses
@@ -120,7 +120,7 @@ def assert_refused(code: int, out: str, err: str) -> None:
 
 
 def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
-    """Take the line apart into line number, key path and complaint."""
+    """Split an error into line number, key path and message."""
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
     assert match, error
     return int(match[1]), match[2] or "", match[3]

@@ -1,4 +1,4 @@
-"""Wrong arguments from Python fail where they are made, in one line that names the argument."""
+"""Wrong arguments from Python raise at once an error of one line with the name of the argument."""
 
 import re
 

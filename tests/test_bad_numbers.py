@@ -1,4 +1,4 @@
-"""Numbers that are none, and matrices that are no covariances, are errors for every method."""
+"""NaN, infinity and matrices that are no covariances raise errors in every method."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_the_ellipsoid_gives_nan_for_nan():
 
 
 def no_covariances(size):
-    """What is wrong, and a matrix."""
+    """Yield the problem and a matrix with it."""
     diagonal = np.eye(size)
     for value, said in ((NAN, r"got nan for entry \[2\]\[2\]"), (INF, "got inf"), (-1, "negative")):
         wrong = diagonal.copy()
@@ -90,7 +90,7 @@ def no_covariances(size):
 
 
 def everything(aircraft, radar, cov_aircraft, cov_radar):
-    """Every way from covariances to an uncertainty."""
+    """Yield all computations from covariances to an uncertainty."""
     arguments = aircraft, radar, cov_aircraft, cov_radar
     for method in METHODS:
         yield lambda method=method: rs.propagate(model(), *arguments, method=method)

@@ -1,4 +1,4 @@
-"""Covariance matrices: what is one, what is not, and factors that give it back."""
+"""Covariance matrices: checks, and square roots that reproduce the covariance."""
 
 import numpy as np
 import pytest
@@ -82,7 +82,7 @@ def test_the_first_bad_one_of_many_is_the_one_that_is_bad_alone(size):
 @pytest.mark.parametrize("per_pose", [False, True])
 @pytest.mark.parametrize("coupled", [False, True])
 def test_draws_are_the_factor_times_the_normals(coupled, per_pose):
-    """Also where they take the normals' place, which nobody else may do."""
+    """Draws may overwrite the normals only if the caller allows it."""
     rng = np.random.default_rng(3)
     root = rng.standard_normal((5, 6, 6) if per_pose else (6, 6)) * (1 if coupled else np.eye(6))
     mean, white = rng.standard_normal((5, 6)), rng.standard_normal((7, 5, 6))

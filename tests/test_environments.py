@@ -1,4 +1,4 @@
-"""Environments that users have: settings of Matplotlib and Python, locales, closed streams."""
+"""Environments of users: settings of Matplotlib and Python, locales, closed streams."""
 
 from __future__ import annotations
 

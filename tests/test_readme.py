@@ -1,4 +1,4 @@
-"""What the README shows is so."""
+"""The output shown in the README is the output of the commands."""
 
 import re
 from pathlib import Path

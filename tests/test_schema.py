@@ -90,7 +90,8 @@ def verdicts(text):
 #: an editor does not mark them.
 NOT_EXPRESSED = {
     "numbers that depend on each other": (
-        r"is not symmetric|is not positive semidefinite|makes the radar constant"
+        r"is not symmetric|is not positive semidefinite|has a negative variance"
+        r"|makes the radar constant|must be at most the attenuation|hides the target within"
         r"|1/6 of the parameter|must be a step other than 0|poses, allowed are|on top of"
         r"|must not both be 0"
     ),
@@ -98,7 +99,8 @@ NOT_EXPRESSED = {
         r"analysis.level: must be one of|that no other radar has|must be a level that"
         r"|missing level|would have the column"
     ),
-    "other files, and what is in them": r"^(route|rcs)\.csv:|cannot be read|the RCS table covers",
+    "other files, and what is in them": r"^(route|rcs)\.csv:|cannot be read|the RCS table covers"
+    r"|or the column std_db",
     "tags, and numbers that are no decimals": r"tags are not supported|must be finite|'0[xo]\d+'",
     "numbers too small to compute with": r"of a size from",
     "names that YAML reads as numbers or booleans": r"must be (a|the) name .*got '?[-+.\dtf]",

@@ -42,7 +42,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, check_method
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT_RCS, FloatArray
+from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -50,6 +50,8 @@ if TYPE_CHECKING:
 #: The gradient for a source counts as zero where the share of the source in the total is smaller
 #: than this times its largest share.
 VANISHING = 1e-3
+#: Sources that a scenario may have beside those of the paper.
+FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -117,11 +119,11 @@ _TABLE = (
     MEAN,
     Column("share_<source>", "Share of the variance of P_D from <source>; not by linear.", ""),
     quantity(
-        "share_interaction", "Share of the variance that no single source has; not by linear."
+        "share_interaction", "Share of the variance from interactions of sources; not by linear."
     ),
     Column(
         "total_index_<source>",
-        "Share of the variance that <source> takes part in; by montecarlo.",
+        "Total Sobol' index of <source>: its share and all its interactions; by montecarlo.",
         "",
     ),
     Column("share_error_<source>", "Standard error of the share of <source>; by montecarlo.", ""),
@@ -227,13 +229,13 @@ def budget(
             **{
                 f"three_sigma_{source}": values
                 for source, values in three_sigma.items()
-                if source != AIRCRAFT_RCS  # a later column, as the first ones are fixed
+                if source not in FURTHER  # later columns, as the first ones are fixed
             },
             "three_sigma_total": total,
             **{
                 f"three_sigma_{source}": values
                 for source, values in three_sigma.items()
-                if source == AIRCRAFT_RCS
+                if source in FURTHER
             },
             **{f"three_sigma_{source}": 3 * std for source, std in contributions.finer.items()},
             **mean_column(contributions.mean, method),
@@ -478,7 +480,7 @@ def _inverse_report(
 
 
 def accuracy_in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
-    """Return the largest factor on the standard deviations of a source, or why there is none."""
+    """Describe the largest factor on the standard deviations of a source."""
     factor = accuracy.factor
     if not accuracy.known:
         if not factor:

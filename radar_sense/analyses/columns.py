@@ -1,16 +1,18 @@
 """The columns of tables: name, unit and meaning, declared once for the record and the reference.
 
-Each analysis declares its columns with `@analysis(columns=...)`. A name may have a placeholder, as
-in `three_sigma_<level>`, which stands for any word in its place. Groups of columns that several
-analyses have are here.
+Each analysis declares its columns with `@analysis(columns=...)`. A name may have a placeholder for
+a word, as in `three_sigma_<level>`. This file has the columns common to several analyses.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from radar_sense.keys import unit_name
+
+_PLACEHOLDER = re.compile(r"<\w+>")
 
 
 @dataclass(frozen=True)
@@ -18,8 +20,8 @@ class Column:
     """A column of a table, or several columns with a placeholder in the name.
 
     Attributes:
-        name: The name, as in the first row of the file.
-        meaning: What the numbers are. The placeholder may stand here too.
+        name: The name in the first row of the file.
+        meaning: Meaning of the numbers. The text may have the placeholder too.
         unit: The unit; "" for a pure number.
     """
 
@@ -28,17 +30,20 @@ class Column:
     unit: str
 
     def named(self, name: str) -> Column | None:
-        """Return the column with a word in place of the placeholder; None if none fits a name."""
-        before, opening, rest = self.name.partition("<")
-        word, _, after = rest.partition(">")
-        filling = name[len(before) : len(name) - len(after)]
-        if name != before + filling + after or bool(filling) != bool(opening):
+        """Return the column with the placeholders filled by a name, or None if there is no fit."""
+        words = _PLACEHOLDER.findall(self.name)
+        pattern = "(.+)".join(map(re.escape, _PLACEHOLDER.sub("\0", self.name).split("\0")))
+        fits = re.fullmatch(pattern, name)
+        if not fits:
             return None
-        return Column(name, self.meaning.replace(f"<{word}>", filling), self.unit)
+        meaning = self.meaning
+        for word, filling in zip(words, fits.groups(), strict=True):
+            meaning = meaning.replace(word, filling)
+        return Column(name, meaning, self.unit)
 
 
 def quantity(name: str, meaning: str) -> Column:
-    """Return a column whose name ends with its unit, before a placeholder."""
+    """Return a column with the unit at the end of its name, before a placeholder."""
     return Column(name, meaning, unit_name(name.partition("_<")[0]))
 
 
@@ -51,10 +56,10 @@ def of_radars(columns: Iterable[Column]) -> tuple[Column, ...]:
 
 
 def find(columns: Sequence[Column], name: str) -> Column | None:
-    """Return the declared column of a name, with its placeholder filled; None if there is none."""
-    # the longest name first, as `lower_3sigma_<radar>` fits `lower_3sigma_se_<radar>` too
+    """Return the declared column of a name, with the placeholder filled, or None."""
+    # The longest name first, because `lower_3sigma_<radar>` fits `lower_3sigma_se_<radar>` too.
     longest_first = sorted(columns, key=lambda c: ("<" in c.name, -len(c.name)))
-    return next((found for c in longest_first if (found := c.named(name))), None)
+    return next((column for c in longest_first if (column := c.named(name))), None)
 
 
 AXIS = (
@@ -63,7 +68,7 @@ AXIS = (
     quantity("distance_m", "Distance flown to the pose on a path."),
     quantity("pose", "Number of the pose, from 0, of states given in Python."),
 )
-P_D = quantity("p_d", "P_D at the nominal states; of a network that of all radars together.")
+P_D = quantity("p_d", "P_D at the nominal states, of all radars together.")
 LINK = (
     quantity("range_m", "Slant range to the radar."),
     quantity("rcs_m2", "Radar cross section towards the radar."),
@@ -75,12 +80,12 @@ BAND = (
     quantity("lower_3sigma", "Lower 3-sigma bound of P_D."),
     quantity("upper_3sigma", "Upper 3-sigma bound of P_D."),
 )
-MEAN = quantity("mean_pd", "Mean of P_D; not by linear, for which it is p_d.")
+MEAN = quantity("mean_pd", "Mean of P_D; for linear the mean is p_d.")
 DRAWS = (
     quantity("mc_mean", "Mean of the draws of P_D."),
     quantity("mc_std", "Standard deviation of the draws of P_D."),
-    quantity("mc_lower", "Quantile 0.00135 of the draws, which is at -3 sigma of a normal."),
-    quantity("mc_upper", "Quantile 0.99865 of the draws, which is at +3 sigma of a normal."),
+    quantity("mc_lower", "Quantile of the draws at 0.00135, as -3 sigma of a normal distribution."),
+    quantity("mc_upper", "Quantile of the draws at 0.99865, as +3 sigma of a normal distribution."),
 )
 COVERAGE = quantity("coverage_3sigma", "Share of the draws within the 3-sigma band of the method.")
 PLACES = (
@@ -93,8 +98,8 @@ PLACES = (
 )
 OF_THRESHOLD = (
     quantity("upper_<k>sigma", "With --threshold and --k: upper bound of P_D at <k> sigma."),
-    quantity("margin", "With --threshold: P_MAX less the upper bound of P_D."),
+    quantity("margin", "With --threshold: P_MAX minus the upper bound of P_D."),
     quantity("violated", "With --threshold: 1 where the bound is above P_MAX, else 0."),
-    quantity("not_known", "With --threshold: 1 where no method at hand can tell, else 0."),
+    quantity("not_known", "With --threshold: 1 where the test has no answer, else 0."),
     quantity("probability_above", "With --threshold: probability that P_D is above P_MAX."),
 )

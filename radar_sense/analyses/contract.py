@@ -65,6 +65,7 @@ class Option:
         count: How many numbers the option takes.
         choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
+        multiple: Whether the option may be given several times.
     """
 
     name: str
@@ -76,6 +77,7 @@ class Option:
     count: int = 1
     choices: Collection[str] = ()
     flag: bool = False
+    multiple: bool = False
 
 
 #: The options that mean the same everywhere.
@@ -158,8 +160,8 @@ class Result:
     def columns(self) -> dict[str, Column]:
         """Unit and meaning of the columns of the table that the analysis declares, by name."""
         declared = self.by.columns if self.by else ()
-        found = {name: find(declared, name) for name in self.table}
-        return {name: column for name, column in found.items() if column}
+        columns = {name: find(declared, name) for name in self.table}
+        return {name: column for name, column in columns.items() if column}
 
     @property
     def band_label(self) -> str:
@@ -308,7 +310,7 @@ def _content(path: Path) -> bytes:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Command:
-    """What a command computes from a scenario, with its options.
+    """A command: a function of a scenario, and its options.
 
     Attributes:
         name: Name of the command.
@@ -316,7 +318,7 @@ class Command:
         options: Options of the command.
         examples: Commands for the help.
         endings: Endings of the files besides figures.
-        has_figures: Whether figures are files of their own.
+        has_figures: Whether the command writes figures as separate files.
     """
 
     name: str
@@ -327,7 +329,7 @@ class Command:
     has_figures: ClassVar[bool]
 
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
-        """Return what the command computes.
+        """Return the result of the command.
 
         Args:
             scenario: The scenario.
@@ -399,7 +401,7 @@ class Analysis(Command):
     has_figures: ClassVar[bool] = True
 
     def __call__(self, scenario: Scenario, **options: Any) -> Result:
-        """Return the result of the analysis; `Command.__call__` says more."""
+        """Return the result of the analysis, as `Command.__call__` does."""
         result: Result = super().__call__(scenario, **options)
         warnings = (
             *plausibility_warnings(self.selected(scenario, **options)),

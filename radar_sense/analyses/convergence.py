@@ -42,7 +42,7 @@ from radar_sense.montecarlo.sampler import Sampler, columns
 from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
 from radar_sense.montecarlo.statistics import order_statistics, quantile_position
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANTS, FloatArray
+from radar_sense.states import FloatArray, constants_of
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -91,7 +91,8 @@ class LinearModel:
         by_radar = _partials(lin.jac_radar, sampler.sqrt_cov_radar)
         added = sampler.radar_normals - by_radar.shape[1]
         by_radar = np.hstack([by_radar, np.zeros((len(by_radar), added))])
-        by_log_constant = (lin.jac_radar * sampler.radar)[:, CONSTANTS]
+        constants = constants_of(len(sampler.model.radars))
+        by_log_constant = (lin.jac_radar * sampler.radar)[:, constants]
         columns_by_radar = columns(len(sampler.radar), sampler.parts)
         for i, (parts, part_columns) in enumerate(
             zip(sampler.parts, columns_by_radar, strict=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +24,7 @@ from radar_sense.analyses.grid import (
     worst_p_d_in_cells,
 )
 from radar_sense.errors import InputError
-from radar_sense.limits import MAP_KM, MAP_STEP_KM, Limit
+from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY, Limit
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import upper_bound
@@ -72,7 +72,8 @@ def plot(result: Result, figure: Figure) -> None:
         fraction=0.05,
         pad=0.03,
     )
-    drawn = [v for v in LEVELS if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
+    levels = result.summary["contours"]
+    drawn = [v for v in levels if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
     if drawn:
         lines = axes.contour(
             east,
@@ -156,6 +157,13 @@ _OPTIONS = (
         Limit(at_least=-360, at_most=360),
         default_text="as at the first pose",
     ),
+    Option(
+        "p_d",
+        "P_D of a contour line; may be given several times.",
+        PROBABILITY,
+        default_text="0.1, 0.5 and 0.9",
+        multiple=True,
+    ),
     Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
     "workers",
 )
@@ -191,6 +199,7 @@ def coverage_map(
     step_km: float | None = None,
     down_km: float | None = None,
     course_deg: float | None = None,
+    p_d: Sequence[float] = LEVELS,
     upper: bool = False,
     worst_heading: bool = False,
     method: str = "linear",
@@ -210,6 +219,7 @@ def coverage_map(
         step_km: Distance of the cells [km].
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
+        p_d: P_D of the contour lines; of the bound with `upper`.
         upper: Whether to compute the upper bound at Φ(3) too, and to show the bound.
         worst_heading: Whether P_D is the largest over all headings.
         method: Method of propagation of the bound.
@@ -226,6 +236,7 @@ def coverage_map(
         raise InputError("--worst-heading and --upper exclude each other; give one of them")
     if worst_heading and course_deg is not None:
         raise InputError("--worst-heading and --course-deg exclude each other; give one of them")
+    contours = sorted(set(map(float, p_d)))
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
@@ -251,7 +262,7 @@ def coverage_map(
     shown = table["upper_3sigma" if upper else "p_d"]
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
-    areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in LEVELS}
+    areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in contours}
     quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     rows, columns = cells.shape
     route = _route(scenario, method if upper else None)
@@ -264,6 +275,7 @@ def coverage_map(
         "worst_heading": worst_heading,
         "shown": "upper_3sigma" if upper else "p_d",
         "area_km2": area_km2,
+        "contours": contours,
         "area_km2_at_or_above": areas,
         "route": [float(np.min(route)), float(np.max(route))],
     }

@@ -135,9 +135,13 @@ _TABLE = (
     quantity("p_fa", "Probability of false alarm."),
     quantity("snr_db", "Signal-to-noise ratio of a single pulse."),
     quantity("p_d_<detector>", "P_D by the detector <detector>."),
-    quantity("north_less_marcum", "P_D by North's approximation less the exact P_D."),
+    quantity("north_less_marcum", "P_D by North's approximation minus the exact P_D."),
     quantity("p_d_swerling2_<pulses>", "P_D by Swerling 2 with <pulses> integrated pulses."),
-    Column("dp_d_per_db_swerling2_<pulses>", "Change of the P_D of <pulses> pulses by dB.", "1/dB"),
+    Column(
+        "dp_d_per_db_swerling2_<pulses>",
+        "Derivative of P_D by the SNR in dB, for <pulses> pulses.",
+        "1/dB",
+    ),
 )
 
 

@@ -98,7 +98,8 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
-    groups = (sources_of(scenario), finer_sources(names), parts_of(scenario))
+    finer_names = finer_sources(names, attenuation=scenario.attenuation_uncertain)
+    groups = (sources_of(scenario), finer_names, parts_of(scenario))
     std = std_function(scenario, method=method)
     count = sum(len(group) for group in groups)
     std_by_name: dict[str, FloatArray] = {}
@@ -118,7 +119,11 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
 
 def sources_of(scenario: Scenario) -> dict[str, Source]:
     """Return the sources of the error budget of a scenario by name."""
-    return sources(scenario.model.names, rcs=scenario.rcs_std > 0)
+    return sources(
+        scenario.model.names,
+        rcs=scenario.rcs_std > 0,
+        attenuation=scenario.attenuation_uncertain,
+    )
 
 
 @dataclass(frozen=True)
@@ -355,7 +360,8 @@ def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
 
 def _source(scenario: Scenario, name: str) -> Source:
     names = scenario.model.names
-    return {**sources_of(scenario), **finer_sources(names)}[name]
+    finer = finer_sources(names, attenuation=scenario.attenuation_uncertain)
+    return {**sources_of(scenario), **finer}[name]
 
 
 def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
@@ -378,8 +384,13 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)
-    parts, blocks_by_name = parts_of(scenario), sources_of(scenario)
+    parts, shown = parts_of(scenario), sources_of(scenario)
     cov_radar = scenario.cov_shared
+    # every input is in a group, also ε of a certain RCS before the errors of attenuations
+    rcs = len(cov_radar) > len(scenario.radar)
+    blocks_by_name = sources(
+        scenario.model.names, rcs=rcs, attenuation=scenario.attenuation_uncertain
+    )
     for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
         blocks = [components for owner, components in blocks_by_name.values() if owner == whose]
         apart = sum(covariance.keep_components(matrix, components) for components in blocks)
@@ -394,9 +405,9 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     }
     for whose, components in blocks_by_name.values():
         # One square root for each source, because Sobol' indices need separate inputs.
-        block = (..., components, components)
+        block = covariance.block_of(components)
         if whose == "radar":
-            states = range(components.start, components.stop)
+            states = np.arange(len(cov_radar))[components].tolist()
             independent = [
                 states.index(c) for c in made_of_parts(scenario.tolerances_at_level) if c in states
             ]
@@ -413,7 +424,8 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         "radar": list(range(len(AIRCRAFT), len(AIRCRAFT) + sampler.radar_normals)),
     }
     groups = {
-        name: inputs[whose][components] for name, (whose, components) in blocks_by_name.items()
+        name: np.array(inputs[whose])[components].tolist()
+        for name, (whose, components) in blocks_by_name.items()
     }
     part_columns = columns(len(cov_radar), scenario.tolerances_at_level)
     for part, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
@@ -446,10 +458,10 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     return Budget(
         mean=indices.mean,
         std=std,
-        alone={s: alone[s] for s in blocks_by_name},
-        total_index={s: indices.total[i] for i, s in enumerate(blocks_by_name)},
+        alone={s: alone[s] for s in shown},
+        total_index={s: indices.total[i] for i, s in enumerate(groups) if s in shown},
         share_error={
-            **{s: error[s] for s in blocks_by_name},
+            **{s: error[s] for s in shown},
             "interaction": np.sqrt(np.sum(indices.first_error[: len(blocks_by_name)] ** 2, axis=0)),
             **{name: error[name] for name in parts},
         },

@@ -37,7 +37,7 @@ BLOCK = 16_384
 #: k of the upper bound.
 BETA = 3.0
 DOWN = 2
-_YAW = 5
+YAW = 5
 #: Headings at which the RCS is computed to find its lobes, and halves of the steps tried.
 CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -221,7 +221,7 @@ def worst_p_d_in_cells(
 
         def p_d_at(heading: FloatArray | float) -> FloatArray:
             aircraft[..., ATTITUDE] = pose[ATTITUDE]
-            aircraft[..., _YAW] = heading
+            aircraft[..., YAW] = heading
             if turn is not None:
                 aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)
             p_d: FloatArray = scenario.model.p_d(aircraft, scenario.radar)
@@ -259,7 +259,7 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     elevations = np.deg2rad(np.arange(-30.0, 31.0, 10.0))[:, np.newaxis]
     states = np.zeros((len(elevations), CIRCLE, len(AIRCRAFT)))
     states[..., ATTITUDE] = pose[ATTITUDE]
-    states[..., _YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
+    states[..., YAW] = 2.0 * np.pi * np.arange(CIRCLE) / CIRCLE
     towards = np.concatenate(
         [np.cos(elevations), np.zeros_like(elevations), np.sin(elevations)], axis=-1
     )
@@ -338,7 +338,7 @@ def pose_in_cells(scenario: Scenario, down: float | None, course: float | None) 
     if down is not None:
         pose[DOWN] = down
     if course is not None:
-        pose[_YAW] = course
+        pose[YAW] = course
     return pose
 
 
@@ -364,7 +364,7 @@ def states_in(
     states[2:] = pose[2:, np.newaxis, np.newaxis]
     aircraft: FloatArray = np.moveaxis(states, 0, -1)
     if origin is not None:
-        _bend(aircraft, origin)
+        put_at_height(aircraft, origin)
     return aircraft
 
 
@@ -378,7 +378,7 @@ def _turn_to_origin(
     return geodesy.turn_to_origin(place, origin)
 
 
-def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
+def put_at_height(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
     """Change states (..., 6) in place to one height above the ellipsoid and local attitudes.
 
     Newton's method finds the down coordinate. The derivative of height by down is minus the cosine
@@ -395,7 +395,7 @@ def _bend(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:
         aircraft[..., DOWN] += error / np.maximum(turn[..., DOWN, DOWN], 0.05)
     if not np.all(abs(error) < 1e-2):
         raise InputError(
-            "the map reaches too far from the origin, beyond the edge of the earth in the local "
-            "frame; choose a smaller map, or a geometry.origin nearer to the map"
+            "a pose is too far from the origin, beyond the edge of the earth in the local frame; "
+            "choose a smaller map, or a geometry.origin nearer to the map"
         )
     aircraft[..., ATTITUDE] = geodesy.turned_attitude(aircraft[..., ATTITUDE], turn)

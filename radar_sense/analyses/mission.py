@@ -2,10 +2,10 @@
 
 A mission needs a path with times, and the time from one look of a radar to the next,
 `radar.scan_period_s`. Each radar has its first look at the first pose. Between two poses the
-aircraft flies a straight line in the local frame, or in latitude and longitude if the path follows
-the curve of the earth. The attitude turns the short way at a constant rate. The covariance is
-interpolated linearly. Poses far apart in a turn make a poor path; `geometry.interpolate` adds poses
-between them. The errors of the poses have the correlation time
+aircraft flies a straight line. The line is in latitude and longitude if the path follows the curve
+of the earth, and in the local frame otherwise. The attitude turns the short way at a constant rate.
+The covariance is interpolated linearly. Poses far apart in a turn make a poor path;
+`geometry.interpolate` adds poses between them. The errors of the poses have the correlation time
 `uncertainty.aircraft_correlation_s`. The errors of a radar are the same at all looks.
 
 The radars of a network that have one scan period are a scan group. They look together, and their

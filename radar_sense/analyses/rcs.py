@@ -123,6 +123,7 @@ _TABLE = (
     quantity("azimuth_deg", "Azimuth of the radar seen from the aircraft, 0 off the nose."),
     quantity("elevation_deg", "Elevation of the radar seen from the aircraft, positive above."),
     quantity("rcs_m2", "Radar cross section in this direction."),
+    quantity("std_db", "Standard deviation of the cross section; of a table that has one alone."),
 )
 
 
@@ -189,7 +190,7 @@ def rcs(scenario: Scenario) -> Result:
 
 
 def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
-    """Return the standard deviation [dB] of an RCS table that has one by aspect."""
+    """Return the column of the standard deviation [dB] of an RCS table; {} without one."""
     spread = getattr(model, "spread", None)
     return {} if spread is None else {"std_db": pattern(spread, *columns)}
 

@@ -68,9 +68,9 @@ def refined(
 ) -> Refined:
     """Return a path with poses added until P_D and its upper bound are linear between poses.
 
-    First, steps are halved by geometry: the aspect of each radar may turn by a few degrees, and the
-    aircraft may move by a tenth of the range. Then steps are halved until P_D and its bound are
-    within the tolerance of straight lines, by their second differences.
+    First, steps are halved by geometry. In one step the aspect of each radar may turn by a few
+    degrees, and the aircraft may move by a tenth of the range. Then steps are halved until P_D and
+    its bound are within the tolerance of straight lines, by their second differences.
 
     Args:
         scenario: The scenario of a path.

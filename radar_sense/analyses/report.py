@@ -291,8 +291,8 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
     poses = f"{np.count_nonzero(outside)} of {len(outside)} poses"
     return (
         f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
-        f"states within 3 sigma lie beyond ({draws}{poses}); there the outermost values of the "
-        f"table are used, {place}",
+        f"states within 3 sigma are beyond {place} ({draws}{poses}); the outermost values of the "
+        "table are used there",
     )
 
 

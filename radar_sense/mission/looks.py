@@ -24,7 +24,7 @@ class Model(Protocol):
     """The methods of a model of looks: `DetectionModel`, a network, or `Interleaved`.
 
     K looks are the first axis of the aircraft states. m radars have 4m states, and may have the
-    error of the RCS after them.
+    errors of further parameters after them.
     """
 
     def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:

@@ -18,18 +18,24 @@ from numpy.typing import ArrayLike
 
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import InputError
-from radar_sense.limits import Limit, check_number
+from radar_sense.limits import NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.detectors import Detector, North
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
-from radar_sense.model.radar_equation import snr
-from radar_sense.model.rcs import RCS, linearize_with_error, with_error
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, RCS_ERROR, FloatArray, check_finite
+from radar_sense.model.radar_equation import NEPERS, snr
+from radar_sense.model.rcs import MOST_NEPERS, RCS, linearize_with_error, with_error
+from radar_sense.states import (
+    AIRCRAFT,
+    ATTENUATION_ERROR,
+    CONSTANT,
+    RADAR,
+    RCS_ERROR,
+    FloatArray,
+    check_finite,
+    sizes_of,
+)
 
-#: Poses per block. The arrays in use fit into a third-level cache, and NumPy's calls are long
-#: enough for several threads to run at full speed.
-BLOCK = 131_072
-#: Poses per block with all partials, which need more arrays. They fit into a second-level cache.
-BLOCK_OF_PARTIALS = 16_384
+#: Poses per block. Arrays of 128 kB stay in a second-level cache.
+BLOCK = 16_384
 #: From S and P_fa to values of a detector, and the slope of the last value by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
@@ -43,8 +49,8 @@ class Linearization:
         p_d: Probability of detection (...).
         jac_aircraft: A_Pa (..., 6), partials for north, east, down [1/m], roll, pitch, yaw [1/rad].
         jac_radar: A_Pr (..., 4), partials for north, east, down [1/m] and c_r [K/(J m²)]; for a
-            network (..., 4m), radar after radar. The partial for the error of the RCS follows,
-            where the radar states have that error.
+            network (..., 4m), radar after radar. The partials for further errors follow, where the
+            radar states have them.
     """
 
     p_d: FloatArray
@@ -80,22 +86,28 @@ class DetectionModel:
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
     (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. With a fifth component, the
-    error ε of the RCS, σ_r is multiplied by 10^(s ε/10); see `rcs`. The two broadcast against each
-    other. All results are NaN where aircraft and radar coincide.
+    error ε of the RCS, σ_r is multiplied by 10^(s ε/10); see `rcs`. With a sixth component, the
+    error of ln α, the attenuation α is multiplied by its exponential. The two states broadcast
+    against each other. All results are NaN where aircraft and radar coincide.
 
     Attributes:
         rcs: Radar cross section by aspect.
         p_fa: Probability of false alarm, between 0 and 1.
         detector: Detector, from signal-to-noise ratio to P_D. The default is North's approximation.
+        attenuation: One-way attenuation α [dB/m] on the way to the target and back. S is multiplied
+            by 10^(−2αR/10).
     """
 
     rcs: RCS
     p_fa: float
     detector: Detector = field(default_factory=North)
+    attenuation: float = 0.0
 
     def __post_init__(self) -> None:
         p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
         object.__setattr__(self, "p_fa", p_fa)
+        attenuation = check_number("attenuation", self.attenuation, NOT_NEGATIVE)
+        object.__setattr__(self, "attenuation", attenuation)
         if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
             raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
         if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
@@ -181,9 +193,7 @@ class DetectionModel:
     ) -> tuple[FloatArray, ...]:
         """Return the values of a detector, and the partials of the last one by both states."""
         tails = (*((),) * values, (len(AIRCRAFT),), np.shape(radar)[-1:])
-        return _in_blocks(
-            lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK_OF_PARTIALS
-        )
+        return _in_blocks(lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK)
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
@@ -192,7 +202,19 @@ class DetectionModel:
             sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
         else:
             sigma = self.rcs.cross_section(join(body))
-        return snr(radar[..., CONSTANT], sigma, _range_squared(line))
+        range_squared = _range_squared(line)
+        ratio = snr(radar[..., CONSTANT], sigma, range_squared)
+        if not self.attenuation:
+            return ratio
+        # there and back, 10^(−2αR/10)
+        return ratio * np.exp(-2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared))
+
+    def _attenuation(self, radar: FloatArray) -> FloatArray:
+        """Return the attenuation α (...) [dB/m] with its error."""
+        if radar.shape[-1] <= ATTENUATION_ERROR:
+            return np.asarray(self.attenuation)
+        growth: FloatArray = np.exp(np.minimum(radar[..., ATTENUATION_ERROR], MOST_NEPERS))
+        return self.attenuation * growth
 
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
@@ -212,16 +234,25 @@ class DetectionModel:
         ratio = snr(constant, sigma, range_squared)
         # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without the factor, and exist where it is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
+        path_loss = 0.0 * _ONE  # −ln of the factor of the attenuation
+        if self.attenuation:
+            path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
+            gain = np.exp(-path_loss)
+            ratio, ds_dconstant = gain * ratio, gain * ds_dconstant
         *values, by_snr = detector(ratio, self.p_fa)
 
-        # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R
+        # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
         by_range = -4.0 * by_snr * ratio / range_squared
+        if self.attenuation:
+            by_range *= 1.0 + 0.25 * path_loss
         by_position = Vector(*(by_range * d for d in line))
         if attitude is None:
             by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where aircraft and radar coincide
         else:
             # σ_r depends on the body-frame vector, the range does not.
             by_sigma = by_snr * snr(constant, _ONE, range_squared)
+            if self.attenuation:
+                by_sigma *= gain
             by_aspect, by_attitude = attitude.pull_back(
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )
@@ -229,6 +260,8 @@ class DetectionModel:
         of_radar = [*by_position, by_snr * ds_dconstant]
         if by_error is not None:
             of_radar.append(by_snr * ratio * by_error)
+        if radar.shape[-1] > ATTENUATION_ERROR:
+            of_radar.append(-by_snr * ratio * path_loss)
         return *values, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
 
 
@@ -314,12 +347,12 @@ def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArra
 
 def _check_states(aircraft: ArrayLike, radar: ArrayLike) -> None:
     check_finite("aircraft", _states("aircraft", AIRCRAFT, aircraft))
-    check_finite("radar", _states("radar", RADAR, radar))
+    check_finite("radar", _states("radar", RADAR, radar), 1)
 
 
 def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
     states = np.asarray(values, dtype=float)
-    sizes = {len(components)} | ({RCS_ERROR + 1} if components is RADAR else set())
+    sizes = sizes_of(1) if components is RADAR else (len(components),)
     if states.ndim == 0 or states.shape[-1] not in sizes:
         raise ValueError(
             f"{whose} states must have shape (..., {len(components)}) for "

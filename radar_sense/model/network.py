@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,11 +36,14 @@ from radar_sense.model.horizon import Horizon
 from radar_sense.model.rcs import RCS
 from radar_sense.states import (
     AIRCRAFT_RCS,
+    ATTENUATION_ERROR,
     CONSTANT,
     RADAR,
+    RCS_ERROR,
     FloatArray,
     check_finite,
     components_of,
+    sizes_of,
 )
 
 #: z of a radar that does not see the target. Minus infinity would make sums NaN, and Φ(−1e6) is 0.
@@ -104,6 +107,10 @@ class Radar:
             visible &= self.horizon.visible(aircraft, radar)
         return visible
 
+    def without_limits(self) -> Radar:
+        """Return the radar without minimum and maximum range and horizon."""
+        return replace(self, min_range=0.0, max_range=math.inf, horizon=None)
+
     @property
     def limited(self) -> bool:
         """Whether the radar has a maximum range, a minimum range or a horizon."""
@@ -119,8 +126,9 @@ class NetworkModel:
     """Probability that at least one of m radars detects an aircraft with a single pulse.
 
     It has the methods of a `DetectionModel`, with radar states (..., 4m): north, east, down [m] and
-    c_r [J m²/K] of each radar in turn. They may have one component more, the error ε of the RCS
-    that all radars share. A network of one radar equals its detection model bit for bit.
+    c_r [J m²/K] of each radar in turn. The errors of further parameters may follow, ε of the RCS
+    that all radars share, and of ln α of each radar; see `states`. A network of one radar equals
+    its detection model bit for bit.
 
     Attributes:
         radars: The radars. All have the RCS of the one aircraft.
@@ -159,10 +167,9 @@ class NetworkModel:
         return tuple(radar.name for radar in self.radars if radar.name)
 
     @property
-    def sizes(self) -> tuple[int, int]:
-        """Components of the radar states: without the error of the RCS, and with it."""
-        components = len(RADAR) * len(self.radars)
-        return components, components + 1
+    def sizes(self) -> tuple[int, int, int]:
+        """How many components the radar states may have, without and with further errors."""
+        return sizes_of(len(self.radars))
 
     @property
     def limited(self) -> bool:
@@ -205,15 +212,15 @@ class NetworkModel:
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D by at least one radar, and its partials by aircraft and radar states.
 
-        `jac_radar` is (..., 4m), or (..., 4m + 1) with the error of the RCS. All is 0
-        where no radar sees the aircraft.
+        `jac_radar` is (..., 4m), with partials by further errors after them. All
+        is 0 where no radar sees the aircraft.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
         check_finite("aircraft", aircraft)
-        check_finite("radar", radar)
+        check_finite("radar", radar, len(self.radars))
         if len(self.radars) == 1:
             (single,) = self.radars
             lin = single.model.linearize(aircraft, radar)
@@ -250,7 +257,7 @@ class NetworkModel:
         if len(self.radars) == 1 and not self.limited:
             return self.radars[0].model.linearize_probit(aircraft, radar)
         check_finite("aircraft", aircraft)
-        check_finite("radar", radar)
+        check_finite("radar", radar, len(self.radars))
         visible = self.visible(aircraft, radar)
         z, by_aircraft, by_radar = self._fused_probit(aircraft, radar, visible, extrapolated=False)
         return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
@@ -293,7 +300,8 @@ class NetworkModel:
     def split(self, radar: ArrayLike) -> list[FloatArray]:
         """Split radar states (..., 4m) into the state of each radar (..., 4).
 
-        Each state has the error of the RCS too, (..., 5), where the radar states end with it.
+        Each state has the errors of the RCS and of its attenuation too, up to (..., 6), where the
+        radar states have them.
 
         Raises:
             ValueError: If the shape does not fit.
@@ -322,7 +330,7 @@ class NetworkModel:
         radar: ArrayLike,
     ) -> Iterator[FloatArray]:
         """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
-        check_finite("radar", radar)
+        check_finite("radar", radar, len(self.radars))
         for single, state in zip(self.radars, self.split(radar), strict=True):
             values = quantity(single.model, aircraft, state)
             if single.limited:
@@ -337,7 +345,7 @@ class NetworkModel:
         *,
         extrapolated: bool,
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4) or (..., 5)."""
+        """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4 to 6)."""
         values, by_aircraft, by_radar = [], [], []
         for i, state in enumerate(self.split(radar)):
             model, one = self.models[i], visible[..., i : i + 1]
@@ -383,7 +391,7 @@ def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
 def _extrapolated(
     model: DetectionModel, aircraft: FloatArray, radar: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return z of states (k, 6) and (k, 4 or 5) and its partials, linear below c_r = 0."""
+    """Return z of states (k, 6) and (k, 4 to 6) and its partials, linear below c_r = 0."""
     below_zero = np.minimum(radar[:, CONSTANT], 0.0)
     # Unchecked, because a diverging search reaches states that are not finite.
     if not below_zero.any():
@@ -400,7 +408,8 @@ def name_problem(names: Sequence[str]) -> str | None:
     taken.add(AIRCRAFT_RCS)
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:
-        for row in (name, f"{name}_position", f"{name}_constant", f"error_{name}"):
+        parts = (f"{name}_{part}" for part in ("position", "constant", "attenuation"))
+        for row in (name, *parts, f"error_{name}"):
             if row in taken:
                 return f"radars cannot be named {', '.join(names)}: {row!r} would mean two things"
             taken.add(row)
@@ -441,14 +450,16 @@ def _weighted(
 ) -> tuple[FloatArray, FloatArray]:
     """Return fused partials by the aircraft state and by the states of all radars.
 
-    A partial by the error of the RCS is a sum over the radars, as all radars have that error.
+    The partial by the error of the RCS is a sum over the radars, as all radars have that error.
     """
     factors = weight[..., np.newaxis]
     together = factors[0] * by_aircraft[0]
     for factor, partials in zip(factors[1:], by_aircraft[1:], strict=True):
         together += factor * partials
     parts = [factor * partials for factor, partials in zip(factors, by_radar, strict=True)]
-    shared = [part[..., len(RADAR) :] for part in parts]
+    shared = [part[..., RCS_ERROR:ATTENUATION_ERROR] for part in parts]
     if shared[0].shape[-1]:
-        parts = [*(part[..., : len(RADAR)] for part in parts), np.sum(shared, axis=0)]
+        states = (part[..., :RCS_ERROR] for part in parts)
+        attenuations = (part[..., ATTENUATION_ERROR:] for part in parts)
+        parts = [*states, np.sum(shared, axis=0), *attenuations]
     return together, np.concatenate(parts, axis=-1)

@@ -17,6 +17,8 @@ from radar_sense.errors import InputError
 from radar_sense.limits import POSITIVE, Limit, check_number, check_parameters
 from radar_sense.states import FloatArray
 
+#: ln of a ratio of powers of 1 dB.
+NEPERS = math.log(10.0) / 10.0
 DECIBELS = Limit(at_least=-200, at_most=200)
 #: What a receiver or a line takes away, in decibels; neither gives anything.
 LOSSES = Limit(at_least=0, at_most=200)

@@ -19,7 +19,6 @@ depends on aspect.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -29,10 +28,9 @@ import numpy as np
 from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
+from radar_sense.model.radar_equation import NEPERS
 from radar_sense.states import FloatArray
 
-#: ln of a ratio of powers of 1 dB.
-NEPERS = math.log(10.0) / 10.0
 #: Largest ln of the factor of an error. P_D is 1 far below, and a larger factor overflows.
 MOST_NEPERS = 300.0
 

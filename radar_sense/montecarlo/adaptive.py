@@ -1,10 +1,10 @@
 """Adaptive Monte Carlo, and the verdict on a method of propagation, pose by pose.
 
 The procedure follows JCGM 101:2008 (Supplement 1 to the "Guide to the expression of uncertainty in
-measurement"). Clause 7.9: batches are drawn until mean, standard deviation and both ends of the
-coverage interval are stable to a numerical tolerance δ. δ follows from the number of significant
-digits of the standard deviation. Clause 8: the method is validated where both ends of its interval
-are within δ of the ends by Monte Carlo.
+measurement"). By clause 7.9, batches are drawn until mean, standard deviation and both ends of the
+coverage interval are stable to a numerical tolerance. The tolerance δ follows from the number of
+significant digits of the standard deviation. By clause 8, the method is validated where both ends
+of its interval are within δ of the ends by Monte Carlo.
 
 Every pose has its own δ and its own number of batches. Each batch at a pose has its own random
 stream. The radar states of a batch, shared by all poses, have another stream. The result at a pose

@@ -12,8 +12,9 @@ from radar_sense.covariance import block_square_root, checked, component_first, 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, draw
+from radar_sense.montecarlo.sequences import TOGETHER
 from radar_sense.scenario import Scenario
-from radar_sense.states import CONSTANT, CONSTANTS, RADAR, FloatArray, check_finite
+from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, constants_of
 
 #: All poses of a scenario.
 ALL_POSES = slice(None)
@@ -53,8 +54,8 @@ class Sampler:
     Attributes:
         model: The detection model, of a radar or of a network of m.
         aircraft: Nominal aircraft states (n, 6).
-        radar: Nominal radar state (4,), or (4m,) of a network of m. The error of the RCS follows
-            where it is uncertain. A draw of it holds for all radars and poses of a run.
+        radar: Nominal radar state (4,), or (4m,) of a network of m. The errors of further
+            parameters may follow, see `states`. A draw of them holds for all poses of a run.
         sqrt_cov_aircraft: F (6, 6) with F Fᵀ = C_aa, or one for each pose (n, 6, 6).
         sqrt_cov_radar: F (4, 4), or (4m, 4m), with F Fᵀ = C_rr.
         parts: The uncertain parameters of the c_r of each radar; () for a Gaussian c_r. The
@@ -96,7 +97,7 @@ class Sampler:
             ValueError: If a state is not finite, or a matrix is not a covariance.
         """
         check_finite("aircraft", aircraft)
-        check_finite("radar", radar)
+        check_finite("radar", radar, len(as_network(model).radars))
         return cls(
             model=as_network(model),
             aircraft=aircraft,
@@ -121,13 +122,14 @@ class Sampler:
             Radar states (runs, 4m), and where a c_r was drawn below zero and set to zero (runs,).
         """
         radar = draws(self.radar, self.sqrt_cov_radar, normals[:, : len(self.radar)])
-        constants = radar[:, CONSTANTS]  # a view: assignments change `radar`
+        places = constants_of(len(self.model.radars))
+        constants = radar[:, places]  # a view: assignments change `radar`
         negative = constants < 0
         constants[negative] = 0.0
         columns_by_radar = columns(len(self.radar), self.parts)
         for i, (parts, part_columns) in enumerate(zip(self.parts, columns_by_radar, strict=True)):
             if parts:  # `draw` returns 0 for a negative parameter
-                constants[:, i] = draw(self.radar[CONSTANTS][i], parts, normals[:, part_columns])
+                constants[:, i] = draw(self.radar[places][i], parts, normals[:, part_columns])
                 negative[:, i] = constants[:, i] == 0
         return radar, np.asarray(negative.any(axis=1))
 
@@ -150,7 +152,12 @@ class Sampler:
         Returns:
             P_D (runs, poses).
         """
-        sqrt_cov = self.sqrt_cov_aircraft
+        sqrt_cov, nominal = self.sqrt_cov_aircraft, self.aircraft[poses]
         sqrt_cov = sqrt_cov if sqrt_cov.ndim == 2 else sqrt_cov[poses]
-        aircraft = draws(self.aircraft[poses], sqrt_cov, normals, overwrite=overwrite)
-        return self.model.p_d(aircraft, radar[:, np.newaxis])
+        p_d = np.empty(normals.shape[:-1])
+        size = max(1, TOGETHER // max(1, int(normals.shape[1])))
+        for start in range(0, len(p_d), size):
+            runs = slice(start, start + size)
+            aircraft = draws(nominal, sqrt_cov, normals[runs], overwrite=overwrite)
+            p_d[runs] = self.model.p_d(aircraft, radar[runs, np.newaxis])
+        return p_d

@@ -1,6 +1,7 @@
 """Methods of propagation: from Gaussian states to mean, deviation and bounds of P_D."""
 
 from radar_sense.propagation.methods import (
+    LARGEST_PROBIT,
     METHODS,
     Method,
     check_method,
@@ -11,6 +12,7 @@ from radar_sense.propagation.methods import (
     propagate_scenario,
     std_function,
     upper_bound,
+    upper_bound_in_scenario,
 )
 from radar_sense.propagation.moments import (
     BOUND_CHANGE,
@@ -21,6 +23,7 @@ from radar_sense.propagation.moments import (
 
 __all__ = [
     "BOUND_CHANGE",
+    "LARGEST_PROBIT",
     "METHODS",
     "STD_CHANGE",
     "Method",
@@ -34,4 +37,5 @@ __all__ = [
     "propagate_scenario",
     "std_function",
     "upper_bound",
+    "upper_bound_in_scenario",
 ]

@@ -130,8 +130,8 @@ def propagate(
     Args:
         model: The detection model, of a radar or of a network.
         aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m. One component more,
-            nominally 0, is the error of the RCS; see `model.rcs`.
+        radar: Nominal radar states (..., 4), or (..., 4m) of a network of m. The errors of further
+            parameters may follow, nominally 0; see `states`.
         cov_aircraft: C_aa (..., 6, 6), which may be singular.
         cov_radar: C_rr (..., 4, 4), or (..., 4m, 4m), which may be singular. The four broadcast
             against each other.
@@ -227,6 +227,13 @@ def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: floa
     _check_choices(method, beta)
     shape, states = _states_of(scenario)
     return _moments(shape, states, method, beta)
+
+
+def upper_bound_in_scenario(
+    scenario: Scenario, *, method: str = "linear", beta: float = 3.0
+) -> FloatArray:
+    """Return the upper bound of P_D (n,) at every pose of a scenario, at its level."""
+    return upper_bound(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
 
 
 def nonlinear_in_scenario(

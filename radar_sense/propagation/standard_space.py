@@ -3,8 +3,8 @@
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
 through the radars' positions relative to the aircraft. The relative states y are therefore the
 aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
-aircraft. They have 3 + 4m components instead of 6 + 4m. Where the RCS is uncertain its error is one
-component more, the last of the radar states.
+aircraft. They have 3 + 4m components instead of 6 + 4m. The errors of further parameters, which may
+follow the radars in their states, are components too.
 
 With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
 determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
@@ -32,11 +32,11 @@ from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
-    CONSTANTS,
     POSITION,
     RADAR,
     FloatArray,
     check_finite,
+    constants_of,
 )
 
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
@@ -69,9 +69,9 @@ class UncertainStates:
         model: The detection model, of a radar or of a network of m.
         log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
         aircraft: Nominal aircraft states (k, 6).
-        radar: Nominal radar states (k, 4m), or (k, 4m + 1) with the error of the RCS.
+        radar: Nominal radar states (k, 4m), or more with the errors of further parameters.
         cov_aircraft: C_aa (k, 6, 6).
-        cov_radar: C_rr (k, 4m, 4m), or (k, 4m + 1, 4m + 1).
+        cov_radar: C_rr (k, 4m, 4m), or more.
     """
 
     model: NetworkModel
@@ -168,7 +168,7 @@ def uncertain_states(
             raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")
         whose = name.split()[0]
         if check and len(tail) == 1:
-            check_finite(whose, array)
+            check_finite(whose, array, len(model.radars))
         elif check:
             checked(whose, array)
         arrays.append((array, tail))
@@ -234,7 +234,7 @@ class RelativeProbit:
         )
         gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T)).reshape(error.shape)
         if growth is not None:
-            gradient[_RADARS][CONSTANTS] *= growth
+            gradient[_RADARS][constants_of(len(growth))] *= growth
         uncertain = self.std > 0
         if not uncertain.all():
             gradient = np.where(self._at(uncertain, error, pose), gradient, 0.0)
@@ -243,7 +243,7 @@ class RelativeProbit:
     def p_d(self, error: FloatArray, pose: NDArray[np.intp] | None = None) -> FloatArray:
         """Return P_D (j,) or (s, k) at errors as above; a c_r below 0 counts as 0."""
         aircraft, radar, _ = self.shifted(error, pose)
-        constants = radar[:, CONSTANTS]
+        constants = radar[:, constants_of(len(self.states.log_constant))]
         np.maximum(constants, 0.0, out=constants)
         return self.states.model.p_d(aircraft, radar).reshape(error.shape[1:])
 
@@ -263,7 +263,8 @@ class RelativeProbit:
         np.add(nominal[1], error[_RADARS], out=radar)
         growth = None
         if states.log_constant.any():
-            which = np.arange(len(radar))[CONSTANTS][states.log_constant]
+            constants = constants_of(len(states.log_constant))
+            which = np.arange(len(radar))[constants][states.log_constant]
             constant = nominal[1][which]
             growth = np.ones((len(states.log_constant), *error.shape[1:]))
             relative = error[_RADARS][which] / constant

@@ -74,7 +74,12 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         _refuse_collision(entries["geometry"], poses, radar)
         _refuse_uncovered(entries["geometry"], rcs, poses, radar)
     cov_aircraft, correlation_s, rcs_db, levels = read_uncertainty(
-        entries["uncertainty"], poses, radars[0].data_sheet, of_radar=not several, rcs=rcs
+        entries["uncertainty"],
+        poses,
+        radars[0].data_sheet,
+        of_radar=not several,
+        rcs=rcs,
+        attenuation=radars[0].attenuation,
     )
     if levels is not None:
         radars = [with_levels(radars[0], levels, poses)]
@@ -83,7 +88,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         for level in radars[0].levels.covariance
     }
     level, runs, seed = _read_analysis(entries["analysis"], cov_radar)
-    models = [DetectionModel(rcs=rcs, p_fa=r.p_fa, detector=r.detector) for r in radars]
+    models = [DetectionModel(rcs, r.p_fa, r.detector, r.attenuation) for r in radars]
     for array in (poses.axis.values, poses.aircraft, cov_aircraft.made):
         array.flags.writeable = False
     return Scenario(
@@ -104,6 +109,11 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         },
         time_s=poses.time_s,
         rcs_db=rcs_db,
+        attenuation_std={
+            level: tuple(radar.levels.attenuation.get(level, 0.0) for radar in radars)
+            for level in cov_radar
+            if any(level in radar.levels.attenuation for radar in radars)
+        },
         correlation_s=correlation_s,
         origin=poses.origin,
         provenance=Provenance(

@@ -42,6 +42,7 @@ class RadarEntry:
         place: Latitude, longitude [rad] and height [m], or None.
         place_entry: The place in the file, for errors.
         scan_period: Time from one look to the next [s], or None.
+        attenuation: One-way attenuation [dB/m].
         name: Name among several radars, else "".
         max_range: Slant range beyond which it detects nothing [m].
         min_range: Slant range within which it detects nothing [m].
@@ -57,6 +58,7 @@ class RadarEntry:
     place: tuple[float, float, float] | None = None
     place_entry: Entry | None = None
     scan_period: float | None = None
+    attenuation: float = 0.0
     name: str = ""
     max_range: float = math.inf
     min_range: float = 0.0
@@ -95,7 +97,8 @@ def read_radar(
         raise given[place].error("must be left out, or 'position_m'; allowed is one or the other")
     first, other = (place, []) if place in given else (position, [place])
     constants = [keys.CONSTANT.name, *RADARS]
-    optional = [*other, *constants, keys.DETECTOR.name, keys.SCAN_PERIOD.name, *optional]
+    further = [keys.DETECTOR.name, keys.SCAN_PERIOD.name, keys.ATTENUATION.name]
+    optional = [*other, *constants, *further, *optional]
     entries = entry.mapping([*required, first, keys.P_FA.name], optional)
     chosen = [key for key in constants if key in entries]
     if len(chosen) != 1:
@@ -132,6 +135,7 @@ def read_radar(
         place=radar_place,
         place_entry=entries.get(place),
         scan_period=section.value(keys.SCAN_PERIOD),
+        attenuation=section.si(keys.ATTENUATION),
     )
 
 
@@ -209,7 +213,7 @@ def _read_one_of_several(entry: Entry) -> RadarEntry:
     min_range = _read_min_range(section, radar.data_sheet, max_range)
     if uncertainty not in section:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
-    levels = read_levels(section[uncertainty], radar.data_sheet)
+    levels = read_levels(section[uncertainty], radar.data_sheet, radar.attenuation)
     return dataclasses.replace(
         radar,
         name=name,

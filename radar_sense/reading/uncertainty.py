@@ -18,20 +18,27 @@ from radar_sense.model.track import covariance_in_frame
 from radar_sense.provenance import StatedCovariance
 from radar_sense.reading.data_sheet import read_tolerances
 from radar_sense.reading.geometry import Poses
-from radar_sense.reading.yaml_reader import Entry
+from radar_sense.reading.yaml_reader import Entry, Section
 from radar_sense.states import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Levels:
-    """The uncertainty of a radar: C_rr (4, 4) and the tolerances of c_r, by level."""
+    """The uncertainty of a radar: C_rr (4, 4), tolerances of c_r, and σ of α [dB/m], by level."""
 
     covariance: Mapping[str, FloatArray] = field(default_factory=dict)
     tolerances: Mapping[str, tuple[Tolerance, ...]] = field(default_factory=dict)
+    attenuation: Mapping[str, float] = field(default_factory=dict)
 
 
 def read_uncertainty(
-    entry: Entry, poses: Poses, sheet: DataSheet | None, *, of_radar: bool, rcs: RCS
+    entry: Entry,
+    poses: Poses,
+    sheet: DataSheet | None,
+    *,
+    of_radar: bool,
+    rcs: RCS,
+    attenuation: float,
 ) -> tuple[StatedCovariance, float, float, Levels | None]:
     """Read C_aa, its correlation time [s], σ of the RCS [dB], and the levels of a single radar.
 
@@ -42,6 +49,7 @@ def read_uncertainty(
         of_radar: Whether the mapping has the levels of a single radar. Entries of several radars
             have their levels.
         rcs: The RCS, which may have a standard deviation of its own.
+        attenuation: Attenuation of a single radar [dB/m].
     """
     aircraft, radar = (key.name for key in keys.UNCERTAINTY if key is not keys.CORRELATION)
     if not of_radar and radar in entry.entries():
@@ -75,7 +83,7 @@ def read_uncertainty(
     correlation_s = correlation.default
     if correlation.name in entries:
         correlation_s = entries[correlation.name].value(correlation)
-    levels = read_levels(entries[radar], sheet) if of_radar else None
+    levels = read_levels(entries[radar], sheet, attenuation) if of_radar else None
     return cov_aircraft, correlation_s, rcs_db, levels
 
 
@@ -93,18 +101,43 @@ def _read_rcs_db(entry: Entry, rcs: RCS) -> float:
     return float(value.value(keys.RCS_DB))
 
 
-def read_levels(entry: Entry, sheet: DataSheet | None) -> Levels:
-    """Read the uncertainty of a radar, level by level."""
+def read_levels(entry: Entry, sheet: DataSheet | None, attenuation: float) -> Levels:
+    """Read the uncertainty of a radar, level by level.
+
+    Args:
+        entry: The mapping.
+        sheet: Data sheet of the radar.
+        attenuation: Attenuation [dB/m].
+    """
     entries = entry.named(keys.LEVEL_NAME)
     if not entries:
         raise entry.error("needs at least one level of uncertainty")
     cov_radar: dict[str, FloatArray] = {}
     tolerances: dict[str, tuple[Tolerance, ...]] = {}
+    attenuation_std: dict[str, float] = {}
     for level, level_entry in entries.items():
-        cov_radar[level], of_constant = _read_covariance(level_entry, keys.COV_RADAR, sheet)
+        cov_radar[level], of_constant = _read_covariance(
+            level_entry, keys.COV_RADAR, sheet, besides=[keys.ATTENUATION_STD.name]
+        )
         if of_constant:
             tolerances[level] = of_constant
-    return Levels(cov_radar, tolerances)
+        std = _read_attenuation_std(level_entry, attenuation)
+        if std:
+            attenuation_std[level] = std
+    return Levels(cov_radar, tolerances, attenuation_std)
+
+
+def _read_attenuation_std(entry: Entry, attenuation: float) -> float:
+    """Read the standard deviation of an attenuation [dB/m]."""
+    key = keys.ATTENUATION_STD
+    section = Section(entry.entries())
+    std: float = section.si(key)
+    if std > attenuation:
+        raise section[key].error(
+            f"must be at most the {key.name} of the radar, {attenuation / key.unit:g}, "
+            f"got {std / key.unit:g}"
+        )
+    return std
 
 
 def _read_covariance(

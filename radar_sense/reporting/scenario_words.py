@@ -79,6 +79,10 @@ def radar_table(scenario: Scenario, columns: Mapping[str, FloatArray]) -> Html:
                 "σ of c_r": std,
                 "P_FA": f"{block['p_fa']:g}",
                 "Detector": str(block["detector"]),
+                "Attenuation [dB/km]": _value(block.get("attenuation_db_per_km", "")),
+                "σ of attenuation [dB/km]": _value(
+                    levels[scenario.level].get("attenuation_db_per_km", "")
+                ),
                 "Limits": _limits(block),
                 "Looks every [s]": f"{block['scan_period_s']:g}"
                 if "scan_period_s" in block
@@ -99,11 +103,15 @@ def flight_table(scenario: Scenario) -> Html:
     """Return the table of the aircraft, its flight, and the choices of the analyses."""
     document = scenario.resolved()
     uncertainty = document["uncertainty"]
-    if "aircraft" in uncertainty:
-        position, attitude = _deviations(uncertainty["aircraft"], "position_m", "attitude_deg")
+    of_aircraft = dict(uncertainty.get("aircraft", {}))
+    rcs_db = of_aircraft.pop("rcs_db", None)
+    if of_aircraft:
+        position, attitude = _deviations(of_aircraft, "position_m", "attitude_deg")
     else:
         position = attitude = "in the route file, by pose"
     rows = [("RCS", _pairs(document["aircraft"]["rcs"]))]
+    if rcs_db is not None:
+        rows.append(("σ of RCS [dB]", _value(rcs_db)))
     if "attitude_deg" in document["aircraft"]:
         angles = _value(document["aircraft"]["attitude_deg"])
         rows.append(("Roll, pitch, yaw [deg]", angles))

@@ -1,4 +1,4 @@
-"""The analyses: what the tables say to each other, and what they warn of."""
+"""The analyses: agreement of their tables, and their warnings."""
 
 import re
 
@@ -197,7 +197,7 @@ def test_validate_without_any_result():
 
 
 def test_validate_names_the_pose_that_is_worst_for_what_is_allowed():
-    """At 90 deg yaw hardly matters, σ is small and so is δ; first order finds none at all."""
+    """At 90 deg yaw has little effect: σ and δ are small, and σ to first order is 0."""
     certain = {"only": {"position_m": 0, "constant": 0}}
     s = scenario(
         uncertainty={"aircraft": {"position_m": 0, "attitude_deg": [0, 0, 1]}, "radar": certain},

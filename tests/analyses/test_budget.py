@@ -1,4 +1,4 @@
-"""The budget: shares that add up, indices known in closed form, and the inverse question."""
+"""The budget: sums of shares, indices in closed form, and required accuracies."""
 
 import numpy as np
 import pytest
@@ -102,7 +102,7 @@ def test_what_is_allowed_reaches_the_target(method, target):
 
 
 def test_required_accuracies_are_those_of_the_closed_form():
-    """Linear and independent: s² V_i + V_rest = (target/3)² at the pose that is worst."""
+    """For independent sources, s² V_i + V_rest = (target/3)² at the worst pose by `linear`."""
     s, target = load_scenario(), 0.08
     alone = {source: 9 * std**2 for source, std in error_budget(s).alone.items()}
     total = sum(alone.values())
@@ -139,7 +139,7 @@ def test_a_source_without_effect_may_have_any_size():
 
 
 def test_required_accuracies_keep_correlations():
-    """Scaling a source scales its covariances with the others; the result reaches the target."""
+    """A factor on a source also scales its covariances with other sources."""
     s = load_scenario("configs/covariance.yaml")
     found = required_accuracies(s, 0.15)
     factor = found["radar_constant"].factor
@@ -207,7 +207,7 @@ def test_where_a_method_has_no_answer_none_is_made_up():
 
 
 def test_undefined_gradients_of_what_is_certain_do_not_matter():
-    """With the radar straight below, P_D by c_r alone is known though λ is not."""
+    """With the radar straight below λ is undefined, but P_D depends on c_r in a known way."""
     s = scenario(
         **OVERHEAD,
         radar__constant=1e-4,
@@ -220,7 +220,7 @@ def test_undefined_gradients_of_what_is_certain_do_not_matter():
 
 
 def test_what_has_no_value_dominates_nothing():
-    """By `form` the orientation has no answer at -90 deg, nor the total where it did not settle."""
+    """`form` has no value for the orientation at -90 deg, or for a total that did not converge."""
     for name in ("covariance", "spikeball"):
         s = rs.load_scenario(f"configs/{name}.yaml")
         s = s.at_poses(np.arange(0, len(s.aircraft), 4))

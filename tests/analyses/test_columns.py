@@ -19,7 +19,7 @@ def test_every_column_is_declared(which):
     if which == "orbit":
         s = scenario(geometry__azimuth_deg=FEW)
     else:
-        s = rs.load_scenario(ROOT / f"configs/{files[which]}.yaml").part(slice(0, None, 200))
+        s = rs.load_scenario(ROOT / f"configs/{files[which]}.yaml").at_poses(slice(0, None, 200))
     runs = [
         ("variance", {"method": "form"}),
         ("variance", {"threshold": 0.5, "k": 2.5, "method": "linear"}),
@@ -40,7 +40,7 @@ def test_every_column_is_declared(which):
 
 
 def test_columns_of_a_mission():
-    s = rs.load_scenario(ROOT / "configs/mission.yaml").part(slice(0, 60))
+    s = rs.load_scenario(ROOT / "configs/mission.yaml").at_poses(slice(0, 60))
     result = rs.analyses.mission(s, m=2, n=3, method="probit", runs=4)
     assert list(result.columns) == list(result.table)
     assert "a track" in result.columns["track_p_d"].meaning

@@ -1,4 +1,6 @@
-"""The contract of an analysis, and what a newcomer adds from outside: each reaches everything."""
+"""The contract of an analysis. RCS models, detectors, methods and analyses added from outside work
+everywhere.
+"""
 
 import ast
 import dataclasses
@@ -90,7 +92,7 @@ def test_a_notebook_gets_what_the_shell_writes(name, tool):
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_figure_is_drawn_from_the_result_alone(name):
-    """`plot` calls nothing of the model: its source names no physics, and no file is read."""
+    """`plot` does not use the model: its source names no physics and reads no file."""
     source = inspect.getsource(ALL[name].plot)
     names = {node.attr for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Attribute)}
     assert not names & {"model", "p_d", "snr", "linearize", "cross_section", "resolved"} - {"model"}
@@ -150,7 +152,7 @@ def test_a_new_rcs_model(tool, monkeypatch):
 
 def test_a_new_detector(tool, monkeypatch):
     class Shifted(North):
-        """North's, for a signal twice as strong."""
+        """North's approximation for twice the signal."""
 
         def linearize(self, snr, p_fa):
             value, slope = super().linearize(2.0 * snr, p_fa)
@@ -177,7 +179,9 @@ def test_a_new_detector(tool, monkeypatch):
 
 
 def test_a_new_method_of_propagation(tool, monkeypatch):
-    """Its own bound is on the map, its own check warns, its own distribution of c_r is named."""
+    """The map has the bound of the fake method. Its check and its distribution of c_r give
+    warnings.
+    """
 
     def wide(states, beta):
         moments = linear(states, beta)

@@ -65,7 +65,7 @@ def test_bound_is_that_of_propagate(method, level):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_bound_knows_of_log_normal_constants(method):
-    """With c_r known to decibels it is not the bound that a Gaussian c_r would have."""
+    """With tolerances of decibels the bound differs from the bound for a Gaussian c_r."""
     s = rs.load_scenario(ROOT / "configs/s_band_surveillance.yaml")
     assert s.log_constant.all()
     cells = area.grid(s, north_km=(-250, 250), east_km=(10, 260), step_km=50)
@@ -95,7 +95,7 @@ def test_bound_knows_of_log_normal_constants(method):
 
 
 def test_a_map_of_the_round_earth_is_at_one_height_above_it(tmp_path):
-    """Cells that are put on the route, pose by pose, are the poses of the route."""
+    """Cells at the poses of the route have the values of the route."""
     from radar_sense.model import geodesy as wgs84
 
     place = np.deg2rad([[47.0, 8.0], [51.0, 8.0], [44.5, 17.0], [47.0, -1.0]])

@@ -1,4 +1,4 @@
-"""Figures: nothing overlaps, nothing is cut off, axes have units, lines differ in their dashes."""
+"""Figures: no overlaps, nothing cut off, units on all axes, lines of different dashes."""
 
 import dataclasses
 from functools import partial

@@ -1,8 +1,8 @@
-"""Each misprint of the paper is one: what is printed is wrong by this much, what is done is right.
+"""The misprints of the paper: the error of each printed formula, and a check of the correction.
 
-The numbers are those of the paper's scenario unless said otherwise: "Medium" uncertainty, 500 km,
-θ_r = 45°, k = 1.38e-23. What is printed is written out here, test by test. What concerns the
-perturbed states and the coverage of the band is shown where Monte Carlo is tested.
+The numbers are for the paper's scenario unless a test states otherwise: "Medium" uncertainty, 500
+km, θ_r = 45°, k = 1.38e-23. Each test has the printed formula. The tests of Monte Carlo cover the
+perturbed states and the coverage of the band.
 """
 
 import chain_rule
@@ -76,7 +76,7 @@ def test_printed_rotation_is_body_to_ned():
 
 
 def test_printed_rotation_gives_another_p_d():
-    """0.971 where 0.272 is right, for roll, pitch, yaw = 10°, 20°, 30°."""
+    """The entry is 0.971 instead of 0.272 for roll, pitch, yaw = 10°, 20°, 30°."""
     aircraft = aircraft_at(45.0)
     aircraft[3:] = np.radians([10, 20, 30])
     printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
@@ -133,7 +133,7 @@ def slopes_by_difference(lam, phi):
     ("printed", "by_lam", "by_phi"), [(printed_kappa, -2.96, 1.00), (printed_d, 0.51, 0.51)]
 )
 def test_printed_rcs_slopes_are_not_those_of_the_rcs(printed, by_lam, by_phi):
-    """By these factors, at λ = 45° and φ = 20°; as corrected they are the slopes."""
+    """The factors of the error at λ = 45° and φ = 20°. The corrected formulas are the slopes."""
     lam, phi = np.radians([45.0, 20.0])
     exact = np.array(slopes_by_difference(lam, phi))
     rcs = ("ellipsoid", A, B, C)
@@ -151,7 +151,7 @@ def test_printed_rcs_slopes_are_not_those_of_the_rcs(printed, by_lam, by_phi):
     ],
 )
 def test_printed_rcs_slopes_give_another_deviation(rcs_partials, by_yaw, orientation, total):
-    """With κ as printed even the sign of the yaw partial is wrong; with D, its size."""
+    """The printed κ gives the yaw partial a wrong sign, and the printed D a wrong size."""
     aircraft = aircraft_at(45.0)
     _, jac_aircraft, jac_radar = chain_rule.linearize(
         aircraft[np.newaxis], RADAR[np.newaxis], ("ellipsoid", A, B, C), P_FA, rcs_partials
@@ -184,7 +184,7 @@ def test_covariances_printed_with_standard_deviations():
 
 
 def test_angle_deviation_is_in_degrees():
-    """Taken for a radian, Table I's 1 makes 3σ_pd of a probability 3.15."""
+    """Table I's 1, read in radians, gives 3σ_pd = 3.15 for a probability."""
     lin = MODEL.linearize(aircraft_at(45.0), RADAR)
     radians = np.where(np.arange(6) < 3, AIRCRAFT_STD, 1.0)
     as_radians = 3 * lin.std(np.diag(radians**2), np.diag(RADAR_STD**2))
@@ -195,7 +195,7 @@ def test_angle_deviation_is_in_degrees():
 
 
 def test_printed_azimuth_is_measured_from_east():
-    """At θ_r = 0 the aircraft is due east, where the figure shows it due north."""
+    """At θ_r = 0 the aircraft is due east of the radar; the paper's figure shows due north."""
     np.testing.assert_allclose(aircraft_at(0.0)[:3], [0, 500e3, -3e3], atol=1e-9)
     np.testing.assert_allclose(aircraft_at(0.0, "north")[:3], [500e3, 0, -3e3], atol=1e-9)
     assert MODEL.p_d(aircraft_at(0.0), RADAR) == pytest.approx(0.2186, abs=0.00005)
@@ -209,7 +209,7 @@ def test_the_two_azimuths_mirror_each_other(azimuth_deg):
 
 
 def test_range_is_the_horizontal_radius():
-    """Slant range 500.009 km: were it 500 km, the signal would be stronger by 7.2e-5."""
+    """The slant range is 500.009 km. A range of 500 km would raise the signal by 7.2e-5."""
     aircraft = aircraft_at(45.0)
     assert np.hypot(*aircraft[:2]) == pytest.approx(500e3, rel=1e-15)
     assert slant_range(aircraft, RADAR) == pytest.approx(500.009e3, abs=0.5)
@@ -225,10 +225,11 @@ AXES = {"formula": (A, B, C), "text": (C, B, A), "table": (B, C, A)}
 
 
 def test_axes_of_the_formula():
-    """On axis an ellipsoid shows π times its two cross axes squared over the third squared.
+    """The RCS of an ellipsoid along an axis is π times both other axes squared over this axis
+    squared.
 
-    The formula does so ahead and abeam, a hair off each axis here. Below, it depends on λ still:
-    at 45° it mixes the c² of the nose into the b².
+    The formula agrees ahead and abeam (tested slightly off each axis). Below, the formula depends
+    on λ: at 45° it mixes the c² of the nose into the b².
     """
     nose, wing, bottom = (MODEL.rcs.cross_section(np.array(v)) for v in np.eye(3) + 1e-12)
     assert nose == pytest.approx(np.pi * (A * B / C) ** 2, rel=1e-9)
@@ -249,7 +250,7 @@ def test_axes_of_the_formula():
 def test_axes_of_text_and_table_are_not_those_of_the_formula(
     whose, p_d_at_0, p_d_at_45, three_sigma_at_45
 ):
-    """P_D from behind and at 45°: the formula's axes alone give the paper's figures."""
+    """Only the axes of the formula give the paper's P_D from behind and at 45°."""
     model = DetectionModel(EllipsoidRCS(*AXES[whose]), P_FA)
     assert model.p_d(aircraft_at(0.0), RADAR) == pytest.approx(p_d_at_0, abs=0.00005)
     lin = model.linearize(aircraft_at(45.0), RADAR)
@@ -275,7 +276,7 @@ def test_boltzmanns_constant():
 
 
 def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():
-    """Hidden by the ellipsoid; a spikeball of three lobes has a valley ahead, a top behind."""
+    """The ellipsoid hides the error. A spikeball of 3 lobes has a null ahead and a peak behind."""
     amplitude, floor = 0.18, 0.1
     rcs = SpikeballRCS(3, amplitude, floor)
     behind = np.array([-1.0, 1e-9, 0.0])

@@ -1,4 +1,4 @@
-"""`--radar`: one radar of a network by itself, and what a network says of each of its radars."""
+"""`--radar`: one radar of a network by itself, and the results of a network for each radar."""
 
 import json
 import re
@@ -131,7 +131,7 @@ def test_a_network_says_of_each_radar_what_it_would_do_by_itself(method):
 
 
 def test_a_radar_that_sees_nothing_is_validated(tool):
-    """Beyond its range there is no deviation, no tolerance from it, and nothing to divide by."""
+    """Beyond the range σ and δ are 0, and their ratio must not raise an error."""
     several = mixed_radars(max_range_km=60)
     write(yaml_text(mixed_document(several, sweep=POSE)))
     options = ["--radar", "a", "--digits", "1", "--method", "form", "--format", "svg"]

@@ -97,7 +97,7 @@ def test_every_analysis_warns_once_and_check_too(tool):
 
 
 def twelve_radars():
-    """Twelve radars alike, in a circle about the origin."""
+    """Return twelve equal radars in a circle about the origin."""
     radar = {
         "p_fa": 1e-6,
         "surveillance": {
@@ -114,7 +114,7 @@ def twelve_radars():
 
 
 def test_twelve_radars_alike_are_warned_of_once():
-    """One line for what is alike; it was one a radar, fourteen in all."""
+    """Equal warnings of several radars become one line."""
     warnings = analyses.budget(twelve_radars()).warnings
     assert len(warnings) == len(set(warnings)) <= 4
     (distribution,) = [w for w in warnings if "c_r is not Gaussian" in w]

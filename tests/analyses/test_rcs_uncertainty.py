@@ -20,8 +20,8 @@ from radar_sense import analyses
 from radar_sense.analyses.convergence import LinearModel
 from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.analyses.mission import with_schedule
-from radar_sense.mission import importance
-from radar_sense.mission.importance import importance_sampling
+from radar_sense.mission.importance import plan
+from radar_sense.mission.importance.sampling import importance_sampling
 from radar_sense.montecarlo.exceedance import exceeded_anywhere
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import exceedance_probability, propagate_scenario
@@ -138,7 +138,7 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns():
         yaml_text(
             document(uncertainty__aircraft={"position_m": 10, "attitude_deg": 1, "rcs_db": 1})
         )
-    ).part(slice(None, None, 60))
+    ).at_poses(slice(None, None, 60))
     found = analyses.budget(one)
     fixed = [
         "theta_r_deg", "three_sigma_aircraft_position", "three_sigma_aircraft_orientation",
@@ -231,8 +231,8 @@ def flight(folder, names, tau, periods=(8,), decibels=DECIBELS):
 
 @pytest.mark.parametrize(("names", "periods"), [(("one",), (8,)), (tuple(RADARS), (8, 12))])
 def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypatch, names, periods):
-    monkeypatch.setattr(importance, "DETECTION_WORK", 3e5)
-    monkeypatch.setattr(importance, "TRACK_WORK", 1e6)
+    monkeypatch.setattr(plan, "DETECTION_WORK", 3e5)
+    monkeypatch.setattr(plan, "TRACK_WORK", 1e6)
     s = flight(tmp_path, names, ".inf", periods)
     time = {
         name: list(range(0, 121, period))

@@ -1,4 +1,4 @@
-"""The threshold test: margins, times above, and what is not known."""
+"""The threshold test: margins, times above, and poses without an answer."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def test_equal_is_allowed():
 
 
 def test_time_above_is_that_of_the_broken_line():
-    """Against the line between poses, looked at in very many points."""
+    """Compare with linear interpolation at very many points."""
     rng = np.random.default_rng(1)
     for _ in range(50):
         upper, coordinate = rng.uniform(0, 1.2, 12), np.cumsum(rng.uniform(0, 3, 12))
@@ -68,7 +68,7 @@ def test_one_pose():
 
 
 def test_methods_disagree_about_the_paper():
-    """At High the linear bound passes 1, so that no P_max would do; a quantile does not."""
+    """At High the linear bound exceeds 1 and fails for every P_max. A quantile does not."""
     scenario = rs.load_scenario().with_analysis(level="high")
     linear, probit = (
         threshold_test(propagate_scenario(scenario, method=m).upper, 1.0, scenario.theta_r_deg)

@@ -1,4 +1,4 @@
-"""`variance --threshold`: columns, report and record, and what is refused."""
+"""`variance --threshold`: columns, report, record and refused options."""
 
 import csv
 import json
@@ -104,7 +104,7 @@ def test_threshold_report_and_record(tool):
 
 
 def test_threshold_on_the_orbit_of_the_paper(tool):
-    """At High the linear bound exceeds 1, so that not even 1 would do; a quantile never does."""
+    """At High the linear bound exceeds 1 and fails for P_max = 1. A quantile does not."""
     Path("paper.yaml").write_text(default_text().replace("step: 0.5", "step: 6"))
     args = ("variance", "paper.yaml", "--level", "high", "--threshold", 1, "--no-plot")
     assert tool(*args, "--method", "linear").code == 3

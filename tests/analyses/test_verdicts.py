@@ -1,4 +1,4 @@
-"""Verdicts of a threshold test: what holds, what does not, what is not known, and how probable."""
+"""Verdicts of a threshold test (holds, violated, not known), and probabilities."""
 
 import math
 from pathlib import Path
@@ -38,7 +38,9 @@ def drawn_p_d(s, runs, seed=5):
 
 
 def test_the_probabilities_of_the_paper():
-    """0.0298 at 45 deg. At 60 deg 0.0073 by probit; two million draws give 0.00743(6)."""
+    """The probability is 0.0298 at 45 deg. At 60 deg probit has 0.0073 and two million draws
+    0.00743(6).
+    """
     s = scenario(geometry__azimuth_deg=FEW)
     for method, at_45, at_60 in (("form", 0.0298, 0.0074), ("probit", 0.0290, 0.0073)):
         found = [exceedance_probability(s, p_max, method=method) for p_max in (0.65, 0.9)]
@@ -85,7 +87,7 @@ def test_nothing_uncertain_is_certain():
 
 
 def test_draws_decide():
-    """Against the quantiles of a plain loop, and against limits just above and below these."""
+    """Compare with the quantiles of a plain loop, and with limits just above and below."""
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(level="high")
     p_d = drawn_p_d(s, 40_000)
     tail = 0.5 * math.erfc(2 / math.sqrt(2))
@@ -109,7 +111,7 @@ def test_draws_decide():
 
 @pytest.mark.parametrize("tau", [0, 400, math.inf])
 def test_the_probability_anywhere(tmp_path, tau):
-    """Against draws of the test's own, with errors of the aircraft correlated in time."""
+    """Compare with draws in the test, with aircraft errors correlated in time."""
     rows = "\n".join(f"{t},{-10000 + 20 * t},150000,-9000" for t in range(0, 1001, 250))
     s = past(
         tmp_path,
@@ -190,7 +192,7 @@ def test_interpolate_overrides(tmp_path):
 
 
 def test_a_bound_that_is_unreliable_does_not_hold():
-    """At High the linear band is unreliable, and the test by it is not known."""
+    """At High the linear band is unreliable, and the verdict is not known."""
     s = scenario(geometry__azimuth_deg={"start": 20, "stop": 30, "step": 5})
     s = s.with_analysis(level="high")
     assert propagate_scenario(s).upper.max() < 0.62
@@ -205,7 +207,7 @@ def test_a_bound_that_is_unreliable_does_not_hold():
 
 
 def test_draws_decide_where_form_is_unreliable(tmp_path):
-    """Narrow lobes: form warns, or has no value, and draws of the test's own say what holds."""
+    """With narrow lobes form warns or has no value. Draws in the test give the right verdict."""
     s = scenario(
         aircraft__rcs={"model": "spikeball", "lobes": 36, "amplitude_m2": 0.02, "floor_m2": 0.002},
         geometry__azimuth_deg={"start": 44, "stop": 47, "step": 3},
@@ -224,7 +226,7 @@ def test_draws_decide_where_form_is_unreliable(tmp_path):
 
 @pytest.mark.parametrize("threshold", [0.62, 0.66, 0.8])
 def test_how_small_a_source_must_be_for_the_bound(threshold):
-    """The factor brings the bound of the test to P_max, to the digits of the search."""
+    """With the factor, the bound of the test equals P_max to the accuracy of the search."""
     s = scenario(geometry__azimuth_deg={"start": 44, "stop": 46, "step": 1})
     found = required_accuracies(s, threshold, k=3.0, method="form")
     assert found["all"].factor is not None

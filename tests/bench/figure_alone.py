@@ -1,12 +1,13 @@
-"""What `radar-sense budget` cannot do without: Python, NumPy, Matplotlib, and one figure saved.
+"""What `radar-sense budget` cannot do without: NumPy, SciPy's special functions, and one figure.
 
-Its fonts are TrueType, as journals want them; Matplotlib's own default, Type 3, is saved faster.
+The figure has the size, the number of lines and the resolution of the figure of `budget`.
 """
 
 import sys
 
 import matplotlib as mpl
 import numpy as np
+import scipy.special
 from matplotlib.figure import Figure
 
 mpl.rcParams["pdf.fonttype"] = 42
@@ -14,8 +15,8 @@ figure = Figure(figsize=(3.5, 2.9), layout="constrained")
 axes = figure.subplots()
 x = np.linspace(0.0, 180.0, 361)
 for i in range(5):
-    axes.plot(x, np.sin(np.radians(x)) / (i + 1), label=f"source {i + 1}")
+    axes.plot(x, scipy.special.ndtr(np.sin(np.radians(x)) / (i + 1)), label=f"source {i + 1}")
 axes.set_xlabel("azimuth [deg]")
 axes.set_ylabel("three standard deviations")
 figure.legend(loc="outside lower center", ncols=2)
-figure.savefig(sys.argv[1])
+figure.savefig(sys.argv[1], dpi=300)

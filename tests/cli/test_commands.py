@@ -1,4 +1,4 @@
-"""The command line as people and scripts meet it: what it prints and writes, how it ends."""
+"""The command line: output, files and exit codes."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ COLUMNS = {
 
 
 def few(command: str) -> list[str]:
-    """Options that keep a command short."""
+    """Return options for a short computation."""
     if command == "map":
         return ["--step-km", "25"]
     return ["--runs", "40"] if command in ("montecarlo", "compare", "convergence") else []
@@ -116,6 +116,7 @@ def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
     monkeypatch.setattr("radar_sense.reporting.evidence.DRAWS", 40)
+    monkeypatch.setattr("radar_sense.reporting.figure.inline_svg", lambda *of_figure: "")
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")
     lines = examples(out)
@@ -482,7 +483,7 @@ class Terminal(io.StringIO):
 
 
 class At(threading.Thread):
-    """A timer whose time comes at once, or never."""
+    """A timer that fires at once, or never."""
 
     now = True
 
@@ -542,7 +543,7 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
 )
 @pytest.mark.parametrize("options", [[], ["-q"], ["elsewhere"]])
 def test_a_sign_of_life_on_a_terminal_alone(tool, monkeypatch, command, shown, options):
-    """Not with -q, and not where standard error is a file."""
+    """No progress is shown with -q, or if standard error is a file."""
     monkeypatch.setattr(threading, "Timer", At)
     terminal = Terminal()
     runner = CliRunner()
@@ -568,7 +569,7 @@ def test_a_sign_of_life_on_a_terminal_alone(tool, monkeypatch, command, shown, o
 
 @pytest.mark.parametrize("args", [["budget", "--no-plot"], ["--help"]])
 def test_output_that_nobody_reads(tmp_path, args):
-    """As in `radar-sense budget | head -0`."""
+    """A closed output, as in `radar-sense budget | head -0`."""
     read, write = os.pipe()
     os.close(read)
     done = process(*args, cwd=tmp_path, stdout=write)
@@ -588,7 +589,7 @@ def test_a_full_disk_behind_standard_output(tmp_path):
 
 
 def test_no_style_of_the_user_changes_a_figure(tool):
-    """As a matplotlibrc in the working folder sets them."""
+    """A matplotlibrc in the working folder has these settings."""
     assert tool("budget").code == 0
     found = files()
     with mpl.rc_context({"text.usetex": True, "lines.linewidth": 9, "figure.dpi": 20}):
@@ -597,7 +598,7 @@ def test_no_style_of_the_user_changes_a_figure(tool):
 
 
 def test_control_characters_do_not_reach_the_terminal(tool):
-    """Neither from the name of a file that is read nor from one that is written."""
+    """Control characters in the names of input and output files are escaped."""
     name = "a\x1b[31m\nb.yaml"
     Path(name).write_text("name: [")
     for args in (["check", name], ["check", "no" + name], ["init", "new" + name]):

@@ -17,7 +17,7 @@ USUAL = ["low", "medium", "high"]
 
 
 def completed(*words):
-    """Return how the last word may go on."""
+    """Return the completions of the last word."""
     *before, last = words
     shell = ShellComplete(cli, {}, "radar-sense", "_RADAR_SENSE_COMPLETE")
     return [item.value for item in shell.get_completions(before, last)]
@@ -62,7 +62,7 @@ def test_a_new_method_is_completed(monkeypatch):
     [("bash", "plain,ridge"), ("zsh", "plain\nridge\n_"), ("fish", "plain,ridge")],
 )
 def test_shells(shell, answer, monkeypatch):
-    """The words come as each shell asks, and the shell gets a script that asks."""
+    """Each shell gets a completion script, and the words in its own format."""
     completion = get_completion_class(shell)(cli, {}, "radar-sense", "_RADAR_SENSE_COMPLETE")
     words = ["radar-sense", "variance", NETWORK, "--radar", "r"]
     monkeypatch.setenv("COMP_WORDS", shlex.join(words))

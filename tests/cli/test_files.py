@@ -1,4 +1,4 @@
-"""Files of a run: all of them or none, under every failure and interrupt of every step."""
+"""Files of a run: all or none, at a failure or an interrupt of each step."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def folder(tmp_path: Path) -> Path:
 
 @pytest.fixture(autouse=True)
 def default_signals() -> Iterator[None]:
-    """A shell in the background has its children ignore SIGINT."""
+    """Children of a shell in the background ignore SIGINT."""
     handlers = {
         signal.SIGINT: signal.default_int_handler,
         signal.SIGTERM: signal.SIG_DFL,
@@ -54,7 +54,7 @@ def content(folder: Path | str) -> dict[str, bytes]:
 
 
 class Steps:
-    """Counts every call under `files` that touches the disk, and does something at the n-th."""
+    """Counts the calls of `files` that touch the disk, and injects a fault at the n-th call."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, names: tuple[str, ...]) -> None:
         self.calls, self.at = 0, 0
@@ -115,7 +115,7 @@ class Wrapped:
 
 
 class DiskFullError(OSError):
-    """What a full disk raises."""
+    """Raise the error of a full disk."""
 
 
 def disk_full() -> None:
@@ -233,7 +233,7 @@ def test_two_runs_in_one_folder_never_mix(folder, monkeypatch):
 
 @pytest.mark.parametrize("locks", [True, False])
 def test_leftovers_of_killed_runs_are_removed(folder, monkeypatch, locks):
-    """Without locks another run may be at work: then only files of the same names are removed."""
+    """Without locks another run may be active. Only files of the same names are then removed."""
     if not locks:
         monkeypatch.setattr(files, "fcntl", None)
     for name in (".a.csv.radar-sense-new", ".a.csv.radar-sense-old", ".b.csv.radar-sense-new"):
@@ -462,7 +462,7 @@ def test_a_working_folder_that_is_gone(tool, fake):
 @pytest.mark.parametrize("command", ["rcs", "budget"])
 @pytest.mark.parametrize("which", ["table", "route", "scenario"])
 def test_an_input_is_never_overwritten(tool, command, which):
-    """By any spelling of its name."""
+    """An input file is protected under every spelling of its name."""
     from radar_sense.reading.parse import default_text
 
     root = ROOT / "configs"

@@ -34,6 +34,8 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "constant": (1, 300),
     "p_fa": (1e-9, 1e-3),
     "scan_period_s": (1, 100),
+    "attenuation_db_per_km": (1e-3, 0.2),
+    "rcs_db": (0.1, 3),
     "max_range_km": (50, 800),
     "min_range_km": (0.1, 20),
     "latitude_deg": (30, 40),
@@ -242,6 +244,12 @@ class _Scenario:
             pairs.append(("binary", binary))
         return pairs
 
+    def with_attenuation(self, level: Pairs) -> Pairs:
+        """Return a level, perhaps with the uncertainty of an attenuation, perhaps too large."""
+        if self.rng.random() > 0.1:
+            return level
+        return [*level, (keys.ATTENUATION_STD.name, self.small())]
+
     def radars(self) -> list[Pairs]:
         """Return several radars."""
         radars = []
@@ -252,7 +260,7 @@ class _Scenario:
 
     def levels_of(self) -> Pairs:
         """Return the levels of the radar made last."""
-        return [(level, self.level()) for level in self.levels]
+        return [(level, self.with_attenuation(self.level())) for level in self.levels]
 
     def level(self) -> Pairs:
         """Return the uncertainty of a radar."""
@@ -291,9 +299,12 @@ class _Scenario:
         ]
 
     def cov_aircraft(self) -> Pairs:
+        rcs: Pairs = []
+        if self.rng.random() < 0.2:
+            rcs.append((keys.RCS_DB.name, self.number(keys.RCS_DB)))
         if self.rng.random() < 0.15:
-            return [("covariance", self.matrix(6))]
-        return [(name, self.std(name)) for name in ("position_m", "attitude_deg")]
+            return [("covariance", self.matrix(6)), *rcs]
+        return [*((name, self.std(name)) for name in ("position_m", "attitude_deg")), *rcs]
 
     def uncertainty(self) -> Pairs:
         given = {} if self.route_has_cov else {"aircraft": self.cov_aircraft()}

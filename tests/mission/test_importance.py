@@ -244,7 +244,7 @@ def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
 
 
 def test_weights_are_the_ratio_of_the_densities():
-    """The mean of any function is what it is without widening."""
+    """The weighted mean of any function equals the mean without widening."""
     rng = np.random.default_rng(1)
     slopes = np.array([[3.0, 1.0, 0.0], [2.0, -1.0, 0.5]])
     slopes /= np.linalg.norm(slopes, axis=1, keepdims=True)

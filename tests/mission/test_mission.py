@@ -136,7 +136,7 @@ def test_errors_of_keys(tool, key, value, words, text):
 
 @pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
 def test_without_a_scan_period_a_mission_is_refused(tool, text):
-    """P_c would depend on how many rows the route has, and rows are not looks."""
+    """Without a period P_c would depend on the number of rows of the route."""
     file = write_path(Path(), text, "my.yaml")
     code, out, err = tool("mission", file)
     assert (code, out) == (2, "")
@@ -311,7 +311,7 @@ def test_draws_are_those_of_the_seed_alone(tmp_path):
 
 
 def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
-    """With a loss of 3 dB more or less c_r is far from Gaussian; one look is `monte_carlo`'s."""
+    """With a tolerance of 3 dB c_r is far from Gaussian. One look agrees with `monte_carlo`."""
     radar = {
         "surveillance": {
             "average_power_kw": 2.1, "aperture_m2": 2.874, "temperature_k": 487,

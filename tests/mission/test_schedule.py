@@ -1,6 +1,7 @@
-"""Missions of radars with periods of their own, against an implementation that has no sequences.
+"""Missions of radars with different periods, against an implementation without sequences.
 
-It takes every look by itself and every pair of looks, draws every error, and tosses coins.
+The oracle treats each look and each pair of looks separately, draws every error, and draws every
+detection.
 """
 
 from __future__ import annotations
@@ -95,7 +96,7 @@ def looks_of(s):
 
 
 class Brute:
-    """All looks of all radars, one after the other: (time, radar), and what each of them is."""
+    """All looks of all radars as pairs (time, radar), with their properties."""
 
     def __init__(self, periods, tau):
         self.names = list(periods)
@@ -292,7 +293,7 @@ def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
 @pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
 @pytest.mark.parametrize("periods", [{"far": 10, "open": 4}, {"open": 4, "hill": 8, "far": 8}])
 def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
-    """Without an edge of a limit within reach of the errors, which no gradient sees."""
+    """No limit of a radar is within reach of the errors; a gradient cannot describe a jump."""
     runs = 10_000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs, method="probit").table
     for name, column in (("cumulative", ""), ("track", "track_")):
@@ -329,7 +330,7 @@ def test_coins_start_as_many_tracks(tmp_path, tau):
 
 @pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
 def test_a_radar_that_sees_nothing_takes_nothing_away(tmp_path, tau):
-    """Looks that cannot detect do not come between those that can, whatever their period is."""
+    """Looks without a possible detection do not change a track of another period."""
     options = {"m_of_n": (2, 3), "method": "linear"}
     alone = mission(load(tmp_path, {"far": 10}, tau), **options).table
     both = mission(load(tmp_path, {"far": 10, "blind": 2}, tau), **options).table
@@ -561,7 +562,7 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
 
 
 def test_looks_between_places_keep_their_altitude(tmp_path):
-    """A line between poses 600 km apart goes 7 km below where the aircraft flies."""
+    """A straight line between poses 600 km apart is 7 km below the flight."""
     (tmp_path / "far.csv").write_text(
         "time_s,latitude_deg,longitude_deg,altitude_m\n0,33,-154,9000\n2600,35,-148,9000\n"
     )

@@ -180,14 +180,14 @@ def test_a_limit_matters_where_the_error_makes_the_radar_see():
 
     content = sheet_document(tolerances={"loss_db": 0})
     content["uncertainty"]["aircraft"]["rcs_db"] = 3
-    of_rcs = rs.parse_scenario(yaml_text(content)).part(slice(0, 1))
+    of_rcs = rs.parse_scenario(yaml_text(content)).at_poses(slice(0, 1))
     of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 3})))
     warned = []
     for area in np.geomspace(1e-4, 1e-2, 7):
         model = rs.DetectionModel(ConstantRCS(area), 1e-6)
         network = NetworkModel((Radar(model, max_range=220.3e3),))
         one, other = (
-            dataclasses.replace(s, model=network) for s in (of_loss.part(slice(0, 1)), of_rcs)
+            dataclasses.replace(s, model=network) for s in (of_loss.at_poses(slice(0, 1)), of_rcs)
         )
         assert warns(one) == warns(other)
         warned.append(warns(other))
@@ -275,7 +275,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     paper = rs.load_scenario()
     with pytest.raises(ValueError, match="rcs_db must be"):
         dataclasses.replace(paper, rcs_db=-1)
-    with pytest.raises(ValueError, match="both say how uncertain"):
+    with pytest.raises(ValueError, match="exclude each other"):
         rs.Scenario(
             model=rs.DetectionModel(TABLE, 1e-6), aircraft=paper.aircraft, radar=paper.radar,
             cov_aircraft=paper.cov_aircraft, cov_radar=dict(paper.cov_radar), rcs_db=1,
@@ -286,7 +286,7 @@ def test_the_classes_refuse_what_the_reader_refuses():
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
     with pytest.raises(ValueError, match="got nan for the error of the RCS"):
         model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan]))
-    for network, sizes in ((NetworkModel((Radar(model),)), (3, 6)), (model, (3, 6))):
+    for network, sizes in ((NetworkModel((Radar(model),)), (3, 7)), (model, (3, 7))):
         for size in sizes:
             with pytest.raises(ValueError, match="radar states must have shape"):
                 network.p_d(np.ones(6), np.zeros(size))

@@ -738,7 +738,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
     write(path.parent / "t.csv", *G, *rows)
     _, _, err = tool("rcs", path, "--no-plot")
-    assert "the RCS table covers elevations from -2 to 30 deg; states within 3 sigma lie" in err
+    assert "the RCS table covers elevations from -2 to 30 deg; states within 3 sigma are" in err
 
 
 @pytest.mark.parametrize(

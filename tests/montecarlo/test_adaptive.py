@@ -1,7 +1,7 @@
-"""The verdict on a method: the rules of JCGM 101, and cases where the right verdict is known.
+"""The verdict on a method: the rules of JCGM 101, and cases with a known verdict.
 
-Most of these use a model that is linear in the states, so that P_D is Gaussian, first order is
-exact, and every quantile is known.
+Most cases have a model that is linear in the states. P_D is then Gaussian, first order is exact,
+and every quantile is known.
 """
 
 import dataclasses
@@ -71,7 +71,7 @@ class LinearModel(NetworkModel):
 
 
 def gaussian(std=0.03, shared=0.0, poses=4, exaggerate=1.0, seed=1):
-    """P_D is Gaussian around 0.5; the radar, and so all poses together, has a share in it."""
+    """P_D is Gaussian around 0.5. The radar error is common to all poses."""
     paper = scenario(analysis={"level": "medium", "seed": seed})
     slope = std * np.array([np.sqrt(1 - shared), np.sqrt(shared)])
     return dataclasses.replace(
@@ -92,7 +92,7 @@ def paper(level="medium", **azimuth):
 
 
 def with_method(monkeypatch, **changes):
-    """Change what the method says of a linear model: a function of it for each attribute."""
+    """Change the moments of the method for a linear model by a function for each attribute."""
 
     def moments_of(scenario, *, method, beta):
         if not isinstance(scenario.model, LinearModel):
@@ -303,7 +303,7 @@ def test_ends_are_the_quantiles_of_all_draws_at_any_beta(beta):
 
 def test_quantiles_of_all_draws_are_less_biased_than_their_averages():
     def bias(draws):
-        """Of the lower quantile of so many unit normals, by the distribution of their ranks."""
+        """Return the bias of the lower quantile of unit normals, from the ranks' distribution."""
         position = (draws - 1) * ndtr(-3)
         below = int(position)
         part = position - below
@@ -459,7 +459,7 @@ def test_constants_drawn_below_zero_become_zero_and_are_counted():
 
 
 def montecarlo_clipped(s, batches):
-    """Count again, from the draws before they are cut."""
+    """Count the draws below zero again, before they are set to zero."""
     sampler = Sampler.of(s)
     uncut = dataclasses.replace(sampler, radar=sampler.radar + np.array([0, 0, 0, 1e6]))
     streams = [np.random.SeedSequence(s.seed, spawn_key=(101, b, 0)) for b in range(batches)]

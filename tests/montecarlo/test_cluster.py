@@ -1,4 +1,4 @@
-"""Monte Carlo on a real Dask cluster that loses a worker, and clusters that fail, as fakes."""
+"""Monte Carlo on a real Dask cluster that loses a worker, and on fake clusters that fail."""
 
 import logging
 import os
@@ -86,7 +86,7 @@ def test_an_address_where_nobody_is_gives_one_line(address):
 
 
 def test_a_server_of_another_kind_gives_one_line(monkeypatch):
-    """A web server waits for the client to write first; others close the connection."""
+    """A web server sends nothing first. Other servers close the connection."""
     monkeypatch.setattr(module, "TIMEOUT", 0.05)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
@@ -107,7 +107,7 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch):
 
 
 class Inner(Executor):
-    """An executor whose calls end when the test says so."""
+    """An executor whose calls end at the command of the test."""
 
     def __init__(self):
         self.futures = []
@@ -118,7 +118,7 @@ class Inner(Executor):
 
 
 class FakeClient:
-    """A client of a cluster, as far as it is used."""
+    """A fake client of a cluster."""
 
     def __init__(self, threads=1, spec="found"):
         self.status, self.workers, self.inner = "running", {"w": threads}, Inner()
@@ -196,7 +196,7 @@ def test_a_stall_is_told_within_ten_seconds_and_given_up_without_workers(connect
 
 
 class KilledWorker(Exception):  # noqa: N818 - the name of Dask
-    """As Dask's."""
+    """An error with the name of Dask's error."""
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""How fast Monte Carlo settles: the control variate, the estimators, and the errors measured."""
+"""Convergence of Monte Carlo: the control variate, the estimators, and the measured errors."""
 
 import json
 from contextlib import contextmanager, nullcontext
@@ -54,7 +54,7 @@ NOTHING = {
 
 @contextmanager
 def small_blocks():
-    """Draw no more than a few runs need; blocks of 4096 take a second of each analysis."""
+    """Use small blocks, because blocks of 4096 runs take a second."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
         yield
@@ -157,7 +157,7 @@ def test_controlled_estimates_are_as_defined(runs):
 
 
 def test_a_linear_p_d_is_known_after_a_few_runs():
-    """The control takes all of the error of mean and σ, and makes the quantiles' ranks exact."""
+    """For a linear model the control removes the whole error of mean, σ and ranks of quantiles."""
     sigma = np.array([0.02])
     deviation = np.random.default_rng(3).standard_normal((5000, 1)) * sigma
     found = controlled(0.4 + deviation, deviation, sigma)
@@ -171,7 +171,7 @@ def test_a_linear_p_d_is_known_after_a_few_runs():
 @pytest.mark.parametrize("level", ["medium", "high"])
 @pytest.mark.parametrize(("kind", "runs", "times"), [("random", 64, 2000), ("sobol", 64, 200)])
 def test_the_controlled_mean_and_variance_are_unbiased(kind, runs, times, level):
-    """Over many repetitions of few runs, each within 4.5 standard errors."""
+    """The mean over many repetitions of few runs is within 4.5 standard errors."""
     s = scenario(geometry__azimuth_deg=THREE, analysis__level=level)
     sampler, linear = sampler_and_linear(s)
     true = plain(draw(sampler, None, "sobol", 99, 2**17)[0])  # wrong by 1e-5 σ or so
@@ -190,7 +190,10 @@ def test_the_controlled_mean_and_variance_are_unbiased(kind, runs, times, level)
 
 
 def test_the_control_takes_off_the_error_what_is_correlated():
-    """The mean's by std(P − L)/std(P), which is √(1 − ρ²) if the slope of P on L is 1."""
+    """The control reduces the error of the mean by std(P − L)/std(P).
+
+    The factor is √(1 − ρ²) if the slope of P on L is 1.
+    """
     runs, times = 64, 4000
     s = scenario(geometry__azimuth_deg=THREE)
     sampler, linear = sampler_and_linear(s)
@@ -218,9 +221,9 @@ def measured():
 
 
 def test_random_errors_fall_as_the_root_of_runs(measured):
-    """From the first to the last number of runs, within four standard errors.
+    """Errors fall from the first to the last number of runs, within four standard errors.
 
-    RMS values of R repetitions have the relative error 1/√(2R) at most: the poses add to R.
+    RMS values of R repetitions have a relative error of 1/√(2R) at most. The poses increase R.
     """
     runs, repetitions = measured.runs, 64
     error = np.sqrt(2) / np.sqrt(2 * repetitions) / np.log(runs[-1] / runs[0])
@@ -257,7 +260,9 @@ def test_the_reference_is_much_better_than_what_it_judges(measured):
 
 
 def test_the_reference_agrees_with_form(measured):
-    """Which is wrong by 1.3e-6 in the mean, 0.04 % in σ and 6e-5 in the bounds at most."""
+    """The reference is `form`, with an error of up to 1.3e-6 in the mean, 0.04 % in σ and 6e-5 in
+    the bounds.
+    """
     s = load_scenario()
     form = propagate_scenario(s, method="form")
     at = np.searchsorted(s.theta_r_deg, measured.axis.values)
@@ -387,7 +392,7 @@ def test_no_uncertainty_no_error():
 
 @pytest.mark.usefixtures("_small_blocks")
 def test_poses_without_are_left_out():
-    """The radar below one pose of three, where there is no gradient."""
+    """The radar is straight below one of three poses; the gradient is undefined there."""
     sweep = {"start": -1e-3, "stop": 1e-3, "step": 1e-3}
     result = convergence(scenario(**WEAK | {"geometry__azimuth_deg": sweep}), runs=64)
     assert result.warnings == (

@@ -1,7 +1,8 @@
 """Monte Carlo against integrals, against brute force, and against itself.
 
-A statistic of n draws is compared in units of its own standard error. Four of those are exceeded by
-chance once in 16 000 comparisons; where many are compared the bound is that of the largest of many.
+A statistic of n draws is compared in units of its standard error. Four standard errors are exceeded
+by chance once in 16 000 comparisons. For many comparisons the bound is the expected largest
+deviation.
 """
 
 import dataclasses
@@ -272,7 +273,7 @@ def test_tasks_of_several_blocks_are_all_their_draws(monkeypatch, workers, runs,
 
 
 def test_a_task_of_many_radars_is_a_block():
-    """It takes long enough, and who stops it should not have to wait."""
+    """A long run must stop soon after an interrupt."""
     s = scenario()
     sampler = montecarlo.Sampler.of(s)
     for radars, together in ((1, 4), (2, 2), (3, 1), (16, 1)):
@@ -369,7 +370,7 @@ def test_what_runs_out_is_one_line_with_what_to_reduce(monkeypatch):
 
 
 class Inline(Executor):
-    """Computes in place, each call with a canary of its own."""
+    """Computes in place. Each call has a different canary."""
 
     def __init__(self, monkeypatch, *canaries):
         self.monkeypatch, self.canaries, self.calls = monkeypatch, canaries, 0

@@ -1,8 +1,8 @@
 """The sources of unit normals: Sobol' points are a scrambled digital net at every pose.
 
-A scrambling by lower triangular matrices and a digital shift move the cells of a grid with 2^a by
-2^b by ... cells among each other. So however the points are scrambled and shifted, the numbers of
-points in the cells are those of the sequence that is not, only in another order.
+Scrambling by lower triangular matrices and digital shifts permute the cells of a grid of 2^a by 2^b
+by ... cells. The counts of points in the cells therefore equal the counts of the plain sequence, in
+another order.
 """
 
 from itertools import combinations
@@ -24,7 +24,7 @@ FEW = {"start": 0, "stop": 180, "step": 15}
 
 
 def bits(normals):
-    """The 32 bits of the coordinates that normals were made of."""
+    """Return the 32 bits of the coordinates of normals."""
     return np.rint(ndtr(normals) * 2.0**32 - 0.5).astype(np.uint64)
 
 
@@ -40,7 +40,7 @@ def sobol(seed=1, runs=RUNS, blocks=1):
 
 
 def cells(points, splits):
-    """How many points (m, d) of 32 bits lie in each cell, dimension i cut in 2^splits[i] parts."""
+    """Return the number of points (m, d) in each cell, with 2^splits[i] parts in dimension i."""
     number = np.zeros(len(points), dtype=np.int64)
     for i, split in splits.items():
         number = number << split | (points[:, i].astype(np.int64) >> (32 - split))
@@ -95,7 +95,7 @@ def test_the_points_are_scrambled_and_not_only_shifted():
 
 
 def test_every_run_is_uniform_over_shifts():
-    """A run is as likely here as there, which makes the mean of the draws unbiased."""
+    """Each run is uniformly distributed, and the mean of the draws is therefore unbiased."""
     poses = 4000
     _, aircraft = Sobol(3, 4, poses).block(0)
     for run in aircraft:
@@ -198,7 +198,7 @@ def test_the_ends_of_the_uniform_interval_are_finite_random_normals():
 
 
 def test_the_ends_of_the_unit_interval_are_finite_normals(monkeypatch):
-    """Points of all zeros or all ones, which come once in 2^32."""
+    """Points of all zeros or all ones, which occur once in 2^32."""
     for value in (0.0, 1.0 - 2.0**-32):
         monkeypatch.setattr(qmc.Sobol, "random", lambda _, n, value=value: np.full((n, 10), value))
         radar, aircraft = Sobol(1, 4, 3).block(0)
@@ -230,9 +230,9 @@ def test_the_monte_carlo_of_a_sampler_without_a_name():
 
 @pytest.mark.parametrize(("name", "better"), [("mean", 20), ("std", 4)])
 def test_sobol_points_err_less(name, better):
-    """By that factor with 1024 runs, and by four standard errors of it over seeds.
+    """The error is smaller by this factor with 1024 runs, within four standard errors over seeds.
 
-    The reference is `form`, wrong by 1.3e-6 in the mean and by 0.04 % in σ at most.
+    The reference is `form`, with an error of up to 1.3e-6 in the mean and 0.04 % in σ.
     """
     s = scenario(geometry__azimuth_deg=FEW)
     exact = propagate_scenario(s, method="form")
@@ -250,7 +250,9 @@ def test_sobol_points_err_less(name, better):
 
 
 def test_the_binomial_interval_is_for_random_draws():
-    """The share in the band has a binomial variance if random, a fifth of it with Sobol' points."""
+    """The variance of the share in the band is binomial for random draws, and a fifth for Sobol'
+    points.
+    """
     s = scenario(geometry__azimuth_deg=FEW)
     runs, seeds = 4096, 40
     for kind, low, high in (("random", 0.6, 1.5), ("sobol", 0.1, 0.3)):

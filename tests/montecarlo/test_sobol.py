@@ -71,7 +71,7 @@ def test_indices_have_a_seed():
 
 @pytest.mark.parametrize("values", [1, 1000, 10**7])
 def test_blocks_of_outputs_do_not_change_a_bit(monkeypatch, values):
-    """Nine outputs: blocks of two must not end with a single one, which SciPy rounds apart."""
+    """Nine outputs in blocks of two: SciPy rounds a single last output differently."""
 
     def nine(u, outputs):
         return np.stack([np.sin((i + 1) * u[:, 0]) + 0.1 * u[:, 1] ** 3 for i in range(9)])[outputs]

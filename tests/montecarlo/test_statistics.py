@@ -1,4 +1,4 @@
-"""Streaming statistics against their definitions over all the draws at once."""
+"""Statistics of blocks against their definitions over all draws."""
 
 import re
 

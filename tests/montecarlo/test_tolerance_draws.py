@@ -39,7 +39,7 @@ def mission(scenario, *, m_of_n=None, **options):
 
 
 def brute_force(draws, azimuth_deg, seed):
-    """Fused P_D of draws (draws,), written out without any of the package."""
+    """Return fused P_D (draws,) without code of the package."""
     rng = np.random.default_rng(seed)
     normal = rng.standard_normal
     azimuth = math.radians(azimuth_deg)
@@ -135,7 +135,7 @@ ALONG = [[1e4, 9e3, 0], [9e3, 1e4, 0], [0, 0, 25]]
 
 
 def test_a_part_moves_its_constant_and_nothing_else():
-    """Also beside places whose errors are correlated, and beside a radar with all of them so."""
+    """Correlated positions, and a radar with correlated states, do not change the columns."""
     several = mixed_radars(position_m=ALONG)
     whole = np.zeros((4, 4))
     whole[:3, :3], whole[3, 3] = ALONG, 1e-7
@@ -156,7 +156,7 @@ def test_a_part_moves_its_constant_and_nothing_else():
 
 @pytest.mark.parametrize("several", [1, 3])
 def test_indices_of_parts_do_not_have_the_place(several):
-    """Of a place that is all of the variance, and constants that are as good as certain."""
+    """The positions have all of the variance, and the constants are nearly certain."""
     known = {"loss_db": 1e-6}
     far = [[1e6, 9e5, 0], [9e5, 1e6, 0], [0, 0, 25]]
     s = mixed_network(mixed_radars(known, known, position_m=far)[:several], runs=4096)

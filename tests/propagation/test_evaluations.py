@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from helpers import scenario
 
+from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
@@ -16,6 +17,7 @@ from radar_sense.propagation import (
     propagate_scenario,
     upper_bound,
 )
+from radar_sense.reading.parse import load_scenario
 
 RADARS = (1, 6)
 
@@ -115,3 +117,62 @@ def test_a_budget(method, radars, count):
         assert gradients <= 2 * expansion(radars) + 19 * (1 + sources)
     else:
         assert gradients == 2
+
+
+def once_checked(radars, method):
+    """Gradients of a propagation and its check."""
+    if method == "form":
+        return expansion(radars) + METHOD_COUNTS["form"][0]
+    return METHOD_COUNTS[method][0] + 3 + 4 * radars + 1
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "name", ["variance", "budget", "sensitivity", "montecarlo", "coverage_map"]
+)
+def test_an_analysis(name, method, radars, count):
+    """The radars of a network by themselves cost one propagation more, of one radar each."""
+    s = problem(radars).with_analysis(runs=10)
+    total, levels = once_checked(radars, method), len(s.cov_radar)
+    itself = (expansion(1) + 19 if method == "form" else 1) if radars > 1 else 0
+    cells, options = 1.0, {}
+    if name == "coverage_map":
+        options = {"step_km": 200.0, "upper": True}
+        size = analyses.coverage_map(s, **options).table["p_d"].size
+        cells = 1 + size / len(s.aircraft)  # and the poses of the scenario
+    gradients, values = count(lambda s: getattr(analyses, name)(s, method=method, **options), s)
+    sources = 4 if radars == 1 else 2 + radars + 1 + 2 * radars
+    most_gradients = {
+        "variance": total + itself,
+        "budget": total + itself + (expansion(radars) + 19 * sources if method == "form" else 1),
+        "sensitivity": levels * (total + itself),
+        "montecarlo": total + itself,
+        "coverage_map": cells * (expansion(radars) + 2.5 if method == "form" else 1),
+    }[name]
+    assert gradients <= most_gradients
+    assert values <= {"montecarlo": 10 + 4, "coverage_map": cells, "sensitivity": 4 * levels}.get(
+        name, 5
+    )
+
+
+@pytest.mark.parametrize("radars", RADARS)
+def test_an_analysis_without_a_method(radars, count):
+    """Comparing takes each method once, and each check once."""
+    s = problem(radars).with_analysis(runs=10)
+    gradients, values = count(analyses.compare, s)
+    assert gradients <= 1 + sum(once_checked(radars, method) for method in METHODS)
+    assert values <= 10 + 8
+    for name in ("detectors", "rcs"):
+        gradients, values = count(getattr(analyses, name), s)
+        assert (gradients, values) <= (0, 2)
+
+
+def test_a_mission(count):
+    """Looks of one radar along a path: a gradient a look for first order, and one a pose."""
+    s = load_scenario("configs/mission.yaml")
+    poses = len(s.aircraft)
+    looks = len(analyses.mission(s, method="linear").table["time_s"])
+    gradients, values = count(lambda s: analyses.mission(s, method="linear"), s)
+    assert gradients * poses <= poses + 3 * looks
+    assert values * poses <= poses + 3 * looks

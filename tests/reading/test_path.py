@@ -434,11 +434,11 @@ def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
         "file": str(ROOT / "configs/synthetic_aircraft.csv"),
         "mirror": True,
     }
-    assert "attitude" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=table)).warnings)
-    # 3 sigma of 11 deg at the first pose alone: beyond the 30 deg of the table
-    text = UNCERTAIN.replace("10,20,30,1,2,3", "10,20,30,1,11,3")
+    assert "beyond" not in str(rcs(load(tmp_path, UNCERTAIN, aircraft__rcs=table)).warnings)
+    # 3 sigma of 11 deg of roll at the first pose alone: beyond the 30 deg of the table
+    text = UNCERTAIN.replace("10,20,30,1,2,3", "10,20,30,11,2,3")
     _, warning = rcs(load(tmp_path, text, aircraft__rcs=table)).warnings  # first the spacing
-    assert "3 sigma of the attitude, 33 deg, reach beyond" in warning
+    assert "states within 3 sigma are beyond at 0 s (1 of 4 poses)" in warning
 
 
 REFUSED = [

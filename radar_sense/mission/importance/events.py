@@ -50,7 +50,7 @@ class MissionEvents:
         Args:
             radar: The radar.
             poses: Aircraft states (K, p, 6).
-            states: Radar states (p, draws, 4 or 5).
+            states: Radar states (p, draws, 4 to 6).
         """
         model, looks = self.radars[radar].model, self.looks[radar]
         aircraft = np.moveaxis(poses[looks], 0, 1)[:, np.newaxis]
@@ -86,5 +86,5 @@ class MissionEvents:
 
 
 def draw_radars(sampler: Sampler, normals: FloatArray) -> FloatArray:
-    """Return the states (runs, radars, 4 or 5) of a sampler's radars from normals (runs, d)."""
+    """Return the states (runs, radars, 4 to 6) of a sampler's radars from normals (runs, d)."""
     return np.stack(sampler.model.split(sampler.draw_radar(normals)[0]), axis=-2)

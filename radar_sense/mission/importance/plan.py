@@ -39,7 +39,7 @@ DIRECTION_TIMES = 24
 class RadarUnit:
     """Radars whose errors are drawn together: one radar, or all radars if they are correlated.
 
-    An error of the RCS, which all radars share, correlates them.
+    An uncertain RCS correlates all radars.
 
     Attributes:
         radars: The radars.

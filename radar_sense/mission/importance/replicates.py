@@ -88,7 +88,7 @@ def _draw_poses(
 
 
 def _draw_radars(plan: Plan, unit: RadarUnit, number: int, u: int) -> tuple[FloatArray, FloatArray]:
-    """Draw states (paths, draws, radars, 4 or 5) and weights (paths, draws) of a unit."""
+    """Draw states (paths, draws, radars, 4 to 6) and weights (paths, draws) of a unit."""
     runs, j = plan.paths * plan.draws, len(unit.directions.widths)
     dimensions = j + unit.sampler.radar_normals
     stream = (plan.events.scenario.seed, RADARS_STREAM, number, u)

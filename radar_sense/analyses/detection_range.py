@@ -1,0 +1,472 @@
+"""Detection range: how far a radar detects the aircraft with a given probability."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.analyses.columns import Column, quantity
+from radar_sense.analyses.contract import Option, Result, analysis
+from radar_sense.analyses.error_budget import error_budget
+from radar_sense.analyses.grid import DOWN
+from radar_sense.analyses.rays import FARTHEST, Rays, Reach, Survey, bounds_of_reach, rays, survey
+from radar_sense.analyses.report import (
+    describe_poses,
+    distribution_warnings,
+    gathered,
+    level_and_method,
+    listed,
+)
+from radar_sense.axis import Axis
+from radar_sense.errors import InputError, did_you_mean
+from radar_sense.limits import MAP_KM, PROBABILITY, Limit
+from radar_sense.propagation import check_method, nonlinear_in_scenario, propagate_scenario
+from radar_sense.scenario import Scenario, single_radar_scenarios
+from radar_sense.states import FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
+#: P_D of the range where none is asked for.
+P_D = 0.5
+#: k of the band.
+BETA = 3.0
+#: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
+#: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
+NODE = math.sqrt(3.0)
+#: Change of the distance, relative, for the slope of P_D along a ray. Its square is the error.
+_STEP = 1e-5
+BEARING, ASPECT = "bearing", "aspect"
+
+
+def plot(result: Result, figure: Figure) -> None:
+    """Draw the figure."""
+    from radar_sense.plotting import LINES, WIDTH, MaxNLocator, draw_legend
+
+    summary, table = result.summary, result.table
+    endings = [f"_{name}" for name in summary["radars"]] or [""]
+    columns = 1 if len(endings) == 1 else 2
+    rows = -(-len(endings) // columns)
+    figure.set_size_inches(WIDTH, rows * (WIDTH if columns == 1 else 0.62 * WIDTH))
+    panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
+    by = summary["by"]
+    angle = np.deg2rad(table[f"{by}_deg"])
+    for panel, ending in zip(panels.flat, endings, strict=False):
+        for value, (colour, dashes) in zip(summary["p_d"], LINES, strict=False):
+            lower, reach, upper = (
+                _closed(angle, table[f"{kind}_{value:g}{ending}"] / 1e3)
+                for kind in ("lower_3sigma_m", "range_m", "upper_3sigma_m")
+            )
+            panel.fill_between(reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0)
+            panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {value:g}")
+        limit = result.arrays.get(f"limit_m{ending}")
+        if limit is not None:
+            panel.plot(
+                *_closed(angle, limit / 1e3),
+                color="0.35",
+                lw=0.8,
+                ls=":",
+                label="limit of the radar",
+            )
+        panel.set_theta_zero_location("N")
+        panel.set_theta_direction(-1)
+        panel.set_rmin(0)
+        panel.set_rlabel_position(22.5)
+        panel.yaxis.set_major_locator(MaxNLocator(nbins=4))
+        panel.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
+        if columns == 1:
+            panel.set_xticklabels(
+                ["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"]
+                if by == ASPECT
+                else ["N", "45", "E", "135", "S", "225", "W", "315"]
+            )
+            panel.set_ylabel("Slant range [km]", labelpad=24)
+        else:
+            panel.set_title(ending[1:], fontsize=8)
+            panel.set_xticklabels([])
+            panel.tick_params(labelsize=6)
+    for panel in panels.flat[len(endings) :]:
+        panel.remove()
+    figure.supxlabel(summary["title"], fontsize=7.5)
+    draw_legend(figure, figure.axes[0])
+
+
+def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return angles and values with the first point again at the end, of a full circle."""
+    step = angle[1] - angle[0] if len(angle) > 1 else 0.0
+    if not math.isclose(len(angle) * step, 2 * math.pi, rel_tol=1e-6):
+        return angle, values
+    return np.append(angle, angle[0] + 2 * math.pi), np.append(values, values[0])
+
+
+@dataclass(frozen=True, eq=False)
+class RangeAt:
+    """Detection range for one P_D by bearing or aspect (n,), in metres of slant range.
+
+    Attributes:
+        p_d: P_D.
+        reach: Where P_D is reached.
+        slant: Range; 0 where P_D is nowhere as high.
+        std: Standard deviation; NaN where a limit of the radar comes first or there is no range.
+        lower: Lower bound at Φ(−3).
+        upper: Upper bound at Φ(3).
+        by_source: Standard deviation from each source alone, to first order.
+        unreliable: Where the method is unreliable.
+    """
+
+    p_d: float
+    reach: Reach
+    slant: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    by_source: Mapping[str, FloatArray]
+    unreliable: NDArray[np.bool_]
+
+
+_OF_EACH = (
+    quantity("range_m_<p_d>", "Farthest slant range with P_D <p_d>; 0 where there is none."),
+    Column("sigma_range_m_<p_d>", "Standard deviation of this range.", "m"),
+    Column("lower_3sigma_m_<p_d>", "Lower 3-sigma bound of this range.", "m"),
+    Column("upper_3sigma_m_<p_d>", "Upper 3-sigma bound of this range.", "m"),
+    Column(
+        "sigma_range_m_<p_d>_from_<source>",
+        "Standard deviation from <source> alone, to first order.",
+        "m",
+    ),
+    Column("limited_<p_d>", "1 where a limit of the radar comes first, else 0.", ""),
+    Column("edges_<p_d>", "Number of times that P_D passes the value along the ray.", ""),
+)
+_TABLE = (
+    quantity("bearing_deg", "Bearing from the radar, clockwise from north."),
+    quantity("aspect_deg", "With --by aspect: azimuth in the body frame, clockwise from the nose."),
+    *_OF_EACH,
+    *(
+        Column(c.name.replace("<p_d>", "<p_d>_<radar>"), f"For radar <radar>: {c.meaning}", c.unit)
+        for c in _OF_EACH
+    ),
+)
+
+
+@analysis(
+    plot=plot,
+    columns=_TABLE,
+    options=[
+        "level",
+        "radar",
+        "method",
+        Option(
+            "p_d",
+            "P_D at the range; may be given several times.",
+            PROBABILITY,
+            default_text=f"{P_D:g}",
+            multiple=True,
+        ),
+        Option(
+            "by",
+            "bearing, or aspect: the aircraft turns at one bearing.",
+            metavar="NAME",
+            default=BEARING,
+            choices=(BEARING, ASPECT),
+        ),
+        Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), default=1.0),
+        Option("down_km", "Down coordinate.", MAP_KM, default_text="as at the first pose"),
+        Option(
+            "course_deg",
+            "Yaw of the aircraft.",
+            Limit(at_least=-360, at_most=360),
+            default_text="as at the first pose",
+        ),
+    ],
+    examples=[
+        "radar-sense range",
+        "radar-sense range my.yaml --p-d 0.1 --p-d 0.9 --method form",
+        "radar-sense range my.yaml --by aspect --down-km -3",
+        "radar-sense range network.yaml --radar ridge",
+    ],
+    name="range",
+)
+def detection_range(
+    scenario: Scenario,
+    *,
+    method: str = "linear",
+    p_d: float | Sequence[float] = (P_D,),
+    by: str = BEARING,
+    step_deg: float = 1.0,
+    down_km: float | None = None,
+    course_deg: float | None = None,
+) -> Result:
+    """How far each radar detects the aircraft, by bearing or by aspect.
+
+    The aircraft is put around each radar at the height, roll, pitch and yaw of the first pose. The
+    range is the farthest slant range at which P_D has the value asked for. Its 3 sigma band says
+    how far off the range may be, because states and radar are uncertain.
+
+    Args:
+        scenario: The scenario.
+        method: Method of propagation. By `linear` σ of the range is σ of P_D divided by the slope
+            of P_D along the ray. By other methods the bounds of the range are where the bounds of
+            P_D have the value.
+        p_d: P_D, or several.
+        by: "bearing" from the radar, or "aspect": the azimuth in the body frame at which the
+            aircraft sees the radar, while the aircraft turns at the bearing of the first pose.
+        step_deg: Step of the angle [deg].
+        down_km: Down coordinate [km]; the first pose's if None.
+        course_deg: Yaw [deg]; the first pose's if None.
+
+    Raises:
+        InputError: If there is no such method or axis, or a P_D is not between P_fa and 1.
+    """
+    check_method(method)
+    if by not in (BEARING, ASPECT):
+        raise InputError(
+            f"by must be {BEARING} or {ASPECT}, got {by!r}" + did_you_mean(by, [BEARING, ASPECT])
+        )
+    if by == ASPECT and course_deg is not None:
+        raise InputError("--by aspect turns the aircraft, --course-deg does not; use one of them")
+    values = [float(p_d)] if isinstance(p_d, int | float) else [float(value) for value in p_d]
+    _check_values(scenario, values)
+    angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
+    axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9)
+    options: dict[str, Any] = {
+        "by_aspect": by == ASPECT,
+        "down": None if down_km is None else down_km * 1e3,
+        "course": None if course_deg is None else math.radians(course_deg),
+    }
+    singles = single_radar_scenarios(scenario) or {"": scenario}
+    table: dict[str, FloatArray] = {axis.key: angle_deg}
+    after: dict[str, FloatArray] = {}
+    arrays: dict[str, FloatArray] = {}
+    summary: dict[str, Any] = {}
+    report: list[str] = []
+    warnings: list[tuple[str, str]] = []
+    for name, single in singles.items():
+        ending = f"_{name}" if name else ""
+        around = rays(single, np.deg2rad(angle_deg), **options)
+        seen = survey(around)
+        ranges = _ranges(seen, values, method)
+        for at in ranges:
+            label = f"{at.p_d:g}{ending}"
+            table |= {
+                f"range_m_{label}": at.slant,
+                f"sigma_range_m_{label}": at.std,
+                f"lower_3sigma_m_{label}": at.lower,
+                f"upper_3sigma_m_{label}": at.upper,
+            }
+            after |= {
+                f"sigma_range_m_{label}_from_{source}": std for source, std in at.by_source.items()
+            }
+            after[f"limited_{label}"] = at.reach.limited.astype(float)
+            after[f"edges_{label}"] = at.reach.edges.astype(float)
+        limits = _limits(seen)
+        if limits is not None:
+            arrays[f"limit_m{ending}"] = limits
+        summary[name or "radar"] = {f"{at.p_d:g}": _summary(at, axis) for at in ranges}
+        report += [*([f"{name}:"] if name else []), *(f"  {_line(at, axis)}" for at in ranges)]
+        report += [f"  {line}" for at in ranges for line in _exceptions(at, axis)]
+        unreliable = np.any([at.unreliable for at in ranges], axis=0)
+        place = describe_poses(unreliable, axis)
+        if place:
+            remedy = "" if method == "form" else ": use --method form"
+            warnings.append((name, f"the {method} band of the range is unreliable {place}{remedy}"))
+    pose = around.pose
+    height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
+    heading = "" if by == ASPECT else f", heading {math.degrees(pose[5]) % 360:.4g} deg"
+    title = f"{level_and_method(scenario.level, method)}: {height}{heading}"
+    names = list(singles) if len(singles) > 1 else []
+    gathered_warnings = gathered(warnings) if names else tuple(text for _, text in warnings)
+    return Result(
+        scenario=scenario,
+        method=method,
+        table={**table, **after},
+        arrays=arrays,
+        summary={
+            "by": by,
+            "p_d": values,
+            "radars": names,
+            "down_km": float(pose[DOWN]) / 1e3,
+            "title": title,
+            "range_m": summary,
+        },
+        report=(
+            f"slant range of detection by {by}, {height}{heading} "
+            f"({level_and_method(scenario.level, method)}):",
+            *report,
+        ),
+        warnings=(*gathered_warnings, *distribution_warnings(scenario, method)),
+    )
+
+
+def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
+    """Raise InputError unless every P_D is above P_fa and below 1, and stands once."""
+    p_fa = max(model.p_fa for model in scenario.model.models)
+    for value in values:
+        if not p_fa < value < 1:
+            raise InputError(
+                f"p_d must be greater than p_fa, {p_fa:g}, and less than 1, got {value:g}"
+            )
+    if len({f"{value:g}" for value in values}) < len(values) or not values:
+        raise InputError("p_d must have one value or more, each once")
+
+
+def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
+    """Return the detection range for each P_D, with σ and band."""
+    around = seen.all_rays
+    ranges = []
+    for value in values:
+        reach = seen.reach(value)
+        exists = ~np.isnan(reach.distance)
+        slant = _slant(around, np.nan_to_num(reach.distance))
+        defined = exists & ~reach.limited
+        # Where a limit comes first, the band is the band without the limit, cut off there.
+        unlimited = seen.reach(value, limits=False).distance
+        distance = np.where(exists, unlimited, FARTHEST)
+        at = around.at(distance)
+        slope = _slope(around, distance)
+        slope = np.where(exists & (slope < 0), slope, np.nan)
+        budget = error_budget(at)
+        std = budget.std / abs(slope)
+        by_source = {
+            name: np.where(defined, alone / abs(slope), np.nan)
+            for name, alone in budget.alone.items()
+        }
+        if method == "linear":
+            lower, upper = _first_order_band(seen, _slant(around, distance), std)
+            moments = propagate_scenario(at, method="probit")
+            unreliable = exists & nonlinear_in_scenario(at, moments, method="probit")
+        else:
+            band = bounds_of_reach(seen, value, method, BETA)
+            lower, upper = (_slant(around, end) for end in band)
+            first, last = (
+                _slant(around, end) for end in bounds_of_reach(seen, value, method, NODE)
+            )
+            std = _std_of_quantiles(first, slant, last)
+            unreliable = _unreliable(around, band, method)
+        std = np.where(defined, std, np.nan)
+        ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
+    return ranges
+
+
+def _first_order_band(
+    seen: Survey, slant: FloatArray, std: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the range ∓ 3σ, between 0 and the limit of the radar."""
+    limit = _limits(seen)
+    farthest = np.inf if limit is None else limit
+    lower, upper = (np.clip(slant + sign * BETA * std, 0.0, farthest) for sign in (-1, 1))
+    return lower, upper
+
+
+def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the standard deviation (n,) of a function of a normal number, from its three nodes."""
+    mean = (lower + 4.0 * middle + upper) / 6.0
+    variance = ((lower - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (upper - mean) ** 2) / 6.0
+    std: FloatArray = np.sqrt(variance)
+    return std
+
+
+def _unreliable(
+    around: Rays, band: tuple[FloatArray, FloatArray], method: str
+) -> NDArray[np.bool_]:
+    """Return where (n,) the method is unreliable at one end of the band."""
+    unreliable = np.zeros(len(around.bearing), dtype=bool)
+    for end in band:
+        exists = np.nan_to_num(end) > 0
+        at = around.at(np.where(exists, end, FARTHEST))
+        moments = propagate_scenario(at, method=method)
+        unreliable |= exists & nonlinear_in_scenario(at, moments, method=method)
+    return unreliable
+
+
+def _slope(around: Rays, distance: FloatArray) -> FloatArray:
+    """Return the slope (n,) of P_D by slant range along each ray [1/m]."""
+    ends = [distance * (1.0 + step) for step in (-_STEP, _STEP)]
+    low, high = (around.p_d(end[:, np.newaxis])[:, 0] for end in ends)
+    near, far = (around.slant_range(end) for end in ends)
+    slope: FloatArray = (high - low) / (far - near)
+    return slope
+
+
+def _slant(around: Rays, distance: FloatArray) -> FloatArray:
+    """Return the slant ranges (n,) at distances (n,); 0 and NaN stay."""
+    there = np.nan_to_num(distance) > 0
+    slant = around.slant_range(np.where(there, distance, 1.0))
+    return np.where(there, slant, distance)
+
+
+def _limits(seen: Survey) -> FloatArray | None:
+    """Return the slant range (n,) of the limit of the radar; None if no limit is reached."""
+    if seen.visible[:, -1].all():
+        return None
+    return _slant(seen.all_rays, np.nan_to_num(seen.limit()))
+
+
+def _summary(at: RangeAt, axis: Axis) -> dict[str, Any]:
+    """Return the numbers of the record for one P_D."""
+    exists = at.slant > 0
+    return {
+        "least_m": float(at.slant.min()),
+        "greatest_m": float(at.slant.max()),
+        "largest_sigma_m": float(np.nanmax(at.std, initial=0.0)),
+        "limited": int(np.count_nonzero(at.reach.limited)),
+        "none": int(np.count_nonzero(~exists)),
+        "share": _shares(at),
+    }
+
+
+def _shares(at: RangeAt) -> dict[str, float]:
+    """Return the share of each source in the variance of the range, averaged over the angles."""
+    variances = {name: std**2 for name, std in at.by_source.items()}
+    total = np.sum(list(variances.values()), axis=0)
+    known = total > 0
+    if not known.any():
+        return {}
+    return {name: float(np.mean(v[known] / total[known])) for name, v in variances.items()}
+
+
+def _line(at: RangeAt, axis: Axis) -> str:
+    """Describe the range for one P_D, and where its uncertainty comes from."""
+    if not (at.slant > 0).any():
+        return f"P_D {at.p_d:g}: at no range"
+    least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
+    words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at {axis.at(least)}"
+    if np.ptp(at.slant) > 1e-6 * at.slant[greatest]:
+        words += f" to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
+    else:
+        words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at every {axis.name}"
+    if np.isnan(at.std).all():
+        return words
+    worst = int(np.nanargmax(at.std))
+    words += f"; 3 sigma at most {3 * at.std[worst] / 1e3:.3g} km, at {axis.at(worst)}"
+    shares = sorted(_shares(at).items(), key=lambda item: -item[1])
+    named = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
+    return f"{words}; from {listed(named)}" if named else words
+
+
+def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
+    """Describe where there is no range, where a limit comes first, and where P_D rises again."""
+    lines = []
+    none = at.slant == 0
+    if none.any() and not none.all():
+        lines.append(f"P_D {at.p_d:g}: at no range {describe_poses(none, axis)}")
+    far = at.slant >= 0.999 * FARTHEST
+    limited = at.reach.limited & ~far
+    if limited.any():
+        place = describe_poses(limited, axis)
+        lines.append(f"P_D {at.p_d:g}: the limit of the radar comes first {place}")
+    again = at.reach.edges > 1
+    if again.any():
+        lines.append(
+            f"P_D {at.p_d:g}: passed several times, at up to {at.reach.edges.max()} ranges, "
+            f"{describe_poses(again, axis)}; the farthest is given"
+        )
+    if far.any():
+        lines.append(
+            f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, the end of the search"
+        )
+    return lines

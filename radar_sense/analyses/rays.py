@@ -1,0 +1,399 @@
+"""Rays from a radar, the aircraft on each of them, and how far along a ray P_D reaches a value.
+
+A ray leaves the radar at one bearing. The aircraft is put on it at one height, roll, pitch and yaw.
+The distance along a ray is horizontal, in the level plane of the radar.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from radar_sense import axis as axes
+from radar_sense.analyses.grid import DOWN, YAW, pose_in_cells, put_at_height
+from radar_sense.model import geodesy
+from radar_sense.model.geometry import slant_range
+from radar_sense.model.network import NetworkModel
+from radar_sense.propagation import LARGEST_PROBIT, propagate_scenario, upper_bound_in_scenario
+from radar_sense.scenario import Scenario
+from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
+
+#: Nearest and farthest distance that is looked at [m].
+NEAREST, FARTHEST = 1.0, 5e6
+#: Distances on a ray at which P_D is computed; each is 2 % farther than the one before.
+SAMPLES = 768
+#: The bounds of P_D change more slowly, and are computed at every such sample.
+STRIDE = 8
+#: Halvings of a bracket of 2 %, which leave 1e-14 of a distance.
+HALVINGS = 42
+#: Factors by which a bracket of a bound grows, one after the other.
+EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
+#: Steps of regula falsi, and |z| of a root. A step of z by 1e-7 is one of 1e-8 in distance.
+FALSI_STEPS, FALSI_TOLERANCE = 40, 1e-7
+#: Part of a distance that is surely within a limit at this distance.
+INSIDE = 1.0 - 1e-9
+#: Rays computed at a time.
+_BLOCK = 64
+
+#: From distances (n, k) to whether (n, k) a ray still reaches the value there.
+Reaches = Callable[[FloatArray], NDArray[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays of one radar.
+
+    Attributes:
+        scenario: The scenario of one radar, without the limits of the radar.
+        limited: The same radar with its limits.
+        bearing: Bearing from the radar (n,) [rad].
+        yaw: Yaw of the aircraft on each ray (n,) [rad], relative to the level of its place.
+        pose: State of the aircraft (6,), of which down, roll and pitch are used. With an origin
+            down is minus the height above the origin's.
+    """
+
+    scenario: Scenario
+    limited: NetworkModel
+    bearing: FloatArray
+    yaw: FloatArray
+    pose: FloatArray
+
+    def states(self, distance: FloatArray) -> FloatArray:
+        """Return aircraft states (n, k, 6) at distances (n, k) [m]."""
+        radar, origin = self.scenario.radar, self.scenario.origin
+        states = np.empty((*distance.shape, len(AIRCRAFT)))
+        states[...] = self.pose
+        bearing = self.bearing[:, np.newaxis]
+        states[..., 0], states[..., 1] = distance * np.cos(bearing), distance * np.sin(bearing)
+        states[..., YAW] = self.yaw[:, np.newaxis]
+        if origin is None:
+            states[..., :DOWN] += radar[:DOWN]
+            return states
+        # in the frame of the radar's place first, which is level there
+        place = geodesy.geodetic_from_ned(radar[POSITION], origin)
+        states[..., DOWN] += place[2] - origin[2]
+        put_at_height(states, (place[0], place[1], place[2]))
+        turn = geodesy.turn_to_origin(place, origin)
+        states[..., POSITION] = states[..., POSITION] @ turn.T + radar[POSITION]
+        states[..., ATTITUDE] = geodesy.turned_attitude(states[..., ATTITUDE], turn)
+        return states
+
+    def at(self, distance: FloatArray) -> Scenario:
+        """Return the scenario with the poses at distances (n,) or (n, k), all in one row."""
+        states = self.states(distance.reshape(len(self.bearing), -1))
+        return _with_poses(self.scenario, states.reshape(-1, len(AIRCRAFT)))
+
+    def slant_range(self, distance: FloatArray) -> FloatArray:
+        """Return the slant ranges (n,) [m] at distances (n,) [m]."""
+        return slant_range(self.states(distance[:, np.newaxis])[:, 0], self.scenario.radar)
+
+    def part(self, rays: slice | NDArray[np.intp]) -> Rays:
+        """Return some of the rays."""
+        return dataclasses.replace(self, bearing=self.bearing[rays], yaw=self.yaw[rays])
+
+    def p_d(self, distance: FloatArray) -> FloatArray:
+        """Return P_D (n, k) at distances (n, k), whatever the limits of the radar."""
+        p_d: FloatArray = self.scenario.model.p_d(self.states(distance), self.scenario.radar)
+        return p_d
+
+    def visible(self, distance: FloatArray) -> NDArray[np.bool_]:
+        """Return where (n, k) distances (n, k) are within the limits of the radar."""
+        return self.limited.visible(self.states(distance), self.scenario.radar)[..., 0]
+
+    def bounds(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
+        """Return the lower and the upper bound of P_D (2, n, k) by a method at distances (n, k)."""
+        moments = propagate_scenario(self.at(distance), method=method, beta=beta)
+        return np.stack([moments.lower, moments.upper]).reshape(2, *distance.shape)
+
+    def upper(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
+        """Return the upper bound of P_D (n, k) by a method at distances (n, k)."""
+        bound = upper_bound_in_scenario(self.at(distance), method=method, beta=beta)
+        return np.reshape(bound, distance.shape)
+
+
+def rays(
+    scenario: Scenario,
+    angle: FloatArray,
+    *,
+    by_aspect: bool,
+    down: float | None,
+    course: float | None,
+) -> Rays:
+    """Return the rays of a scenario of one radar.
+
+    Args:
+        scenario: The scenario. The first pose has height and attitude of the aircraft, and with
+            `by_aspect` the bearing.
+        angle: Bearing (n,) [rad] clockwise from north; with `by_aspect` the azimuth in the body
+            frame at which the aircraft sees the radar, clockwise from the nose.
+        by_aspect: Whether the aircraft turns at one bearing.
+        down: Down coordinate [m]; the first pose's if None.
+        course: Yaw [rad]; the first pose's if None.
+    """
+    pose = pose_in_cells(scenario, down, course)
+    (radar,) = scenario.model.radars
+    without = dataclasses.replace(scenario, model=NetworkModel((radar.without_limits(),)))
+    bearing, yaw = angle, np.full(len(angle), pose[YAW])
+    if by_aspect:
+        first = _bearing(scenario)
+        bearing, yaw = np.full(len(angle), first), first + math.pi - angle
+    return Rays(without, scenario.model, bearing, yaw, pose)
+
+
+@dataclass(frozen=True, eq=False)
+class Reach:
+    """How far the rays reach a value of P_D.
+
+    Attributes:
+        distance: Farthest distance with at least this P_D (n,) [m]; NaN where there is none.
+        limited: Where (n,) P_D is still higher at this distance, and a limit of the radar comes
+            first.
+        edges: How often (n,) P_D rises to or falls below the value along a ray.
+    """
+
+    distance: FloatArray
+    limited: NDArray[np.bool_]
+    edges: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Survey:
+    """P_D and visibility at the samples of all rays, from which brackets are taken.
+
+    Attributes:
+        all_rays: The rays.
+        distance: Distance of the samples (k,) [m].
+        p_d: P_D (n, k), whatever the limits of the radar.
+        visible: Where (n, k) a sample is within the limits.
+    """
+
+    all_rays: Rays
+    distance: FloatArray
+    p_d: FloatArray
+    visible: NDArray[np.bool_]
+
+    def reach(self, p_d: float, *, limits: bool = True) -> Reach:
+        """Return how far the rays reach a P_D, within the limits of the radar or without limits."""
+        mine = self.all_rays
+        inside = self.p_d >= p_d
+        if limits:
+            inside &= self.visible
+
+        def reaches(distance: FloatArray) -> NDArray[np.bool_]:
+            reached: NDArray[np.bool_] = mine.p_d(distance) >= p_d
+            return reached & mine.visible(distance) if limits else reached
+
+        near, far = _farthest(inside, self.distance, reaches, HALVINGS)
+        distance = np.sqrt(near * far)
+        # Beyond the edge P_D is below the value, or else a limit made the edge.
+        beyond = mine.p_d(np.where(np.isnan(far), NEAREST, far)[:, np.newaxis])[:, 0] >= p_d
+        limited = beyond & ~np.isnan(distance)
+        edges = np.count_nonzero(np.diff(inside, axis=1), axis=1) - (limited & ~inside[:, -1])
+        return Reach(distance, limited, edges)
+
+    def limit(self) -> FloatArray:
+        """Return the farthest distance (n,) [m] within the limits; NaN where there is none."""
+        near, far = _farthest(self.visible, self.distance, self.all_rays.visible, HALVINGS)
+        return np.sqrt(near * far)
+
+
+def survey(all_rays: Rays) -> Survey:
+    """Compute P_D along all rays."""
+    distance = np.geomspace(NEAREST, FARTHEST, SAMPLES)
+    count = len(all_rays.bearing)
+    p_d, visible = np.empty((count, SAMPLES)), np.empty((count, SAMPLES), dtype=bool)
+    for start in range(0, count, _BLOCK):
+        block = slice(start, start + _BLOCK)
+        some = all_rays.part(block)
+        samples = np.broadcast_to(distance, (len(some.bearing), SAMPLES))
+        p_d[block], visible[block] = some.p_d(samples), some.visible(samples)
+    return Survey(all_rays, distance, p_d, visible)
+
+
+def bounds_of_reach(
+    seen: Survey, value: float, method: str, beta: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return how far the bounds of P_D at Φ(−β) and Φ(β) reach a value, within the limits.
+
+    The distance at which P_D falls below a value is random. Where P_D falls with distance, that
+    distance exceeds r if P_D at r exceeds the value. Its quantiles are hence the distances at which
+    the quantiles of P_D have the value.
+
+    The bounds by `probit`, which cost little, show where to look for the bounds by the method.
+
+    Args:
+        seen: P_D along the rays.
+        value: Value of P_D.
+        method: Method of propagation.
+        beta: β.
+
+    Returns:
+        Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no answer.
+    """
+    limit = np.nan_to_num(seen.limit())
+    lower, upper = (
+        _bound_of_reach(seen.all_rays, place, limit, value, method, beta, upper=end == 1)
+        for end, place in enumerate(_guesses(seen, value, beta))
+    )
+    return lower, upper
+
+
+def _guesses(seen: Survey, value: float, beta: float) -> list[FloatArray]:
+    """Return where (n,) the lower and upper bound by `probit` reach a value, or come closest."""
+    distance = seen.distance[::STRIDE]
+    samples = np.broadcast_to(distance, (len(seen.p_d), len(distance)))
+    guesses = []
+    for bound in seen.all_rays.bounds(samples, "probit", beta):
+        inside = bound >= value
+        last = len(distance) - 1 - np.argmax(inside[:, ::-1], axis=1)
+        highest = np.argmax(np.nan_to_num(bound), axis=1)
+        guesses.append(distance[np.where(inside.any(axis=1), last, highest)])
+    return guesses
+
+
+def _bound_of_reach(
+    mine: Rays,
+    guess: FloatArray,
+    limit: FloatArray,
+    value: float,
+    method: str,
+    beta: float,
+    *,
+    upper: bool,
+) -> FloatArray:
+    """Return how far (n,) one bound reaches a value; 0 where nowhere, NaN where not known."""
+    wanted = ndtri(value)
+
+    def excess(some: NDArray[np.intp], distance: FloatArray) -> FloatArray:
+        """Return z of the bound less z of the value, on some rays."""
+        if not len(some):
+            return np.empty(0)
+        one = mine.part(some)
+        column = distance[:, np.newaxis]
+        bound = one.upper(column, method, beta) if upper else one.bounds(column, method, beta)[0]
+        z = ndtri(np.clip(bound[:, 0], 0.0, 1.0))
+        result: FloatArray = np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT) - wanted
+        return result
+
+    everyone = np.arange(len(guess))
+    near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
+    at_near = excess(everyone, near)
+    far, at_far = near.copy(), at_near.copy()
+    for factor in EXPANSIONS:
+        some = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound ends nearer
+        far[some], at_far[some] = near[some], at_near[some]
+        near[some] = np.maximum(near[some] / factor, NEAREST)
+        at_near[some] = excess(some, near[some])
+        some = np.flatnonzero((at_far >= 0) & (far < limit))
+        near[some], at_near[some] = far[some], at_far[some]
+        far[some] = np.minimum(far[some] * factor, limit[some])
+        at_far[some] = excess(some, far[some])
+    reach = np.where(at_near < 0, 0.0, far)  # the limit, where the bound reaches it
+    unknown = np.isnan(at_near) | np.isnan(at_far)
+    some = np.flatnonzero((at_near >= 0) & (at_far < 0))
+    reach[some] = np.exp(
+        _falsi(
+            lambda active, x: excess(some[active], np.exp(x)),
+            np.log(near[some]),
+            np.log(far[some]),
+            at_near[some],
+            at_far[some],
+        )
+    )
+    reach[(reach > 0) & ~mine.visible(np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE)[:, 0]] = 0
+    reach[unknown | (limit == 0)] = np.nan
+    reach[limit == 0] = 0.0
+    return reach
+
+
+def _falsi(
+    function: Callable[[NDArray[np.intp], FloatArray], FloatArray],
+    low: FloatArray,
+    high: FloatArray,
+    at_low: FloatArray,
+    at_high: FloatArray,
+) -> FloatArray:
+    """Return roots (k,) of functions between two ends of different signs; NaN where one is NaN.
+
+    The Illinois variant of regula falsi (M. Dowell and P. Jarratt, BIT 11, 1971), which halves the
+    value at an end that stays.
+
+    Args:
+        function: From indices of roots, and arguments, to values.
+        low: Lower ends (k,).
+        high: Upper ends (k,).
+        at_low: Values at the lower ends.
+        at_high: Values at the upper ends.
+    """
+    root = 0.5 * (low + high)
+    low, high, at_low, at_high = (np.array(end) for end in (low, high, at_low, at_high))
+    side = np.zeros(len(low))
+    active = np.arange(len(low))
+    for _ in range(FALSI_STEPS):
+        if not len(active):
+            break
+        a, b, fa, fb = low[active], high[active], at_low[active], at_high[active]
+        x = b - fb * (b - a) / (fb - fa)
+        value = function(active, x)
+        root[active] = np.where(np.isnan(value), np.nan, x)
+        left = (value >= 0) == (fa >= 0)
+        low[active], at_low[active] = np.where(left, x, a), np.where(left, value, fa)
+        high[active], at_high[active] = np.where(left, b, x), np.where(left, fb, value)
+        again = side[active] == np.where(left, 1, -1)
+        at_high[active[again & left]] *= 0.5
+        at_low[active[again & ~left]] *= 0.5
+        side[active] = np.where(left, 1, -1)
+        active = active[abs(value) > FALSI_TOLERANCE]
+    return root
+
+
+def _farthest(
+    inside: NDArray[np.bool_], distance: FloatArray, reaches: Reaches, halvings: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return brackets (n,) of the farthest distance that is inside; NaN where none is.
+
+    Where the last sample is inside, both ends are the last distance.
+
+    Args:
+        inside: Whether (n, k) the samples are inside.
+        distance: Distance of the samples (k,).
+        reaches: Returns whether distances (n, 1) are inside.
+        halvings: How often each bracket is halved, on the scale of logarithms.
+    """
+    count = inside.shape[1]
+    last = count - 1 - np.argmax(inside[:, ::-1], axis=1)
+    near, far = distance[last], distance[np.minimum(last + 1, count - 1)]
+    for _ in range(halvings):
+        middle = np.sqrt(near * far)
+        still = reaches(middle[:, np.newaxis])[:, 0]
+        near, far = np.where(still, middle, near), np.where(still, far, middle)
+    nowhere = ~inside.any(axis=1)
+    near[nowhere] = far[nowhere] = np.nan
+    return near, far
+
+
+def _bearing(scenario: Scenario) -> float:
+    """Return the bearing [rad] of the first pose from the radar, in the radar's level plane."""
+    line = scenario.aircraft[0, POSITION] - scenario.radar[POSITION]
+    if scenario.origin is not None:
+        place = geodesy.geodetic_from_ned(scenario.radar[POSITION], scenario.origin)
+        line = line @ geodesy.turn_to_origin(place, scenario.origin)
+    return math.atan2(line[1], line[0])
+
+
+def _with_poses(scenario: Scenario, aircraft: FloatArray) -> Scenario:
+    """Return the scenario at other poses, all with the covariance of the first pose."""
+    cov_aircraft = scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0]
+    return dataclasses.replace(
+        scenario,
+        aircraft=aircraft,
+        cov_aircraft=cov_aircraft,
+        axis=axes.pose_number(len(aircraft)),
+        time_s=None,
+    )

@@ -1,0 +1,293 @@
+"""The attenuation on the way to the target and back, against plain formulas and loops."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import yaml
+from helpers import document, place, refusal, scenario, yaml_text
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import norm
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.analyses.convergence import LinearModel
+from radar_sense.analyses.error_budget import error_budget
+from radar_sense.analyses.mission import with_schedule
+from radar_sense.mission.importance import plan
+from radar_sense.mission.importance.sampling import importance_sampling
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.rcs import ConstantRCS
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.propagation import METHODS, propagate_scenario
+
+BOLTZMANN = 1.380649e-23
+P_FA, AREA = 1e-4, 0.05
+#: Place, c_r, and standard deviations of the place and of c_r, and α and its own [dB/km].
+RADARS = {
+    "one": ((0.0, 0.0, -20.0), 0.04, 1000.0, 0.003, 0.05, 0.01),
+    "two": ((10e3, 20e3, -20.0), 0.02, 500.0, 0.001, 0.1, 0.015),
+    "three": ((20e3, -20e3, -20.0), 0.003, 800.0, 0.0003, 0.0, 0.0),
+}
+POSE = 500.0
+RNG = np.random.default_rng(18)
+
+
+def network(names=tuple(RADARS), rcs_db=0.0, uncertain=True):
+    """Document of radars that see an aircraft 60 km north of the origin, with Swerling 1."""
+    content = document(
+        geometry__range_km=60,
+        geometry__down_km=-6,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        aircraft__rcs={"model": "constant", "rcs_m2": AREA},
+        analysis={"level": "one", "runs": 2**13, "seed": 1},
+    )
+    aircraft = {"position_m": POSE, "attitude_deg": 1, "rcs_db": rcs_db}
+    content["uncertainty"] = {"aircraft": aircraft}
+    del content["radar"]
+    content["radars"] = []
+    for name in names:
+        at, constant, std, std_constant, attenuation, std_attenuation = RADARS[name]
+        level = {"position_m": std, "constant": std_constant}
+        if uncertain and std_attenuation:
+            level["attenuation_db_per_km"] = std_attenuation
+        content["radars"].append({
+            "name": name, "position_m": list(at), "constant": constant, "p_fa": P_FA,
+            "detector": "swerling1", "scan_period_s": 8, "attenuation_db_per_km": attenuation,
+            "uncertainty": {"one": level},
+        })  # fmt: skip
+    return content
+
+
+def parsed(*args, **kwargs):
+    return rs.parse_scenario(yaml_text(network(*args, **kwargs)))
+
+
+def drawn_p_d(names, runs, seed, poses=((60e3, 0.0, -6e3),), rcs_db=0.0):
+    """P_D of the network (runs, poses), radar by radar; errors are the same at all poses."""
+    rng = np.random.default_rng(seed)
+    factor = 10 ** (rcs_db * rng.standard_normal(runs) / 10)
+    error = POSE * rng.standard_normal((3, runs))
+    missed = np.ones((runs, len(poses)))
+    for name in names:
+        at, constant, std, std_constant, attenuation, std_attenuation = RADARS[name]
+        where = np.array(at)[:, None] + std * rng.standard_normal((3, runs))
+        c_r = np.maximum(constant + std_constant * rng.standard_normal(runs), 0)
+        relative = std_attenuation / attenuation if attenuation else 0.0
+        alpha = attenuation * np.exp(relative * rng.standard_normal(runs))
+        for i, pose in enumerate(poses):
+            squared = np.sum((np.array(pose)[:, None] + error - where) ** 2, axis=0)
+            there_and_back = 10 ** (-2 * alpha * np.sqrt(squared) / 1000 / 10)
+            snr = c_r * factor * AREA * there_and_back / (BOLTZMANN * squared**2)
+            missed[:, i] *= 1 - P_FA ** (1 / (1 + snr))
+    return 1 - missed
+
+
+@pytest.mark.parametrize(
+    "rcs", [ConstantRCS(0.1), rs.EllipsoidRCS(0.15, 0.13, 0.21)], ids=["constant", "ellipsoid"]
+)
+def test_signal_and_partials_are_those_of_the_formula(rcs):
+    plain = rs.DetectionModel(rcs, 1e-6, rs.Swerling1())
+    model = dataclasses.replace(plain, attenuation=2e-5)  # 0.02 dB/km
+    count = 60
+    whole = np.concatenate(
+        [RNG.uniform(-2e5, 2e5, (count, 3)), RNG.uniform(-1, 1, (count, 3)),
+         RNG.uniform(-1e4, 1e4, (count, 3)), RNG.uniform(1, 300, (count, 1)),
+         RNG.uniform(-2, 2, (count, 2))], axis=1,
+    )  # fmt: skip
+    distance = np.linalg.norm(whole[:, :3] - whole[:, 6:9], axis=1) / 1e3
+    for radar, alpha in ((whole[:, 6:10], 0.02), (whole[:, 6:], 0.02 * np.exp(whole[:, 11]))):
+        expected = plain.snr(whole[:, :6], radar[:, :5]) * 10 ** (-2 * alpha * distance / 10)
+        assert_allclose(model.snr(whole[:, :6], radar), expected, rtol=1e-12)
+        loss = 2 * alpha * distance
+        assert np.quantile(loss, 0.1) > 0.5
+    lin = model.linearize(whole[:, :6], whole[:, 6:])
+    jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
+    assert jacobian.shape == (count, 12)
+    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4] * 3)
+    for i, step in enumerate(steps):
+        ends = [whole + sign * step * np.eye(12)[i] for sign in (1, -1)]
+        high, low = (model.p_d(end[:, :6], end[:, 6:]) for end in ends)
+        difference = (high - low) / (2 * step)
+        assert_allclose(jacobian[:, i], difference, atol=2e-6 * np.abs(difference).max())
+    for states in (whole[:, 6:10], whole[:, 6:]):
+        one = NetworkModel((Radar(model),)).linearize(whole[:, :6], states)
+        assert_array_equal(one.jac_radar, model.linearize(whole[:, :6], states).jac_radar)
+
+
+@pytest.mark.parametrize(
+    ("names", "rcs_db"), [(("one",), 0.0), (("one",), 1.0), (("three", "one", "two"), 1.0)]
+)
+def test_the_distribution_is_that_of_plain_draws(names, rcs_db):
+    s = parsed(names, rcs_db)
+    every = np.concatenate(
+        [drawn_p_d(names, 100_000, seed, rcs_db=rcs_db)[:, 0] for seed in range(3)]
+    )
+    std, ends = every.std(), np.quantile(every, norm.cdf([-3, 3]))
+    assert std > 0.03
+    form = propagate_scenario(s, method="form")
+    assert form.mean[0] == pytest.approx(every.mean(), abs=0.02 * std)
+    assert form.std[0] == pytest.approx(std, rel=0.02)
+    assert_allclose([form.lower[0], form.upper[0]], ends, atol=0.12 * std)
+    mc = rs.monte_carlo(s, runs=60_000)
+    assert mc.mean[0] == pytest.approx(every.mean(), abs=0.02 * std)
+    assert mc.std[0] == pytest.approx(std, rel=0.025)
+    assert_allclose(LinearModel.of(Sampler.of(s)).std, propagate_scenario(s).std, rtol=1e-12)
+    without = propagate_scenario(parsed(names, rcs_db, uncertain=False), method="form")
+    assert without.std[0] < 0.96 * std
+
+
+def test_the_budget_has_it_as_a_source_of_each_radar():
+    one = scenario(
+        radar__attenuation_db_per_km=0.01,
+        uncertainty__radar__medium={
+            "position_m": 100, "constant": 5, "attenuation_db_per_km": 1e-3,
+        },
+    ).at_poses(slice(0, 1))  # fmt: skip
+    found = analyses.budget(one)
+    fixed = [f"three_sigma_{source}" for source in (
+        "aircraft_position", "aircraft_orientation", "radar_position", "radar_constant", "total",
+        "radar_attenuation",
+    )]  # fmt: skip
+    assert list(found.table) == ["theta_r_deg", *fixed]
+    parts = [found.table[name] for name in (*fixed[:4], fixed[5])]
+    assert_allclose(np.sqrt(np.sum(np.square(parts), axis=0)), found.table[fixed[4]], rtol=1e-12)
+    # 0.001 dB/km on 500 km is 1 dB there and back, as one of the RCS
+    plain = dataclasses.replace(one, attenuation_std={}, rcs_db=1.0)
+    alone = error_budget(plain).alone["aircraft_rcs"]
+    assert_allclose(error_budget(one).alone["radar_attenuation"], alone, rtol=2e-5)
+    for rcs_db in (0.0, 1.0):
+        s = parsed(rcs_db=rcs_db)
+        for method in METHODS:
+            budget = error_budget(s, method)
+            names = ["aircraft_position", "aircraft_orientation", *RADARS]
+            assert list(budget.alone) == names + ["aircraft_rcs"] * (rcs_db > 0)
+            for name in RADARS:
+                parts = ("position", "constant", "attenuation")
+                whole = sum(budget.finer[f"{name}_{part}"] ** 2 for part in parts)
+                if method == "linear":
+                    assert_allclose(budget.alone[name] ** 2, whole, rtol=1e-12)
+            assert min(budget.finer[f"{name}_attenuation"][0] for name in ("one", "two")) > 0.002
+            assert budget.finer["three_attenuation"][0] == 0
+
+
+@pytest.mark.parametrize("names", [("one",), ("one", "two")])
+def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
+    for rcs_db in (0.0, 0.2):
+        s = parsed(names, rcs_db)
+        small = {"one": 0.04 * s.cov_radar["one"]}
+        std = {"one": tuple(0.2 * std for std in s.attenuation_std["one"])}
+        s = dataclasses.replace(
+            s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft, attenuation_std=std
+        )
+        found, linear = error_budget(s, "montecarlo"), error_budget(s)
+        assert list(found.alone) == list(linear.alone) == list(found.total_index)
+        for name, share in found.shares().items():
+            assert share[0] == pytest.approx(linear.shares()[name][0], abs=0.03)
+
+
+def test_a_mission_has_the_attenuation_of_each_radar(tmp_path, monkeypatch):
+    monkeypatch.setattr(plan, "DETECTION_WORK", 3e5)
+    rows = ["0,60e3,-40e3", "60,55e3,0", "120,60e3,40e3"]
+    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
+    (tmp_path / "route.csv").write_text("\n".join([header, *(f"{r},-6e3,0,0,90" for r in rows)]))
+    names = tuple(RADARS)
+    content = network(names)
+    content["geometry"] = {"type": "path", "file": "route.csv"}
+    del content["aircraft"]["attitude_deg"]
+    content["uncertainty"]["aircraft_correlation_s"] = ".inf"
+    for radar in content["radars"]:
+        radar["constant"] /= 2
+        radar["uncertainty"]["one"]["constant"] = 0
+        radar["scan_period_s"] = 12 if radar["name"] == "two" else 24
+    (tmp_path / "s.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+    s = rs.load_scenario(tmp_path / "s.yaml")
+    runs, rng = 100_000, np.random.default_rng(4)
+    error, missed = POSE * rng.standard_normal((3, runs)), np.ones(runs)
+    for name in names:
+        at, constant, std, _, attenuation, std_attenuation = RADARS[name]
+        where = np.array(at)[:, None] + std * rng.standard_normal((3, runs))
+        relative = std_attenuation / attenuation if attenuation else 0.0
+        alpha = attenuation * np.exp(relative * rng.standard_normal(runs))
+        for t in range(0, 121, 12 if name == "two" else 24):
+            pose = [np.interp(t, [0, 60, 120], v)
+                    for v in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
+            squared = np.sum((np.array(pose)[:, None] + error - where) ** 2, axis=0)
+            there_and_back = 10 ** (-2 * alpha * np.sqrt(squared) / 1e4)
+            snr = constant / 2 * AREA * there_and_back / (BOLTZMANN * squared**2)
+            missed = missed * (1 - P_FA ** (1 / (1 + snr)))
+    p_c = 1 - missed
+    (bounds,) = importance_sampling(*with_schedule(s))[0]
+    assert bounds.mean[-1] == pytest.approx(p_c.mean(), abs=0.04 * p_c.std())
+    assert bounds.std[-1] == pytest.approx(p_c.std(), rel=0.05)
+    ends = np.quantile(p_c, norm.cdf([-3, 3]))
+    assert_allclose([bounds.lower[-1], bounds.upper[-1]], ends, atol=0.25 * p_c.std())
+    first = analyses.mission(s, method="probit", runs=10_000).table
+    assert first["sigma_cumulative"][-1] == pytest.approx(p_c.std(), rel=0.1)
+    assert first["mc_std"][-1] == pytest.approx(p_c.std(), rel=0.05)
+
+
+def test_maps_and_every_method_have_it():
+    certain, uncertain = parsed(("one",), uncertain=False), parsed(("one",))
+    cells = {"north_km": (20, 90), "east_km": (0, 60), "step_km": 10.0}
+    plane = analyses.coverage_map(certain, **cells).table
+    north, east = np.meshgrid(plane["north_m"], plane["east_m"], indexing="ij")
+    distance = np.sqrt(north**2 + east**2 + (6e3 - 20) ** 2)
+    snr = 0.04 * AREA * 10 ** (-2 * 0.05 * distance / 1e4) / (BOLTZMANN * distance**4)
+    assert_allclose(plane["p_d"], P_FA ** (1 / (1 + snr)), rtol=1e-6)
+    for method in METHODS:
+        bounds = [
+            analyses.coverage_map(s, **cells, upper=True, method=method).table["upper_3sigma"]
+            for s in (certain, uncertain)
+        ]
+        assert np.all(bounds[1] > bounds[0])
+    assert_allclose(analyses.variance(certain).table["p_d"], certain.model.p_d(
+        certain.aircraft, certain.radar), rtol=1e-12)  # fmt: skip
+
+
+def test_it_is_read_and_read_back():
+    s = parsed(rcs_db=1.5)
+    assert_allclose([m.attenuation for m in s.model.models], [5e-5, 1e-4, 0], rtol=1e-15)
+    assert_allclose(s.attenuation_std["one"], [1e-5, 1.5e-5, 0], rtol=1e-15)
+    assert s.shared.tolist() == [*s.radar, 0, 0, 0, 0]
+    assert_allclose(np.diagonal(s.cov_shared)[12:], [2.25, 0.04, 0.0225, 0], rtol=1e-12)
+    document = s.resolved()
+    assert "attenuation_db_per_km" not in document["radars"][2]
+    assert document["radars"][1]["attenuation_db_per_km"] == 0.1
+    assert document["radars"][1]["uncertainty"]["one"]["attenuation_db_per_km"] == 0.015
+    again = rs.parse_scenario(yaml_text(document))
+    assert again.resolved() == document
+    assert_array_equal(again.cov_shared, s.cov_shared)
+    certain = parsed(uncertain=False)
+    assert certain.shared is certain.radar
+    whole = {"covariance": np.eye(4).tolist(), "attenuation_db_per_km": 0.005}
+    one = scenario(radar__attenuation_db_per_km=0.01, uncertainty__radar__low=whole)
+    assert one.attenuation_std == {"low": (5e-6,)}
+    assert not one.attenuation_uncertain
+    assert one.with_analysis(level="low").cov_shared[-1, -1] == pytest.approx(0.25)
+
+
+def test_refusals_name_the_key(tool):
+    level = "uncertainty.radar.medium.attenuation_db_per_km"
+    for attenuation, std, path, said in (
+        (-1, 0, "radar.attenuation_db_per_km", "not less than 0"),
+        (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
+        (0.1, 0.2, level, "at most"),
+        (0.1, -1, level, "not less than 0"),
+    ):
+        medium = {"position_m": 100, "constant": 5, "attenuation_db_per_km": std}
+        text = yaml_text(
+            document(radar__attenuation_db_per_km=attenuation, uncertainty__radar__medium=medium)
+        )
+        _, key, complaint = place(refusal(tool, text))
+        assert key == path
+        assert said in complaint
+    with pytest.raises(ValueError, match="attenuation must be"):
+        rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
+    with pytest.raises(ValueError, match="attenuation_std"):
+        dataclasses.replace(parsed(("one",)), attenuation_std={"one": (1.0,)})
+    with pytest.raises(ValueError, match="got inf for the error of an attenuation"):
+        rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(np.ones(6), np.array([0, 0, 0, 1, 0, np.inf]))

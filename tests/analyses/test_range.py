@@ -1,0 +1,180 @@
+"""Detection range and its band, against formulas and against draws of plain loops."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers import document, scenario
+
+import radar_sense as rs
+from radar_sense.analyses.detection_range import detection_range
+from radar_sense.analyses.rays import FARTHEST, rays, survey
+from radar_sense.model.horizon import horizon_range
+from radar_sense.reading.parse import parse_scenario
+
+SPHERE = {"model": "constant", "rcs_m2": 0.09}
+QUICK = {"step_deg": 90.0}
+
+
+def column(result, name):
+    return result.table[name]
+
+
+@pytest.mark.parametrize(("constant", "km"), [(50, 399.513), (20, 317.721)])
+def test_ranges_of_the_literature(constant, km):
+    s = scenario(radar__constant=constant, radar__p_fa=1e-9, aircraft__rcs=SPHERE)
+    result = detection_range(s, p_d=0.1, **QUICK)
+    assert column(result, "range_m_0.1") / 1e3 == pytest.approx(km, abs=5e-4)
+
+
+def test_the_engagement_zone_of_the_literature():
+    """R(0.15) of arXiv 2509.02483; its 745.41 K is rounded, which is worth 5.1 mm."""
+    s = rs.load_scenario("configs/engagement_zone.yaml")
+    result = detection_range(s, p_d=0.15, **QUICK)
+    assert column(result, "range_m_0.15") == pytest.approx(3041.862, abs=5.6e-3)
+
+
+def test_one_decibel_is_six_percent_of_range():
+    def at(constant):
+        s = scenario(radar__constant=constant, aircraft__rcs=SPHERE)
+        return column(detection_range(s, **QUICK), "range_m_0.5")
+
+    assert at(50 * 10**0.1) / at(50) - 1 == pytest.approx(0.0593, abs=5e-5)
+
+
+def bands(s, p_d, bearing_deg, draws, seed):
+    """Detection ranges (draws,) of one bearing by bisection, with drawn states; flat earth."""
+    rng = np.random.default_rng(seed)
+    pose, radar, model = s.aircraft[0], s.radar, s.model
+    aircraft_errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, draws)
+    radars = radar + rng.multivariate_normal(np.zeros(4), s.cov_radar[s.level], draws)
+    b = math.radians(bearing_deg)
+    low, high = np.full(draws, 10e3), np.full(draws, 3e6)
+    for _ in range(34):
+        d = 0.5 * (low + high)
+        states = np.tile(pose, (draws, 1))
+        states[:, 0] = radar[0] + d * math.cos(b)
+        states[:, 1] = radar[1] + d * math.sin(b)
+        more = model.p_d(states + aircraft_errors, radars) > p_d
+        low, high = np.where(more, d, low), np.where(more, high, d)
+    return np.hypot(low, pose[2] - radar[2])
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
+def test_the_band_is_the_band_of_drawn_ranges(method):
+    s = scenario()
+    draws = 60_000
+    result = detection_range(s, p_d=0.3, method=method, step_deg=40.0)
+    for row in (1, 7):
+        drawn = bands(s, 0.3, result.table["bearing_deg"][row], draws, row)
+        std = column(result, "sigma_range_m_0.3")[row]
+        assert std == pytest.approx(drawn.std(), rel=4 / math.sqrt(2 * draws) + 0.01)
+        if method == "linear":
+            continue
+        for end, probability in (("lower", 0.00135), ("upper", 0.99865)):
+            # standard error of a quantile: sqrt(p (1 - p) / draws) / density
+            error = 0.0367 / math.sqrt(draws) / 0.00443 * std
+            bound = column(result, f"{end}_3sigma_m_0.3")[row]
+            assert bound == pytest.approx(np.quantile(drawn, probability), abs=4 * error)
+
+
+def test_variances_of_the_sources_add_up():
+    result = detection_range(scenario(), **QUICK)
+    of_sources = [c for n, c in result.table.items() if n.startswith("sigma_range_m_0.5_from_")]
+    assert len(of_sources) == 4
+    total = column(result, "sigma_range_m_0.5")
+    assert np.sum(np.square(of_sources), axis=0) == pytest.approx(total**2, rel=1e-9)
+
+
+def test_by_aspect_the_aircraft_turns():
+    s = scenario()
+    yaw = math.degrees(s.aircraft[0, 5])
+    by_bearing, by_aspect = (
+        detection_range(s, p_d=[0.2, 0.7], by=by, step_deg=10.0) for by in ("bearing", "aspect")
+    )
+    bearing = np.mod(yaw + 180 + by_aspect.table["aspect_deg"], 360)
+    rows = np.rint(bearing / 10).astype(int) % 36
+    assert 10 * rows == pytest.approx(bearing % 360)
+    for p_d in ("0.2", "0.7"):
+        range_m = by_bearing.table[f"range_m_{p_d}"][rows]
+        assert range_m == pytest.approx(by_aspect.table[f"range_m_{p_d}"], rel=1e-9)
+
+
+def test_a_limit_comes_first():
+    base = document(radar__constant=5000, aircraft__rcs=SPHERE, radar__position_m=[0, 0, -50])
+    base["radars"] = [{"name": "one", **base.pop("radar"), "horizon": True,
+                       "uncertainty": base["uncertainty"].pop("radar")}]  # fmt: skip
+    result = detection_range(parse_scenario(json.dumps(base)), p_d=0.1, **QUICK)
+    height = -result.scenario.aircraft[0, 2]
+    farthest = horizon_range(np.array(50.0), np.array(height))
+    assert column(result, "range_m_0.1") == pytest.approx(farthest, rel=1e-9)
+    assert np.isnan(column(result, "sigma_range_m_0.1")).all()
+    assert (column(result, "limited_0.1") == 1).all()
+    assert column(result, "upper_3sigma_m_0.1") == pytest.approx(farthest, rel=1e-9)
+    assert any("limit of the radar comes first" in line for line in result.report)
+
+
+def test_no_range_and_no_end_of_it_are_said():
+    certain = {"medium": {"position_m": 100, "constant": 0}}
+    weak = scenario(radar__constant=1e-12, uncertainty__radar=certain)
+    weak = detection_range(weak, method="form", p_d=0.9, **QUICK)
+    assert (column(weak, "range_m_0.9") == 0).all()
+    assert any("at no range" in line for line in weak.report)
+    strong = detection_range(scenario(radar__constant=1e12), p_d=0.9, **QUICK)
+    assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
+    assert any("end of the search" in line for line in strong.report)
+
+
+def test_edges_along_a_ray_are_counted():
+    rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 0.001}
+    s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
+    along = rays(s, np.deg2rad([0.0, 50.0]), by_aspect=False, down=-300e3, course=0.0)
+    reach = survey(along).reach(0.6)
+    d = np.geomspace(1, FARTHEST, 20_001)
+    inside = along.p_d(np.broadcast_to(d, (2, len(d)))) >= 0.6
+    assert reach.edges.tolist() == np.count_nonzero(np.diff(inside, axis=1), axis=1).tolist()
+    assert reach.edges.max() > 1
+    assert reach.distance == pytest.approx([d[np.flatnonzero(row)[-1]] for row in inside], rel=1e-3)
+
+
+def test_the_origin_of_the_frame_does_not_matter():
+    """Bearing and attitude are relative to the level of their place, wherever the origin is."""
+
+    def ranges(longitude):
+        text = Path("configs/corridor.yaml").read_text(encoding="utf-8")
+        content = yaml.safe_load(text)
+        origin = {"latitude_deg": 25.0, "longitude_deg": longitude, "altitude_m": 500.0}
+        content["geometry"]["origin"] = origin
+        content["geometry"]["file"] = str(Path("configs/corridor_route.csv").resolve())
+        s = parse_scenario(yaml.safe_dump(content))
+        return detection_range(s, radar="east", p_d=0.5, step_deg=45.0).table
+
+    one, other = ranges(-150.0), ranges(-130.0)
+    assert one["range_m_0.5"] == pytest.approx(other["range_m_0.5"], rel=1e-7)
+    assert np.ptp(one["range_m_0.5"]) > 1e3
+
+
+def test_each_radar_of_a_network_has_a_range():
+    s = rs.load_scenario("configs/network.yaml")
+    together = detection_range(s, p_d=0.9, step_deg=60)
+    alone = detection_range(s, p_d=0.9, step_deg=60, radar="ridge")
+    for name in ("range_m_0.9", "sigma_range_m_0.9", "upper_3sigma_m_0.9"):
+        assert (together.table[f"{name}_ridge"] == alone.table[name]).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"p_d": 1e-5}, "greater than p_fa"),
+        ({"p_d": [0.5, 0.5]}, "each once"),
+        ({"by": "aspects"}, "did you mean 'aspect'"),
+        ({"by": "aspect", "course_deg": 10}, "use one of them"),
+        ({"method": "fom"}, "method must be one of"),
+    ],
+)
+def test_refused(options, message):
+    with pytest.raises(rs.InputError, match=message):
+        detection_range(scenario(), **options)
