@@ -244,7 +244,7 @@ def symmetric_square_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C, continuous in C; C may be singular.
 
     F is D S, with D the standard deviations and S the symmetric square root of the correlation
-    matrix, and does not depend on units. The eigenvectors of `square_root` can change sign and
+    matrix. F does not depend on units. The eigenvectors of `square_root` can change sign and
     order between nearly equal matrices. Use this F for errors that are correlated from pose to
     pose.
     """
