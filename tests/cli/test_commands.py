@@ -55,6 +55,8 @@ def few(command: str) -> list[str]:
     """Return options for a short computation."""
     if command == "map":
         return ["--step-km", "25"]
+    if command == "range":
+        return ["--step-deg", "30"]
     return ["--runs", "40"] if command in ("montecarlo", "compare", "convergence") else []
 
 
@@ -302,7 +304,7 @@ OVERHEAD = (
 # P_D itself and the RCS are defined there; their gradients are not.
 @pytest.mark.usefixtures("short")
 @pytest.mark.parametrize(
-    "command", [c for c in ANALYSES if c not in ("convergence", "detectors", "map", "rcs")]
+    "command", [c for c in ANALYSES if c not in ("convergence", "detectors", "map", "range", "rcs")]
 )
 def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
     Path("overhead.yaml").write_text(OVERHEAD)
