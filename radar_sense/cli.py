@@ -323,8 +323,10 @@ def _output(analysis: Command) -> list[click.Parameter]:
             multiple=True,
             default=["png"],
             show_default=True,
-            type=click.Choice(FORMATS),
-            help="Format of the figure; may be given several times.",
+            type=click.Choice(analysis.formats),
+            help="Format of the figure"
+            + (", or of the map on the earth" if "kml" in analysis.formats else "")
+            + "; may be given several times.",
         ),
         click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
         _quiet(),
@@ -354,6 +356,11 @@ def _run(
         scenario = _scenario(config)
         selected = analysis.selected(
             scenario, **{name: value for name, value in chosen.items() if name in OF_SCENARIO}
+        )
+    if scenario.origin is None and set(formats) - set(FORMATS):
+        raise BadInput(
+            f"--format {' and '.join(sorted(set(formats) - set(FORMATS)))}: needs geometry.origin, "
+            "which scenarios with a route in latitude and longitude have"
         )
     stem = analysis.stem(selected)
     paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]

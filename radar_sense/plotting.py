@@ -105,6 +105,29 @@ def _style() -> Iterator[None]:
         yield
 
 
+def contour_lines(
+    x: FloatArray, y: FloatArray, values: NDArray[np.floating[Any]], level: float
+) -> list[FloatArray]:
+    """Return the contour lines of a level, each as x and y (n, 2).
+
+    Args:
+        x: Places of the columns (m,).
+        y: Places of the rows (n,).
+        values: Values (n, m); NaN where there is none.
+        level: Value on the lines.
+    """
+    from contourpy import contour_generator  # Matplotlib's own generator
+
+    lines = contour_generator(x, y, np.ma.masked_invalid(values)).lines(level)
+    return [np.asarray(line, dtype=float) for line in lines]
+
+
+def hex_colours(values: Sequence[float], name: str) -> list[str]:
+    """Return colours as #rrggbb of values from 0 to 1; values outside have the end colours."""
+    colours = mpl.colormaps[name](np.clip(values, 0.0, 1.0))
+    return [mpl.colors.to_hex(colour) for colour in colours]
+
+
 def panels(figure: Figure, count: int) -> list[Axes]:
     """Add panels below each other that share an axis."""
     figure.set_size_inches(WIDTH, 0.6 + 1.7 * count)

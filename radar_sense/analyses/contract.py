@@ -195,7 +195,8 @@ class Result:
 
         Args:
             folder: Folder of the files; made if it does not exist.
-            formats: Formats of the figure: png, pdf, svg. () writes no figure.
+            formats: Formats of the figure: png, pdf, svg; of a map also geojson and kml. ()
+                writes no figure.
             command: The command line, for the record.
 
         Returns:
@@ -205,6 +206,7 @@ class Result:
             FigureError: If the figure could not be drawn. Table and record are written.
             OSError: If a file cannot be written. No file is written then.
             ValueError: If there is no such format.
+            InputError: If the result cannot have a format. No file is written then.
         """
         written = self.write(folder, formats, command=command)
         if written.figure_error is not None:
@@ -215,9 +217,12 @@ class Result:
         self, folder: str | Path, formats: Sequence[str], *, command: Sequence[str] = ()
     ) -> Written:
         """Do what `save` does, and return what was written, replaced and removed."""
+        allowed = self.by.formats if self.by else FORMATS
         for name in formats:
-            if name not in FORMATS:
-                raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {name!r}")
+            if name not in allowed:
+                raise ValueError(f"format must be one of {', '.join(allowed)}, got {name!r}")
+        functions = self.by.exports if self.by else {}
+        exports = {name: functions[name](self) for name in formats if name in functions}
         folder = Path(folder)
         ending, table = files.data(self.table)
         record = files.record(
@@ -232,7 +237,8 @@ class Result:
                 for name, column in self.columns.items()
             },
         )
-        figures, error = self._figures(formats)
+        figures, error = self._figures([name for name in formats if name in FORMATS])
+        figures |= exports
         contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
         contents |= {f"{self.stem}.{name}": content for name, content in figures.items()}
         contents[f"{self.stem}.json"] = record
@@ -243,7 +249,7 @@ class Result:
         removed = []
         same_table = files.holds(folder / f"{self.stem}.{ending}", table)
         if not same_table or not files.same_result(old_record, record):
-            stale = [folder / f"{self.stem}.{name}" for name in FORMATS if name not in figures]
+            stale = [folder / f"{self.stem}.{name}" for name in allowed if name not in figures]
             removed = [path for path in stale if path.is_file()]
         contents |= dict.fromkeys((path.name for path in removed), None)
         files.write(folder, contents)
@@ -371,6 +377,11 @@ class Command:
         return f"{scenario.name}_{self.name}"
 
     @property
+    def formats(self) -> tuple[str, ...]:
+        """Formats that the command can write besides its table and record."""
+        return FORMATS
+
+    @property
     def keywords(self) -> tuple[str, ...]:
         """Keywords of the function that computes the result."""
         return tuple(inspect.signature(self.run).parameters)[1:]
@@ -393,12 +404,19 @@ class Analysis(Command):
     Attributes:
         plot: Draws the figure of a result into an empty figure; reads the result only.
         columns: Columns that the table may have.
+        exports: Formats besides those of figures, with the function that returns the file.
     """
 
     plot: Callable[[Result, Figure], None]
     columns: tuple[Column, ...] = ()
+    exports: Mapping[str, Callable[[Result], bytes]] = field(default_factory=dict)
     endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
     has_figures: ClassVar[bool] = True
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """Formats of figures, and those that only this analysis has."""
+        return (*FORMATS, *self.exports)
 
     def __call__(self, scenario: Scenario, **options: Any) -> Result:
         """Return the result of the analysis, as `Command.__call__` does."""
@@ -416,6 +434,7 @@ def analysis(
     options: Sequence[str | Option] = (),
     examples: Sequence[str] = (),
     columns: Sequence[Column] = (),
+    exports: Mapping[str, Callable[[Result], bytes]] | None = None,
     name: str = "",
 ) -> Callable[[Callable[..., Result]], Analysis]:
     """Make an analysis of a function from a scenario to a result.
@@ -425,11 +444,20 @@ def analysis(
         options: Names in `OPTIONS`, or options that only this analysis has.
         examples: Commands for the help.
         columns: Columns that the table may have.
+        exports: Formats besides those of figures.
         name: Name of the command; the name of the function by default.
     """
 
     def decorate(run: Callable[..., Result]) -> Analysis:
         chosen = tuple(OPTIONS[o] if isinstance(o, str) else o for o in options)
-        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot, tuple(columns))
+        return Analysis(
+            name or run.__name__,
+            run,
+            chosen,
+            tuple(examples),
+            plot,
+            tuple(columns),
+            exports or {},
+        )
 
     return decorate

@@ -19,10 +19,12 @@ from radar_sense.analyses.grid import (
     blocks_of,
     grid,
     p_d_in_cells,
+    places_at,
     pose_in_cells,
     states_in,
     worst_p_d_in_cells,
 )
+from radar_sense.analyses.map_export import geojson, kml
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY, Limit
 from radar_sense.model.geometry import body_vector
@@ -175,6 +177,8 @@ _TABLE = (
     quantity("p_d", "P_D in each cell (rows, columns)."),
     quantity("upper_3sigma", "With --upper: upper 3-sigma bound of P_D in each cell."),
     quantity("worst_heading_deg", "With --worst-heading: the heading of the largest P_D."),
+    quantity("latitude_deg", "With an origin: WGS-84 latitude of each cell (rows, columns)."),
+    quantity("longitude_deg", "With an origin: WGS-84 longitude of each cell (rows, columns)."),
 )
 
 
@@ -188,7 +192,9 @@ _TABLE = (
         "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
+        "radar-sense map flight.yaml --format png --format geojson --format kml",
     ],
+    exports={"geojson": geojson, "kml": kml},
     name="map",
 )
 def coverage_map(
@@ -209,8 +215,10 @@ def coverage_map(
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load. It has north_m, east_m and, in single precision, p_d;
-    upper_3sigma with --upper; worst_heading_deg with --worst-heading. The figure shows the route in
-    the same colours, by P_D at the attitude of each pose.
+    upper_3sigma with --upper; worst_heading_deg with --worst-heading; latitude_deg and
+    longitude_deg if the scenario has an origin. The figure shows the route in the same colours, by
+    P_D at the attitude of each pose. With an origin the map can be GeoJSON or KML too: contours of
+    P_D and of its bound, the radars, and the route with its P_D.
 
     Args:
         scenario: The scenario.
@@ -259,6 +267,8 @@ def coverage_map(
             if bound is not None:
                 table["upper_3sigma"] = bound
     pose = pose_in_cells(scenario, down, course)
+    if scenario.origin is not None:
+        table["latitude_deg"], table["longitude_deg"] = _places(cells, pose, scenario.origin)
     shown = table["upper_3sigma" if upper else "p_d"]
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
@@ -296,6 +306,18 @@ def coverage_map(
         ),
         warnings=_warnings(scenario, cells, pose, shown, method),
     )
+
+
+def _places(
+    cells: Grid, pose: FloatArray, origin: tuple[float, float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return latitude and longitude (rows, columns) [deg] of the cells."""
+    places = np.empty((*cells.shape, 2))
+    for rows, columns in blocks_of(cells):
+        north, east = np.meshgrid(cells.north[rows], cells.east[columns], indexing="ij")
+        places[rows, columns] = places_at(north, east, pose, origin)[..., :2]
+    latitude, longitude = np.rad2deg(np.moveaxis(places, -1, 0))
+    return latitude, longitude
 
 
 def _route(scenario: Scenario, method: str | None) -> FloatArray:

@@ -370,6 +370,23 @@ def states_in(
     return aircraft
 
 
+def places_at(
+    north: FloatArray, east: FloatArray, pose: FloatArray, origin: tuple[float, float, float]
+) -> FloatArray:
+    """Return latitude, longitude [rad] and height [m] (..., 3) at the height of the cells.
+
+    Args:
+        north: North in the frame of the origin (...) [m].
+        east: East (...) [m].
+        pose: The pose in the cells (6,).
+        origin: Origin of the frame.
+    """
+    states = np.broadcast_to(pose, (*np.shape(north), len(AIRCRAFT))).copy()
+    states[..., 0], states[..., 1] = north, east
+    put_at_height(states, origin)
+    return geodesy.geodetic_from_ned(states[..., POSITION], origin)
+
+
 def _turn_to_origin(
     aircraft: FloatArray, origin: tuple[float, float, float] | None
 ) -> FloatArray | None:
