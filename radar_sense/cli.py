@@ -23,7 +23,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
-from radar_sense.limits import FORMATS, Limit
+from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses.contract import Command, Option
@@ -326,6 +326,13 @@ def _output(analysis: Command) -> list[click.Parameter]:
             type=click.Choice(FORMATS),
             help="Format of the figure; may be given several times.",
         ),
+        click.Option(
+            ["--style"],
+            default=STYLES[0],
+            show_default=True,
+            type=click.Choice(STYLES),
+            help="Size of the figure.",
+        ),
         click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
         _quiet(),
     ]
@@ -339,6 +346,7 @@ def _run(
     out: Path,
     quiet: bool,
     formats: tuple[str, ...] = (),
+    style: str = STYLES[0],
     no_plot: bool = False,
     dask: str | None = None,
     workers: int | None = None,
@@ -366,7 +374,8 @@ def _run(
         result = analysis(scenario, **chosen, **computing)
     try:
         with _plain_matplotlib():
-            written = result.write(out, formats, command=run.command)
+            size = {"style": style} if analysis.has_figures else {}
+            written = result.write(out, formats, command=run.command, **size)
     except files.InterruptedAfterWriting:
         run.written = True
         raise
