@@ -47,8 +47,8 @@ from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
-#: The gradient for a source counts as zero where the share of the source in the total is smaller
-#: than this times its largest share.
+#: The gradient for a source counts as zero where its share of the total is below VANISHING times
+#: its largest share.
 VANISHING = 1e-3
 #: Sources that a scenario may have beside those of the paper.
 FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)

@@ -4,8 +4,8 @@ The aircraft is at the centre of every cell, at one height and on one course. Ev
 in the scenario. Cells are computed in blocks of rows, to save memory.
 
 For a route in latitude and longitude the height is the height above the ellipsoid. Course and
-attitude are relative to the horizontal plane of the cell. One "down" in all cells would not do:
-500 km from the origin the surface is 20 km lower than at the origin.
+attitude are relative to the horizontal plane of the cell. One "down" in all cells would be wrong,
+because the surface is 20 km lower at 500 km from the origin.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def p_d_in_cells(
         scenario: The scenario.
         cells: The cells.
         down: Down coordinate [m]. For a route in latitude and longitude, `down` is minus the height
-            above the origin, and every cell has the same height above the ellipsoid.
+            above the origin. Every cell then has the same height above the ellipsoid.
         course: Yaw [rad].
         method: Method of propagation of the bound; None for no bound.
         workers: Threads to compute with; the result does not depend on their number.

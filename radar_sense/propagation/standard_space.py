@@ -42,8 +42,9 @@ from radar_sense.states import (
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
 #: They then describe z over the region of the states, not at a point.
 STEP = 0.5
-#: The same for one-sided differences. A shorter step, as their error is of first order.
-ONE_SIDED_STEP = 0.1
+#: The same for one-sided differences. The step is shorter, as their error is of first order. The
+#: step goes to a smaller c_r, where z has more curvature.
+ONE_SIDED_STEP = -0.1
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
 #: Most poses in a block: the arrays of its finite differences stay in the processor's cache.
@@ -297,7 +298,7 @@ class RelativeProbit:
             error[along, points + 1] = -step
         value, gradient = self(error)
         second = np.zeros((n, n, k))
-        width = np.where(step > 0, sides * step, np.inf)
+        width = np.where(step != 0, sides * step, np.inf)
         for axis, point, across in zip(along, points, width, strict=True):
             other = point + 1 if sides == 2 else 0
             np.subtract(gradient[:, point], gradient[:, other], out=second[:, axis])

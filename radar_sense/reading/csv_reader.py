@@ -1,7 +1,12 @@
-"""Tables of comma-separated numbers (CSV), for routes and RCS tables.
+"""Tables of numbers in CSV, for routes and RCS tables, as programs and spreadsheets write them.
 
 The first line names the columns. Empty lines, and text after a `#`, are ignored. A cell may stand
 in double quotes. All numbers are finite and have ASCII digits.
+
+The first line also decides the delimiter: commas, or semicolons. Numbers between semicolons may
+have decimal commas. Then all numbers of the file have decimal commas, because 1.234 could be one
+thousand. Numbers between commas have decimal points. Empty cells to the right of the named columns
+and rows of empty cells are ignored.
 
 A file is read once, some megabytes at a time. Only the numbers of all blocks stay in memory.
 """
@@ -32,6 +37,11 @@ from radar_sense.states import FloatArray
 _READ_BYTES = 2**22
 _MAX_LINE_BYTES = 2**16
 _PLAIN_BYTES = b"0123456789+-.eE, \t\n"
+#: A row of these bytes has empty cells only.
+_EMPTY_CELLS = b',;" \t\r\n\f\v'
+#: From semicolons and decimal commas to commas and decimal points.
+_TO_COMMAS = bytes.maketrans(b",;", b".,")
+_SEMICOLONS = "a decimal comma needs semicolons between the cells"
 
 
 @dataclass(frozen=True)
@@ -63,11 +73,12 @@ class Format:
 
 @dataclass(frozen=True)
 class Header:
-    """The names of the columns, with file and line."""
+    """The names of the columns, with file, line and delimiter."""
 
     source: str
     line: int
     names: tuple[str, ...]
+    delimiter: str = ","
 
     def error(self, message: str) -> InputError:
         """Return the error to raise about the names of the columns."""
@@ -157,7 +168,7 @@ def _read(
 ) -> tuple[Header, list[FloatArray]]:
     header: Header | None = None
     blocks: list[FloatArray] = []
-    count = 0
+    count, mark = 0, ""
     for first_line, content in _pieces(file):
         content = _without_comments(content, file.source, first_line)
         if header is None:
@@ -170,6 +181,7 @@ def _read(
         block = replace(block, rows=_numbers(block, layout))
         if not len(block.rows):
             continue
+        mark = _decimal_mark(block, mark)
         _check_limits(block, layout)
         if count + len(block.rows) > layout.max_rows:
             raise block.error(layout.max_rows - count, f"has more than {layout.max_rows:,} rows")
@@ -212,7 +224,7 @@ def _without_comments(content: bytes, source: str, first_line: int) -> bytes:
 
 def _lines(content: bytes, first_line: int) -> Iterator[tuple[int, str]]:
     for line, text in enumerate(content.split(b"\n"), start=first_line):
-        if text.strip():
+        if text.strip(_EMPTY_CELLS):
             yield line, text.decode("utf-8").strip()
 
 
@@ -223,14 +235,33 @@ def _below(content: bytes, first_line: int, line: int) -> tuple[bytes, int]:
     return b"".join(pieces[above:]), line + 1
 
 
-def _cells(text: str, source: str, line: int) -> list[str]:
+def _cells(text: str, source: str, line: int, delimiter: str, count: int) -> list[str]:
+    """Return the cells of a line, without the empty cells to the right of `count` cells."""
     if '"' not in text:
-        return [cell.strip() for cell in text.split(",")]
-    try:
-        (cells,) = csv.reader([text], skipinitialspace=True, strict=True)
-    except csv.Error as error:
-        raise InputError(f"{source}:{line}: is not valid CSV: {error}") from error
-    return [cell.strip() for cell in cells]
+        cells = text.split(delimiter)
+    else:
+        try:
+            (cells,) = csv.reader([text], delimiter=delimiter, skipinitialspace=True, strict=True)
+        except csv.Error as error:
+            raise InputError(f"{source}:{line}: is not valid CSV: {error}") from error
+    cells = [cell.strip() for cell in cells]
+    while len(cells) > count and not cells[-1]:
+        cells.pop()
+    return cells
+
+
+def _row(block: Block, line: int, text: str) -> list[str]:
+    """Return the cells of a row, one for each column."""
+    header = block.header
+    names = header.names
+    cells = _cells(text, header.source, line, header.delimiter, len(names))
+    if len(cells) != len(names):
+        decimal_comma = header.delimiter == "," and len(cells) > len(names)
+        raise InputError(
+            f"{header.source}:{line}: must have {len(names)} values, one for each column, "
+            f"got {len(cells)}" + (f"; {_SEMICOLONS}" if decimal_comma else "")
+        )
+    return cells
 
 
 def _header(content: bytes, first_line: int, source: str, layout: Format) -> Header | None:
@@ -238,7 +269,8 @@ def _header(content: bytes, first_line: int, source: str, layout: Format) -> Hea
     line, text = next(_lines(content, first_line), (0, ""))
     if not line:
         return None
-    header = Header(source, line, tuple(_cells(text, source, line)))
+    delimiter = ";" if ";" in re.sub('"[^"]*"', "", text) else ","
+    header = Header(source, line, tuple(_cells(text, source, line, delimiter, 1)), delimiter)
     for i, name in enumerate(header.names):
         if name not in layout.columns:
             raise _unknown_column(header, name, layout)
@@ -259,7 +291,7 @@ def _unknown_column(header: Header, name: str, layout: Format) -> InputError:
         (f"unknown column {shorten(name)}" if named else "names none of the columns")
         + f", allowed: {layout.allowed}"
         + suggestion
-        + ("; columns are separated by commas" if re.search("[;\t]", name) else "")
+        + ("; columns are separated by commas or semicolons" if "\t" in name else "")
         + ("; the first line must name the columns" if NUMBER.fullmatch(header.names[0]) else "")
     )
 
@@ -269,32 +301,59 @@ def _numbers(block: Block, layout: Format) -> FloatArray:
 
     NumPy reads all at once. Where NumPy fails, cells are read one by one, to name the wrong cell.
     """
-    names, content = block.header.names, block.content
+    header = block.header
+    names = header.names
+    semicolons = header.delimiter == ";"
+    content = block.content.translate(_TO_COMMAS) if semicolons else block.content
     # NumPy accepts other texts as numbers too. It only gets plain numbers.
-    if content.strip() and not content.translate(None, delete=_PLAIN_BYTES):
+    if content.strip(_EMPTY_CELLS) and not content.translate(None, delete=_PLAIN_BYTES):
+        lines = [text.rstrip(", \t") for text in content.decode("ascii").split("\n")]
         try:
-            rows = np.loadtxt(
-                content.decode("ascii").split("\n"), delimiter=",", comments=None, ndmin=2
-            )
+            rows = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
         except ValueError:
             rows = np.empty((0, 0))
         if rows.shape[-1] == len(names):
             return rows
     numbers = []
     for line, text in block.lines():
-        place = f"{block.header.source}:{line}"
-        cells = _cells(text, block.header.source, line)
-        if len(cells) != len(names):
-            raise InputError(
-                f"{place}: must have {len(names)} values, one for each column, got {len(cells)}"
-            )
-        for name, cell in zip(names, cells, strict=True):
-            if NOT_FINITE.fullmatch(cell):
-                raise InputError(f"{place}: {name}: must be finite, got {cell}")
-            if not NUMBER.fullmatch(cell):
-                raise _wrong(place, name, cell, layout)
-        numbers.append([float(cell) for cell in cells])
+        row = []
+        for name, cell in zip(names, _row(block, line, text), strict=True):
+            number = cell.replace(",", ".") if semicolons else cell
+            if NOT_FINITE.fullmatch(number):
+                raise InputError(f"{header.source}:{line}: {name}: must be finite, got {cell}")
+            if not NUMBER.fullmatch(number):
+                raise _wrong(block, line, name, cell, layout)
+            row.append(float(number))
+        numbers.append(row)
     return np.array(numbers, dtype=float).reshape(-1, len(names))
+
+
+def _decimal_mark(block: Block, mark: str) -> str:
+    """Return the decimal mark of a file with semicolons, or "" before the first.
+
+    Args:
+        block: The rows.
+        mark: The decimal mark of the rows before.
+
+    Raises:
+        InputError: If the file has decimal commas and decimal points. One of the two could
+            separate thousands.
+    """
+    if block.header.delimiter != ";":
+        return ""
+    present = [other for other in ".," if other.encode() in block.content]
+    if len({mark, *present} - {""}) < 2:
+        return mark or "".join(present)
+    for line, text in block.lines():
+        for name, cell in zip(block.header.names, _row(block, line, text), strict=True):
+            for other in ".,":
+                if other in cell and other != (mark := mark or other):
+                    before, here = ("comma", "point") if mark == "," else ("point", "comma")
+                    raise InputError(
+                        f"{block.header.source}:{line}: {name}: must have no decimal {here}, "
+                        f"because numbers before have a decimal {before}, got {cell}"
+                    )
+    return mark
 
 
 def _check_limits(block: Block, layout: Format) -> None:
@@ -306,11 +365,14 @@ def _check_limits(block: Block, layout: Format) -> None:
     if not (np.all(rows.min(axis=0) >= low) and np.all(rows.max(axis=0) <= high)):
         row, column = np.argwhere((rows < low) | (rows > high))[0]
         line, text = next(pair for i, pair in enumerate(block.lines()) if i == row)
-        cell = _cells(text, block.header.source, line)[column]
-        raise _wrong(f"{block.header.source}:{line}", names[column], cell, layout)
+        raise _wrong(block, line, names[column], _row(block, line, text)[column], layout)
 
 
-def _wrong(place: str, name: str, cell: str, layout: Format) -> InputError:
+def _wrong(block: Block, line: int, name: str, cell: str, layout: Format) -> InputError:
     plain = NUMBER.fullmatch(cell) and len(cell) <= 40
     got = "nothing" if not cell else cell if plain else shorten(cell)
-    return InputError(f"{place}: {name}: must be {layout.columns[name].limit}, got {got}")
+    decimal_comma = "," in cell and block.header.delimiter == ","
+    return InputError(
+        f"{block.header.source}:{line}: {name}: must be {layout.columns[name].limit}, got {got}"
+        + (f"; {_SEMICOLONS}" if decimal_comma else "")
+    )

@@ -436,7 +436,7 @@ REFUSED = {
     "unknown column": (["azimut_deg,rcs_m2"], 1, "unknown column 'azimut_deg', allowed: azimuth"),
     "meant": (["azimut_deg,rcs_m2"], 1, "did you mean 'azimuth_deg'?"),
     "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
-    "semicolons": (["azimuth_deg;rcs_m2", "0;1"], 1, "unknown column 'azimuth_deg;rcs_m2'"),
+    "tabs": (["azimuth_deg\trcs_m2", "0\t1"], 1, "unknown column 'azimuth_deg\\trcs_m2'"),
     "no header": (full(), 1, "names none of the columns, allowed: azimuth_deg"),
     "twice": (["azimuth_deg,azimuth_deg,rcs_m2"], 1, "duplicate column 'azimuth_deg'"),
     "no azimuth": (["elevation_deg,rcs_m2"], 1, "missing column 'azimuth_deg'"),

@@ -2,6 +2,7 @@
 
 import hashlib
 import os
+import re
 import shutil
 from pathlib import Path
 
@@ -52,9 +53,75 @@ def test_quoted_cells_are_cells(kind):
         "\n".join(",".join(f' "{cell}"' for cell in line.split(",")) for line in text.splitlines())
     )
     quoted = load("a.csv")
-    for name, values in vars(plain).items():
+    same(plain, quoted)
+
+
+def same(one, other):
+    for name, values in vars(one).items():
         if isinstance(values, np.ndarray):
-            np.testing.assert_array_equal(values, vars(quoted)[name])
+            np.testing.assert_array_equal(values, vars(other)[name])
+
+
+SPREADSHEETS = {
+    "semicolons": lambda text: text.replace(",", ";"),
+    "decimal commas": lambda text: text.replace(",", ";").replace(".", ","),
+    "quoted decimal commas": lambda text: re.sub(
+        r"[^;\n]+", r'"\g<0>"', text.replace(",", ";").replace(".", ",")
+    ),
+    "empty cells behind": lambda text: text.replace("\n", ",\n").replace(",\n", "\n", 1),
+    "empty columns": lambda text: text.replace(",", ";").replace("\n", ";;;\n"),
+    "empty quoted columns": lambda text: text.replace("\n", ',"", ,\n'),
+    "empty rows": lambda text: text.replace("\n", "\n,,,,,\n") + ",,,,,\n" * 9,
+    "byte order mark": lambda text: "\ufeff" + text.replace(",", ";").replace("\n", "\r\n"),
+    "comments": lambda text: "# a;b\n" + text.replace("\n", "# 1;2\n"),
+    "exponents": lambda text: text.replace(",", ";").replace("5;", "5E0;").replace("0.5", "5,e-1"),
+}
+
+
+@pytest.mark.parametrize("spreadsheet", SPREADSHEETS)
+@pytest.mark.parametrize("piece", [7, 2**22])
+def test_a_spreadsheet_writes_the_same_numbers(kind, spreadsheet, piece, monkeypatch):
+    load, text = kind
+    text = text.replace(",100,", ",100.25,")
+    Path("a.csv").write_text(text)
+    expected = load("a.csv")
+    Path("a.csv").write_text(SPREADSHEETS[spreadsheet](text), encoding="utf-8", newline="")
+    monkeypatch.setattr(csv_reader, "_READ_BYTES", piece)
+    same(load("a.csv"), expected)
+
+
+LIMIT = "a number not less than 1e-20 and not greater than 1e+20"
+SEMICOLONS = "azimuth_deg;rcs_m2;\n-180;0,5;\n"
+NO_GUESS = {
+    "azimuth_deg,rcs_m2\n-180,0,5\n": "2: must have 2 values, one for each column, got 3; "
+    "a decimal comma needs semicolons between the cells",
+    'azimuth_deg,rcs_m2\n-180,"0,5"\n': "2: rcs_m2: must be LIMIT, got "
+    "'0,5'; a decimal comma needs semicolons between the cells",
+    SEMICOLONS + "-90;0.5\n": "3: rcs_m2: must have no decimal point, because numbers before "
+    "have a decimal comma, got 0.5",
+    SEMICOLONS.replace(",", ".") + "-90,0;1\n": "3: azimuth_deg: must have no decimal comma, "
+    "because numbers before have a decimal point, got -90,0",
+    SEMICOLONS + "-90;1.234,5\n": "3: rcs_m2: must be LIMIT, got '1.234,5'",
+    SEMICOLONS + "-90;1,234,5\n": "3: rcs_m2: must be LIMIT, got '1,234,5'",
+    SEMICOLONS + "-90;1 234,5\n": "3: rcs_m2: must be LIMIT, got '1 234,5'",
+    SEMICOLONS + "-90;;\n": "3: rcs_m2: must be LIMIT, got nothing",
+    SEMICOLONS + "-90\n": "3: must have 2 values, one for each column, got 1",
+    SEMICOLONS + "-90;1,0;x;\n": "3: must have 2 values, one for each column, got 3",
+    SEMICOLONS + "-90;-1,5\n": "3: rcs_m2: must be LIMIT, got '-1,5'",
+    "azimuth_deg;rcs_m2,std_db\n": "1: unknown column 'rcs_m2,std_db', allowed: azimuth_deg, ",
+    "azimuth_deg;;rcs_m2\n": "1: unknown column '', allowed: azimuth_deg, ",
+}
+
+
+@pytest.mark.parametrize("piece", [7, 2**22])
+@pytest.mark.parametrize("text", NO_GUESS)
+def test_a_comma_is_never_guessed(text, piece, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(csv_reader, "_READ_BYTES", piece)
+    Path("a.csv").write_text(text)
+    with pytest.raises(InputError) as refused:
+        rs.load_rcs_table("a.csv")
+    assert str(refused.value).startswith(f"a.csv:{NO_GUESS[text].replace('LIMIT', LIMIT)}")
 
 
 def test_another_file_is_not_shown(kind):

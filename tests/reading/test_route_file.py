@@ -591,7 +591,7 @@ REFUSED = {
     "zero bytes": (bytes(100), "route.csv:1: names none of the columns, allowed: time_s"),
     "a long line": (b"x" * 100_000, "route.csv:1: is longer than 65536 bytes"),
     "no header": ("1,2,3,4\n", "names none of the columns"),
-    "semicolons": (SIMPLE.replace(",", ";"), "columns are separated by commas"),
+    "tabs": (SIMPLE.replace(",", "\t"), "columns are separated by commas or semicolons"),
     "unknown": (
         SIMPLE.replace("north", "nort"),
         "route.csv:1: unknown column 'nort_m', allowed: time_s; ",
@@ -636,7 +636,7 @@ REFUSED = {
     ),
     "too few all along": (f"{HEAD}\n0,0,0\n1,0,0\n", "route.csv:2: must have 4 values"),
     "too many": (
-        f"{HEAD}\n0,0,0,0,\n",
+        f"{HEAD}\n0,0,0,0,5\n",
         "route.csv:2: must have 4 values, one for each column, got 5",
     ),
     "far": (
