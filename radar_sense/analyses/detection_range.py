@@ -284,7 +284,7 @@ def detection_range(
     pose = around.pose
     height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
     heading = "" if by == ASPECT else f", heading {math.degrees(pose[5]) % 360:.4g} deg"
-    title = f"{level_and_method(scenario.level, method)}: {height}{heading}"
+    title = f"{height}{heading}"
     names = list(singles) if len(singles) > 1 else []
     gathered_warnings = gathered(warnings) if names else tuple(text for _, text in warnings)
     return Result(
