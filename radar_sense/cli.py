@@ -23,7 +23,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
-from radar_sense.limits import FORMATS, Limit
+from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses.contract import Command, Option
@@ -328,6 +328,13 @@ def _output(analysis: Command) -> list[click.Parameter]:
             + (", or of the map on the earth" if "kml" in analysis.formats else "")
             + "; may be given several times.",
         ),
+        click.Option(
+            ["--style"],
+            default=STYLES[0],
+            show_default=True,
+            type=click.Choice(STYLES),
+            help="Size of the figure.",
+        ),
         click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
         _quiet(),
     ]
@@ -341,6 +348,7 @@ def _run(
     out: Path,
     quiet: bool,
     formats: tuple[str, ...] = (),
+    style: str = STYLES[0],
     no_plot: bool = False,
     dask: str | None = None,
     workers: int | None = None,
@@ -373,7 +381,8 @@ def _run(
         result = analysis(scenario, **chosen, **computing)
     try:
         with _plain_matplotlib():
-            written = result.write(out, formats, command=run.command)
+            size = {"style": style} if analysis.has_figures else {}
+            written = result.write(out, formats, command=run.command, **size)
     except files.InterruptedAfterWriting:
         run.written = True
         raise

@@ -15,6 +15,8 @@ from radar_sense.states import FloatArray, at_pose
 TOLERANCE = 1e-9
 #: Matrices factored at a time.
 BLOCK = 16_384
+#: Components from which a matrix product takes less time than a sum written out.
+MANY = 32
 
 
 def from_std(std: ArrayLike) -> FloatArray:
@@ -73,6 +75,12 @@ def _all_definite(covariances: FloatArray) -> bool:
     The elimination without pivoting treats all matrices at once, entry by entry. For small matrices
     `numpy.linalg.cholesky` takes ten times as long.
     """
+    if covariances.shape[-1] > MANY:
+        try:
+            np.linalg.cholesky(covariances)
+        except np.linalg.LinAlgError:
+            return False
+        return True
     entries = np.moveaxis(covariances, 0, -1).copy()
     for j in range(len(entries)):
         if not np.all(entries[j, j] > 0):
@@ -174,7 +182,11 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
         raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
     # An undefined partial of a certain component must not make the variance NaN.
     jacobian = np.where(np.any(covariance != 0, axis=-1), jacobian, 0.0)
-    variance: FloatArray = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
+    variance: FloatArray
+    if covariance.ndim == 2 and n > MANY:
+        variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)
+    else:
+        variance = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
     # A C Aᵀ of a semidefinite C can round to just below zero.
     return np.maximum(variance, 0.0)
 
@@ -232,7 +244,7 @@ def symmetric_square_root(covariance: FloatArray) -> FloatArray:
     """Return F (..., n, n) with F Fᵀ = C, continuous in C; C may be singular.
 
     F is D S, with D the standard deviations and S the symmetric square root of the correlation
-    matrix, and does not depend on units. The eigenvectors of `square_root` can change sign and
+    matrix. F does not depend on units. The eigenvectors of `square_root` can change sign and
     order between nearly equal matrices. Use this F for errors that are correlated from pose to
     pose.
     """

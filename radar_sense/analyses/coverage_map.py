@@ -44,7 +44,7 @@ LEVELS = (0.1, 0.5, 0.9)
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import OUTLINE, WIDTH, draw_legend
+    from radar_sense.plotting import draw_legend, label_points, nominal_width, points, set_height
 
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
@@ -57,10 +57,12 @@ def plot(result: Result, figure: Figure) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
-    figure.set_size_inches(WIDTH, min(8.0, 0.75 + 2.4 * shape))
+    set_height(figure, 0.75 + min(2.25 * nominal_width(figure) / 3.5, 3.6) * shape)
     axes = figure.subplots()
     axes.grid(visible=False)
-    axes.set_title(_pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=7.5)
+    axes.set_title(
+        _pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=points(7.5)
+    )
     image = axes.imshow(
         values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
     )
@@ -84,12 +86,12 @@ def plot(result: Result, figure: Figure) -> None:
             drawn,
             colors=["white" if v < 0.6 else "black" for v in drawn],
             linestyles="-",
-            linewidths=0.8,
+            linewidths=points(0.8),
         )
         if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
-            axes.clabel(lines, fmt="%g", fontsize=6.5)
+            axes.clabel(lines, fmt="%g", fontsize=points(6.5))
         for v in drawn:
-            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
+            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=points(0.8))
     _draw_route(axes, result)
     radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
     axes.plot(
@@ -98,27 +100,18 @@ def plot(result: Result, figure: Figure) -> None:
         "^",
         color="white",
         mec="black",
-        mew=0.7,
-        ms=5.5,
+        mew=points(0.7),
+        ms=points(5.5),
         label="radar" if len(radars) == 1 else "radars",
     )
-    for name, radar in zip(scenario.model.names, radars, strict=False):
-        axes.annotate(
-            name,
-            (radar[1], radar[0]),
-            xytext=(4.5, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=6.5,
-            color="white",
-            path_effects=OUTLINE,
-        )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     draw_legend(figure, axes)
     # With a fixed aspect, one round of layout can leave a label outside the page. A second round
     # would make a flat map flatter, and flat maps have room for their labels.
-    if shape > 0.5:
+    if shape > 0.5 or scenario.model.names:
         figure.draw_without_rendering()
+    if scenario.model.names:
+        label_points(axes, radars[:, 1::-1], scenario.model.names)
 
 
 def _draw_route(axes: Axes, result: Result) -> None:

@@ -48,8 +48,8 @@ class Budget:
         alone: Standard deviation from each source with the others certain (n,). Sobol' indices
             average over the other sources.
         moments: Moments of P_D with all sources; None for Sobol' indices.
-        finer: As `alone`, for other groups of the same states (n,): the aircraft as a whole, and
-            position and constant of each radar of a network. Empty for Sobol' indices.
+        finer: As `alone`, for other groups of the states (n,): the whole aircraft, and position and
+            constant of each radar of a network. Empty for Sobol' indices.
         total_index: Total Sobol' index of each source (n,); None for other methods.
         share_error: Standard errors of the shares of sources, interaction and parts (n,), for
             Sobol' indices; None for other methods.

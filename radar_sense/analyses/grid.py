@@ -4,8 +4,8 @@ The aircraft is at the centre of every cell, at one height and on one course. Ev
 in the scenario. Cells are computed in blocks of rows, to save memory.
 
 For a route in latitude and longitude the height is the height above the ellipsoid. Course and
-attitude are relative to the horizontal plane of the cell. One "down" in all cells would not do:
-500 km from the origin the surface is 20 km lower than at the origin.
+attitude are relative to the horizontal plane of the cell. One "down" in all cells would be wrong,
+because the surface is 20 km lower at 500 km from the origin.
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ Plane: TypeAlias = NDArray[np.float32]
 Block: TypeAlias = tuple[slice, slice]
 #: Newton's steps to find the down of a height; the error is 1 mm or less up to 6000 km away.
 _ROUNDS = 8
+#: Error of a height at which Newton's method ends [m]; rounding is 1e-9 m.
+_HEIGHT_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,7 +152,7 @@ def p_d_in_cells(
         scenario: The scenario.
         cells: The cells.
         down: Down coordinate [m]. For a route in latitude and longitude, `down` is minus the height
-            above the origin, and every cell has the same height above the ellipsoid.
+            above the origin. Every cell then has the same height above the ellipsoid.
         course: Yaw [rad].
         method: Method of propagation of the bound; None for no bound.
         workers: Threads to compute with; the result does not depend on their number.
@@ -409,6 +411,8 @@ def put_at_height(aircraft: FloatArray, origin: tuple[float, float, float]) -> N
         place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
         turn = geodesy.turn_to_origin(place, origin)
         error = place[..., 2] - height
+        if np.all(abs(error) < _HEIGHT_ERROR):
+            break
         aircraft[..., DOWN] += error / np.maximum(turn[..., DOWN, DOWN], 0.05)
     if not np.all(abs(error) < 1e-2):
         raise InputError(

@@ -1,8 +1,8 @@
 """The detection model: geometry, RCS, radar equation and detector in one chain, with its gradient.
 
 Each link of the chain has a function for its value and one called `linearize` for its value and
-derivative. Here they are multiplied together, `eq:pd_partial_long`, over blocks of poses small
-enough that all intermediate arrays stay in the processor's cache.
+derivative. Here the derivatives are multiplied together, `eq:pd_partial_long`. A block of poses is
+small enough for all intermediate arrays to stay in the processor's cache.
 """
 
 from __future__ import annotations
@@ -152,7 +152,7 @@ class DetectionModel:
         return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
 
     def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
-        """Return P_D (...), and what `linearize_probit` returns, from one computation of S.
+        """Return P_D (...) and the values of `linearize_probit`, from one computation of S.
 
         Raises:
             ValueError: As `linearize_probit`.
@@ -182,7 +182,7 @@ class DetectionModel:
     def unchecked_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return what `linearize_probit` does, NaN where a state is not finite."""
+        """Return the values of `linearize_probit`, NaN where a state is not finite."""
         value, by_aircraft, by_radar = self._partials(
             self.detector.linearize_probit, aircraft, radar
         )
@@ -232,7 +232,8 @@ class DetectionModel:
             sigma, sigma_gradient = self.rcs.linearize(join(body))
         constant = radar[..., CONSTANT]
         ratio = snr(constant, sigma, range_squared)
-        # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without the factor, and exist where it is 0.
+        # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without that factor, and exist where the factor
+        # is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
         path_loss = 0.0 * _ONE  # −ln of the factor of the attenuation
         if self.attenuation:
@@ -320,7 +321,7 @@ def _keep_freed_memory() -> None:
     glibc returns free memory at the end of the heap that exceeds twice the largest array freed so
     far (mallopt(3), M_TRIM_THRESHOLD and M_MMAP_THRESHOLD). Each block would fetch the memory
     again page by page, which costs as much as the arithmetic. One large array is freed here first.
-    Results do not depend on this call, and other C libraries ignore it.
+    Results do not depend on this call. Other C libraries ignore the freed array.
     """
     np.empty(3 << 20)  # 24 MB, never touched
 

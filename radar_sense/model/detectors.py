@@ -34,7 +34,7 @@ from radar_sense.model.lookup import ProbitTable
 from radar_sense.states import FloatArray
 
 _HALF_OVER_SQRT_PI = 0.5 / np.sqrt(np.pi)
-#: Limits of what the accuracy is tested for.
+#: The accuracy is tested within these limits.
 _PULSES = Limit(at_least=1, at_most=1000, whole=True)
 _CELLS = Limit(at_least=1, at_most=1000, whole=True)
 _LOOKS = Limit(at_least=1, at_most=100, whole=True)
@@ -269,9 +269,10 @@ class Marcum(PulseDetector):
         P_D = exp(−(a² + b²)/2) Σ_{k≥0} (a/b)^k I_k(ab), which converges for S < X,
         1 − P_D = exp(−(a² + b²)/2) Σ_{k≥1} (b/a)^k I_k(ab), for S ≥ X.
 
-    The relative error of P_D, 1 − P_D, z and both slopes is at most 1e-12 for P_fa from 1e-17 to
-    0.9 and S from 0 to 1e6. Where 1 − P_D is below 1e-300, the relative error of the slope of z is
-    1e-9. SciPy's `chndtr` returns 1 − P_D only, and 0 where that is below some 1e-50 to 1e-90.
+    The relative error of P_D, 1 − P_D, z and both slopes is at most 1e-12. This holds for P_fa from
+    1e-17 to 0.9 and S from 0 to 1e6. Where 1 − P_D is below 1e-300, the relative error of the slope
+    of z is 1e-9. SciPy's `chndtr` returns 1 − P_D only, and returns 0 where 1 − P_D is below some
+    1e-50 to 1e-90.
     """
 
     @property
@@ -306,7 +307,7 @@ class Swerling1(PulseDetector):
     """Swerling's case 1: many similar scatterers, with an exponential cross section.
 
     The cross section is the same for all pulses. For a single pulse P_D = P_fa^(1/(1 + S)), the
-    mean of Marcum's over an exponential distribution of S.
+    mean of Marcum's P_D over an exponential distribution of S.
     """
 
     slow: ClassVar[bool] = True
@@ -356,9 +357,9 @@ class Swerling3(PulseDetector):
     """Swerling's case 3: one large scatterer among many, chi-square with four degrees.
 
     The cross section is the same for all pulses. For a single pulse P_D = (1 + u s/(1 + s)) exp(−u)
-    with s = S/2 and u = X/(1 + s), the mean of Marcum's over the density (4t/S²) exp(−2t/S) of
-    signal-to-noise ratios t. The complement, without cancellation, is P(2, u) + exp(−u) u/(1 + s)
-    with the incomplete gamma function P.
+    with s = S/2 and u = X/(1 + s). This is the mean of Marcum's P_D over signal-to-noise ratios t
+    with the density (4t/S²) exp(−2t/S). The complement 1 − P_D, without cancellation, is
+    P(2, u) + exp(−u) u/(1 + s) with the incomplete gamma function P.
     """
 
     slow: ClassVar[bool] = True
@@ -443,7 +444,7 @@ def _table(detector: PulseDetector, p_fa: float) -> ProbitTable:
 
 
 class _Marcum(NamedTuple):
-    """The tail of Q₁ that is summed, and the slope of either: exp(−decay) · bessel · (...)."""
+    """The summed tail of Q₁, and the slope of P_D: each is exp(−decay) · bessel · (...)."""
 
     upper: NDArray[np.bool_]  #: whether the tail is 1 − P_D
     decay: FloatArray  #: (a − b)²/2
@@ -455,18 +456,18 @@ class _Marcum(NamedTuple):
 def _marcum(snr: FloatArray, p_fa: float) -> _Marcum:
     """Sum the series of `Marcum`, from the last term to the first.
 
-    With m and n the lesser and the greater of S and X, a term is the one before times
+    With m and n the lesser and the greater of S and X, the ratio of a term to the previous term is
 
         w_k = √(m/n) I_k(2√(mn))/I_{k−1}(2√(mn)) = m/(k + n w_{k+1}),
 
-    the recurrence of the Bessel functions, which is stable backwards, and
+    This recurrence of the Bessel functions is stable backwards. The sum is
 
         Σ_{k≥1} = w₁ (1 + w₂ (1 + w₃ (...))).
 
-    The recurrence starts from I_k/I_{k−1} ≈ z/(k − ½ + √(k² + z²)) at z = ab, with an error of
-    1/(8z²) for large z (Digital Library of Mathematical Functions, 10.40.1). The error decreases
-    with each step of the recurrence. The slope dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab) contains
-    w₁.
+    The recurrence starts from I_k/I_{k−1} ≈ z/(k − ½ + √(k² + z²)) at z = ab. For large z this
+    start has an error of 1/(8z²) (Digital Library of Mathematical Functions, 10.40.1). The error
+    decreases with each step of the recurrence. The slope dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab)
+    contains w₁.
     """
     threshold = -math.log(p_fa)
     snr = np.asarray(snr)

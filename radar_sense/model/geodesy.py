@@ -4,13 +4,13 @@ Three frames: geodetic (latitude [rad], longitude [rad], height above the ellips
 earth-centred and earth-fixed [m], x towards latitude 0 and longitude 0, z towards the north pole;
 and NED, north-east-down [m] about an origin, level there.
 
-NED about an origin is ECEF shifted and turned. Straight lines, ranges and directions are those of
-space. The ground is d²/2R below the tangent plane at a horizontal distance d, 20 km at 500 km, and
-the "down" of an aircraft in level flight grows by as much. Level at the aircraft differs from level
-at the origin by the angle d/R, 4.5° at 500 km. An attitude relative to one must be turned into the
-other.
+NED about an origin is ECEF shifted and turned. Lines of sight are straight lines of NED. At a
+horizontal distance d the ground is d²/2R below the tangent plane, 20 km at 500 km. The "down" of an
+aircraft in level flight grows by the same amount. Level at the aircraft differs from level at the
+origin by the angle d/R, 4.5° at 500 km. An attitude relative to level at the aircraft must
+therefore be turned into NED.
 
-Sources: the ellipsoid is that of NIMA TR8350.2 (*Department of Defense World Geodetic System 1984*,
+Sources: the ellipsoid is from NIMA TR8350.2 (*Department of Defense World Geodetic System 1984*,
 third edition, 2000), table 3.1. The transformations are from B. Hofmann-Wellenhof, H. Lichtenegger
 and E. Wasle, *GNSS*, 2008, ch. 8, unless another source is given.
 """
@@ -30,8 +30,9 @@ FLATTENING = 1.0 / 298.257223563
 SEMI_MINOR = SEMI_MAJOR * (1.0 - FLATTENING)
 ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
 SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
-#: Iterations of Bowring's method. One has an error of 1 µm within 10 km of the ellipsoid and of 5
-#: cm far out. Two are exact to rounding from 1000 km below the ellipsoid to 100 000 km above.
+#: Iterations of Bowring's method. One iteration has an error of 1 µm within 10 km of the ellipsoid
+#: and of 5 cm far out. Two are exact to rounding from 1000 km below the ellipsoid to 100 000 km
+#: above.
 _ROUNDS = 2
 
 
@@ -77,7 +78,7 @@ def geodetic_from_ecef(ecef: ArrayLike) -> FloatArray:
 
         tan φ = (z + e'² b sin³β) / (p − e² a cos³β),
 
-    here with sines and cosines, because tangents are infinite at the poles. The height
+    The code uses sines and cosines, because tangents are infinite at the poles. The height
     h = p cos φ + z sin φ − a √(1 − e² sin²φ) loses no digits at any latitude (Bowring, "The
     accuracy of geodetic latitude and height equations", Survey Review 28(218), 1985).
 
@@ -200,9 +201,9 @@ def turned_attitude(attitude: ArrayLike, turn: FloatArray) -> FloatArray:
 def turned_attitude_jacobian(attitude: FloatArray, turned: FloatArray) -> FloatArray:
     """Return the partials of the turned attitude by the given attitude.
 
-    A small change δ of roll, pitch and yaw turns the body by ω = B(roll, pitch) δ, in
-    body components (Beard and McLain, *Small Unmanned Aircraft*, 2012, ch. 3: the inverse of their
-    matrix in the kinematics of the Euler angles). ω is the same for both frames, so
+    A small change δ of roll, pitch and yaw turns the body by ω = B(roll, pitch) δ, in body
+    components. B is the inverse of the matrix in the kinematics of the Euler angles (Beard and
+    McLain, *Small Unmanned Aircraft*, 2012, ch. 3). ω is the same for both frames:
     B(turned) d(turned) = B(attitude) d(attitude).
 
     Args:

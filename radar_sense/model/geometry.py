@@ -4,8 +4,8 @@ North-east-down (NED) to body is the ZYX Euler sequence: a turn by yaw about z, 
 the new y, then by roll about the new x (Beard and McLain, *Small Unmanned Aircraft*, 2012, ch. 2).
 The paper's `eq:DCM_zyx` prints the transpose, body to NED.
 
-Each turn mixes two components only, so vectors are carried as three component arrays. The turn by
-α takes the pair (u, v) to (u cos α + v sin α, v cos α − u sin α).
+Each turn mixes two components only. Vectors are therefore three arrays, one for each component. The
+turn by α takes the pair (u, v) to (u cos α + v sin α, v cos α − u sin α).
 """
 
 from __future__ import annotations

@@ -6,10 +6,10 @@ Proc. IRE 21(3), 1933). Between two heights above the surface the longest line o
 
     R_h = √(2 a_e h_radar) + √(2 a_e h_target),  a_e = 4/3 · 6371 km
 
-(M. I. Skolnik, Introduction to Radar Systems, 2nd ed., 1980, ch. 12). This leaves out terms of the
-order h/a_e, less than 0.1 % for heights up to 20 km, and terrain. The radius of curvature of the
-ellipsoid is within 1.1 % of the mean radius everywhere, which changes R_h by 0.6 % at most. The
-spread of refraction is larger.
+(M. I. Skolnik, Introduction to Radar Systems, 2nd ed., 1980, ch. 12). The formula leaves out
+terrain, and terms of the order h/a_e: less than 0.1 % for heights up to 20 km. The radius of
+curvature of the ellipsoid is within 1.1 % of the mean radius everywhere, which changes R_h by 0.6 %
+at most. Refraction varies more than this.
 """
 
 from __future__ import annotations

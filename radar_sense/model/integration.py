@@ -2,18 +2,18 @@
 
 The square-law outputs of N pulses are added, in units of the mean noise power. Signal and threshold
 are counts here. Given a count k of the signal, the sum is a gamma variable of shape N + k. A gamma
-variable of shape n exceeds T if a Poisson variable j of mean T is less than n. So
+variable of shape n exceeds T if a Poisson variable j of mean T is less than n. The two tails are
 
     P_D = P(j < N + k) = Σ_k w_k Q_k,   1 − P_D = P(j ≥ N + k) = Σ_k w_k P_k.
 
-- k is Poisson of mean N S for a steady target. It is negative binomial of mean N S and shape K for
-  a fluctuating target, with K = 1, N, 2, 2N for the cases 1 to 4 of P. Swerling (IRE Trans.
-  IT-6(2), 1960). S is the mean signal-to-noise ratio of a pulse.
+- k is Poisson of mean N S for a steady target. For a fluctuating target k is negative binomial of
+  mean N S and shape K. K is 1, N, 2, 2N for the cases 1 to 4 of P. Swerling (IRE Trans. IT-6(2),
+  1960). S is the mean signal-to-noise ratio of a pulse.
 - j is Poisson of mean T for a fixed threshold, with Γ(N, T)/Γ(N) = P_fa. With cell-averaging CFAR
-  the threshold is α times the sum of M cells of N pulses each, which is a gamma variable of shape
-  M N. Then j is negative binomial of mean T = α M N and shape M N, so that Q_k is the incomplete
-  beta function I_{1/(1+α)}(M N, N + k) (M. A. Richards, "Fundamentals of Radar Signal
-  Processing", 2005, chapter 7).
+  the threshold is α times the sum of M cells of N pulses each. The sum is a gamma variable of shape
+  M N. Then j is negative binomial of mean T = α M N and shape M N. Q_k is the incomplete beta
+  function I_{1/(1+α)}(M N, N + k) (M. A. Richards, "Fundamentals of Radar Signal Processing", 2005,
+  chapter 7).
 
 All terms are positive, so nothing cancels. With p_k = Q_{k+1} − Q_k = P(j = N + k) and m = N S the
 slope has the same weights,
@@ -48,8 +48,8 @@ _HIGHEST = 1000.0
 #: Least count about which a sum takes equidistant terms only. 20 standard deviations about this
 #: count are positive counts.
 _FAR = 1000.0
-#: Terms on each side of the largest one, and terms in a standard deviation. Such a sum of a
-#: Gaussian differs from the whole by 2 exp(−2π² 1.7²) = 3e-25 of it.
+#: Terms on each side of the largest one, and terms in a standard deviation. For a Gaussian, this
+#: sum differs from the full sum by a fraction 2 exp(−2π² 1.7²) = 3e-25.
 _SIDE, _PER_STD = 34, 1.7
 #: Mean of a signal from which ln(1 − P_D) is proportional to the mean.
 _LARGEST = 1e18
@@ -75,7 +75,7 @@ class Tails(Protocol):
 
 
 class _Terms(NamedTuple):
-    """What the terms of the sum by k = 0, 1, ... have in common at all signals (k,)."""
+    """Factors of the terms k = 0, 1, ... of the sum that are the same at all signals (k,)."""
 
     k: FloatArray
     log_density: FloatArray  #: ln p_k
@@ -199,9 +199,9 @@ class PulseSum:
     def _far_miss(self, mean: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return ln(1 − P_D) (n,) of a strong steady target and its slope by m (n,).
 
-        The terms w_k P_k are a smooth function of k, as wide as many k, far from k = 0. Their sum
-        is the sum of equidistant terms times the distance. Exponents are relative to the largest
-        term, because ln w_k of 1e9 has no digits left for them.
+        The terms w_k P_k are a smooth and wide function of k, far from k = 0. Their sum is the sum
+        of equidistant terms times the distance. Exponents are relative to the largest term, because
+        a ln w_k of 1e9 has no digits left for the differences.
         """
         n, b, t = float(self.pulses), self.reference, self.threshold
         first: Any
@@ -379,7 +379,7 @@ def _log_zero(mean: FloatArray | float, shape: float) -> FloatArray:
 
 
 def _log_over_zero(k: FloatArray, mean: FloatArray | float, shape: float) -> FloatArray:
-    """Return ln of the probability of counts k (...) over that of the count 0.
+    """Return ln of the probability of counts k (...) over the probability of the count 0.
 
     Factorials are Stirling's, in logarithms of ratios (C. Loader, "Fast and accurate computation of
     binomial probabilities", 2000). Differences of ln Γ would lose four digits.

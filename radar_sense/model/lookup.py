@@ -27,8 +27,9 @@ class ProbitTable:
     """z = Φ⁻¹(P_D) and its slope, interpolated in x = ln(1 + q S).
 
     In each cell z is a polynomial with the exact values and slopes at both ends of the cell and at
-    two places between. So z and dz/dx are continuous, and dz/dx is the slope of z exactly. P_D
-    leaves P_fa on the scale 1/q, and S = 0 is in the table. Beyond the table values are exact.
+    two places between. z and dz/dx are therefore continuous, and dz/dx is the exact slope of the
+    interpolated z. P_D leaves P_fa on the scale 1/q, and S = 0 is in the table. Beyond the table
+    values are exact.
 
     Attributes:
         exact: The exact function.

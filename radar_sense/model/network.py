@@ -9,8 +9,8 @@ The states are shared: all radars look at one aircraft with one position and att
 one function of one state, x_a (..., 6) and the states of all radars (..., 4m). Propagation and
 draws of this state include the dependence between the radars.
 
-With z_i = Φ⁻¹(P_i), radar i misses with probability Q_i = Φ(−z_i), which keeps its digits where P_i
-rounds to 1, and
+With z_i = Φ⁻¹(P_i), radar i misses with probability Q_i = Φ(−z_i). Q_i keeps its digits where P_i
+rounds to 1. The fused values are
 
     Q = Π Q_i,  z = Φ⁻¹(1 − Q),  ∂z/∂z_i = (Q/Q_i) φ(z_i)/φ(z),  ∂P_D/∂z_i = (Q/Q_i) φ(z_i).
 
@@ -48,7 +48,7 @@ from radar_sense.states import (
 
 #: z of a radar that does not see the target. Minus infinity would make sums NaN, and Φ(−1e6) is 0.
 _UNSEEN = -1e6
-#: Below Φ(−9) = 1e-19 probabilities simply add up, as far as double precision can tell.
+#: Below Φ(−9) = 1e-19, P_D equals the sum of all P_i in double precision.
 _RARE = -9.0
 _LOG_HALF = math.log(0.5)
 
@@ -125,10 +125,10 @@ Station = Radar
 class NetworkModel:
     """Probability that at least one of m radars detects an aircraft with a single pulse.
 
-    It has the methods of a `DetectionModel`, with radar states (..., 4m): north, east, down [m] and
-    c_r [J m²/K] of each radar in turn. The errors of further parameters may follow, ε of the RCS
-    that all radars share, and of ln α of each radar; see `states`. A network of one radar equals
-    its detection model bit for bit.
+    A network has the methods of a `DetectionModel`, with radar states (..., 4m): north, east, down
+    [m] and c_r [J m²/K] of each radar in turn. The errors of further parameters may follow: ε of
+    the RCS for all radars together, then the error of ln α of each radar; see `states`. A network
+    of one radar equals its detection model bit for bit.
 
     Attributes:
         radars: The radars. All have the RCS of the one aircraft.
@@ -212,8 +212,8 @@ class NetworkModel:
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D by at least one radar, and its partials by aircraft and radar states.
 
-        `jac_radar` is (..., 4m), with partials by further errors after them. All
-        is 0 where no radar sees the aircraft.
+        `jac_radar` is (..., 4m), and the partials by further errors follow. P_D and its partials
+        are 0 where no radar sees the aircraft.
 
         Raises:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
@@ -263,7 +263,7 @@ class NetworkModel:
         return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
     def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
-        """Return P_D (...), and what `linearize_probit` returns, at little more than its cost.
+        """Return P_D (...) and the values of `linearize_probit`, from one computation of each S.
 
         Raises:
             ValueError: As `linearize_probit`.
@@ -301,7 +301,7 @@ class NetworkModel:
         """Split radar states (..., 4m) into the state of each radar (..., 4).
 
         Each state has the errors of the RCS and of its attenuation too, up to (..., 6), where the
-        radar states have them.
+        radar states have these errors.
 
         Raises:
             ValueError: If the shape does not fit.
@@ -450,7 +450,8 @@ def _weighted(
 ) -> tuple[FloatArray, FloatArray]:
     """Return fused partials by the aircraft state and by the states of all radars.
 
-    The partial by the error of the RCS is a sum over the radars, as all radars have that error.
+    The partial by the error of the RCS is a sum over the radars, because all radars have the same
+    error.
     """
     factors = weight[..., np.newaxis]
     together = factors[0] * by_aircraft[0]

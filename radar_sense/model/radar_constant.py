@@ -20,13 +20,13 @@ from radar_sense.limits import Limit
 from radar_sense.model.radar_equation import LOSSES_KEY, RADARS
 from radar_sense.states import FloatArray
 
-#: A parameter that divides must stay well away from 0, or c_r would have no mean. Its standard
-#: deviation is at most this fraction of its value. No draw is lower than this many standard
-#: deviations below its value; without this limit 3 draws in ten million would be.
+#: Largest standard deviation of a divisor of c_r as a fraction of its value, and lowest draw in
+#: standard deviations. c_r has no mean if a divisor may be 0. Without the limit 3 draws in ten
+#: million would be lower.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
 TOLERANCE_DB = Limit(at_least=0, at_most=20)
-#: c_r differs from the distribution that a method assumes if its mean, its standard deviation
-#: (both as fractions of the assumed ones) or its skewness differ by more than this.
+#: Largest differences between c_r and the distribution that a method assumes. The differences of
+#: mean and standard deviation are fractions of the assumed values.
 MEAN_CHANGE, STD_CHANGE, SKEWNESS_CHANGE = 0.01, 0.02, 0.3
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
 _NEPERS = math.log(10.0) / 10.0  # ln of a ratio of powers of 1 dB

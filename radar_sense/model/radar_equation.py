@@ -1,7 +1,7 @@
-"""The radar equation: signal-to-noise ratio, and the radar constant from what it is made of.
+"""The radar equation: signal-to-noise ratio, and the radar constant from its parameters.
 
-A radar is described by what data sheets give. Its constant c_r is a number times a product with one
-factor for each parameter: a power of it, or 10^(± dB/10).
+A radar is described by the parameters of its data sheet. The radar constant c_r is a number times a
+product with one factor for each parameter: a power of the parameter, or 10^(± dB/10).
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from radar_sense.states import FloatArray
 #: ln of a ratio of powers of 1 dB.
 NEPERS = math.log(10.0) / 10.0
 DECIBELS = Limit(at_least=-200, at_most=200)
-#: What a receiver or a line takes away, in decibels; neither gives anything.
+#: Losses and noise figures [dB] are not negative.
 LOSSES = Limit(at_least=0, at_most=200)
 COUNT = Limit(at_least=1, at_most=1e6, whole=True)
 #: Key of the losses by name.
 LOSSES_KEY = "losses_db"
 #: The whole sphere is 4π.
 SOLID_ANGLE = Limit(above=0, at_most=12.5664)
-#: What stands below the power-aperture product in c_r, by the name that a scenario gives it. With a
-#: beam of solid angle λ²/A it is 4π (M. I. Skolnik, "Introduction to Radar Systems", 2001; MATLAB's
-#: radareqsearchpap). B. R. Mahafza ("Radar Systems Analysis and Design Using MATLAB", 2000), and
-#: after him the paper, take (λ/D)² for it, with A = π D²/4 of a circular aperture: π/4 of that, and
-#: so 16. With 4π, as in the programs of his 3rd edition (2013), c_r is 1.05 dB larger.
+#: Divisors of the power-aperture product in c_r, by name in a scenario. A beam of solid angle λ²/A
+#: gives 4π (M. I. Skolnik, "Introduction to Radar Systems", 2001; MATLAB's radareqsearchpap). A
+#: beam of solid angle (λ/D)² and a circular aperture A = π D²/4 give 16 (B. R. Mahafza, "Radar
+#: Systems Analysis and Design Using MATLAB", 2000, and the paper). With 4π, as in the programs of
+#: Mahafza's 3rd edition (2013), c_r is 1.05 dB larger.
 SEARCH_FACTORS: Mapping[str, float] = {"16": 16.0, "4pi": 4.0 * math.pi}
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit that a scenario may give a parameter in: SI value = scale · value^power.
+    """A unit of a parameter in a scenario: SI value = scale · value^power.
 
     Attributes:
         scale: The SI value of 1 in the unit.
@@ -63,7 +63,7 @@ _PULSE = Unit(1e6, -1, "Width of the pulse before compression, the inverse of th
 
 
 def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
-    """Declare a parameter that c_r goes with to this power, and the keys with the units it has."""
+    """Declare a parameter with its units by key; c_r is proportional to parameter^power."""
     return field(metadata={"power": power, "limit": limit, "units": units, "decibels": False})
 
 
@@ -75,23 +75,23 @@ def _noise_temperature() -> Any:
 
 
 def _count(key: str) -> Any:
-    """Declare a count that c_r is proportional to. It is 1 if left out, and has no tolerance."""
+    """Declare a count that c_r is proportional to, 1 by default and without a tolerance."""
     metadata = {"power": 1, "limit": COUNT, "units": {key: _SI}, "decibels": False}
     return field(default=1, metadata=metadata)
 
 
 def _decibels(sign: int, key: str) -> Any:
-    """Declare a parameter in decibels that c_r grows with, sign · dB, or falls with."""
+    """Declare a parameter in decibels; c_r is proportional to 10^(sign · dB/10)."""
     limit = DECIBELS if sign > 0 else LOSSES
     return field(metadata={"power": sign, "limit": limit, "units": {key: _SI}, "decibels": True})
 
 
 @dataclass(frozen=True)
 class SurveillanceRadar:
-    """A radar that searches a volume, and what its radar constant is made of.
+    """A radar that searches a volume, by the parameters of its radar constant.
 
-    Its signal-to-noise ratio is that of all the energy that one scan puts on the target, taken as a
-    single pulse: there is no gain of integrating pulses on top of it.
+    All the energy of one scan on the target counts as a single pulse in the signal-to-noise ratio.
+    Integration of pulses gives no further gain.
 
     Attributes:
         average_power: Average transmitted power P_av [W].
@@ -102,7 +102,7 @@ class SurveillanceRadar:
         loss_db: Losses L [dB].
         noise_figure_db: Noise figure F [dB].
         losses_db: Further losses by name [dB].
-        search_factor: The number below the product, 16 in the paper, 4π elsewhere.
+        search_factor: Divisor of the product, 16 in the paper, 4π elsewhere.
     """
 
     average_power: float = _factor(1, average_power_w=_SI, average_power_kw=Unit(1e3))
@@ -136,16 +136,17 @@ class SurveillanceRadar:
 
 @dataclass(frozen=True)
 class TrackingRadar:
-    """A radar that stares at its target with one antenna, and what its constant is made of.
+    """A radar that stares at its target with one antenna, by the parameters of its constant.
 
-    Its signal-to-noise ratio is that of a single pulse,
+    The signal-to-noise ratio is of a single pulse,
 
         S = P_t G² λ² σ / ((4π)³ k T_0 B F L R⁴),
 
-    without any gain of noncoherent integration (Mahafza 2000; Skolnik 2001; Richards 2005), which
-    belongs to the detector. Pulses that are integrated coherently multiply S by their number. The
-    bandwidth is that of the matched filter, 1/τ for a plain pulse of width τ; with pulse
-    compression τ is the width of the uncompressed pulse, as it is the energy that counts.
+    without any gain of noncoherent integration (Mahafza 2000; Skolnik 2001; Richards 2005). The
+    detector accounts for noncoherent integration. Pulses that are integrated coherently multiply S
+    by their number. B is the bandwidth of the matched filter, 1/τ for a plain pulse of width τ.
+    With pulse compression τ is the width of the uncompressed pulse, because S depends on the
+    energy.
 
     Attributes:
         peak_power: Peak transmitted power P_t [W].

@@ -4,8 +4,8 @@ A model has two methods over body-frame vectors to the radar (..., 3) of any len
 `cross_section` returns σ_r (...) [m²], and `linearize` returns σ_r and its gradient by the vector
 (..., 3). An RCS depends on direction alone, so the gradient is perpendicular to the vector.
 
-The models use direction cosines instead of λ = atan2(y, x) and φ = atan2(z, √(x² + y²)) where they
-can, because these have no artificial singularity. λ is undefined straight above and below the
+The models prefer direction cosines to the angles λ = atan2(y, x) and φ = atan2(z, √(x² + y²)).
+Direction cosines have no artificial singularity. λ is undefined straight above and below the
 aircraft. There the models use λ = 0, as atan2 does, and the gradient of a model with λ is NaN.
 
 An RCS here is a function of aspect only, the mean over fluctuations from pulse to pulse or scan to
@@ -195,10 +195,10 @@ class EllipsoidRCS:
 class ExactEllipsoidRCS:
     """The exact ellipsoid, which the paper's formula approximates near the horizon.
 
-    σ_r = π (s_x s_y s_z)² / D² with D = (s_x n_x)² + (s_y n_y)² + (s_z n_z)², where n is the
-    direction to the radar in the body frame (E. F. Knott, J. F. Shaeffer and M. T. Tuley, Radar
-    Cross Section, 2nd ed. 1993: π times the product of the principal radii of curvature at the
-    specular point). It is smooth in every direction.
+    σ_r = π (s_x s_y s_z)² / D² with D = (s_x n_x)² + (s_y n_y)² + (s_z n_z)², for the direction n
+    to the radar in the body frame. σ_r is π times the product of the principal radii of curvature
+    at the specular point (E. F. Knott, J. F. Shaeffer and M. T. Tuley, Radar Cross Section, 2nd ed.
+    1993). σ_r is smooth in every direction.
 
     `eq:rcs_ellipsoid` lacks a factor cos²φ in the term of the nose, and has a factor sin²λ too many
     in the term of down. With (a, b, c) = (s_y, s_z, s_x) the paper's D exceeds the exact D by
@@ -260,8 +260,9 @@ class ExactEllipsoidRCS:
 class SpikeballRCS:
     """The simple spikeball, σ_r = |A sin(n λ/2)| + σ_min: n lobes around the aircraft.
 
-    The slope jumps at the bottom of each lobe. There the gradient is the one of either lobe. The
-    two gradients differ in sign only, so the linearized deviation is the same for both.
+    The slope jumps at the bottom of each lobe. There the gradient of one of the two lobes is
+    returned. The gradients of the two lobes differ in sign only and give the same linearized
+    deviation.
 
     Attributes:
         lobes: n, a positive whole number.

@@ -14,12 +14,13 @@ highest elevation its slope by elevation is zero. Beyond them σ_r is held const
 Within a step or two of these ends, σ_r differs by up to 5 % from a spline with free ends
 ("not-a-knot"). Straight above and below, azimuth has no meaning and all values must be the same.
 
-With an envelope, σ_r is an upper bound of that spline, and twice continuously differentiable too.
+With an envelope, σ_r is an upper bound of the spline, and twice continuously differentiable too.
 Each cell between nodes is divided into finer cells. In a finer cell the spline is a polynomial, and
 at most its largest Bézier coefficient (G. Farin, Curves and Surfaces for CAGD, 2002, ch. 6). The
-envelope is a cubic B-spline on the finer nodes. Each control value is the largest bound of all
-finer cells within the angle of anywhere that it affects. The B-spline is a mean of its control
-values, with weights that are positive. So it is nowhere below the largest σ_r within the angle.
+envelope is a cubic B-spline on the finer nodes. Each control value affects a region. The value is
+the largest bound of all finer cells within the angle of this region. The B-spline is a mean of its
+control values, with positive weights. The envelope is therefore nowhere below the largest σ_r
+within the angle.
 """
 
 from __future__ import annotations
@@ -40,11 +41,11 @@ from radar_sense.states import FloatArray
 
 #: Each cell between nodes has 16 coefficients of 8 bytes.
 MAX_NODES = 1_000_000
-#: An envelope of w has nodes w over this apart, so that it is nowhere much looser than needed, ...
+#: Steps between nodes in the angle w of an envelope. More steps make a tighter envelope.
 ENVELOPE_STEPS = 16
-#: ... or farther apart, so that it has no more cells than this (51 MB) or than the table.
+#: Most cells of an envelope (51 MB), unless the table has more. Steps are wider where needed.
 ENVELOPE_CELLS = 400_000
-#: Elevations of the envelope of a table that has none: one every degree.
+#: Elevations of the envelope of a table without elevations: one every degree.
 _ROWS = 180
 #: Relative margin of an envelope, larger than the rounding of its evaluation.
 _MARGIN = 1e-12
@@ -136,7 +137,7 @@ class TableRCS:
             return np.exp(_horner([_horner(c[4 * i : 4 * i + 4], v) for i in range(4)], u))
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
+        """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
         x, y, z = split(np.asarray(body_vector, dtype=float))
         hh = x * x + y * y
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -237,7 +238,7 @@ class _Axis:
     """The nodes along one angle.
 
     Attributes:
-        nodes: (n,) [rad], ascending; of a periodic axis the last is the first, one turn on.
+        nodes: (n,) [rad], ascending; the last node of a periodic axis is the first plus one turn.
         periodic: Whether the angle is periodic. Functions of other angles are even about both ends.
         bins: Cell of the left end of each bin. Bins have equal widths and at most one node each, so
             that a cell is found without a search.
@@ -401,7 +402,7 @@ def _bounds(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Divide the cells of a table and bound the spline in each part, on all of the sphere.
 
-    The parts are no wider than a step, or as wide as it takes to have no more parts than `most`.
+    The parts are no wider than a step, or wider where there would be more than `most` parts.
 
     Returns:
         Edges of the parts in azimuth (k + 1,) and in elevation (j + 1,), and a bound of the spline
@@ -451,7 +452,7 @@ def _largest_between(
     return largest
 
 
-#: What is wrong with a table: the index of the value that shows it, and the problem.
+#: A fault of a table: the index of the faulty value, and a description.
 Problem = tuple[int, str]
 
 

@@ -30,13 +30,14 @@ ATTITUDE_COLUMNS = tuple(f"{name}_deg" for name in AIRCRAFT[ATTITUDE])
 def attitude_from_motion(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the attitude of coordinated flight without wind or angle of attack.
 
-    With V_h the horizontal speed, yaw is the course χ = atan2(v_e, v_n), pitch is the climb angle
-    atan2(−v_d, V_h), and roll is the bank of a coordinated turn, tan φ = V_h χ̇ / g (R. W. Beard
-    and T. W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the
-    right is V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
+    V_h is the horizontal speed. Yaw is the course χ = atan2(v_e, v_n). Pitch is the climb angle
+    atan2(−v_d, V_h). Roll is the bank of a coordinated turn, tan φ = V_h χ̇ / g (R. W. Beard and T.
+    W. McLain, *Small Unmanned Aircraft*, 2012, ch. 9, with χ = ψ). The acceleration to the right is
+    V_h χ̇ = (v_n a_e − v_e a_n)/V_h.
 
-    Below the speed `HOVER` over ground, yaw is the last known course (before the first known
-    course, the first) and the wings are level. Without any motion the nose is level too.
+    Below the speed `HOVER` over ground, yaw is the last known course and the wings are level.
+    Before the first known course, yaw is the first known course. Without any motion the nose is
+    level too.
 
     Args:
         velocity: North, east, down (n, 3) [m/s], in the order of time.
@@ -67,9 +68,9 @@ def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArra
 
     The velocity at a sample is the derivative of the parabola through the sample and its two
     neighbours. Twice the second divided difference of three samples is the acceleration at the mean
-    of their times, and is extrapolated to the time of the sample along a straight line. Both have
-    errors of second order in the time step, whether steps are equal or not. At the ends the nearest
-    parabola and line are continued.
+    of their times. The acceleration is extrapolated linearly to the time of the sample. Velocity
+    and acceleration have errors of second order in the time step, whether steps are equal or not.
+    At the ends the nearest parabola and line are continued.
 
     Positions rounded to δ make the acceleration wrong by some 2δ/h² at steps h. Samples that are
     close in time need positions with many digits.
@@ -90,8 +91,9 @@ def motion_of_samples(time: FloatArray, position: FloatArray) -> tuple[FloatArra
     offset = (step[1:] - step[:-1]) / 3.0  # from the middle of three times to their mean
     spacing = (step[:-2] + step[1:-1] + step[2:]) / 3.0  # from one mean of three to the next
     slope = np.diff(second, axis=0) / spacing[:, np.newaxis]
-    # Second difference i belongs to row i + 1. The line through row i + 1 joins it to difference
-    # i − 1 if its mean time is later than the row, else to difference i + 1.
+    # Second difference i belongs to row i + 1. If the mean time of difference i is later than this
+    # row, the line goes through differences i − 1 and i. Otherwise the line goes through
+    # differences i and i + 1.
     rows = np.arange(len(second))
     line = np.clip(np.where(offset > 0, rows - 1, rows), 0, len(slope) - 1)
     inner = second - offset[:, np.newaxis] * slope[line]
@@ -151,7 +153,7 @@ def turn_to_origin(
         time: Time of each pose (n,) [s], for errors.
         place: Latitude, longitude [rad] and height [m] (n, 3).
         attitude: Attitudes (n, 3) [rad] relative to north, east and down at the aircraft.
-        covariance: C_aa (n, 6, 6) relative to the same, which is overwritten; or None.
+        covariance: C_aa (n, 6, 6) relative to the same axes, overwritten; or None.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m].
 
     Raises:

@@ -16,7 +16,7 @@ from radar_sense.states import POSITION, FloatArray
 
 #: Most poses of a route.
 MAX_ROWS = 1_000_000
-#: Times nearer than this [s] count as equal. They would make speeds beyond any range.
+#: Times nearer than this [s] count as equal. Nearer times would make speeds beyond any range.
 MIN_STEP = 1e-9
 #: How a route can be interpolated in time.
 METHODS = ("legs", "smooth")
@@ -34,7 +34,7 @@ class Route:
         time_s: Time of each pose (n,) [s], strictly increasing.
         aircraft: States (n, 6).
         covariance: C_aa of each pose (n, 6, 6), or None if the route has none.
-        attitude_given: Whether attitude was given; else it was derived from the track.
+        attitude_given: Whether attitude was given, and not derived from the track.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the frame's origin,
             for a route in latitude and longitude. None for any other route, with the same level
             everywhere.
@@ -72,8 +72,8 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
 
     "legs" is for the waypoints of a planner. Legs are straight with constant velocity, and turns
     are instantaneous (fly-by is not modelled). An attitude that is not given follows the leg with
-    level wings. At a waypoint it follows the leg that begins there. Between waypoints in latitude
-    and longitude a leg follows the curve of the earth, with altitude linear in time.
+    level wings. At a waypoint the attitude follows the next leg. Between waypoints in latitude and
+    longitude a leg follows the curve of the earth, with altitude linear in time.
 
     "smooth" is for samples of a flight that are close enough to show its turns. The path is the
     cubic spline with continuous acceleration through all samples (C. de Boor, *A Practical Guide to
@@ -82,9 +82,9 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     altitudes of two samples, unless the samples show the top of a curve (`_altitude`).
 
     A given attitude turns from pose to pose about one axis at a constant rate (K. Shoemake,
-    "Animating rotation with quaternion curves", SIGGRAPH 1985). The result does not depend on the
-    frame and has no singularity at a pitch of 90° or a yaw of 180°, unlike interpolated Euler
-    angles. Covariances are interpolated linearly, which keeps them semidefinite.
+    "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,
+    the result does not depend on the frame. There is no singularity at a pitch of 90° or a yaw of
+    180°. Covariances are interpolated linearly, which keeps them semidefinite.
 
     Args:
         route: The route.
@@ -224,7 +224,7 @@ def _lifted(
     """Return positions (n, 3) lifted to a height; velocity and acceleration change in place.
 
     A line or a spline between waypoints is a tunnel through the earth. Each of its points keeps its
-    latitude and longitude. Speed over ground growth with the distance from the centre of the earth.
+    latitude and longitude. Speed over ground grows with the distance from the centre of the earth.
 
     Args:
         position: Positions in the tunnel (n, 3) [m].
@@ -251,10 +251,11 @@ def _altitude(
 ) -> tuple[FloatArray, FloatArray]:
     """Return height [m] and rate of climb [m/s] (n,) between samples of the height.
 
-    The result is a cubic Hermite spline. Its slopes at the samples are those of the cubic spline,
-    limited so that the height is monotone between two samples (F. N. Fritsch and R. E. Carlson,
-    "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980). A slope is at most
-    three times the slope to either neighbour, and 0 where the two have different signs.
+    The result is a cubic Hermite spline. Its slopes at the samples are the slopes of the cubic
+    spline, within limits. The limits make the height monotone between two samples (F. N. Fritsch
+    and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal. 17(2), 1980).
+    A slope is at most three times the slope to either neighbour, and 0 where the two have different
+    signs.
 
     A limit of 0 would flatten a top that the samples show. The limits do not apply where five
     consecutive second differences have one sign and are within a factor of two of each other. A

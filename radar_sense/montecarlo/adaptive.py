@@ -74,8 +74,8 @@ class Validation:
         validated: Where the draws are stable and both distances are within δ (n,).
         refuted: Where the draws are stable and a distance exceeds δ significantly (n,).
         inside: Number of draws within the method's bounds (n,); NaN without bounds.
-        clipped: Number of runs whose radar constant was drawn below zero and set to zero, among
-            the runs of the pose with the most runs.
+        clipped: Number of runs with a radar constant drawn below zero and set to zero, at the
+            pose with the most runs.
     """
 
     method: str

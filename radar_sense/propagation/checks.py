@@ -24,17 +24,17 @@ from radar_sense.propagation.standard_space import (
 )
 from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
-#: Draws about each centre, where a check draws.
+#: Draws about each centre in a check by draws.
 DRAWS = 256
 #: Poses of a block without draws for each pose of a block with draws.
 DRAWN_POINTS = 128
-#: Fraction of BOUND_CHANGE that a check by draws allows, because draws have a sampling error,
+#: Fraction of BOUND_CHANGE that a check by draws allows. The rest is for the sampling error.
 SAFETY = 0.7
-#: and the change of σ that it allows, as a fraction of the greater of σ and SMALL_STD.
+#: Change of σ that a check by draws allows, as a fraction of the greater of σ and SMALL_STD.
 DRAWN_STD_CHANGE, SMALL_STD = 0.03, 1e-3
 
-#: Distance along each axis of u within which the limits of a radar must not lie. A limit 3 away
-#: across a position's axes is 3√3 away along each of them.
+#: Least distance of the limits of a radar from u = 0 along each axis. A limit at the distance 3
+#: across the three axes of a position is at 3√3 along each axis.
 REACH = 5.2
 
 
@@ -43,12 +43,12 @@ def second_order_matters(
 ) -> NDArray[np.bool_]:
     """Return where (k,) the second-order terms of z would change the moments of P_D, or σ of z.
 
-    With H the second derivatives of z by u and g the gradient, z has to second order the mean
-    z(0) + tr H/2, the variance gᵀg + tr H²/2 and the third cumulant 3 gᵀHg + tr H³. σ of z is
+    g is the gradient of z by u, and H are the second derivatives. To second order, z has the mean
+    z(0) + tr H/2 and the variance gᵀg + tr H²/2. The third cumulant is 3 gᵀHg + tr H³. σ of z is
     compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
     unreliable = []
-    for part, given in _blocks(states, moments, _numbers(states)):
+    for part, std_and_bounds in _blocks(states, moments, _numbers(states)):
         probit = RelativeProbit.of(part)
         # A lobe may be as narrow as the differences are wide.
         value, gradient, second = probit.derivatives(sides=2 if part.model.rcs.lobed else 1)
@@ -63,10 +63,12 @@ def second_order_matters(
         skewness = third / np.where(cube > 0, cube, 1.0)
         better = _skewed(mean, np.sqrt(variance), skewness, beta)
         bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
-        warned = differ(given, better) | bends | limit_matters(part, given[0], beta)
+        warned = (
+            differ(std_and_bounds, better) | bends | limit_matters(part, std_and_bounds[0], beta)
+        )
         warned |= _expansion_is_off(probit, value, g, curvature, beta)
         if part.model.rcs.lobed:
-            warned |= _lobe_beyond(probit, given, beta)
+            warned |= _lobe_beyond(probit, std_and_bounds, beta)
         unreliable.append(warned)
     return np.concatenate(unreliable)
 
@@ -74,7 +76,7 @@ def second_order_matters(
 def _by_u(
     sqrt_cov: FloatArray, gradient: FloatArray, second: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return gradient (r, k) and second derivatives (r, r, k) by u from those by y."""
+    """Return gradient (r, k) and second derivatives (r, r, k) by u, from the ones by y."""
     if len(sqrt_cov) == 1:
         (one,) = sqrt_cov
         n, _, k = second.shape
@@ -113,14 +115,14 @@ def _expansion_is_off(
 
 
 def _lobe_beyond(
-    probit: RelativeProbit, given: tuple[FloatArray, FloatArray, FloatArray], beta: float
+    probit: RelativeProbit, std_and_bounds: tuple[FloatArray, FloatArray, FloatArray], beta: float
 ) -> NDArray[np.bool_]:
     """Return where (k,) a lobe of the RCS within the ball |u| ≤ β takes P_D beyond a bound."""
     sqrt_cov = probit.sqrt_cov
     scanned = scan(
         probit, np.broadcast_to(sqrt_cov, (len(probit.states), *sqrt_cov.shape[1:])), beta
     )
-    _, lower, upper = given
+    _, lower, upper = std_and_bounds
     floor = probit.floor
     highest = ndtr(np.maximum(scanned.promise.max(axis=0), floor))
     lowest = ndtr(np.maximum(scanned.threat.min(axis=0), floor))
@@ -137,24 +139,28 @@ def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArr
     """
     numbers = _numbers(states)
     blocks = _blocks(states, moments, numbers)
-    limit = np.concatenate([limit_matters(part, given[0], beta) for part, given in blocks])
+    limit = np.concatenate(
+        [limit_matters(part, std_and_bounds[0], beta) for part, std_and_bounds in blocks]
+    )
     off: NDArray[np.bool_] = ~moments.converged | limit
     rows = np.flatnonzero(moments.suspect & ~off)
     refuted = [
-        _draws_refute(part, given, beta)
-        for part, given in _blocks(states.at(rows), moments.at(rows), DRAWN_POINTS * numbers)
+        _draws_refute(part, std_and_bounds, beta)
+        for part, std_and_bounds in _blocks(
+            states.at(rows), moments.at(rows), DRAWN_POINTS * numbers
+        )
     ]
     off[rows] = np.concatenate(refuted)
     return off
 
 
 def _draws_refute(
-    states: UncertainStates, given: tuple[FloatArray, FloatArray, FloatArray], beta: float
+    states: UncertainStates, std_and_bounds: tuple[FloatArray, FloatArray, FloatArray], beta: float
 ) -> NDArray[np.bool_]:
     """Return where (k,) weighted draws show that σ or a bound is off.
 
-    The draws are from a mixture of unit normals about u = 0 and about the extremes, so that enough
-    of them lie beyond the bounds (G. I. Schuëller and R. Stix, Structural Safety 4(4), 1987).
+    The draws are from a mixture of unit normals about u = 0 and about the extremes. The mixture
+    puts enough draws beyond the bounds (G. I. Schuëller and R. Stix, Structural Safety 4(4), 1987).
     """
     space = StandardNormalSpace.of(states)
     r, k = space.gradient.shape
@@ -169,7 +175,7 @@ def _draws_refute(
         distinct[number] = ~same.any(axis=0)
     pose, centre = np.nonzero(distinct.T)
     u = means[:, centre, pose, np.newaxis] + _normals(r)[:, np.newaxis]
-    # density of the mixture over that of the unit normals
+    # ratio of the density of the mixture to the density of the unit normals
     density = np.zeros(u.shape[1:])
     for i in np.flatnonzero(distinct.any(axis=1)).tolist():
         mean = means[:, i, pose]
@@ -189,7 +195,7 @@ def _draws_refute(
     mean = total(weights * p_d)
     drawn_std = np.sqrt(total(weights * np.square(p_d - mean[pose, None])))
     tail, slack = float(ndtr(-beta)), BOUND_CHANGE * SAFETY
-    std, lower, upper = given
+    std, lower, upper = std_and_bounds
     low, high = lower[pose, None], upper[pose, None]
     refuted: NDArray[np.bool_] = (
         (total(weights * (p_d > high + slack)) > tail)
@@ -211,7 +217,7 @@ def _normals(r: int) -> FloatArray:
 
 
 def limit_matters(states: UncertainStates, std: FloatArray, beta: float) -> NDArray[np.bool_]:
-    """Return where (k,) a limit to what a radar sees is within reach and matters to P_D.
+    """Return where (k,) a limit of a radar is within reach and changes the moments of P_D.
 
     A limit within reach adds at most p²/4 to the variance of P_D, with p a bound of the radar's
     P_D. The limit is ignored where p²/4 changes σ by less than a quarter of STD_CHANGE and p is
@@ -255,7 +261,7 @@ def _blocks(
 
 
 def _numbers(states: UncertainStates) -> int:
-    """Return how many numbers the largest array of a check needs at a pose."""
+    """Return the numbers per pose in the largest array of a check."""
     return 2 * (len(AIRCRAFT) + int(states.radar.shape[-1])) ** 2
 
 

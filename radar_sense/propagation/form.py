@@ -1,11 +1,12 @@
 """The first-order reliability method (FORM), corrected to second order.
 
-FORM approximates the quantile of z at Φ(β) by the greatest z in the ball |u| ≤ β of standard normal
-space, or by the least z in |u| ≤ |β| for negative β (A. M. Hasofer and N. C. Lind, J. Eng. Mech.
-Div. ASCE 100(1), 1974). That is exact where z is linear in u, or a monotone function of one
-variable. The extreme does not account for the curvature of z across its gradient. The second-order
-expansion of z has that curvature, an extreme of its own in the same ball, and a quantile that can
-be computed. The difference of these two is added to the extreme of z.
+FORM approximates the quantile of z at Φ(β) by an extreme of z in standard normal space (A. M.
+Hasofer and N. C. Lind, J. Eng. Mech. Div. ASCE 100(1), 1974). For positive β the extreme is the
+greatest z in the ball |u| ≤ β. For negative β the extreme is the least z in the ball |u| ≤ |β|. The
+approximation is exact where z is linear in u, or a monotone function of one variable. The extreme
+does not account for the curvature of z across its gradient. The second-order expansion of z has the
+same curvature, and its quantile can be computed. The correction is the quantile of the expansion
+minus the extreme of the expansion in the ball.
 """
 
 from __future__ import annotations
@@ -28,20 +29,20 @@ from radar_sense.propagation.standard_space import (
 )
 from radar_sense.states import AIRCRAFT, FloatArray
 
-#: β of the quantiles that mean and standard deviation rest on.
+#: β of the quantiles from which mean and standard deviation are computed.
 NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
-#: The search for an extreme has converged when the gradient promises no more to gain within the
-#: ball than this, in standard deviations of z.
+#: Largest gain within the ball that the gradient predicts where a search has converged, in standard
+#: deviations of z.
 TOLERANCE = 1e-4
-#: β of the quantiles that probabilities of exceedance are read from, and steps between them.
+#: β of the quantiles for probabilities of exceedance, and number of steps from one β to the next.
 EXCEEDANCE_NODES, EXCEEDANCE_STEPS = np.arange(-5.0, 6.0), 100
-#: Evaluations after which a search is given up. On the paper's scenario one or two are enough.
+#: Most evaluations of a search. On the paper's scenario one or two are enough.
 ITERATIONS = 60
-#: Another lobe is searched if its scan promises an extreme farther out by this, in standard
+#: Another lobe is searched if the scan predicts an extreme farther out by this, in standard
 #: deviations of z.
 WORTH = 0.02
-#: A step shows that the curvature is less than at u = 0 if it gains more than this factor times
-#: what that curvature promises. Without any curvature it gains twice as much.
+#: A gain above this factor times the predicted gain shows a curvature less than at u = 0. Without
+#: any curvature the gain is twice the predicted gain.
 EASY = 1.2
 
 
@@ -80,7 +81,7 @@ def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
 def exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
     """Return P(z > z_max) (k,) from quantiles of z (n, k) at Φ(β) for increasing β (n,).
 
-    β is cubic in between, and linear beyond the first and the last.
+    β is interpolated by a cubic spline, and extrapolated linearly.
     """
     from scipy.interpolate import CubicSpline  # slow to import
 
@@ -100,7 +101,7 @@ def form_std(states: UncertainStates) -> StdFunction:
     """Return a function from covariances to σ of P_D, which shares the derivatives of z.
 
     The derivatives are computed once, with the covariances of the states. The searches for the
-    extremes start from them.
+    extremes start from these derivatives.
     """
     blocks = []
     for part in states.blocks(_numbers(states, len(NODES))):
@@ -145,8 +146,8 @@ def _suspect(
 ) -> NDArray[np.bool_]:
     """Return where (k,) σ and bounds may be unreliable.
 
-    These are the poses where orders above the second change σ or a bound, where the second order
-    changes σ of z, where an extreme lies on another lobe, or where the search has not converged.
+    At these poses orders above the second change σ or a bound, or the second order changes σ of z.
+    An extreme may also lie on another lobe, or the search has not converged.
     """
     _, *second_order = spread(space, solution.second_order, beta)
     first = np.sum(space.gradient**2, axis=0)
@@ -206,7 +207,7 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Qu
     )
     corrected = second_order.copy()
     corrected[:, pose] += (sign * first.value - expanded).reshape(shape)
-    # The expansion is not that of another lobe, and its correction does not apply there.
+    # The expansion about u = 0 does not describe another lobe. Its correction does not apply there.
     moved = (extremes.value > first.value).reshape(shape)
     corrected[:, pose] = np.where(moved, (sign * extremes.value).reshape(shape), corrected[:, pose])
     u = np.zeros((len(space.gradient), len(betas), len(known)))
@@ -237,7 +238,7 @@ def _highest_lobes(
     first: Extremes,
     searched: NDArray[np.bool_],
 ) -> Extremes:
-    """Return the maxima with those of other lobes in their place where these are greater."""
+    """Return the maxima, replaced by the maxima of other lobes where these are greater."""
     rows = np.flatnonzero(searched)
     if not rows.size:
         return first
@@ -271,12 +272,12 @@ def climb(
 ) -> Extremes:
     """Return the maxima of sign · z over the ball |u| ≤ radius, from one start each.
 
-    Each step goes to the maximum in the ball of the expansion with the gradient at the present
-    point and the curvature at u = 0. Without the curvature that is β times the unit vector of the
-    gradient (R. Rackwitz and B. Fiessler, Computers & Structures 9(5), 1978). A step that decreases
-    z is undone, and the next step is damped as by Levenberg and Marquardt, which turns the step
-    towards the gradient. After a step that gains far more than the curvature at u = 0 predicts, the
-    next step uses less of that curvature.
+    Each step goes to the maximum of an expansion in the ball. The expansion has the gradient at the
+    present point and the curvature at u = 0. Without the curvature the maximum is β times the unit
+    vector of the gradient (R. Rackwitz and B. Fiessler, Computers & Structures 9(5), 1978). A step
+    that decreases z is undone. The next step is then damped as by Levenberg and Marquardt, which
+    turns the step towards the gradient. After a step that gains far more than the curvature at
+    u = 0 predicts, the next step uses less of the curvature.
 
     Args:
         space: Standard normal space.
@@ -325,10 +326,10 @@ def climb(
 def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArray:
     """Return the u (r, j) that maximizes Σ (g_i u_i + λ_i u_i²/2) in the ball |u| ≤ radius (j,).
 
-    It is u_i = g_i/(μ − λ_i) with the least μ ≥ max(0, λ_i) for which |u| ≤ radius, found by
-    Newton's iteration for 1/|u| = 1/radius (J. J. Moré and D. C. Sorensen, SIAM J. Sci. Stat.
-    Comput. 4(3), 1983). Where g has no component along the greatest λ, u and its mirror image may
-    both be maxima; the one with the positive component is returned.
+    The maximum is u_i = g_i/(μ − λ_i) with the least μ ≥ max(0, λ_i) for which |u| ≤ radius.
+    Newton's iteration solves 1/|u| = 1/radius for μ (J. J. Moré and D. C. Sorensen, SIAM J. Sci.
+    Stat. Comput. 4(3), 1983). Where g has no component along the greatest λ, u and its mirror image
+    may both be maxima. The u with the positive component is then returned.
     """
     highest = np.max(lam, axis=0, initial=-np.inf)
     size = np.sqrt(np.sum(g * g, axis=0)) + radius * np.max(np.abs(lam), axis=0, initial=0.0)
@@ -365,8 +366,9 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
 
         x = K'(t) is the quantile at β = r + ln(v/r)/r,  r = sign(t) √(2(tx − K)),  v = t √K''(t).
 
-    β rises with t between the poles 1/λ. With t = w/(1 + λw), λ the curvature of the pole on that
-    side, β is close to linear in w, and is solved for by Newton's method within a bracket.
+    β rises with t between the poles 1/λ. The substitution is t = w/(1 + λw), with λ the curvature
+    of the pole on the same side. β is close to linear in w. Newton's method within a bracket finds
+    the w of each β.
     """
     n, k = len(betas), g.shape[1]
     spread = np.sqrt(np.sum(g * g + 0.5 * lam * lam, axis=0))
@@ -432,9 +434,9 @@ def spread(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return mean, σ, lower and upper bound (k,) from quantiles of z (n, k) at `betas_for(beta)`.
 
-    P_D at the quantile Φ(β) of z is the quantile of P_D at Φ(β), so mean and variance are integrals
-    over the normal distribution of β. The lesser of P_D and 1 − P_D is integrated, about its
-    median, so that a small deviation beside P_D ≈ 1 is not lost.
+    P_D increases with z: the quantiles of z at Φ(β) give the quantiles of P_D at Φ(β). Mean and
+    variance are integrals over the normal distribution of β. The lesser of P_D and 1 − P_D is
+    integrated, about its median. A small deviation beside P_D ≈ 1 is then not lost.
     """
     weights, curve = _integration()
     betas = betas_for(beta)
@@ -465,6 +467,6 @@ def _integration() -> tuple[FloatArray, FloatArray]:
 
 
 def _numbers(states: UncertainStates, betas: int) -> int:
-    """Return how many numbers the largest array of FORM needs at a pose."""
+    """Return the numbers per pose in the largest array of FORM."""
     components = len(AIRCRAFT) + int(states.radar.shape[-1])
     return components * components * max(betas, 2)

@@ -1,4 +1,4 @@
-"""Lobes of the RCS within reach of the states, where an extreme of z may lie far from the nearest.
+"""Lobes of the RCS within reach of the states, each with an extreme of z.
 
 A search from the nominal states finds the extreme of one lobe only. An RCS depends on aspect alone,
 and aspect has two dimensions. A scan of the aspects within reach of the states finds the other
@@ -44,7 +44,8 @@ def scan(probit: RelativeProbit, sqrt_cov: FloatArray, radius: float) -> Scan:
     """Return z at aspects of every radar within a ball |u| ≤ radius.
 
     Range and radar constant are extrapolated linearly. From each point a step goes to the surface
-    of the ball, along the part of the gradient that is perpendicular to the axes of aspect.
+    of the ball. The step is along the part of the gradient that is perpendicular to the axes of
+    aspect.
 
     Args:
         probit: z as a function of the relative states, of k poses.

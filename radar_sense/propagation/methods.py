@@ -58,15 +58,15 @@ class Method:
     """A method of propagation and its properties.
 
     Attributes:
-        name: Its name, as an option or an argument has it.
-        moments: Its function.
-        nonlinear: Its check.
+        name: Name of the method in options and arguments.
+        moments: Function of the moments.
+        nonlinear: Check of the moments.
         log_normal: Whether the method assumes that a radar constant with tolerances is log-normal,
             and not Gaussian.
-        upper: The upper bound alone, where that is cheaper than all moments.
-        std: Makes a function from covariances to σ, which costs less than all moments for each of
-            many covariances of the same states.
-        exceedance: P(P_D > p_max); without it the probability is read from bounds at several β.
+        upper: Function of the upper bound alone, which costs less than all moments.
+        std: Makes a function from covariances to σ. For many covariances of the same states, the
+            function costs less than all moments.
+        exceedance: Function of P(P_D > p_max). If None, bounds at several β give the probability.
     """
 
     name: str
@@ -125,7 +125,7 @@ def propagate(
 ) -> Moments:
     """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
-    `nonlinear` returns where they are unreliable.
+    `nonlinear` returns where the moments are unreliable.
 
     Args:
         model: The detection model, of a radar or of a network.
@@ -137,8 +137,8 @@ def propagate(
             against each other.
         method: Name of the method.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
-        log_constant: Whether ln c_r is Gaussian, with the relative deviation of C_rr, rather than
-            c_r: of all radars, or of each (m,). To first order that is the same.
+        log_constant: Whether ln c_r is Gaussian rather than c_r, of all radars or of each (m,). σ
+            of ln c_r is the relative deviation in C_rr. To first order both choices agree.
 
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
@@ -162,7 +162,7 @@ def upper_bound(
 ) -> FloatArray:
     """Return `upper` of `propagate` (...) at less cost. The arguments are the same.
 
-    `form` needs to converge at this β only, so a bound may exist where `propagate` has NaN.
+    `form` need converge at this β only. A bound may exist where `propagate` has NaN.
     """
     shape, states = _checked(
         model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
@@ -188,8 +188,8 @@ def nonlinear(
     """Return where (...) the moments of a method are unreliable.
 
     Moments are unreliable where higher orders would change σ by more than 2 %, or a bound by more
-    than 0.005. No method accounts for the edge at a limit of a radar, so moments are unreliable too
-    where such a limit is within reach of the states.
+    than 0.005. No method accounts for the edge of P_D at a limit of a radar. Moments are unreliable
+    too where a limit is within reach of the states.
 
     Args:
         model: As in `propagate`, with all other arguments but the last.
@@ -200,7 +200,7 @@ def nonlinear(
         method: Name of the method.
         beta: β.
         log_constant: Whether ln c_r is Gaussian.
-        moments: What `propagate` returned; computed if None.
+        moments: The result of `propagate`; computed if None.
     """
     shape, states = _checked(
         model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
@@ -254,8 +254,8 @@ def exceedance_probability(
 ) -> FloatArray:
     """Return P(P_D > p_max) (n,) at every pose of a scenario, at its level of radar uncertainty.
 
-    One minus it is the conformance probability of JCGM 106:2012, clause 7. NaN where the method
-    has no answer.
+    One minus it is the conformance probability of JCGM 106:2012, clause 7. The probability is NaN
+    where the method has no value.
     """
     _, states = _states_of(scenario)
     chosen = METHODS[method]
@@ -271,7 +271,7 @@ def exceedance_probability(
 def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
     """Return a function from C_aa and C_rr to σ of P_D (n,) at every pose of a scenario.
 
-    The function shares the derivatives of all calls, and costs less than calls of `propagate`. An
+    All calls of the function share the derivatives, which costs less than calls of `propagate`. An
     iterative method starts from its solution for the covariances of the scenario.
     """
     _, states = _states_of(scenario)

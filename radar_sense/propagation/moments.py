@@ -12,9 +12,9 @@ from scipy.special import ndtr
 
 from radar_sense.states import FloatArray
 
-#: A pose is nonlinear where higher orders would change σ by more than this fraction of σ,
+#: A pose is nonlinear if higher orders would change σ by more than this fraction of σ.
 STD_CHANGE = 0.02
-#: or a bound by more than this.
+#: A pose is nonlinear if higher orders would change a bound by more than this.
 BOUND_CHANGE = 0.005
 
 
@@ -30,8 +30,8 @@ class Moments:
         upper: Bound that P_D stays below with probability Φ(β) (...).
         converged: Where the method's iteration has converged (...). Elsewhere mean, std and bounds
             are NaN.
-        suspect: Where the method's check has to compute more to decide (...). Elsewhere the method
-            has found its moments reliable; a method that cannot tell has True everywhere.
+        suspect: Where the method's check has to compute more to decide (...). Elsewhere the moments
+            are reliable. True everywhere for a method without a first test.
     """
 
     p_d: FloatArray
@@ -74,7 +74,7 @@ class Moments:
 
 
 def differ(given: Sequence[FloatArray], better: Sequence[FloatArray]) -> NDArray[np.bool_]:
-    """Return where (k,) σ, lower or upper bound differs too much from a better one, or is NaN."""
+    """Return where (k,) σ or a bound differs too much from a better value, or is NaN."""
     std, lower, upper = (abs(g - b) for g, b in zip(given, better, strict=True))
     return ~((std <= STD_CHANGE * better[0]) & (lower <= BOUND_CHANGE) & (upper <= BOUND_CHANGE))
 
@@ -91,11 +91,11 @@ def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatA
 def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[FloatArray, FloatArray]:
     """Return mean and standard deviation of Φ(z) for normal z with mean m and deviation s (k,).
 
-    The mean is Φ(h) with h = m/√(1 + s²), the variance 2 [T(h, 1) − T(h, a)] with a = 1/√(1 + 2s²)
-    and T as in D. B. Owen, Ann. Math. Statist. 27(4), 1956. Both T are the integral of exp(−h²(1 +
-    t²)/2)/(2π(1 + t²)) from 0. Their difference is the integral from a to 1, in which nothing
-    cancels for small s. With 32 points, a multiple of 8, it is exact to rounding for s up to 30,
-    with 8 points for s up to 0.5.
+    The mean is Φ(h) with h = m/√(1 + s²). The variance is 2 [T(h, 1) − T(h, a)] with
+    a = 1/√(1 + 2s²) and Owen's T (D. B. Owen, Ann. Math. Statist. 27(4), 1956). T(h, x) is the integral of
+    exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0 to x. The difference is the integral from a to 1, in
+    which nothing cancels for small s. The number of points is a multiple of 8. The integral is
+    exact to rounding for s up to 0.5 with 8 points, and for s up to 30 with 32 points.
     """
     h = m / np.sqrt(1.0 + s * s)
     a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)

@@ -3,8 +3,8 @@
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
 through the radars' positions relative to the aircraft. The relative states y are therefore the
 aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
-aircraft. They have 3 + 4m components instead of 6 + 4m. The errors of further parameters, which may
-follow the radars in their states, are components too.
+aircraft. They have 3 + 4m components instead of 6 + 4m. The radar states may end with the errors of
+further parameters, which are components too.
 
 With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
 determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
@@ -12,7 +12,7 @@ diagonal matrix. To second order z is then a sum over components,
 
     z(u) ≈ z(0) + Σ (g_i u_i + λ_i u_i²/2).
 
-The radars that see the aircraft are those at u = 0, so that z is smooth.
+The radars that see the aircraft at u = 0 see the aircraft at every u, so that z is smooth.
 """
 
 from __future__ import annotations
@@ -42,26 +42,28 @@ from radar_sense.states import (
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
 #: They then describe z over the region of the states, not at a point.
 STEP = 0.5
-#: The same for one-sided differences. A shorter step, as their error is of first order.
-ONE_SIDED_STEP = 0.1
+#: Step of one-sided differences. The step is shorter, because one-sided differences have an error
+#: of first order. The step goes to a smaller c_r, where z has more curvature.
+ONE_SIDED_STEP = -0.1
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
 #: Most poses in a block: the arrays of its finite differences stay in the processor's cache.
 BLOCK = 1024
-#: Largest ln of the growth of a radar constant. P_D is 1 far below, and larger ones overflow.
+#: Largest ln of the growth of a radar constant. P_D is 1 far below this, and a larger growth
+#: overflows.
 MOST_NEPERS = 300.0
 
 _ATTITUDE = slice(0, 3)  # in the relative states
 _RADARS = slice(3, None)
 
 
-#: From C_aa and C_rr, each one for all poses or one for each, to σ of P_D (k,).
+#: From C_aa and C_rr, each for all poses together or for each pose, to σ of P_D (k,).
 StdFunction: TypeAlias = Callable[[FloatArray, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
 class UncertainStates:
-    """Nominal states of k poses, their covariances, and the model that detects.
+    """Nominal states of k poses, their covariances, and the detection model.
 
     An array with the same rows at all poses may have one row instead of k.
 
@@ -213,7 +215,7 @@ class RelativeProbit:
 
     @cached_property
     def floor(self) -> FloatArray:
-        """Least z there is (k,), which is z without any signal."""
+        """Least possible z (k,), which is z without any signal."""
         return self.states.model.floor(self.visible)
 
     def __call__(
@@ -241,7 +243,7 @@ class RelativeProbit:
         return value.reshape(error.shape[1:]), gradient
 
     def p_d(self, error: FloatArray, pose: NDArray[np.intp] | None = None) -> FloatArray:
-        """Return P_D (j,) or (s, k) at errors as above; a c_r below 0 counts as 0."""
+        """Return P_D (j,) or (s, k) at errors as in `__call__`; a c_r below 0 counts as 0."""
         aircraft, radar, _ = self.shifted(error, pose)
         constants = radar[:, constants_of(len(self.states.log_constant))]
         np.maximum(constants, 0.0, out=constants)
@@ -283,9 +285,9 @@ class RelativeProbit:
         """Return z (k,), its gradient (n, k) and its second derivatives (n, n, k) by y at y = 0.
 
         Args:
-            sides: Second derivatives are differences of the gradient, in one call of the model: 2
-                for central differences over STEP, 1 for one-sided differences over ONE_SIDED_STEP,
-                which cost half as much and suit a smooth z.
+            sides: 2 for second derivatives by central differences of the gradient over STEP. 1 for
+                one-sided differences over ONE_SIDED_STEP, which cost half as much and suit a smooth
+                z.
         """
         k, n = len(self.states), len(self.std)
         along = np.flatnonzero(np.any(self.std > 0, axis=1))
@@ -297,7 +299,7 @@ class RelativeProbit:
             error[along, points + 1] = -step
         value, gradient = self(error)
         second = np.zeros((n, n, k))
-        width = np.where(step > 0, sides * step, np.inf)
+        width = np.where(step != 0, sides * step, np.inf)
         for axis, point, across in zip(along, points, width, strict=True):
             other = point + 1 if sides == 2 else 0
             np.subtract(gradient[:, point], gradient[:, other], out=second[:, axis])
@@ -314,8 +316,8 @@ class StandardNormalSpace:
         probit: z as a function of the relative states.
         sqrt_cov: F (k, n, r), rotated so that second derivatives by u are a diagonal matrix.
         value: z(0) (k,).
-        gradient: g (r, k), NaN where z has none.
-        curvature: λ (r, k), NaN where it cannot be found.
+        gradient: g (r, k), NaN where z has no gradient.
+        curvature: λ (r, k), NaN where a second derivative is not finite.
     """
 
     probit: RelativeProbit
@@ -374,7 +376,7 @@ def _sqrt_cov(states: UncertainStates) -> FloatArray:
 
 
 def _to_relative(radars: int, size: int) -> tuple[FloatArray, FloatArray]:
-    """Return the matrices from errors of aircraft (6) and of m radars (size) to those of y (n)."""
+    """Return the matrices from errors of aircraft (6) and of m radars (size) to errors of y (n)."""
     radar = np.vstack([np.zeros((3, size)), np.eye(size)])
     aircraft = np.zeros((3 + size, len(AIRCRAFT)))
     aircraft[_ATTITUDE, ATTITUDE] = np.eye(3)

@@ -291,3 +291,18 @@ def test_refusals_name_the_key(tool):
         dataclasses.replace(parsed(("one",)), attenuation_std={"one": (1.0,)})
     with pytest.raises(ValueError, match="got inf for the error of an attenuation"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(np.ones(6), np.array([0, 0, 0, 1, 0, np.inf]))
+
+
+def test_the_detection_range_has_it():
+    s = parsed(("one",), rcs_db=1.0)
+    table = analyses.detection_range(s, p_d=(0.5,), step_deg=90).table
+    needed = np.log(P_FA) / np.log(0.5) - 1
+    low, high = 1e3, 1e6
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        snr = 0.04 * AREA * 10 ** (-2 * 0.05 * middle / 1e4) / (BOLTZMANN * middle**4)
+        low, high = (middle, high) if snr > needed else (low, middle)
+    assert_allclose(table["range_m_0.5"], low, rtol=1e-9)
+    certain = dataclasses.replace(s, rcs_db=0.0, attenuation_std={})
+    narrow = analyses.detection_range(certain, p_d=(0.5,), step_deg=90).table
+    assert np.all(narrow["sigma_range_m_0.5"] < 0.8 * table["sigma_range_m_0.5"])

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from helpers import document, lay_out, scenario
+from helpers import document, lay_out, scenario, without_pixels
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -52,7 +52,7 @@ def inputs(name: str):
 @pytest.mark.parametrize("name", ALL)
 def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     # Pixels of each figure are drawn by the tests of the command line.
-    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
+    without_pixels(monkeypatch)
     monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     for s in inputs(name):
         result = ALL[name](s, **SHORT.get(name, {}))

@@ -114,7 +114,7 @@ def test_threshold_on_the_orbit_of_the_paper(tool):
     assert test["verdict"] == "not known"
     assert tool(*args, "--method", "form").code == 0
     assert tool(*args).code == 0
-    # by probit too, but its check warns at 78.5 to 101.5 deg
+    # by probit too, but its check warns at 78 to 102 deg
     assert tool(*args, "--method", "probit").code == 3
     assert record("figures/paper_variance.json")["summary"]["threshold"]["above_deg"] == 0
 

@@ -26,6 +26,7 @@ from helpers import scenario
 from scipy.special import ndtr
 
 import radar_sense as rs
+from radar_sense.propagation import nonlinear, propagate_scenario, upper_bound
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -68,6 +69,9 @@ def main():
         for kind in RCS:
             monte_carlo(kind)
         integration()
+        propagation()
+        networks()
+        whole_path()
         print(
             "\n* does not turn to the body frame; the compiler sees that a constant needs no aspect"
         )
@@ -117,8 +121,8 @@ def row(what, times, count, unit, *, faster=None, longer=None):
     )
 
 
-def interleaved(*functions, rounds=5):
-    """Median time [s] of each of some functions that take turns.
+def interleaved(*functions, rounds=5, clock=time.perf_counter):
+    """Median time [s] by a clock of each of some functions that take turns.
 
     Each is called twice in its turn, and the second call is timed: what it costs in a loop, not
     what it costs to get back the memory that another one has given to the system in between.
@@ -127,9 +131,9 @@ def interleaved(*functions, rounds=5):
     for _ in range(rounds):
         for function, found in zip(functions, times, strict=True):
             function()
-            start = time.perf_counter()
+            start = clock()
             function()
-            found.append(time.perf_counter() - start)
+            found.append(clock() - start)
     return [statistics.median(found) for found in times]
 
 
@@ -241,6 +245,102 @@ def alike(mc, theirs):
     assert np.median(abs(upper - mc.upper) / mc.std) < 1
 
 
+def propagation():
+    """Each method beside the gradient that it rests on."""
+    case = scenario()
+    aircraft = np.tile(case.aircraft, (60, 1))
+    aircraft[:, :3] += np.random.default_rng(3).normal(0.0, 100.0, (len(aircraft), 3))
+    states = case.model, aircraft, case.radar, case.cov_aircraft, case.cov_radar[case.level]
+    title(f"Propagation of {len(aircraft):,} poses beside model.linearize; per pose")
+    gradient = partial(case.model.linearize, aircraft, case.radar)
+    moments = {name: rs.propagate(*states, method=name) for name in ("linear", "probit")}
+    for what, ours, longer in (
+        ("linear", partial(rs.propagate, *states), 2.0),
+        ("probit", partial(rs.propagate, *states, method="probit"), 2.0),
+        ("check of linear", partial(nonlinear, *states, moments=moments["linear"]), 15.0),
+        (
+            "check of probit",
+            partial(nonlinear, *states, method="probit", moments=moments["probit"]),
+            15.0,
+        ),
+        (
+            "form: bounds, mean, sigma and check",
+            partial(rs.propagate, *states, method="form"),
+            270.0,
+        ),
+        ("form: one bound", partial(upper_bound, *states, method="form"), 100.0),
+    ):
+        times = interleaved(ours, gradient, clock=time.process_time)
+        row(what, times, len(aircraft), "ns", longer=longer)
+    one = case.model, aircraft[0], case.radar, case.cov_aircraft, case.cov_radar[case.level]
+    alone = repeated(partial(case.model.linearize, aircraft[0], case.radar), 200)
+    for name, longer in (("linear", 5.0), ("form", 25.0)):
+        ours = repeated(partial(rs.propagate, *one, method=name), 200)
+        row(f"one pose alone: {name}", interleaved(ours, alone, rounds=3), 200, "ns", longer=longer)
+    draws = partial(rs.monte_carlo, case, runs=RUNS, seed=1)
+    form = partial(propagate_scenario, case, method="form")
+    ours, peer = interleaved(form, draws, rounds=3, clock=time.process_time)
+    times = ours, peer * 1e6 / RUNS
+    row("form beside 1,000,000 draws a pose", times, len(case.aircraft), "ns", faster=2000)
+
+
+def repeated(function, times):
+    def run():
+        for _ in range(times):
+            function()
+
+    return run
+
+
+def networks():
+    """Networks of more and more radars beside as many times the time of one of them."""
+    case = scenario()
+    title(f"Networks beside a network of four, per radar; {len(case.aircraft)} poses")
+
+    def network(radars):
+        state = np.tile(case.radar, radars)
+        state[0::4] += 2e3 * np.arange(radars)
+        model = case.model.radars[0].model
+        names = tuple(rs.Radar(model, name=f"r{i}") for i in range(radars))
+        cov = np.kron(np.eye(radars), case.cov_radar[case.level])
+        return rs.NetworkModel(names), case.aircraft, state, case.cov_aircraft, cov
+
+    for method in ("linear", "form"):
+        for radars in (16, 64) if method == "linear" else (8, 16):
+            ours = partial(rs.propagate, *network(radars), method=method)
+            peer = partial(rs.propagate, *network(4), method=method)
+            time_of, of_four = interleaved(ours, peer, rounds=3, clock=time.process_time)
+            times = time_of / radars, of_four / 4
+            longer = 1.3 if method == "linear" else radars  # the curvature is 3 + 4m gradients
+            row(f"{method}, {radars} radars", times, len(case.aircraft), "ns", longer=longer)
+
+
+def whole_path():
+    """`variance` on 100 000 poses, file to file, beside the gradient of its poses."""
+    case = scenario()
+    title("variance on a path of 100,000 poses, file to file; per pose")
+    aircraft = np.tile(case.aircraft, (277, 1))[:100_000]
+    gradient = partial(case.model.linearize, aircraft, case.radar)
+    with tempfile.TemporaryDirectory() as folder:
+        config = Path(folder) / "long.yaml"
+        route = (ROOT / "configs/path_route.csv").as_posix()
+        text = (ROOT / "configs/path.yaml").read_text(encoding="utf-8")
+        text = text.replace("path_route.csv", route).replace("step_s: 2,", "step_s: 0.01445,")
+        config.write_text(text, encoding="utf-8")
+        (peer,) = interleaved(gradient, clock=time.process_time)
+        for method, longer in (("linear", 170.0), ("form", 470.0)):  # 2.5 s and 7 s
+            options = "-q", "--no-plot", "--method", method, "--out", folder
+            ours = partial(run, "-m", "radar_sense", "variance", str(config), *options)
+            (taken,) = interleaved(ours, rounds=1, clock=of_children)
+            row(f"variance --method {method}", (taken, peer), len(aircraft), "ns", longer=longer)
+
+
+def of_children():
+    """CPU time [s] of the processes that have ended."""
+    times = os.times()
+    return times.children_user + times.children_system
+
+
 def workers():
     if len(cores()) < 2:
         print("\nOnly one core is at hand: the row for several workers is left out")
@@ -273,16 +373,16 @@ def door():
     with tempfile.TemporaryDirectory() as folder:
         tool = partial(run, "-m", "radar_sense")
         click = partial(run, "-c", "import click")
-        figure = partial(run, str(HERE / "figure_alone.py"), str(Path(folder) / "figure.pdf"))
+        figure = partial(run, str(HERE / "figure_alone.py"), str(Path(folder) / "figure.png"))
         budget = partial(tool, "budget", "-q", "--out", folder)
         wrong = partial(tool, "budget", "--rns", "5", code=2)
         start = partial(run, "-c", "pass")
-        for what, ours, peer in (
-            ("--help beside Python and import click", partial(tool, "--help"), click),
-            ("a wrong argument beside the same", wrong, click),
-            ("budget beside NumPy, Matplotlib and a figure", budget, figure),
+        for what, ours, peer, longer in (
+            ("--help beside Python and import click", partial(tool, "--help"), click, 2.0),
+            ("a wrong argument beside the same", wrong, click, 2.0),
+            ("budget beside NumPy, SciPy, Matplotlib, a figure", budget, figure, 1.3),
         ):
-            row(what, interleaved(ours, peer), 1, "ms", longer=2.0)
+            row(what, interleaved(ours, peer, clock=of_children), 1, "ms", longer=longer)
         (alone,) = interleaved(start)
         print(f"  (Python itself starts in {alone * 1e3:.0f} ms)")
 

@@ -22,8 +22,10 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from helpers import without_pixels
 
 import radar_sense as rs
+from radar_sense.analyses.grid import grid
 from radar_sense.cli import _progress, cli
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import default_text
@@ -53,6 +55,8 @@ def few(command: str) -> list[str]:
     """Return options for a short computation."""
     if command == "map":
         return ["--step-km", "25"]
+    if command == "range":
+        return ["--step-deg", "30"]
     return ["--runs", "40"] if command in ("montecarlo", "compare", "convergence") else []
 
 
@@ -91,8 +95,8 @@ def process(*args: object, **options: object) -> subprocess.CompletedProcess:
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw figures but do not render them, and draw small blocks: most of the time of a command."""
-    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
+    """Leave out what takes most of the time of a command: pixels, and large blocks of draws."""
+    without_pixels(monkeypatch)
     convergence = import_module("radar_sense.analyses.convergence")
     monkeypatch.setattr(convergence, "BLOCK", 64)
 
@@ -300,7 +304,7 @@ OVERHEAD = (
 # P_D itself and the RCS are defined there; their gradients are not.
 @pytest.mark.usefixtures("short")
 @pytest.mark.parametrize(
-    "command", [c for c in ANALYSES if c not in ("convergence", "detectors", "map", "rcs")]
+    "command", [c for c in ANALYSES if c not in ("convergence", "detectors", "map", "range", "rcs")]
 )
 def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
     Path("overhead.yaml").write_text(OVERHEAD)
@@ -455,11 +459,11 @@ def test_the_embedded_scenario_is_the_papers():
 @pytest.mark.parametrize("command", ["check", *ANALYSES])
 @pytest.mark.usefixtures("short")
 def test_every_scenario_in_configs_runs(tool, config, command):
-    plot = [] if command == "check" else ["--no-plot"]
-    options = few(command)
-    if command == "map" and config.stem == "engagement_zone":  # 12 km wide
-        options = ["--step-km", "0.5"]
-    code, out, err = tool(command, config, *options, *plot)
+    options = [] if command == "check" else [*few(command), "--no-plot"]
+    if command == "map":
+        cells = grid(rs.load_scenario(config))  # a 40th of a side, whatever it is
+        options[1] = str(12.5 * (cells.north[1] - cells.north[0]) / 1e3)
+    code, out, err = tool(command, config, *options)
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
     if command != "check":

@@ -57,8 +57,13 @@ def m_of_n_gradient(p_d, m, n):
 
 def draw_missions(model, time, aircraft, radar, cov_aircraft, cov_radar, **options):
     """Plain draws with a Gaussian radar."""
+    one_radar = rs.load_scenario().model  # the sampler needs the number of radars
     sampler = Sampler(
-        model, np.asarray(aircraft), np.asarray(radar, dtype=float), np.eye(6), factor(cov_radar)
+        one_radar,
+        np.asarray(aircraft),
+        np.asarray(radar, dtype=float),
+        np.eye(6),
+        factor(cov_radar),
     )
     return draws.mission_monte_carlo(model, time, aircraft, cov_aircraft, sampler, **options)
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import few_draws, lay_out, legend_off_data, scenario, write_path
+from helpers import few_draws, lay_out, legend_off_data, scenario, without_pixels, write_path
 
 import radar_sense as rs
 from radar_sense import limits
@@ -339,7 +339,7 @@ def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
 @pytest.mark.parametrize("options", ["", "--m 2 --n 3", "--runs 50", "--m 2 --n 3 --runs 50"])
 @pytest.mark.parametrize("method", [None, "linear", "probit"])
 def test_columns(tool, monkeypatch, options, method):
-    monkeypatch.setattr("radar_sense.plotting.render", lambda figure, kind: kind.encode())
+    without_pixels(monkeypatch)
     named = ["--method", method] if method else []
     code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split(), *named)
     assert code == 0

@@ -145,6 +145,16 @@ def test_one_pulse_is_the_sum_too(cls):
         assert_allclose(slope[near], by_snr[near], rtol=1e-12)
 
 
+@pytest.mark.parametrize(("number", "p_fa"), [(280, 1.1e-12), (249, 1.7e-9), (102, 3e-6)])
+def test_thresholds_keep_p_fa(number, p_fa):
+    """SciPy's inverse of the incomplete gamma function is off by 4e-13 of P_fa here."""
+    t = PulseSum.of(number, 1.0, math.inf, p_fa).threshold
+    with mp.workdps(30):
+        noise = oracle._counts(mpf(t), None)
+        false = sum(next(noise) for _ in range(number))
+        assert abs(false / mpf(p_fa) - 1) < mpf("5e-14")
+
+
 # The model itself: pulses that are drawn.
 
 
