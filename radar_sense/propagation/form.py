@@ -451,7 +451,7 @@ def spread(
     mean = median + drift
     ends = (quantile[int(np.flatnonzero(betas == b)[-1])] for b in (-beta, beta))
     lower, upper = (ndtr(np.maximum(end, floor)) for end in ends)
-    certain = np.ptp(quantile, axis=0) == 0  # then σ is not the rounding of the spline
+    certain = np.ptp(quantile, axis=0) == 0  # σ would be the rounding of the spline
     std = np.where(certain, 0.0, np.sqrt(variance))
     return np.where(space.value > 0, 1.0 - mean, mean), std, lower, upper
 

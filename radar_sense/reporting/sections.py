@@ -1,4 +1,4 @@
-"""The sections of a report: a question each, its answer, and what shows it. No physics."""
+"""The sections of a report: each a question, its answer, and figures or tables. No physics."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Section:
         key: Its id in the page.
         question: The heading.
         answer: One or two sentences.
-        body: What shows the answer, in order.
+        body: Text, figures and tables that show the answer, in order.
         warnings: Where the answer is unreliable.
         by: The analysis that the answer comes from, and its method; empty for none.
     """
