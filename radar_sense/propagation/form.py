@@ -66,7 +66,7 @@ def form_upper(states: UncertainStates, beta: float) -> FloatArray:
 def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
     """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max.
 
-    The quantiles are those of the lobe about u = 0. NaN where a search has not converged.
+    The quantiles are for the lobe about u = 0. NaN where a search has not converged.
     """
     probabilities = []
     for part in states.blocks(_numbers(states, len(EXCEEDANCE_NODES))):

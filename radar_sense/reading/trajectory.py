@@ -11,7 +11,7 @@
                                         or smooth; without it every row of the file is a pose
       max_gap_s: 60                     refuse a file with a longer step between two rows
 
-A radar of such a scenario may have its place in latitude and longitude too:
+With an origin, a radar may have its place in latitude and longitude too:
 
     radar:
       position_geodetic: {latitude_deg: 47.1, longitude_deg: 9.2, altitude_m: 1500}

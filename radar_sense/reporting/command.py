@@ -129,7 +129,7 @@ def _report(
 
     Args:
         scenario: The scenario.
-        method: Method of propagation, by default that of `variance` and of `budget`.
+        method: Method of propagation, by default the one of `variance` and of `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: How many σ P_D must stay below P_max, 3 by default.
         workers: Threads to compute with; of no influence on the page.
