@@ -50,6 +50,10 @@ EXAMPLES = {
     "bandwidth_mhz": 0.05,
     "rcs_m2": 0.2,
     "envelope_deg": 3,
+    "altitude_above": "sea",
+    "geoid_height_m": 47.5,
+    "speed_m_s": 200,
+    "icao24": "4b1812",
     "sha256": "e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855",
 }
 

@@ -23,7 +23,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
-from radar_sense.limits import FORMATS, Limit
+from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses.contract import Command, Option
@@ -323,8 +323,17 @@ def _output(analysis: Command) -> list[click.Parameter]:
             multiple=True,
             default=["png"],
             show_default=True,
-            type=click.Choice(FORMATS),
-            help="Format of the figure; may be given several times.",
+            type=click.Choice(analysis.formats),
+            help="Format of the figure"
+            + (", or of the map on the earth" if "kml" in analysis.formats else "")
+            + "; may be given several times.",
+        ),
+        click.Option(
+            ["--style"],
+            default=STYLES[0],
+            show_default=True,
+            type=click.Choice(STYLES),
+            help="Size of the figure.",
         ),
         click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
         _quiet(),
@@ -339,6 +348,7 @@ def _run(
     out: Path,
     quiet: bool,
     formats: tuple[str, ...] = (),
+    style: str = STYLES[0],
     no_plot: bool = False,
     dask: str | None = None,
     workers: int | None = None,
@@ -355,6 +365,11 @@ def _run(
         selected = analysis.selected(
             scenario, **{name: value for name, value in chosen.items() if name in OF_SCENARIO}
         )
+    if scenario.origin is None and set(formats) - set(FORMATS):
+        raise BadInput(
+            f"--format {' and '.join(sorted(set(formats) - set(FORMATS)))}: needs geometry.origin, "
+            "which scenarios with a route in latitude and longitude have"
+        )
     stem = analysis.stem(selected)
     paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
     try:
@@ -366,7 +381,8 @@ def _run(
         result = analysis(scenario, **chosen, **computing)
     try:
         with _plain_matplotlib():
-            written = result.write(out, formats, command=run.command)
+            size = {"style": style} if analysis.has_figures else {}
+            written = result.write(out, formats, command=run.command, **size)
     except files.InterruptedAfterWriting:
         run.written = True
         raise

@@ -104,6 +104,8 @@ class Key:
 
 def unit_name(name: str) -> str:
     """Return the unit at the end of a name, as in `range_km` or `db_per_km`; "" without a unit."""
+    if name.endswith("_m_s"):
+        return "m/s"
     stem, _, unit = name.rpartition("_")
     if stem.endswith("_per"):
         return f"{unit_name(stem.removesuffix('_per'))}/{UNITS.get(unit, unit)}"
@@ -322,7 +324,7 @@ AIRCRAFT = (Key("rcs", "Radar cross section."), ATTITUDE)
 RCS_MODEL = Key("model", "RCS model.", choices=RCS_MODELS)
 FILE = Key(
     "file",
-    "Name of a CSV file, from the folder of the scenario file.",
+    "Name of a CSV file (a route: GPX or KML too), from the folder of the scenario file.",
     pattern=r"[^\0\r\n]{1,1000}",
     allowed="the name of a CSV file",
 )
@@ -360,6 +362,34 @@ SWEEP = (
 )
 AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), default="time")
 MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
+ALTITUDE_ABOVE = Key(
+    "altitude_above",
+    "What the altitudes of the file are above. Without the key: the sea in GPX and KML, else the "
+    "ellipsoid. The sea and pressure altitude need geoid_height_m.",
+    choices=("ellipsoid", "sea", "pressure"),
+    default=None,
+)
+GEOID_HEIGHT = Key(
+    "geoid_height_m",
+    "Height of the sea level above the WGS-84 ellipsoid on the route.",
+    Limit(at_least=-110, at_most=90),
+    default=None,
+)
+SPEED = Key(
+    "speed_m_s",
+    "Speed along the legs between waypoints, for a file without times.",
+    Limit(at_least=1e-3, at_most=1e5),
+    default=None,
+)
+ICAO24 = Key(
+    "icao24",
+    "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
+    pattern="[0-9A-Fa-f]{6}",
+    allowed="6 digits 0 to 9 and a to f",
+    default=None,
+)
+#: How a route file is to be read, if the file itself does not tell.
+CONVENTIONS = (ALTITUDE_ABOVE, GEOID_HEIGHT, SPEED, ICAO24)
 PATH = (
     GEOMETRY_TYPE,
     FILE,
@@ -367,6 +397,7 @@ PATH = (
     Key("origin", "Origin of the frame of a route in latitude and longitude.", default=None),
     Key("interpolate", "Poses at equal steps of time.", default=None),
     MAX_GAP,
+    *CONVENTIONS,
     SHA256,
 )
 STEP = Key("step_s", "Step of time.", POSITIVE)

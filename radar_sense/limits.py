@@ -88,6 +88,8 @@ WORKERS = Limit(at_least=1, at_most=MAX_WORKERS, whole=True)
 
 #: Formats of a figure.
 FORMATS = ("png", "pdf", "svg")
+#: Sizes of a figure: a journal's column, its page, and a slide.
+STYLES = ("one-column", "two-columns", "slides")
 
 
 def parameter(

@@ -1,7 +1,7 @@
 """Style and helpers of the figures; the only module that imports Matplotlib.
 
-Figures fit one column of a journal (3.5 in). Lines differ by dashes as well as by colour. The
-legend is outside the axes. Matplotlib is used without pyplot, which has global state and a slow
+Figures fit a column of a journal, its page or a slide. Lines differ by dashes as well as by colour.
+The legend is outside the axes. Matplotlib is used without pyplot, which has global state and a slow
 import.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import io
 import itertools
 import re
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple, TypeVar
@@ -19,26 +20,49 @@ import numpy as np
 from matplotlib.axes import Axes as Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Figure
+from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator as MaxNLocator
+from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from radar_sense.axis import Axis
+from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
 
 R = TypeVar("R")
 
-STYLE: dict[Any, Any] = {
-    "font.size": 8,
-    "axes.labelsize": 8,
-    "legend.fontsize": 7.5,
+
+class Style(NamedTuple):
+    """The size of a figure.
+
+    Attributes:
+        width: Width [in].
+        height: Largest height [in].
+        scale: Scale of letters, lines and heights; 1 is 8 pt.
+    """
+
+    width: float
+    height: float
+    scale: float
+
+
+STYLES: dict[str, Style] = dict(
+    zip(
+        STYLE_NAMES,
+        (Style(3.5, 9.0, 1.0), Style(7.16, 9.0, 1.0), Style(13.33, 7.5, 1.75)),
+        strict=True,
+    )
+)
+DEFAULT_STYLE = STYLE_NAMES[0]
+#: Matplotlib's own sizes of ticks.
+_MAJOR = (("size", 3.5), ("width", 0.8), ("pad", 3.5))
+_MINOR = (("size", 2.0), ("width", 0.6), ("pad", 3.4))
+_SETTINGS: dict[Any, Any] = {
     "mathtext.fontset": "dejavusans",
-    "axes.linewidth": 0.6,
     "axes.grid": True,
     "grid.color": "0.88",
-    "grid.linewidth": 0.5,
     "axes.axisbelow": True,
-    "lines.linewidth": 1.2,
     "xtick.direction": "in",
     "ytick.direction": "in",
     "legend.frameon": False,
@@ -47,8 +71,28 @@ STYLE: dict[Any, Any] = {
     "svg.hashsalt": "radar-sense",  # the same figure must give the same bytes
     "savefig.dpi": 300,
 }
-WIDTH = 3.5
+#: Settings in points, for a scale of 1.
+_POINTS: dict[Any, float] = {
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "axes.titlesize": 7.5,
+    "legend.fontsize": 7.5,
+    "axes.linewidth": 0.6,
+    "axes.labelpad": 4,
+    "axes.titlepad": 6,
+    "grid.linewidth": 0.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 6,
+    "patch.linewidth": 1,
+    **{f"{axis}tick.major.{name}": size for axis in "xy" for name, size in _MAJOR},
+    **{f"{axis}tick.minor.{name}": size for axis in "xy" for name, size in _MINOR},
+}
 _LEGEND_ROW = 0.16
+_FOOTER_ROW = 0.12
+#: Letters of the footer in a line of a figure that is one column wide.
+_FOOTER_LETTERS = 78
+#: More lines than this have their labels on the lines.
+MOST_IN_LEGEND = 6
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
 LINES: tuple[tuple[str, Any], ...] = (
     ("#0072B2", "-"),
@@ -60,8 +104,6 @@ LINES: tuple[tuple[str, Any], ...] = (
 )
 BAND = LINES[1]
 SAMPLE_PATH_COLOUR = "0.7"
-#: Keeps white letters readable on light colours.
-OUTLINE = (withStroke(linewidth=1.6, foreground="black"),)
 #: Lines of more points than MOST_POINTS are thinned, because a million points take a minute and
 #: 10 MB. A page resolves COLUMNS columns.
 MOST_POINTS = 10_000
@@ -69,45 +111,122 @@ COLUMNS = 2_000
 
 
 def styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Yield styles of lines, without the styles that are taken.
+    """Yield styles of lines, without the colours of the styles that are taken.
 
-    After the first round each colour has another dash pattern.
+    Each round gives a colour another dash pattern. With two styles taken, 24 lines differ.
     """
-    colours, dashes = zip(*(style for style in LINES if style not in taken), strict=True)
-    for number in itertools.count():
-        turn, place = divmod(number, len(colours))
-        yield colours[place], dashes[(place + 2 * turn) % len(dashes)]
+    places = [place for place, style in enumerate(LINES) if style not in taken]
+    for turn in itertools.count():
+        for place in places:
+            yield LINES[place][0], LINES[(place + 2 * turn + turn // 3) % len(LINES)][1]
 
 
-def draw(plot: Callable[[R, Figure], None], result: R) -> Figure:
-    """Return a new figure, drawn by an analysis' `plot` in the package's style."""
-    with _style():
-        figure = Figure(figsize=(WIDTH, WIDTH), layout="constrained")
+def draw(
+    plot: Callable[[R, Figure], None], result: R, footer: str, style: str = DEFAULT_STYLE
+) -> Figure:
+    """Return a new figure, drawn by an analysis' `plot`.
+
+    Args:
+        plot: Draws into an empty figure.
+        result: The result.
+        footer: The small print at the lower right.
+        style: Name of a size in `STYLES`.
+
+    Raises:
+        ValueError: If there is no such style.
+    """
+    if style not in STYLES:
+        raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
+    page = STYLES[style]
+    with _style(page):
+        figure = Figure(figsize=(page.width, page.width), layout="constrained")
+        letters = int(_FOOTER_LETTERS * page.width / page.scale / STYLES[DEFAULT_STYLE].width)
+        # The layout keeps a label of the figure clear of the axes and their labels.
+        figure.supxlabel(
+            "\n".join(textwrap.wrap(footer, letters)),
+            x=0.995,
+            ha="right",
+            fontsize=points(5.5),
+            color="0.45",
+            linespacing=1.0,
+        ).set_parse_math(False)
         plot(result, figure)
     return figure
+
+
+def points(size: float) -> float:
+    """Return a size in points in the scale of the style; inches likewise."""
+    return size * float(mpl.rcParams["font.size"]) / _POINTS["font.size"]
+
+
+def nominal_width(figure: Figure) -> float:
+    """Return the width of a figure [in] for letters of 8 pt."""
+    return figure.get_figwidth() / points(1.0)
+
+
+def set_height(figure: Figure, inches: float) -> None:
+    """Set the height of the axes and their labels, for letters of 8 pt."""
+    rows = figure.get_supxlabel().count("\n") + 1
+    _set_height(figure, points(inches + _FOOTER_ROW * rows))
+
+
+def _set_height(figure: Figure, inches: float) -> None:
+    """Set the height of a figure, up to the largest of its style."""
+    figure.set_figheight(min(inches, _style_of(figure).height))
+
+
+def _style_of(figure: Figure) -> Style:
+    """Return the style of the width of a figure."""
+    width = figure.get_figwidth()
+    fitting = (style for style in STYLES.values() if abs(style.width - width) < 1e-6)
+    return next(fitting, STYLES[DEFAULT_STYLE])
 
 
 def render(figure: Figure, kind: str) -> bytes:
     """Return a figure as png, pdf or svg; the same figure gives the same bytes."""
     undated: Mapping[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     buffer = io.BytesIO()
-    with _style():
+    with _style(_style_of(figure)):
         figure.savefig(buffer, format=kind, metadata=undated.get(kind))
     return buffer.getvalue()
 
 
 @contextmanager
-def _style() -> Iterator[None]:
-    """Apply the package's style to Matplotlib's defaults, without the user's settings."""
+def _style(style: Style = STYLES[DEFAULT_STYLE]) -> Iterator[None]:
+    """Apply a style to Matplotlib's defaults, without the user's settings."""
     kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}
-    with mpl.rc_context({**defaults, **STYLE}):
+    scaled = {key: style.scale * size for key, size in _POINTS.items()}
+    with mpl.rc_context({**defaults, **_SETTINGS, **scaled}):
         yield
+
+
+def contour_lines(
+    x: FloatArray, y: FloatArray, values: NDArray[np.floating[Any]], level: float
+) -> list[FloatArray]:
+    """Return the contour lines of a level, each as x and y (n, 2).
+
+    Args:
+        x: Places of the columns (m,).
+        y: Places of the rows (n,).
+        values: Values (n, m); NaN where there is none.
+        level: Value on the lines.
+    """
+    from contourpy import contour_generator  # Matplotlib's own generator
+
+    lines = contour_generator(x, y, np.ma.masked_invalid(values)).lines(level)
+    return [np.asarray(line, dtype=float) for line in lines]
+
+
+def hex_colours(values: Sequence[float], name: str) -> list[str]:
+    """Return colours as #rrggbb of values from 0 to 1; values outside have the end colours."""
+    colours = mpl.colormaps[name](np.clip(values, 0.0, 1.0))
+    return [mpl.colors.to_hex(colour) for colour in colours]
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:
     """Add panels below each other that share an axis."""
-    figure.set_size_inches(WIDTH, 0.6 + 1.7 * count)
+    set_height(figure, 0.6 + 1.7 * count)
     return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
 
 
@@ -116,7 +235,10 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
     axes = panels(figure, count)
     shown = display_unit(axis)
     axes[-1].set_xlabel(shown.label)
-    axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
+    if len(axis) == 1:
+        axes[-1].set_xticks(axis.values / shown.unit)
+    else:
+        axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
     for ax in axes:
         ax.margins(x=0)
     return axes
@@ -136,14 +258,14 @@ _DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
 
 
 def display_unit(axis: Axis) -> DisplayUnit:
-    """Choose the unit of an axis by the span of its values."""
-    span = float(np.ptp(axis.values))
+    """Choose the unit of an axis.
+
+    Time is in seconds, as in all sentences and tables. A distance is in km if it is long.
+    """
     if axis.key == "time_s":
-        units = (("h", 3600.0, _TENS), ("min", 60.0, _SIXTIES), ("s", 1.0, _SIXTIES))
-        name, unit, steps = next(u for u in units if span >= 4 * u[1] or u[1] == 1)
-        return DisplayUnit(f"Time [{name}]", unit, steps)
+        return DisplayUnit("Time [s]", 1.0, _SIXTIES)
     if axis.key == "distance_m":
-        name, unit = ("km", 1e3) if span >= 4e3 else ("m", 1.0)
+        name, unit = ("km", 1e3) if float(np.ptp(axis.values)) >= 4e3 else ("m", 1.0)
         return DisplayUnit(f"Distance flown [{name}]", unit, _TENS)
     return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
 
@@ -195,7 +317,13 @@ def draw_line(
     marker = "o" if len(x) == 1 else None  # a line of one point is invisible
     kept = thinned(x, y)
     axes.plot(
-        x[kept], y[kept], color=colour, linestyle=dashes, marker=marker, markersize=3, label=label
+        x[kept],
+        y[kept],
+        color=colour,
+        linestyle=dashes,
+        marker=marker,
+        markersize=points(3),
+        label=label,
     )
 
 
@@ -207,29 +335,39 @@ def coloured_line(
     A black edge with a white rim keeps the line visible on a map of the same colours.
     """
     kept = thinned(x, y)
-    points = np.column_stack([x, y])[kept]
+    corners = np.column_stack([x, y])[kept]
     middles = 0.5 * (values[kept][1:] + values[kept][:-1])
-    rims = [withStroke(linewidth=4.2, foreground="white"), withStroke(linewidth=3.2)]
-    if len(points) == 1:
-        axes.scatter(x, y, c=values, cmap=colours, vmin=0, vmax=1, s=16, ec="black", label=label)
+    rims = [
+        withStroke(linewidth=points(w), foreground=c) for w, c in ((4.2, "white"), (3.2, "black"))
+    ]
+    if len(corners) == 1:
+        axes.scatter(
+            x, y, c=values, cmap=colours, vmin=0, vmax=1, s=points(4) ** 2, ec="black", label=label
+        )
         return
     line = LineCollection(
-        list(np.stack([points[:-1], points[1:]], axis=1)),
+        list(np.stack([corners[:-1], corners[1:]], axis=1)),
         array=middles,
         cmap=colours,
         clim=(0, 1),
-        linewidths=1.8,
+        linewidths=points(1.8),
         capstyle="round",
-        rasterized=len(points) > COLUMNS,
+        rasterized=len(corners) > COLUMNS,
     )
-    axes.plot(points[:, 0], points[:, 1], color="black", lw=1.8, path_effects=rims, label=label)
+    axes.plot(
+        corners[:, 0], corners[:, 1], color="black", lw=points(1.8), path_effects=rims, label=label
+    )
     axes.add_collection(line)
 
 
 def draw_fill(
     axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, **style: Any
 ) -> None:
-    """Fill between two lines."""
+    """Fill between two lines; at a single pose a bar."""
+    if len(x) == 1:
+        bar = {key: value for key, value in style.items() if key != "lw"}
+        axes.vlines(x, lower, upper, lw=points(6.0), zorder=1.5, **bar)
+        return
     kept = np.union1d(thinned(x, lower), thinned(x, upper))
     axes.fill_between(x[kept], lower[kept], upper[kept], **style)
 
@@ -271,12 +409,12 @@ def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, l
 
 def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
     """Draw one thin line per run, as pixels to keep a vector file small."""
-    points = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
+    corners = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
     axes.add_collection(
         LineCollection(
-            list(points),
+            list(corners),
             colors=SAMPLE_PATH_COLOUR,
-            linewidths=0.3,
+            linewidths=points(0.3),
             alpha=0.5,
             rasterized=True,
             label=label,
@@ -292,22 +430,141 @@ def _widths(entries: Sequence[int], columns: int) -> list[int]:
     return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
 
 
-def draw_legend(figure: Figure, *panels: Axes) -> None:
-    """Put the legend above the axes, in the number of columns that the labels allow."""
+def draw_legend(
+    figure: Figure, *panels: Axes, title: str = "", on_lines: Sequence[Line2D] = ()
+) -> None:
+    """Put the legend above the axes, in the number of columns that the labels allow.
+
+    Args:
+        figure: The figure.
+        panels: Axes with the labels.
+        title: Line above the labels.
+        on_lines: Lines of one panel. If there are many, their labels are on the lines. A line
+            without room for its label stays in the legend.
+    """
+    if len(on_lines) > MOST_IN_LEGEND:
+        figure.draw_without_rendering()
+        for line in _label_lines(on_lines):
+            line.set_label("_")  # Matplotlib's mark of a line without a label
     handles, labels = [], []
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             handles.append(handle)
             labels.append(label)
+    if not labels:
+        return
+    room = int(54 * nominal_width(figure) / STYLES[DEFAULT_STYLE].width)
     width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
-    columns = min(3, max(1, 54 // max(width)))
+    most = max(3, room // 18)
+    columns = min(most, max(1, room // max(width)))
     if len(labels) > 6:  # columns of different widths leave room for more columns
-        columns = next(c for c in (3, 2, 1) if c == 1 or sum(_widths(width, c)) <= 54)
+        counts = range(min(most, len(labels)), 0, -1)
+        columns = next(c for c in counts if c == 1 or sum(_widths(width, c)) <= room)
     # The figure grows with the legend, to keep the size of the axes.
-    figure.set_figheight(figure.get_figheight() + _LEGEND_ROW * -(-len(labels) // columns))
+    rows = -(-len(labels) // columns) + bool(title)
+    _set_height(figure, figure.get_figheight() + points(_LEGEND_ROW * rows))
     legend = figure.legend(
-        handles, labels, loc="outside upper center", ncols=columns, columnspacing=1.2
+        handles,
+        labels,
+        title=title or None,
+        title_fontsize=points(7.5),
+        loc="outside upper center",
+        ncols=columns,
+        columnspacing=1.2,
     )
     for handle, drawn in zip(handles, legend.legend_handles, strict=True):
         if isinstance(handle, LineCollection) and drawn is not None:
-            drawn.set(linewidth=1.2, alpha=1.0)  # a thin line is invisible in the legend
+            drawn.set(linewidth=points(1.2), alpha=1.0)  # a thin line is invisible in the legend
+
+
+def _label_lines(lines: Sequence[Line2D]) -> list[Line2D]:
+    """Write labels on lines of one panel that is laid out, and return the lines with room for it.
+
+    A label is clear of all other lines and labels, as near to the peak of its line as possible.
+    """
+    axes = lines[0].axes
+    assert isinstance(axes, Axes)
+    paths = {line: _dense(axes.transData.transform(line.get_xydata())) for line in axes.lines}
+    taken: list[Bbox] = []
+    labelled = []
+    for line in lines:
+        text = axes.annotate(
+            str(line.get_label()),
+            (0, 0),
+            ha="center",
+            va="center",
+            fontsize=points(6),
+            color="0.15",
+            path_effects=[withStroke(linewidth=points(1.6), foreground="white")],
+        )
+        box = text.get_window_extent()
+        size = np.array([box.width, box.height]) + points(2.0)
+        inside = axes.bbox.padded(-points(1.5))
+        others = np.concatenate([path for other, path in paths.items() if other is not line])
+        path = paths[line]
+        for x, y in path[np.argsort(-path[:, 1], kind="stable")][:: max(1, len(path) // 200)]:
+            low, high = (x, y) - size / 2, (x, y) + size / 2
+            place = Bbox([low, high])
+            if not (inside.contains(*low) and inside.contains(*high)):
+                continue
+            if any(place.overlaps(box) for box in taken):
+                continue
+            if not np.any(np.all((others > low) & (others < high), axis=1)):
+                text.xy = tuple(axes.transData.inverted().transform((x, y)))
+                text.set_position(text.xy)
+                taken.append(place)
+                labelled.append(line)
+                break
+        else:
+            text.remove()
+    return labelled
+
+
+def _dense(path: FloatArray) -> FloatArray:
+    """Return points of a path at distances of 2 at most, without points at infinity."""
+    path = path[np.isfinite(path).all(axis=1)]
+    if len(path) < 2:
+        return path
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    at = np.linspace(0.0, length[-1], int(length[-1] / 2.0) + 2)
+    return np.column_stack([np.interp(at, length, path[:, i]) for i in (0, 1)])
+
+
+def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:
+    """Write names beside points (n, 2) of a panel that is laid out.
+
+    A name is to the right of its point, or where it is inside the axes and clear of the others.
+    """
+    taken: list[Bbox] = []
+    gap = points(4.5)
+    sides = [("left", "center", gap, 0.0), ("right", "center", -gap, 0.0)]
+    sides += [("center", "bottom", 0.0, gap), ("center", "top", 0.0, -gap)]
+    for name, place in zip(names, places, strict=True):
+        options = []
+        for ha, va, right, up in sides:
+            text = axes.annotate(
+                name,
+                (place[0], place[1]),
+                xytext=(right, up),
+                textcoords="offset points",
+                ha=ha,
+                va=va,
+                fontsize=points(6.5),
+                color="white",
+                path_effects=[withStroke(linewidth=points(1.6), foreground="black")],
+                clip_on=True,
+            )
+            box = text.get_window_extent()
+            outside = box.width * box.height - _common(box, axes.bbox)
+            options.append((outside + sum(_common(box, other) for other in taken), text, box))
+        best = min(options, key=lambda option: option[0])
+        taken.append(best[2])
+        for option in options:
+            if option is not best:
+                option[1].remove()
+
+
+def _common(box: Bbox, other: Bbox) -> float:
+    """Return the area that two boxes have in common."""
+    common = Bbox.intersection(box, other)
+    return 0.0 if common is None else float(common.width * common.height)

@@ -33,6 +33,24 @@ class Orbit:
 
 
 @dataclass(frozen=True)
+class Conventions:
+    """How a route file is to be read, if the file itself does not tell.
+
+    Attributes:
+        altitude_above: What the altitudes are above, "ellipsoid", "sea" or "pressure"; None for
+            the convention of the format.
+        geoid_height_m: Height of the sea level above the ellipsoid [m], or None.
+        speed_m_s: Speed between waypoints without times [m/s], or None.
+        icao24: Address of the aircraft in ADS-B state vectors, or None.
+    """
+
+    altitude_above: str | None = None
+    geoid_height_m: float | None = None
+    speed_m_s: float | None = None
+    icao24: str | None = None
+
+
+@dataclass(frozen=True)
 class Path:
     """A path from a route file.
 
@@ -43,6 +61,7 @@ class Path:
         step_s: Step of the interpolation [s]; None if the rows of the file are the poses.
         method: Interpolation in time.
         max_gap_s: Longest step of time allowed in the file [s], or None.
+        conventions: How the file was read.
     """
 
     file: str
@@ -51,6 +70,7 @@ class Path:
     step_s: float | None = None
     method: str = "legs"
     max_gap_s: float | None = None
+    conventions: Conventions = field(default_factory=Conventions)
 
 
 @dataclass(frozen=True, eq=False)

@@ -199,6 +199,8 @@ def _path_block(path: Path, axis: Axis) -> Block:
         block["interpolate"] = {"step_s": path.step_s, "method": path.method}
     if path.max_gap_s is not None:
         block["max_gap_s"] = path.max_gap_s
+    conventions = dataclasses.asdict(path.conventions)
+    block |= {key: value for key, value in conventions.items() if value is not None}
     return {**block, "sha256": path.sha256}
 
 

@@ -61,6 +61,7 @@ def plot(result: Result, figure: Figure) -> None:
         draw_legend,
         draw_line,
         from_zero,
+        points,
         pose_coordinates,
         pose_panels,
         styles,
@@ -77,13 +78,13 @@ def plot(result: Result, figure: Figure) -> None:
     for part, (_, dashes) in zip(lines["parts"], itertools.cycle(LINES), strict=False):
         style = (colours[part["source"]], dashes)
         draw_line(axes, x, table[f"three_sigma_{part['name']}"], style, label=part["label"])
-        axes.lines[-1].set_linewidth(0.6)
+        axes.lines[-1].set_linewidth(points(0.6))
     draw_line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
     if lines["several_radars"]:
-        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
-    axes.set_ylabel(r"$3\,\sigma_{pd}$")
+        axes.lines[-1].set(linewidth=points(2.2), zorder=1.8)
+    axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
     from_zero(axes)
-    draw_legend(figure, axes)
+    draw_legend(figure, axes, on_lines=axes.lines[: len(lines["sources"])])
 
 
 _METHOD = dataclasses.replace(

@@ -47,7 +47,7 @@ def plot(result: Result, figure: Figure) -> None:
             label = method if end == "upper" else None
             draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
             draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
-    top.set_ylabel(r"Bounds of $P_D$ at $\Phi(\pm 3)$")
+    top.set_ylabel(r"$3\,\sigma$ bounds of $P_D$")
     bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
     draw_legend(figure, top)
 

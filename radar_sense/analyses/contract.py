@@ -22,7 +22,7 @@ from radar_sense import files
 from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
-from radar_sense.limits import FORMATS, RUNS, SEED, WORKERS, Limit
+from radar_sense.limits import FORMATS, RUNS, SEED, STYLES, WORKERS, Limit
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario, check_scenario, for_radar
@@ -167,26 +167,40 @@ class Result:
     def band_label(self) -> str:
         """Label of the 3σ band in the figure."""
         linear = self.method == "linear"
-        band = r"$\pm 3\,\sigma_{pd}$" if linear else rf"$\pm 3\,\sigma$ by {self.method}"
+        band = r"$\pm 3\,\sigma$" if linear else rf"$\pm 3\,\sigma$ by {self.method}"
         return f"{band} ({self.scenario.level})"
 
-    def plot(self) -> Figure:
+    @property
+    def small_print(self) -> str:
+        """Scenario, level and method, for the figure. Numbers without a σ have no level."""
+        options = {option.name for option in self.by.options} if self.by else set()
+        words = [f"scenario {self.scenario.name}"]
+        if any("sigma" in name for name in self.table):
+            words += [f"level {self.scenario.level}"] if "level" in options else []
+            words += [f"method {self.method}"] if "method" in options else []
+        return ", ".join(words)
+
+    def plot(self, style: str = STYLES[0]) -> Figure:
         """Draw the figure.
 
+        Args:
+            style: Size of the figure: one-column, two-columns, slides.
+
         Raises:
-            ValueError: If the result does not come from an analysis.
+            ValueError: If the result does not come from an analysis, or there is no such style.
         """
         from radar_sense.plotting import draw
 
         if self.by is None:
             raise ValueError("only the result of an analysis has a figure")
-        return draw(self.by.plot, self)
+        return draw(self.by.plot, self, self.small_print, style)
 
     def save(
         self,
         folder: str | Path = ".",
         formats: Sequence[str] = ("png",),
         *,
+        style: str = STYLES[0],
         command: Sequence[str] = (),
     ) -> list[Path]:
         """Write table, figures and record, all of them or none.
@@ -195,7 +209,9 @@ class Result:
 
         Args:
             folder: Folder of the files; made if it does not exist.
-            formats: Formats of the figure: png, pdf, svg. () writes no figure.
+            formats: Formats of the figure: png, pdf, svg; of a map also geojson and kml. ()
+                writes no figure.
+            style: Size of the figure: one-column, two-columns, slides.
             command: The command line, for the record.
 
         Returns:
@@ -204,20 +220,31 @@ class Result:
         Raises:
             FigureError: If the figure could not be drawn. Table and record are written.
             OSError: If a file cannot be written. No file is written then.
-            ValueError: If there is no such format.
+            ValueError: If there is no such format or style.
+            InputError: If the result cannot have a format. No file is written then.
         """
-        written = self.write(folder, formats, command=command)
+        written = self.write(folder, formats, style=style, command=command)
         if written.figure_error is not None:
             raise written.figure_error
         return written.paths
 
     def write(
-        self, folder: str | Path, formats: Sequence[str], *, command: Sequence[str] = ()
+        self,
+        folder: str | Path,
+        formats: Sequence[str],
+        *,
+        style: str = STYLES[0],
+        command: Sequence[str] = (),
     ) -> Written:
         """Do what `save` does, and return what was written, replaced and removed."""
+        allowed = self.by.formats if self.by else FORMATS
         for name in formats:
-            if name not in FORMATS:
-                raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {name!r}")
+            if name not in allowed:
+                raise ValueError(f"format must be one of {', '.join(allowed)}, got {name!r}")
+        functions = self.by.exports if self.by else {}
+        exports = {name: functions[name](self) for name in formats if name in functions}
+        if style not in STYLES:
+            raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
         folder = Path(folder)
         ending, table = files.data(self.table)
         record = files.record(
@@ -232,7 +259,8 @@ class Result:
                 for name, column in self.columns.items()
             },
         )
-        figures, error = self._figures(formats)
+        figures, error = self._figures([name for name in formats if name in FORMATS], style)
+        figures |= exports
         contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
         contents |= {f"{self.stem}.{name}": content for name, content in figures.items()}
         contents[f"{self.stem}.json"] = record
@@ -243,20 +271,22 @@ class Result:
         removed = []
         same_table = files.holds(folder / f"{self.stem}.{ending}", table)
         if not same_table or not files.same_result(old_record, record):
-            stale = [folder / f"{self.stem}.{name}" for name in FORMATS if name not in figures]
+            stale = [folder / f"{self.stem}.{name}" for name in allowed if name not in figures]
             removed = [path for path in stale if path.is_file()]
         contents |= dict.fromkeys((path.name for path in removed), None)
         files.write(folder, contents)
         return Written(paths, removed, replaced, error)
 
-    def _figures(self, formats: Sequence[str]) -> tuple[dict[str, bytes], FigureError | None]:
+    def _figures(
+        self, formats: Sequence[str], style: str
+    ) -> tuple[dict[str, bytes], FigureError | None]:
         """Return the figure in each format, or the error if it cannot be drawn."""
         if not formats:
             return {}, None
         try:
             from radar_sense.plotting import render
 
-            figure = self.plot()
+            figure = self.plot(style)
             return {name: render(figure, name) for name in formats}, None
         except Exception as error:
             failure = FigureError(
@@ -371,6 +401,11 @@ class Command:
         return f"{scenario.name}_{self.name}"
 
     @property
+    def formats(self) -> tuple[str, ...]:
+        """Formats that the command can write besides its table and record."""
+        return FORMATS
+
+    @property
     def keywords(self) -> tuple[str, ...]:
         """Keywords of the function that computes the result."""
         return tuple(inspect.signature(self.run).parameters)[1:]
@@ -393,12 +428,19 @@ class Analysis(Command):
     Attributes:
         plot: Draws the figure of a result into an empty figure; reads the result only.
         columns: Columns that the table may have.
+        exports: Formats besides those of figures, with the function that returns the file.
     """
 
     plot: Callable[[Result, Figure], None]
     columns: tuple[Column, ...] = ()
+    exports: Mapping[str, Callable[[Result], bytes]] = field(default_factory=dict)
     endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
     has_figures: ClassVar[bool] = True
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """Formats of figures, and those that only this analysis has."""
+        return (*FORMATS, *self.exports)
 
     def __call__(self, scenario: Scenario, **options: Any) -> Result:
         """Return the result of the analysis, as `Command.__call__` does."""
@@ -416,6 +458,7 @@ def analysis(
     options: Sequence[str | Option] = (),
     examples: Sequence[str] = (),
     columns: Sequence[Column] = (),
+    exports: Mapping[str, Callable[[Result], bytes]] | None = None,
     name: str = "",
 ) -> Callable[[Callable[..., Result]], Analysis]:
     """Make an analysis of a function from a scenario to a result.
@@ -425,11 +468,20 @@ def analysis(
         options: Names in `OPTIONS`, or options that only this analysis has.
         examples: Commands for the help.
         columns: Columns that the table may have.
+        exports: Formats besides those of figures.
         name: Name of the command; the name of the function by default.
     """
 
     def decorate(run: Callable[..., Result]) -> Analysis:
         chosen = tuple(OPTIONS[o] if isinstance(o, str) else o for o in options)
-        return Analysis(name or run.__name__, run, chosen, tuple(examples), plot, tuple(columns))
+        return Analysis(
+            name or run.__name__,
+            run,
+            chosen,
+            tuple(examples),
+            plot,
+            tuple(columns),
+            exports or {},
+        )
 
     return decorate

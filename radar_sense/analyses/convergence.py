@@ -284,7 +284,7 @@ def _all(results: Iterable[T], progress: Callable[[int], None] | None) -> list[T
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import LINES, draw_legend, draw_line, panels
+    from radar_sense.plotting import LINES, draw_legend, draw_line, panels, points
 
     rows = panels(figure, len(STATISTICS))
     table, runs = result.table, result.table["runs"]
@@ -295,8 +295,8 @@ def plot(result: Result, figure: Figure) -> None:
         for (estimator, error), style in zip(errors.items(), LINES, strict=False):
             label = estimator.replace("sobol", "Sobol\N{PRIME}").replace("_", ", ")
             draw_line(axes, runs, error, style, label=label if axes is rows[0] else None)
-            axes.lines[-1].set(marker=marks[estimator], markersize=2.8)
-        axes.set_ylabel(f"Error of {name} [$\\sigma_{{pd}}$]")
+            axes.lines[-1].set(marker=marks[estimator], markersize=points(2.8))
+        axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
         axes.set_xscale("log", base=2)
         axes.margins(x=0.03)
         first = [error[0] for error in errors.values() if np.all(error > 0)]
@@ -463,16 +463,18 @@ def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) 
     """Draw a power of the number of runs, to compare the lines with."""
     if len(runs) < 2:
         return
+    from radar_sense.plotting import points
+
     guide = start * (runs / runs[0]) ** power
-    axes.plot(runs, guide, color="0.55", lw=0.7)
+    axes.plot(runs, guide, color="0.55", lw=points(0.7))
     middle, above = len(runs) // 2, power > -1
     axes.annotate(
         name,
         (runs[middle], guide[middle]),
-        xytext=(0, 3 if above else -3),
+        xytext=(0, points(3) if above else -points(3)),
         textcoords="offset points",
         ha="left" if above else "right",
         va="bottom" if above else "top",
-        fontsize=6.5,
+        fontsize=points(6.5),
         color="0.35",
     )

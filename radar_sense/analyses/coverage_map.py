@@ -19,10 +19,12 @@ from radar_sense.analyses.grid import (
     blocks_of,
     grid,
     p_d_in_cells,
+    places_at,
     pose_in_cells,
     states_in,
     worst_p_d_in_cells,
 )
+from radar_sense.analyses.map_export import geojson, kml
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY, Limit
 from radar_sense.model.geometry import body_vector
@@ -42,7 +44,7 @@ LEVELS = (0.1, 0.5, 0.9)
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import OUTLINE, WIDTH, draw_legend
+    from radar_sense.plotting import draw_legend, label_points, nominal_width, points, set_height
 
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
@@ -55,10 +57,12 @@ def plot(result: Result, figure: Figure) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
-    figure.set_size_inches(WIDTH, min(8.0, 0.75 + 2.4 * shape))
+    set_height(figure, 0.75 + min(2.25 * nominal_width(figure) / 3.5, 3.6) * shape)
     axes = figure.subplots()
     axes.grid(visible=False)
-    axes.set_title(_pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=7.5)
+    axes.set_title(
+        _pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=points(7.5)
+    )
     image = axes.imshow(
         values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
     )
@@ -82,12 +86,12 @@ def plot(result: Result, figure: Figure) -> None:
             drawn,
             colors=["white" if v < 0.6 else "black" for v in drawn],
             linestyles="-",
-            linewidths=0.8,
+            linewidths=points(0.8),
         )
         if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
-            axes.clabel(lines, fmt="%g", fontsize=6.5)
+            axes.clabel(lines, fmt="%g", fontsize=points(6.5))
         for v in drawn:
-            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=0.8)
+            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=points(0.8))
     _draw_route(axes, result)
     radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
     axes.plot(
@@ -96,27 +100,18 @@ def plot(result: Result, figure: Figure) -> None:
         "^",
         color="white",
         mec="black",
-        mew=0.7,
-        ms=5.5,
+        mew=points(0.7),
+        ms=points(5.5),
         label="radar" if len(radars) == 1 else "radars",
     )
-    for name, radar in zip(scenario.model.names, radars, strict=False):
-        axes.annotate(
-            name,
-            (radar[1], radar[0]),
-            xytext=(4.5, 0),
-            textcoords="offset points",
-            va="center",
-            fontsize=6.5,
-            color="white",
-            path_effects=OUTLINE,
-        )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     draw_legend(figure, axes)
     # With a fixed aspect, one round of layout can leave a label outside the page. A second round
     # would make a flat map flatter, and flat maps have room for their labels.
-    if shape > 0.5:
+    if shape > 0.5 or scenario.model.names:
         figure.draw_without_rendering()
+    if scenario.model.names:
+        label_points(axes, radars[:, 1::-1], scenario.model.names)
 
 
 def _draw_route(axes: Axes, result: Result) -> None:
@@ -175,6 +170,8 @@ _TABLE = (
     quantity("p_d", "P_D in each cell (rows, columns)."),
     quantity("upper_3sigma", "With --upper: upper 3-sigma bound of P_D in each cell."),
     quantity("worst_heading_deg", "With --worst-heading: the heading of the largest P_D."),
+    quantity("latitude_deg", "With an origin: WGS-84 latitude of each cell (rows, columns)."),
+    quantity("longitude_deg", "With an origin: WGS-84 longitude of each cell (rows, columns)."),
 )
 
 
@@ -188,7 +185,9 @@ _TABLE = (
         "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
+        "radar-sense map flight.yaml --format png --format geojson --format kml",
     ],
+    exports={"geojson": geojson, "kml": kml},
     name="map",
 )
 def coverage_map(
@@ -209,8 +208,10 @@ def coverage_map(
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load. It has north_m, east_m and, in single precision, p_d;
-    upper_3sigma with --upper; worst_heading_deg with --worst-heading. The figure shows the route in
-    the same colours, by P_D at the attitude of each pose.
+    upper_3sigma with --upper; worst_heading_deg with --worst-heading; latitude_deg and
+    longitude_deg if the scenario has an origin. The figure shows the route in the same colours, by
+    P_D at the attitude of each pose. With an origin the map can be GeoJSON or KML too: contours of
+    P_D and of its bound, the radars, and the route with its P_D.
 
     Args:
         scenario: The scenario.
@@ -259,6 +260,8 @@ def coverage_map(
             if bound is not None:
                 table["upper_3sigma"] = bound
     pose = pose_in_cells(scenario, down, course)
+    if scenario.origin is not None:
+        table["latitude_deg"], table["longitude_deg"] = _places(cells, pose, scenario.origin)
     shown = table["upper_3sigma" if upper else "p_d"]
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
@@ -296,6 +299,18 @@ def coverage_map(
         ),
         warnings=_warnings(scenario, cells, pose, shown, method),
     )
+
+
+def _places(
+    cells: Grid, pose: FloatArray, origin: tuple[float, float, float]
+) -> tuple[FloatArray, FloatArray]:
+    """Return latitude and longitude (rows, columns) [deg] of the cells."""
+    places = np.empty((*cells.shape, 2))
+    for rows, columns in blocks_of(cells):
+        north, east = np.meshgrid(cells.north[rows], cells.east[columns], indexing="ij")
+        places[rows, columns] = places_at(north, east, pose, origin)[..., :2]
+    latitude, longitude = np.rad2deg(np.moveaxis(places, -1, 0))
+    return latitude, longitude
 
 
 def _route(scenario: Scenario, method: str | None) -> FloatArray:

@@ -46,13 +46,21 @@ BEARING, ASPECT = "bearing", "aspect"
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import LINES, WIDTH, MaxNLocator, draw_legend
+    from radar_sense.plotting import (
+        LINES,
+        MaxNLocator,
+        draw_legend,
+        nominal_width,
+        points,
+        set_height,
+    )
 
     summary, table = result.summary, result.table
     endings = [f"_{name}" for name in summary["radars"]] or [""]
-    columns = 1 if len(endings) == 1 else 2
+    width = nominal_width(figure)
+    columns = min(len(endings), int(width / (1.6 if len(endings) <= 6 else 1.1)))
     rows = -(-len(endings) // columns)
-    figure.set_size_inches(WIDTH, rows * (WIDTH if columns == 1 else 0.62 * WIDTH))
+    set_height(figure, 3.3 if len(endings) == 1 else rows * (0.35 + min(width / columns, 1.75)))
     panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
     by = summary["by"]
     angle = np.deg2rad(table[f"{by}_deg"])
@@ -69,7 +77,7 @@ def plot(result: Result, figure: Figure) -> None:
             panel.plot(
                 *_closed(angle, limit / 1e3),
                 color="0.35",
-                lw=0.8,
+                lw=points(0.8),
                 ls=":",
                 label="limit of the radar",
             )
@@ -79,21 +87,20 @@ def plot(result: Result, figure: Figure) -> None:
         panel.set_rlabel_position(22.5)
         panel.yaxis.set_major_locator(MaxNLocator(nbins=4))
         panel.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-        if columns == 1:
+        if len(endings) == 1:
             panel.set_xticklabels(
                 ["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"]
                 if by == ASPECT
                 else ["N", "45", "E", "135", "S", "225", "W", "315"]
             )
-            panel.set_ylabel("Slant range [km]", labelpad=24)
+            panel.set_ylabel("Slant range [km]", labelpad=points(24))
         else:
-            panel.set_title(ending[1:], fontsize=8)
+            panel.set_title(ending[1:], fontsize=points(8))
             panel.set_xticklabels([])
-            panel.tick_params(labelsize=6)
+            panel.tick_params(labelsize=points(6))
     for panel in panels.flat[len(endings) :]:
         panel.remove()
-    figure.supxlabel(summary["title"], fontsize=7.5)
-    draw_legend(figure, figure.axes[0])
+    draw_legend(figure, figure.axes[0], title=summary["title"])
 
 
 def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -277,7 +284,7 @@ def detection_range(
     pose = around.pose
     height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
     heading = "" if by == ASPECT else f", heading {math.degrees(pose[5]) % 360:.4g} deg"
-    title = f"{level_and_method(scenario.level, method)}: {height}{heading}"
+    title = f"{height}{heading}"
     names = list(singles) if len(singles) > 1 else []
     gathered_warnings = gathered(warnings) if names else tuple(text for _, text in warnings)
     return Result(

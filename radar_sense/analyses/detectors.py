@@ -57,7 +57,14 @@ def _power_of_ten(value: float) -> str:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import LINES, MaxNLocator, draw_legend, draw_line, pose_panels
+    from radar_sense.plotting import (
+        LINES,
+        MaxNLocator,
+        draw_legend,
+        draw_line,
+        points,
+        pose_panels,
+    )
 
     (top, bottom, slope) = pose_panels(figure, 3, result.scenario.axis)
     table, chosen = result.table, result.scenario.model.models[0].p_fa
@@ -73,9 +80,9 @@ def plot(result: Result, figure: Figure) -> None:
         # Labels are above the data. The scenario's label is higher, to avoid overlap.
         half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
         place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
-        top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=6.5)
+        top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=points(6.5))
     for line in top.lines[:: len(DISTINCT)]:
-        line.set_linewidth(3.5)  # North's line must be visible under Marcum's
+        line.set_linewidth(points(3.5))  # North's line must be visible under Marcum's
     top.set_ylim(-0.04, 1.34)
     top.set_yticks(np.linspace(0, 1, 6))
     top.set_ylabel(r"$P_D$")
@@ -95,7 +102,7 @@ def plot(result: Result, figure: Figure) -> None:
 
 def _draw_slopes(axes: Axes, result: Result, p_fa: float) -> None:
     """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
-    from radar_sense.plotting import LINES, draw_line
+    from radar_sense.plotting import LINES, draw_line, points
 
     table = result.table
     rows = table["p_fa"] == p_fa
@@ -109,23 +116,23 @@ def _draw_slopes(axes: Axes, result: Result, p_fa: float) -> None:
             continue
         at_half = np.interp(half[n], snr_db, slopes[n])
         side = 1 if half[n] < 15.0 else -1  # where the label has room
-        axes.plot(half[n], at_half, "o", color=style[0], markersize=4)
+        axes.plot(half[n], at_half, "o", color=style[0], markersize=points(4))
         axes.annotate(
             f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}",
             (half[n], at_half),
-            xytext=(9 * side, 0),
+            xytext=(points(9) * side, 0),
             textcoords="offset points",
             ha="left" if side > 0 else "right",
             va="center",
-            fontsize=6.5,
+            fontsize=points(6.5),
             color=style[0],
         )
         if n > 1:
             # One pulse that the gain of integration makes as strong as n pulses.
             draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
-            axes.lines[-1].set_linewidth(0.7)
-    note = "dots: $P_D$ 0.5; thin lines: 1 pulse, gain of integration in $c_r$"
-    axes.set_title(note, loc="right", fontsize=6.5, pad=2)
+            axes.lines[-1].set_linewidth(points(0.7))
+    note = "dots: $P_D$ 0.5; thin: 1 pulse, gain in the radar constant"
+    axes.set_title(note, loc="right", fontsize=points(6.5), pad=points(2))
     axes.set_xlim(SNR_DB[0], SNR_DB[-1])
     axes.set_ylim(0, 1.18 * max(values.max() for values in slopes.values()))
     axes.set_ylabel("d$P_D$/dB of Swerling 2")

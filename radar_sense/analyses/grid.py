@@ -51,6 +51,8 @@ Plane: TypeAlias = NDArray[np.float32]
 Block: TypeAlias = tuple[slice, slice]
 #: Newton's steps to find the down of a height; the error is 1 mm or less up to 6000 km away.
 _ROUNDS = 8
+#: Error of a height at which Newton's method ends [m]; rounding is 1e-9 m.
+_HEIGHT_ERROR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,6 +370,23 @@ def states_in(
     return aircraft
 
 
+def places_at(
+    north: FloatArray, east: FloatArray, pose: FloatArray, origin: tuple[float, float, float]
+) -> FloatArray:
+    """Return latitude, longitude [rad] and height [m] (..., 3) at the height of the cells.
+
+    Args:
+        north: North in the frame of the origin (...) [m].
+        east: East (...) [m].
+        pose: The pose in the cells (6,).
+        origin: Origin of the frame.
+    """
+    states = np.broadcast_to(pose, (*np.shape(north), len(AIRCRAFT))).copy()
+    states[..., 0], states[..., 1] = north, east
+    put_at_height(states, origin)
+    return geodesy.geodetic_from_ned(states[..., POSITION], origin)
+
+
 def _turn_to_origin(
     aircraft: FloatArray, origin: tuple[float, float, float] | None
 ) -> FloatArray | None:
@@ -392,6 +411,8 @@ def put_at_height(aircraft: FloatArray, origin: tuple[float, float, float]) -> N
         place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
         turn = geodesy.turn_to_origin(place, origin)
         error = place[..., 2] - height
+        if np.all(abs(error) < _HEIGHT_ERROR):
+            break
         aircraft[..., DOWN] += error / np.maximum(turn[..., DOWN, DOWN], 0.05)
     if not np.all(abs(error) < 1e-2):
         raise InputError(

@@ -109,6 +109,7 @@ def plot(result: Result, figure: Figure) -> None:
         draw_fill,
         draw_legend,
         draw_line,
+        points,
         pose_coordinates,
         pose_panels,
         styles,
@@ -119,20 +120,22 @@ def plot(result: Result, figure: Figure) -> None:
     (top, *below) = pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
     names = result.scenario.model.names
     radars = dict(zip(names if len(names) > 1 else (), styles(BAND, LINES[0]), strict=False))
+    of_radars = []
     for name, style in radars.items():
         looks = np.isfinite(table[f"p_d_{name}"])
         draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
-        top.lines[-1].set_linewidth(0.8)
+        top.lines[-1].set_linewidth(points(0.8))
+        of_radars.append(top.lines[-1])
     if not radars:
         draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
         if len(x) <= 100:
-            top.lines[-1].set(marker="o", markersize=1.8)
+            top.lines[-1].set(marker="o", markersize=points(1.8))
     top.set_ylabel(r"$P_D$ of a look")
     events = [("", "cumulative_p_d", r"Cumulative $P_D$"), ("track_", "track_p_d", "Track")]
     for axes, (before, column, name) in zip(below, events, strict=False):
         for radar, style in radars.items():
             draw_line(axes, x, table[f"{column}_{radar}"], style)
-            axes.lines[-1].set_linewidth(0.8)
+            axes.lines[-1].set_linewidth(points(0.8))
         if f"{before}mc_mean" in table:
             ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
             draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
@@ -147,14 +150,14 @@ def plot(result: Result, figure: Figure) -> None:
         if f"{before}mc_mean" in table:
             every_nth = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
-            axes.plot(x[every_nth], mean[every_nth], "k.", ms=2.5, label="mean of runs")
+            axes.plot(x[every_nth], mean[every_nth], "k.", ms=points(2.5), label="mean of runs")
         if before:
             name = "Track, {} of {}".format(*result.summary["m_of_n"])
             by_radar = result.summary.get("radars", {}).values()
             if len({radar["scan_period_s"] for radar in by_radar}) > 1:
                 name += "\nlooks of one period"
         axes.set_ylabel(name)
-    draw_legend(figure, *([top] if radars else []), *below[:1])
+    draw_legend(figure, *([top] if radars else []), *below[:1], on_lines=of_radars)
 
 
 _METHOD = dataclasses.replace(

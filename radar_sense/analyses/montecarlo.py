@@ -35,6 +35,9 @@ if TYPE_CHECKING:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
+    if len(result.scenario.axis) == 1:
+        _plot_one_pose(result, figure)
+        return
     from radar_sense.plotting import (
         draw_band,
         draw_legend,
@@ -57,6 +60,24 @@ def plot(result: Result, figure: Figure) -> None:
     draw_band(bottom, x, lower - p_d, upper - p_d, result.band_label)
     bottom.set_ylabel(r"Error $P_D - \bar P_D$")
     draw_legend(figure, top)
+
+
+def _plot_one_pose(result: Result, figure: Figure) -> None:
+    """Draw a histogram of the draws at the only pose."""
+    from radar_sense.plotting import BAND, SAMPLE_PATH_COLOUR, draw_legend, panels
+
+    table, axis = result.table, result.scenario.axis
+    (axes,) = panels(figure, 1)
+    draws, runs = result.arrays["sample_paths"][:, 0], result.summary["runs"]
+    label = f"{runs} runs" if len(draws) == runs else f"{len(draws)} of {runs} runs"
+    axes.hist(draws, bins=30, color=SAMPLE_PATH_COLOUR, label=label)
+    axes.axvline(table["p_d"][0], color="black", label=r"nominal $\bar P_D$")
+    for end, words in (("lower_3sigma", result.band_label), ("upper_3sigma", None)):
+        if np.isfinite(table[end][0]):
+            axes.axvline(table[end][0], color=BAND[0], ls=BAND[1], label=words)
+    axes.set_xlabel(rf"$P_D$ at {axis.name} {axis.at(0)}")
+    axes.set_ylabel("Number of draws")
+    draw_legend(figure, axes)
 
 
 _TABLE = (*AXIS, *BAND, *DRAWS, COVERAGE, MEAN)

@@ -102,6 +102,11 @@ class Rays:
         p_d: FloatArray = self.scenario.model.p_d(self.states(distance), self.scenario.radar)
         return p_d
 
+    def p_d_and_visible(self, distance: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
+        """Return `p_d` and `visible` from one computation of the states."""
+        states, radar = self.states(distance), self.scenario.radar
+        return self.scenario.model.p_d(states, radar), self.limited.visible(states, radar)[..., 0]
+
     def visible(self, distance: FloatArray) -> NDArray[np.bool_]:
         """Return where (n, k) distances (n, k) are within the limits of the radar."""
         return self.limited.visible(self.states(distance), self.scenario.radar)[..., 0]
@@ -186,8 +191,8 @@ class Survey:
             inside &= self.visible
 
         def reaches(distance: FloatArray) -> NDArray[np.bool_]:
-            reached: NDArray[np.bool_] = mine.p_d(distance) >= p_d
-            return reached & mine.visible(distance) if limits else reached
+            at_distance, visible = mine.p_d_and_visible(distance)
+            return (at_distance >= p_d) & (visible | (not limits))
 
         near, far = _farthest(inside, self.distance, reaches, HALVINGS)
         distance = np.sqrt(near * far)
@@ -212,7 +217,7 @@ def survey(all_rays: Rays) -> Survey:
         block = slice(start, start + _BLOCK)
         some = all_rays.part(block)
         samples = np.broadcast_to(distance, (len(some.bearing), SAMPLES))
-        p_d[block], visible[block] = some.p_d(samples), some.visible(samples)
+        p_d[block], visible[block] = some.p_d_and_visible(samples)
     return Survey(all_rays, distance, p_d, visible)
 
 

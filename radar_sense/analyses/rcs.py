@@ -57,11 +57,24 @@ def decibels(sigma: FloatArray) -> FloatArray:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import BAND, LINES, WIDTH, MaxNLocator, draw_legend, draw_line
+    from radar_sense.plotting import (
+        BAND,
+        LINES,
+        MaxNLocator,
+        draw_legend,
+        draw_line,
+        nominal_width,
+        points,
+        set_height,
+    )
 
     arrays = result.arrays
-    figure.set_size_inches(WIDTH, 6.0)
-    grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
+    if nominal_width(figure) > 5.0:
+        set_height(figure, 2.8)
+        grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.2))
+    else:
+        set_height(figure, 6.0)
+        grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
     polar: Any = figure.add_subplot(grid[0], projection="polar")
     plane = figure.add_subplot(grid[1])
 
@@ -84,7 +97,7 @@ def plot(result: Result, figure: Figure) -> None:
     polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
     polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
     polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
-    polar.set_ylabel("RCS [dBsm]", labelpad=24)
+    polar.set_ylabel("RCS [dBsm]", labelpad=points(24))
 
     azimuth, elevation, sigma = (
         arrays[f"map_{of}"] for of in ("azimuth_deg", "elevation_deg", "m2")
@@ -96,7 +109,7 @@ def plot(result: Result, figure: Figure) -> None:
     )
     if np.ptp(level) > 0.1:
         contours = plane.contour(
-            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=0.3
+            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=points(0.3)
         )
         bar.add_lines(contours)
     plane.plot(
@@ -104,13 +117,19 @@ def plot(result: Result, figure: Figure) -> None:
         arrays["geometry_elevation_deg"],
         ".",
         color=BAND[0],
-        ms=2.5,
+        ms=points(2.5),
         label="the radar in the geometry",
     )
     ends = arrays["table_ends_deg"]
     if len(ends):
         plane.hlines(
-            ends, -180, 180, colors="black", linestyles="--", lw=0.8, label="ends of the table"
+            ends,
+            -180,
+            180,
+            colors="black",
+            linestyles="--",
+            lw=points(0.8),
+            label="ends of the table",
         )
     plane.set(xlim=(-180, 180), ylim=(-90, 90))
     plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))

@@ -29,24 +29,21 @@ if TYPE_CHECKING:
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense.plotting import (
-        LINES,
         draw_legend,
         draw_line,
         from_zero,
         pose_coordinates,
         pose_panels,
+        styles,
     )
 
     (axes,) = pose_panels(figure, 1, result.scenario.axis)
-    levels = list(result.scenario.cov_radar)
-    for i, level in enumerate(levels):
-        values = result.table[f"three_sigma_{level}"]
-        draw_line(
-            axes, pose_coordinates(result.scenario.axis), values, LINES[i % len(LINES)], label=level
-        )
-    axes.set_ylabel(r"$3\,\sigma_{pd}$")
+    x = pose_coordinates(result.scenario.axis)
+    for level, style in zip(result.scenario.cov_radar, styles(), strict=False):
+        draw_line(axes, x, result.table[f"three_sigma_{level}"], style, label=level)
+    axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
     from_zero(axes)
-    draw_legend(figure, axes)
+    draw_legend(figure, axes, on_lines=axes.lines)
 
 
 _TABLE = (

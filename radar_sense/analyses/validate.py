@@ -37,6 +37,7 @@ def plot(result: Result, figure: Figure) -> None:
         draw_legend,
         draw_line,
         draw_shade,
+        points,
         pose_coordinates,
         pose_panels,
     )
@@ -50,18 +51,18 @@ def plot(result: Result, figure: Figure) -> None:
         with np.errstate(invalid="ignore"):  # 0/0 where no radar sees the aircraft makes a gap
             distance = table[f"distance_{end}"] / table["delta"]
         draw_line(top, x, distance, style, label=f"{end} bound")
-    top.axhline(1.0, color="black", lw=0.8)
+    top.axhline(1.0, color="black", lw=points(0.8))
     top.set_yscale("log")
-    top.set_ylabel(r"Distance from Monte Carlo [$\delta$]")
+    top.set_ylabel("Distance from Monte Carlo\nover its tolerance")
     expected = "99.73 %"
-    bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=0.8, label=expected)
+    bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=points(0.8), label=expected)
     draw_fill(
         bottom,
         x,
         100 * table["coverage_low"],
         100 * table["coverage_high"],
         color=LINES[2][0],
-        lw=0.4,
+        lw=points(0.4),
         label="coverage (95 %)",
     )
     bottom.set_ylabel("Coverage [%]")

@@ -43,6 +43,7 @@ def plot(result: Result, figure: Figure) -> None:
         draw_fill,
         draw_legend,
         draw_line,
+        points,
         pose_coordinates,
         pose_panels,
         styles,
@@ -53,10 +54,12 @@ def plot(result: Result, figure: Figure) -> None:
     draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
     names = result.scenario.model.names
     if len(names) > 1:  # the line of a radar that is alone in view hides the network's line
-        axes.lines[-1].set(linewidth=2.2, zorder=1.8)
+        axes.lines[-1].set(linewidth=points(2.2), zorder=1.8)
+    of_radars = []
     for name, style in zip(names if len(names) > 1 else (), styles(BAND), strict=False):
         draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
-        axes.lines[-1].set_linewidth(0.8)
+        of_radars.append(axes.lines[-1])
+        axes.lines[-1].set_linewidth(points(0.8))
     draw_fill(
         axes, x, table["lower_3sigma"], table["upper_3sigma"], color=BAND[0], alpha=0.18, lw=0
     )
@@ -64,7 +67,7 @@ def plot(result: Result, figure: Figure) -> None:
     if "threshold" in result.summary:
         _draw_threshold(axes, x, result)
     axes.set_ylabel(r"Probability of detection $P_D$")
-    draw_legend(figure, axes)
+    draw_legend(figure, axes, on_lines=of_radars)
 
 
 _METHOD = dataclasses.replace(
@@ -221,11 +224,13 @@ def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
 
 def _draw_threshold(axes: Axes, x: FloatArray, result: Result) -> None:
     """Mark the threshold of path planning, and where the bound is above it."""
-    from radar_sense.plotting import LINES, draw_line, draw_shade
+    from radar_sense.plotting import LINES, draw_line, draw_shade, points
 
     test = result.summary["threshold"]
     if test["bound"] != "upper_3sigma":
         bound = rf"bound at ${test['k']:g}\,\sigma$"
         draw_line(axes, x, result.table[test["bound"]], LINES[3], label=bound)
-    axes.axhline(test["p_max"], color="black", lw=0.8, ls=":", label=f"threshold {test['p_max']:g}")
+    axes.axhline(
+        test["p_max"], color="black", lw=points(0.8), ls=":", label=f"threshold {test['p_max']:g}"
+    )
     draw_shade(axes, result.table["violated"] > 0, x, label="violated")

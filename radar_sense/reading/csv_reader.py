@@ -160,6 +160,50 @@ def read_csv(
         return Table(header, blocks, file.sha256(sha256))
 
 
+def read_rows(
+    path: str | Path,
+    kind: str,
+    max_bytes: int,
+    *,
+    check_header: Callable[[Header], None],
+    take: Callable[[Header, int, list[str]], None],
+    sha256: str | None = None,
+) -> str:
+    """Read a CSV file with text in its cells, and return the SHA-256 of its bytes.
+
+    Args:
+        path: The file.
+        kind: Kind of file, for errors.
+        max_bytes: Largest file.
+        check_header: Called with the columns.
+        take: Called with the columns, the line and the cells of each row.
+        sha256: Digest that the file must have; None allows any.
+
+    Raises:
+        InputError: If the file cannot be read, or `check_header` or `take` raises it.
+    """
+    with open_text(path, kind, max_bytes) as file:
+        header: Header | None = None
+        try:
+            for first_line, content in _pieces(file):
+                content = _without_comments(content, file.source, first_line)
+                if header is None:
+                    header = _names(content, first_line, file.source)
+                    if header is None:
+                        continue
+                    check_header(header)
+                    content, first_line = _below(content, first_line, header.line)
+                block = Block(header, first_line, content, np.empty((0, len(header.names))))
+                for line, text in block.lines():
+                    take(header, line, _row(block, line, text))
+        except FileError:
+            raise
+        except InputError:
+            file.sha256(sha256)  # a wrong digest explains all other errors
+            raise
+        return file.sha256(sha256)
+
+
 def _read(
     file: TextFile,
     layout: Format,
@@ -266,17 +310,24 @@ def _row(block: Block, line: int, text: str) -> list[str]:
 
 def _header(content: bytes, first_line: int, source: str, layout: Format) -> Header | None:
     """Return the columns that the first line names, or None if all lines are empty."""
-    line, text = next(_lines(content, first_line), (0, ""))
-    if not line:
+    header = _names(content, first_line, source)
+    if header is None:
         return None
-    delimiter = ";" if ";" in re.sub('"[^"]*"', "", text) else ","
-    header = Header(source, line, tuple(_cells(text, source, line, delimiter, 1)), delimiter)
     for i, name in enumerate(header.names):
         if name not in layout.columns:
             raise _unknown_column(header, name, layout)
         if name in header.names[:i]:
             raise header.error(f"duplicate column '{name}'")
     return header
+
+
+def _names(content: bytes, first_line: int, source: str) -> Header | None:
+    """Return the words of the first line, or None if all lines are empty."""
+    line, text = next(_lines(content, first_line), (0, ""))
+    if not line:
+        return None
+    delimiter = ";" if ";" in re.sub('"[^"]*"', "", text) else ","
+    return Header(source, line, tuple(_cells(text, source, line, delimiter, 1)), delimiter)
 
 
 def _unknown_column(header: Header, name: str, layout: Format) -> InputError:

@@ -2,7 +2,8 @@
 
 A route file is CSV, in the dialect of `csv_reader`. Its columns, in any order:
 
-    time_s                                  strictly increasing
+    time_s                                  strictly increasing; or, for waypoints without times:
+    speed_m_s                               speed along the leg that begins at the waypoint
     north_m, east_m, down_m                 or north_km, ...; or, instead of the three:
     latitude_deg, longitude_deg, altitude_m WGS-84; altitude is the height above the ellipsoid,
                                             which differs from the height above the sea by up to
@@ -17,16 +18,19 @@ A route file is CSV, in the dialect of `csv_reader`. Its columns, in any order:
 
 With latitude and longitude, attitude and covariance are relative to north, east and down at the
 aircraft, as a navigation filter writes them. Reading turns them into the frame of the origin.
+
+Files in GPX, KML and of ADS-B state vectors are read by `track_file`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense.covariance import first_problem
 from radar_sense.errors import InputError
@@ -39,7 +43,9 @@ from radar_sense.model.track import (
     turn_to_origin,
 )
 from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route
+from radar_sense.provenance import Conventions
 from radar_sense.reading.csv_reader import Block, Column, Format, Header, read_csv
+from radar_sense.reading.track_file import Samples, is_track, read_track
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray
 
 #: A million rows of 28 numbers with 17 digits each are 0.7 GB.
@@ -63,8 +69,11 @@ _LEAST_COVARIANCE = 1e-100
 _FAR = 1e8
 _TURN = 360.0
 _STD_LIMITS = (_FAR,) * 3 + (_TURN,) * 3
+_NEEDS_SPEED = "waypoints without times need a speed, geometry.speed_m_s or a column speed_m_s"
+_UNUSED_SPEED = "speed_m_s is for waypoints without times"
 _ALLOWED = (
-    "time_s; north_m, east_m, down_m (or _km), or latitude_deg, longitude_deg, altitude_m; "
+    "time_s or speed_m_s; north_m, east_m, down_m (or _km), "
+    "or latitude_deg, longitude_deg, altitude_m; "
     "roll_deg, pitch_deg, yaw_deg; std_north_m to std_yaw_deg, "
     "or cov_north_north_m2 to cov_yaw_yaw_deg2"
 )
@@ -76,6 +85,7 @@ def _within(low: float, high: float, unit: float = 1.0) -> Column:
 
 _COLUMNS: dict[str, Column] = {
     "time_s": _within(-1e12, 1e12),
+    "speed_m_s": _within(1e-3, 1e5),
     **{f"{axis}_m": _within(-_FAR, _FAR) for axis in _NED},
     **{f"{axis}_km": _within(-_FAR / 1e3, _FAR / 1e3, 1e3) for axis in _NED},
     "latitude_deg": _within(-90.0, 90.0, DEG),
@@ -100,21 +110,33 @@ def load_route(
     *,
     origin: tuple[float, float, float] | None = None,
     max_gap_s: float | None = None,
+    altitude_above: str | None = None,
+    geoid_height_m: float | None = None,
+    speed_m_s: float | None = None,
+    icao24: str | None = None,
 ) -> Route:
-    """Read and check a route file.
+    """Read and check a route file: CSV, GPX, KML or ADS-B state vectors.
 
     Args:
-        path: The file, in the format described at the top of `reading.route_file`.
+        path: The file, in a format described at the top of `reading.route_file` or
+            `reading.track_file`.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
             north-east-down frame. A file in latitude and longitude needs an origin, any other file
             must have none.
         max_gap_s: Longest time step allowed [s]; None allows any.
+        altitude_above: What the altitudes are above: "ellipsoid", "sea" or "pressure". If None, the
+            sea in GPX and KML, and the ellipsoid in other files.
+        geoid_height_m: Height of the sea level above the ellipsoid [m], required by altitudes
+            above the sea and by pressure altitudes.
+        speed_m_s: Speed along the legs [m/s], for waypoints without times.
+        icao24: Address of the aircraft, in state vectors of several.
 
     Raises:
         InputError: If the origin is no place, or if the file cannot be read or holds anything that
             is not allowed.
     """
-    route, _ = read_route(path, origin=origin, max_gap_s=max_gap_s)
+    conventions = Conventions(altitude_above, geoid_height_m, speed_m_s, icao24)
+    route, _ = read_route(path, origin=origin, max_gap_s=max_gap_s, conventions=conventions)
     return route
 
 
@@ -123,6 +145,7 @@ def read_route(
     *,
     origin: tuple[float, float, float] | None = None,
     max_gap_s: float | None = None,
+    conventions: Conventions | None = None,
     sha256: str | None = None,
 ) -> tuple[Route, str]:
     """Read a route file as `load_route` does, and return the SHA-256 of its bytes too.
@@ -131,6 +154,7 @@ def read_route(
         path: The file.
         origin: As in `load_route`.
         max_gap_s: As in `load_route`.
+        conventions: How the file is to be read, if the file itself does not tell.
         sha256: Digest that the file must have; None allows any.
 
     Raises:
@@ -143,7 +167,12 @@ def read_route(
         )
     if max_gap_s is not None and not max_gap_s > 0:
         raise InputError(f"max_gap_s must be a number greater than 0, got {max_gap_s}")
-    checks = _Checks(max_gap_s)
+    conventions = conventions or Conventions()
+    if is_track(path):
+        return _track(path, origin, max_gap_s, conventions, sha256)
+    if conventions.icao24 is not None:
+        raise InputError(f"{source}: icao24 is for files of ADS-B state vectors only")
+    checks = _Checks(max_gap_s, conventions.speed_m_s)
     table = read_csv(
         path, _FORMAT, check_header=checks.header, check_block=checks.block, sha256=sha256
     )
@@ -159,28 +188,163 @@ def read_route(
             "an origin in latitude and longitude is not used here"
         )
     time, place, attitude, covariance = _assemble(layout, table.blocks)
+    if layout.geodetic:
+        place[:, 2] += _above_ellipsoid(source, ("ellipsoid", "sea"), conventions)
+    elif (conventions.altitude_above, conventions.geoid_height_m) != (None, None):
+        raise table.header.error(
+            "altitude_above and geoid_height_m are for altitudes, "
+            "and are not used with north, east and down"
+        )
+    if not layout.has_times:
+        time = _times_of_waypoints(
+            place,
+            time if conventions.speed_m_s is None else np.full(len(time), conventions.speed_m_s),
+            geodetic=layout.geodetic,
+            place_of=lambda row: f"{source}:{checks.lines()[row]}",
+        )
+    if attitude is None:
+        _require_two(source, len(time), f", or the columns {', '.join(ATTITUDE_COLUMNS)}")
+    return _route(source, time, place, attitude, covariance, origin), table.sha256
+
+
+def _track(
+    path: str | Path,
+    origin: tuple[float, float, float] | None,
+    max_gap_s: float | None,
+    conventions: Conventions,
+    sha256: str | None,
+) -> tuple[Route, str]:
+    """Read GPX, KML or ADS-B state vectors."""
+    source = str(path)
+    samples = read_track(
+        path,
+        pressure=conventions.altitude_above == "pressure",
+        icao24=conventions.icao24,
+        sha256=sha256,
+    )
+    if origin is None:
+        raise InputError(
+            f"{source}: latitude and longitude need the origin of the north-east-down frame, "
+            "geometry.origin in a scenario"
+        )
+    place, speed = samples.place, conventions.speed_m_s
+    place[:, 2] += _above_ellipsoid(source, samples.altitudes, conventions)
+    _require_two(source, len(place))
+    if samples.time is None and speed is None:
+        raise samples.error(0, f"has no times; {_NEEDS_SPEED}")
+    if samples.time is not None and speed is not None:
+        raise samples.error(0, f"has times; {_UNUSED_SPEED}")
+    if samples.time is not None:
+        time = samples.time - samples.time[0]
+        _check_times(time, -math.inf, max_gap_s, samples, "time")
+    else:
+        time = _times_of_waypoints(
+            place,
+            np.full(len(place), speed),
+            geodetic=True,
+            place_of=lambda row: f"{source}:{samples.lines[row]}",
+        )
+    return _route(source, time, place, None, None, origin), samples.sha256
+
+
+def _require_two(source: str, count: int, otherwise: str = "") -> None:
+    if count < 2:
+        raise InputError(
+            f"{source}: has {count} row; attitude from the track needs 2 or more{otherwise}"
+        )
+
+
+def _route(
+    source: str,
+    time: FloatArray,
+    place: FloatArray,
+    attitude: FloatArray | None,
+    covariance: FloatArray | None,
+    origin: tuple[float, float, float] | None,
+) -> Route:
+    """Return the route in the frame of the origin; attitude from the track if it is None."""
+    given = attitude is not None
     position = place if origin is None else geodesy.ned_from_geodetic(place, origin)
     if attitude is None:
-        if len(time) < 2:
-            raise InputError(
-                f"{source}: has 1 row; attitude from the track needs 2 or more, "
-                f"or the columns {', '.join(ATTITUDE_COLUMNS)}"
-            )
         velocity, acceleration = motion_of_samples(time, position)
         attitude = attitude_of_motion(source, place, velocity, acceleration, origin)
     if origin is not None:
         attitude = turn_to_origin(source, time, place, attitude, covariance, origin)
-    aircraft = np.hstack([position, attitude])
-    given = layout.attitude is not None
-    return Route(time, aircraft, covariance, given, origin), table.sha256
+    return Route(time, np.hstack([position, attitude]), covariance, given, origin)
+
+
+def _above_ellipsoid(source: str, allowed: tuple[str, ...], conventions: Conventions) -> float:
+    """Return the height of the zero of the altitudes above the ellipsoid [m].
+
+    Args:
+        source: Name of the file, for errors.
+        allowed: What altitudes of the file may be above, the convention of the format first.
+        conventions: What the user states.
+    """
+    above = conventions.altitude_above or allowed[0]
+    height = conventions.geoid_height_m
+    if above not in allowed:
+        raise InputError(
+            f"{source}: altitude_above: must be {' or '.join(allowed)} for this file, got {above}"
+        )
+    if above == "ellipsoid":
+        if height is not None:
+            raise InputError(
+                f"{source}: geoid_height_m is not used with altitudes above the ellipsoid; "
+                "altitude_above: sea states altitudes above the sea"
+            )
+        return 0.0
+    if height is None:
+        other = "; or altitude_above: ellipsoid" if "ellipsoid" in allowed else ""
+        raise InputError(
+            f"{source}: altitudes above the sea need geoid_height_m, the height of the sea level "
+            f"above the WGS-84 ellipsoid on the route (-107 to 86 m, by EGM96 or EGM2008){other}"
+        )
+    return height
+
+
+def _times_of_waypoints(
+    place: FloatArray, speed: FloatArray, *, geodetic: bool, place_of: Callable[[int], str]
+) -> FloatArray:
+    """Return times (n,) [s] from 0 on, at a speed along each leg.
+
+    A leg in latitude and longitude is an arc at the mean of the heights of its ends, and a climb.
+
+    Args:
+        place: North, east, down [m], or latitude, longitude [rad] and height [m] (n, 3).
+        speed: Speed along the leg that begins at each waypoint (n,) [m/s].
+        geodetic: Whether the places are in latitude and longitude.
+        place_of: Returns file and line of a waypoint, for errors.
+    """
+    climb = np.diff(place[:, 2])
+    if geodetic:
+        height = 0.5 * (place[1:, 2] + place[:-1, 2])
+        ends = [
+            geodesy.ecef_from_geodetic(np.column_stack([some[:, :2], height]))
+            for some in (place[:-1], place[1:])
+        ]
+        chord = np.linalg.norm(ends[1] - ends[0], axis=-1)
+        radius = geodesy.SEMI_MAJOR + height
+        level = 2.0 * radius * np.arcsin(np.minimum(chord / (2.0 * radius), 1.0))
+    else:
+        level = np.linalg.norm(np.diff(place[:, :2], axis=0), axis=-1)
+    duration = np.hypot(level, climb) / speed[:-1]
+    standing = np.flatnonzero(duration < MIN_STEP)
+    if len(standing):
+        raise InputError(f"{place_of(int(standing[0]) + 1)}: is the same place as the point before")
+    return np.concatenate([[0.0], np.cumsum(duration)])
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Indices of the columns."""
+    """Indices of the columns.
+
+    The column `time` has times, or else speeds. It is None for waypoints at one speed.
+    """
 
     names: tuple[str, ...]
-    time: int
+    time: int | None
+    has_times: bool
     position: list[int]
     geodetic: bool
     attitude: list[int] | None
@@ -201,18 +365,26 @@ class _Checks:
 
     layout: _Layout
 
-    def __init__(self, max_gap_s: float | None) -> None:
-        self._max_gap_s, self._last_time = max_gap_s, -math.inf
+    def __init__(self, max_gap_s: float | None, speed: float | None) -> None:
+        self._max_gap_s, self._last_time, self._speed = max_gap_s, -math.inf, speed
+        self._lines: list[NDArray[np.intp]] = []
 
     def header(self, header: Header) -> None:
         """Keep the layout of the columns."""
-        self.layout = _layout(header)
+        self.layout = _layout(header, self._speed)
+
+    def lines(self) -> NDArray[np.intp]:
+        """Return the line of each waypoint."""
+        return np.concatenate(self._lines)
 
     def block(self, block: Block) -> None:
         """Check times and covariances, and set covariances of pure rounding to 0."""
-        time = block.rows[:, self.layout.time]
-        _check_times(time, self._last_time, self._max_gap_s, block)
-        self._last_time = float(time[-1])
+        if self.layout.has_times:
+            time = block.rows[:, self.layout.time]
+            _check_times(time, self._last_time, self._max_gap_s, block)
+            self._last_time = float(time[-1])
+        else:
+            self._lines.append(block.line_numbers())
         if self.layout.cov:
             numbers = block.rows[:, self.layout.cov]
             numbers[np.abs(numbers) < _LEAST_COVARIANCE] = 0.0
@@ -225,9 +397,12 @@ class _Checks:
 def _assemble(
     layout: _Layout, blocks: list[FloatArray]
 ) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
-    """Return time, place, attitude and covariance in SI units, and empty the list of blocks."""
+    """Return time, place, attitude and covariance in SI units, and empty the list of blocks.
+
+    Waypoints have speeds in place of times, or zeros.
+    """
     count = sum(len(block) for block in blocks)
-    time, place = np.empty(count), np.empty((count, 3))
+    time, place = np.zeros(count), np.empty((count, 3))
     attitude = np.empty((count, 3)) if layout.attitude else None
     covariance = np.zeros((count, 6, 6)) if layout.std or layout.cov else None
     stop = count
@@ -235,7 +410,8 @@ def _assemble(
     while blocks:
         rows = blocks.pop()
         some = slice(stop - len(rows), stop)
-        time[some] = rows[:, layout.time]
+        if layout.time is not None:
+            time[some] = rows[:, layout.time]
         place[some] = rows[:, layout.position] * layout.units(layout.position)
         if layout.attitude and attitude is not None:
             attitude[some] = rows[:, layout.attitude] * layout.units(layout.attitude)
@@ -248,8 +424,13 @@ def _assemble(
     return time, place, attitude, covariance
 
 
-def _layout(header: Header) -> _Layout:
-    """Return the layout of the columns."""
+def _layout(header: Header, speed: float | None) -> _Layout:
+    """Return the layout of the columns.
+
+    Args:
+        header: The columns.
+        speed: Speed of a file without times and speeds, or None.
+    """
     names = header.names
 
     def indices(wanted: Sequence[str], why: str) -> list[int]:
@@ -276,9 +457,18 @@ def _layout(header: Header) -> _Layout:
             "has north, east, down beside latitude, longitude, altitude; allowed is one or other"
         )
     position = _GEODETIC if geodetic else tuple(ned)
+    has_times, has_speeds = "time_s" in names, "speed_m_s" in names
+    if has_times and (has_speeds or speed is not None):
+        raise header.error(f"has time_s; {_UNUSED_SPEED}")
+    if has_speeds and speed is not None:
+        raise header.error("has the column speed_m_s beside geometry.speed_m_s; allowed is one")
+    if not (has_times or has_speeds or speed is not None):
+        raise header.error(f"missing column 'time_s'; {_NEEDS_SPEED}")
+    moment = "time_s" if has_times else "speed_m_s"
     layout = _Layout(
         names=names,
-        time=indices(["time_s"], "which is always required")[0],
+        time=names.index(moment) if moment in names else None,
+        has_times=has_times,
         position=indices(position, f"required are {', '.join(_GEODETIC)}, or north, east, down"),
         geodetic=geodetic,
         attitude=optional(ATTITUDE_COLUMNS),
@@ -290,7 +480,13 @@ def _layout(header: Header) -> _Layout:
     return layout
 
 
-def _check_times(time: FloatArray, before: float, max_gap_s: float | None, block: Block) -> None:
+def _check_times(
+    time: FloatArray,
+    before: float,
+    max_gap_s: float | None,
+    block: Block | Samples,
+    name: str = "time_s",
+) -> None:
     steps = np.diff(time, prepend=before)
     backwards = steps < MIN_STEP
     if backwards.any():
@@ -299,7 +495,7 @@ def _check_times(time: FloatArray, before: float, max_gap_s: float | None, block
         enough = f", by {MIN_STEP:g} s or more" if steps[row] > 0 else ""
         raise block.error(
             row,
-            f"time_s: must be later than {earlier!r}, "
+            f"{name}: must be later than {earlier!r}, "
             f"the time of the row before{enough}, got {float(time[row])!r}",
         )
     if max_gap_s is not None:
@@ -308,5 +504,5 @@ def _check_times(time: FloatArray, before: float, max_gap_s: float | None, block
             row = int(np.argmax(gap))
             raise block.error(
                 row,
-                f"time_s: must be within {max_gap_s:g} s of the row before, got {steps[row]:g} s",
+                f"{name}: must be within {max_gap_s:g} s of the row before, got {steps[row]:g} s",
             )

@@ -10,6 +10,10 @@
       interpolate: {step_s: 10, method: legs}
                                         or smooth; without it every row of the file is a pose
       max_gap_s: 60                     refuse a file with a longer step between two rows
+      altitude_above: sea               or ellipsoid, or pressure
+      geoid_height_m: 47.5              height of the sea level above the ellipsoid
+      speed_m_s: 200                    between waypoints without times
+      icao24: 4b1812                    which aircraft of a file of ADS-B state vectors
 
 With an origin, a radar may have its place in latitude and longitude too:
 
@@ -55,15 +59,18 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, provenance.Path]:
         interpolate = section["interpolate"].section(keys.INTERPOLATE)
         step, method = interpolate.value(keys.STEP), interpolate.value(keys.METHOD)
     max_gap_s = section.value(keys.MAX_GAP)
+    conventions = provenance.Conventions(*(section.value(key) for key in keys.CONVENTIONS))
     expected = section.value(keys.SHA256)
     with file_errors(section):
-        route, sha256 = read_route(path, origin=origin, max_gap_s=max_gap_s, sha256=expected)
+        route, sha256 = read_route(
+            path, origin=origin, max_gap_s=max_gap_s, conventions=conventions, sha256=expected
+        )
     if step is not None:
         try:
             route = resample(route, step, method)
         except InputError as error:
             raise section["interpolate"].error(str(error)) from error
-    source = provenance.Path(recorded(path), sha256, origin, step, method, max_gap_s)
+    source = provenance.Path(recorded(path), sha256, origin, step, method, max_gap_s, conventions)
     if along == "time":
         return axis.time(route.time_s), route, source
     return axis.distance(route.distance_m), route, source

@@ -1,16 +1,17 @@
 """Figures: no overlaps, nothing cut off, units on all axes, lines of different dashes."""
 
 import dataclasses
+import re
 from functools import partial
 
 import numpy as np
 import pytest
-from helpers import lay_out, legend_off_data, scenario
+from helpers import document, lay_out, legend_off_data, scenario, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
 from radar_sense.analyses import threshold as planning
-from radar_sense.reading.parse import load_scenario
+from radar_sense.reading.parse import load_scenario, parse_scenario
 
 ALL = {
     "variance": analyses.variance,
@@ -54,8 +55,193 @@ def test_layout(analysis, changes):
         assert axes.get_ylabel()
         low, high = axes.get_ylim()
         assert low < high
-    assert "[deg]" in figure.axes[-1].get_xlabel()
+    assert re.search(r"\[deg\]|at azimuth 45 deg", figure.axes[-1].get_xlabel())
     assert not figure.get_suptitle()
+    footer_off_all(figure)
+
+
+def footer_off_all(figure):
+    """Insist that the footer of a figure that is laid out is on the page, clear of all else."""
+    (footer,) = (text for text in figure.texts if text.get_text().startswith("scenario "))
+    box, page = footer.get_window_extent(), figure.bbox
+    assert page.x0 <= box.x0 < box.x1 <= page.x1
+    assert page.y0 <= box.y0
+    for other in [*figure.axes, *figure.legends]:
+        # what is cut to the axes can have a larger box
+        assert not box.overlaps(other.get_tightbbox())
+    assert footer.get_fontsize() == pytest.approx(5.5 * plotting._style_of(figure).scale)
+
+
+FOOTERS = {
+    "variance": "scenario paper, level high, method form",
+    "sensitivity": "scenario paper, method form",
+    "montecarlo": "scenario paper, level high, method form",
+    "compare": "scenario paper, level high",
+    "rcs": "scenario paper",
+}
+
+
+@pytest.mark.parametrize("analysis", FOOTERS)
+def test_the_footer_names_what_the_numbers_depend_on(analysis):
+    s = load_scenario().at_poses(slice(0, None, 60)).with_analysis(level="high", runs=50)
+    run = getattr(analyses, analysis)
+    method = {"method": "form"} if "method" in run.keywords else {}
+    assert run(s, **method).plot().get_supxlabel() == FOOTERS[analysis]
+
+
+def test_the_footer_of_a_map_has_a_method_only_if_a_bound_is_shown():
+    s = load_scenario()
+    plain = analyses.coverage_map(s, step_km=200)
+    bound = analyses.coverage_map(s, step_km=200, upper=True)
+    assert plain.small_print == "scenario paper"
+    assert bound.small_print == "scenario paper, level medium, method linear"
+
+
+def test_a_long_footer_is_on_several_lines():
+    result = analyses.variance(
+        scenario(
+            uncertainty__radar={LONG: {"position_m": 1, "constant": 1}},
+            analysis__level=LONG,
+            name="scenario-" * 6,
+        )
+    )
+    figure = lay_out(result.plot())
+    footer_off_all(figure)
+    assert figure.get_supxlabel().count("\n") == 1
+    assert "\n" not in result.plot("slides").get_supxlabel()
+
+
+@pytest.mark.parametrize("taken", [(), (plotting.BAND,), (plotting.BAND, plotting.LINES[0])])
+def test_no_two_of_24_styles_are_alike(taken):
+    drawn = [s for s, _ in zip(plotting.styles(*taken), range(24), strict=False)]
+    assert len({*drawn, *taken}) == 24 + len(taken)
+    assert not {colour for colour, _ in drawn} & {colour for colour, _ in taken}
+
+
+def many_radars(count=12):
+    """A network of radars around the aircraft, the last ones at its edges."""
+    angle = 2 * np.pi * np.arange(count) / count
+    content = document(
+        geometry__range_km=150,
+        uncertainty={"aircraft": {"position_m": 50, "attitude_deg": 1}},
+        radars=[
+            {
+                "name": f"site{i:02d}",
+                "position_m": [float(250e3 * np.cos(a)), float(250e3 * np.sin(a)), -30.0],
+                "constant": 2.0,
+                "p_fa": 1.7e-4,
+                "uncertainty": {"medium": {"position_m": 100, "constant": 0.1}},
+            }
+            for i, a in enumerate(angle)
+        ],
+    )
+    del content["radar"]
+    return parse_scenario(yaml_text(content))
+
+
+def overlapping(boxes):
+    return [(i, j) for i, a in enumerate(boxes) for j, b in enumerate(boxes[:i]) if a.overlaps(b)]
+
+
+@pytest.mark.parametrize("style", plotting.STYLES)
+@pytest.mark.parametrize("of", ["radars", "levels"])
+def test_many_lines_are_told_apart(of, style):
+    """Every line is named, in the legend or where no other line and no other name is."""
+    if of == "radars":
+        result = analyses.variance(many_radars())
+        names = result.scenario.model.names
+    else:
+        names = tuple(f"level{i}" for i in range(8))
+        levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
+        result = analyses.sensitivity(scenario(uncertainty__radar=levels, analysis__level="level3"))
+    figure = lay_out(result.plot(style))
+    (axes,) = figure.axes
+    pairs = [
+        (line.get_color(), str(line._unscaled_dash_pattern))
+        for line in axes.lines
+        if line.get_color() not in ("black", plotting.BAND[0] if of == "radars" else "")
+    ]
+    assert len(set(pairs)) == len(pairs) == len(names)
+    on_lines = [text.get_text() for text in axes.texts]
+    in_legend = [text.get_text() for legend in figure.legends for text in legend.get_texts()]
+    assert sorted(n for n in (*on_lines, *in_legend) if n in names) == sorted(names)
+    assert len(on_lines) >= 8
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert not overlapping(boxes)
+    for box, name in zip(boxes, on_lines, strict=True):
+        assert axes.bbox.contains(box.x0, box.y0)
+        assert axes.bbox.contains(box.x1, box.y1)
+        through = [
+            line
+            for line in axes.lines
+            if box.count_contains(axes.transData.transform(line.get_xydata()))
+        ]
+        assert len(through) <= 1, name
+    footer_off_all(figure)
+
+
+@pytest.mark.parametrize("style", plotting.STYLES)
+def test_names_on_a_map_are_on_the_map(style):
+    result = analyses.coverage_map(
+        many_radars(), step_km=20, north_km=(-260, 260), east_km=(-255, 255)
+    )
+    figure = lay_out(result.plot(style))
+    axes, bar = figure.axes
+    boxes = [text.get_window_extent() for text in axes.texts]
+    assert len(boxes) == 12
+    assert not overlapping([*boxes, bar.get_tightbbox()])
+    for box in boxes:
+        assert axes.bbox.contains(box.x0, box.y0)
+        assert axes.bbox.contains(box.x1, box.y1)
+    footer_off_all(figure)
+
+
+def test_one_pose_shows_its_draws():
+    s = load_scenario().at_poses(slice(90, 91)).with_analysis(runs=300)
+    result = analyses.montecarlo(s)
+    (axes,) = result.plot().axes
+    edges = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in axes.patches])
+    draws = result.arrays["sample_paths"]
+    assert sum(bar.get_height() for bar in axes.patches) == 300
+    assert edges.min() == pytest.approx(draws.min())
+    assert edges.max() == pytest.approx(draws.max())
+    marks = [line.get_xdata()[0] for line in axes.lines]
+    assert marks == [result.table[n][0] for n in ("p_d", "lower_3sigma", "upper_3sigma")]
+
+
+@pytest.mark.parametrize("style", plotting.STYLES)
+@pytest.mark.parametrize(
+    "analysis", ["budget", "montecarlo", "detectors", "rcs", "detection_range"]
+)
+def test_a_figure_fits_its_style(analysis, style):
+    s = load_scenario().at_poses(slice(0, None, 60)).with_analysis(runs=50)
+    result = getattr(analyses, analysis)(s)
+    figure = lay_out(result.plot(style))
+    width, height, scale = plotting.STYLES[style]
+    assert figure.get_figwidth() == width
+    assert 0.2 * width < figure.get_figheight() <= height
+    assert figure.axes[0].yaxis.label.get_fontsize() == 8 * scale
+    assert {text.get_fontsize() for text in figure.legends[0].get_texts()} == {7.5 * scale}
+    labels = [axes.yaxis.label.get_window_extent() for axes in figure.axes]
+    assert not overlapping([box for box in labels if box.width])
+    legend_off_data(figure)
+    footer_off_all(figure)
+
+
+def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
+    result = analyses.budget(load_scenario())
+    for style in plotting.STYLES:
+        result.save(tmp_path / style, ["svg"], style=style)
+    widths = [
+        float(re.search(r'width="([0-9.]+)pt"', (folder / "paper_budget.svg").read_text())[1])
+        for folder in (tmp_path / style for style in plotting.STYLES)
+    ]
+    assert widths == pytest.approx([72 * style.width for style in plotting.STYLES.values()])
+    tables = {(tmp_path / style / "paper_budget.csv").read_bytes() for style in plotting.STYLES}
+    assert len(tables) == 1
+    with pytest.raises(ValueError, match="style must be one of one-column, two-columns, slides"):
+        result.save(tmp_path, style="poster")
+    assert not (tmp_path / "paper_budget.csv").exists()
 
 
 @pytest.mark.parametrize("p_fa", [0.99, 1e-2, 1.7e-4, 2e-12, 1e-100])

@@ -55,6 +55,8 @@ def few(command: str) -> list[str]:
     """Return options for a short computation."""
     if command == "map":
         return ["--step-km", "25"]
+    if command == "range":
+        return ["--step-deg", "30"]
     return ["--runs", "40"] if command in ("montecarlo", "compare", "convergence") else []
 
 

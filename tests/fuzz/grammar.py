@@ -47,6 +47,7 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "runs": (2, 100),
     "step_s": (1, 100),
     "max_gap_s": (100, 1e4),
+    "geoid_height_m": (-100, 80),
     "envelope_deg": (0.5, 20),
     "aircraft_correlation_s": (0, 1000),
 }
@@ -333,10 +334,16 @@ class _Scenario:
     def geometry(self) -> Pairs:
         if not self.path:
             return self.fill("geometry (type: orbit)", set(), type="orbit")
-        self.files["route.csv"] = route(self.rng, geodetic=self.geodetic, cov=self.route_has_cov)
         section = "geometry (type: path)"
-        skip = {"sha256", *([] if self.geodetic else ["origin"])}
-        given = {"origin": self.place("geometry.origin")} if self.geodetic else {}
+        skip = {"sha256", "origin", *(key.name for key in keys.CONVENTIONS)}
+        given: dict[str, Any] = {"origin": self.place("geometry.origin")} if self.geodetic else {}
+        if self.geodetic and self.rng.random() < 0.4:
+            given["altitude_above"] = "sea"
+            given[keys.GEOID_HEIGHT.name] = self.number(keys.GEOID_HEIGHT)
+        content = route(self.rng, geodetic=self.geodetic, cov=self.route_has_cov)
+        if self.rng.random() < 0.2:
+            content = content.replace(b"time_s", b"speed_m_s")
+        self.files["route.csv"] = content
         return self.fill(section, skip, type="path", file="route.csv", **given)
 
     def place(self, section: str) -> Pairs:

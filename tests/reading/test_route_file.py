@@ -594,7 +594,7 @@ REFUSED = {
     "tabs": (SIMPLE.replace(",", "\t"), "columns are separated by commas or semicolons"),
     "unknown": (
         SIMPLE.replace("north", "nort"),
-        "route.csv:1: unknown column 'nort_m', allowed: time_s; ",
+        "route.csv:1: unknown column 'nort_m', allowed: time_s or speed_m_s; ",
     ),
     "did you mean": (SIMPLE.replace("north", "nort"), "did you mean 'north_m'?"),
     "duplicate": (f"# a\n{HEAD},time_s\n", "route.csv:2: duplicate column 'time_s'"),

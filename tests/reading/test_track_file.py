@@ -1,0 +1,287 @@
+"""GPX, KML, ADS-B state vectors and waypoints with a speed give the route of an equal CSV file."""
+
+import hashlib
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers import write_path
+
+import radar_sense as rs
+from radar_sense.errors import InputError
+from radar_sense.reading.route_file import load_route
+
+ORIGIN = (math.radians(47), math.radians(8), 400.0)
+#: Seconds after 07:00:00, latitude, longitude [deg], altitude [m].
+POINTS = [
+    (0.0, 47.1, 8.1, 1000.0),
+    (10.25, 47.12, 8.1, 1010.5),
+    (20.5, 47.13, 8.13, 1100.0),
+    (50.0, 47.1, 8.16, 1050.0),
+]
+TIMES = [f"2026-11-22T07:00:{t:07.4f}Z" for t, *_ in POINTS]
+GPX = '<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1"><{0}>{1}</{0}></gpx>'
+KML = (
+    '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
+    "<Document><Placemark>{}</Placemark></Document></kml>"
+)
+MODE = "<altitudeMode>absolute</altitudeMode>"
+
+
+def gpx(points=POINTS, times=TIMES):
+    def point(where, time):
+        _, lat, lon, alt = where
+        when = f"<time>{time}</time>" if time else ""
+        return f'<trkpt lat="{lat}" lon="{lon}">\n<ele>{alt}</ele>{when}<sat>9</sat></trkpt>\n'
+
+    body = [point(*pair) for pair in zip(points, times, strict=True)]
+    segments = (f"<trkseg>{''.join(part)}</trkseg>" for part in (body[:2], body[2:]))
+    return GPX.format("trk", "<name>a</name>" + "".join(segments))
+
+
+def kml(mode=MODE):
+    when = "".join(f"<when>{time}</when>\n" for time in TIMES)
+    coord = "".join(f"<gx:coord>{lon} {lat} {alt}</gx:coord>\n" for _, lat, lon, alt in POINTS)
+    return KML.format(f"<gx:Track>{mode}{when}{coord}</gx:Track>")
+
+
+def line_string(mode=MODE):
+    places = "\n".join(f"{lon},{lat},{alt}" for _, lat, lon, alt in POINTS)
+    return KML.format(f"<LineString>{mode}<coordinates>\n{places}\n</coordinates></LineString>")
+
+
+def opensky(points=POINTS, aircraft="4b1812", others=()):
+    lines = [
+        "time,icao24,lat,lon,velocity,heading,vertrate,callsign,onground,alert,spi,squawk,"
+        "baroaltitude,geoaltitude,lastposupdate,lastcontact"
+    ]
+    for t, lat, lon, alt in points:
+        for row in ((lat, lon, alt, t), (lat, lon, "", t), (lat, lon, alt, t), ("", "", alt, t)):
+            *place, alt_, moment = row
+            place = ",".join(map(str, place))
+            lines.append(
+                f"{1.7e9 + t + 3},{aircraft},{place},90,45,0,SWR 1 ,False,False,False,1000,"
+                f"{alt - 40},{alt_},{1.7e9 + moment!r},{1.7e9 + t}"
+            )
+        lines += [f"{1.7e9},{other},47,8,,,,,,,,,,1000,{1.7e9}," for other in others]
+    return "\n".join(lines) + "\n"
+
+
+def csv(points=POINTS, extra="", values=("", "", "", "")):
+    head = f"time_s,latitude_deg,longitude_deg,altitude_m{extra}\n"
+    rows = zip(points, values, strict=True)
+    return head + "".join(f"{','.join(map(repr, p))}{v}\n" for p, v in rows)
+
+
+@pytest.fixture
+def load(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+    def load(name, text, origin=ORIGIN, **options):
+        Path(name).write_text(text)
+        return load_route(name, origin=origin, **options)
+
+    return load
+
+
+def higher(by):
+    return [(t, lat, lon, alt + by) for t, lat, lon, alt in POINTS]
+
+
+def same(one, other, atol=1e-6):
+    np.testing.assert_allclose(one.time_s, other.time_s, rtol=0, atol=atol)
+    np.testing.assert_allclose(one.aircraft, other.aircraft, rtol=0, atol=atol)
+
+
+SEA = {"geoid_height_m": 47.5}
+
+
+def test_every_format_has_the_route_of_a_csv_file(load):
+    on_ellipsoid, on_sea = load("a.csv", csv()), load("b.csv", csv(higher(47.5)))
+    assert not np.allclose(on_ellipsoid.aircraft[:, 2], on_sea.aircraft[:, 2], atol=40)
+    for name, text in (("a.gpx", gpx()), ("a.KML", kml())):
+        same(load(name, text, **SEA), on_sea)
+        same(load(name, text, altitude_above="sea", **SEA), on_sea)
+        same(load(name, text, altitude_above="ellipsoid"), on_ellipsoid)
+    same(load("a.csv", csv(), altitude_above="sea", **SEA), on_sea)
+    same(load("a.csv", opensky()), on_ellipsoid)
+    same(load("a.csv", opensky(others=["abc123"]), icao24="4B1812"), on_ellipsoid)
+    same(load("a.csv", opensky(), altitude_above="pressure", geoid_height_m=40.0), on_ellipsoid)
+    two = kml().replace("<gx:Track>", "<gx:MultiTrack>" + MODE + "<gx:Track>").replace(MODE, "", 1)
+    same(load("a.kml", two.replace("</gx:Track>", "</gx:Track></gx:MultiTrack>"), **SEA), on_sea)
+
+
+def arc(one, other):
+    """Length of a leg: the great circle of the mean radius of curvature, and the climb."""
+    (_, lat1, lon1, alt1), (_, lat2, lon2, alt2) = one, other
+    a, e2 = 6378137.0, 0.0066943799901413165
+    lat1, lon1, lat2, lon2 = map(math.radians, (lat1, lon1, lat2, lon2))
+    mid = (lat1 + lat2) / 2
+    w = 1 - e2 * math.sin(mid) ** 2
+    height = (alt1 + alt2) / 2
+    north = (a * (1 - e2) / w**1.5 + height) * (lat2 - lat1)
+    east = (a / math.sqrt(w) + height) * math.cos(mid) * (lon2 - lon1)
+    return math.sqrt(north**2 + east**2 + (alt2 - alt1) ** 2)
+
+
+def test_waypoints_with_a_speed(load):
+    legs = [arc(POINTS[i], POINTS[i + 1]) for i in range(3)]
+    speeds = [80.0, 120.0, 100.0, 1.0]
+    for speed, expected in (([100.0] * 4, np.cumsum([0, *legs]) / 100),
+                            (speeds, np.cumsum([0, *np.divide(legs, speeds[:3])]))):  # fmt: skip
+        text = csv(extra=",speed_m_s", values=[f",{v}" for v in speed]).split("\n")
+        text = "\n".join(line.partition(",")[2] for line in text)
+        found = load("a.csv", text)
+        np.testing.assert_allclose(found.time_s, expected, rtol=1e-6, atol=0)
+    steady = load("a.gpx", gpx(times=[""] * 4), speed_m_s=100.0, altitude_above="ellipsoid")
+    np.testing.assert_allclose(steady.time_s, np.cumsum([0, *legs]) / 100, rtol=1e-6)
+    same(load("a.kml", line_string(), speed_m_s=100, altitude_above="ellipsoid"), steady)
+    route = gpx(times=[""] * 4).replace("trkpt", "rtept")
+    route = route.replace("<trk>", "<rte>").replace("</trk>", "</rte>")
+    route = route.replace("<trkseg>", "").replace("</trkseg>", "")
+    same(load("a.gpx", route, speed_m_s=100, altitude_above="ellipsoid"), steady)
+    flat = load(
+        "a.csv", "north_km,east_m,down_m\n0,0,0\n3,4000,0\n3,4000,-100\n", None, speed_m_s=10
+    )
+    np.testing.assert_allclose(flat.time_s, [0, 500, 510])
+
+
+DOCTYPE = '<!DOCTYPE a [<!ENTITY b "c">]>'
+NED = "time_s,north_m,east_m,down_m\n0,0,0,0\n1,9,0,0\n"
+REFUSED = {
+    "sea without geoid": ("a.gpx", gpx(), {}, "a.gpx: altitudes above the sea need geoid_height_m"),
+    "sea without geoid, kml": ("a.kml", kml(), {}, "a.kml: altitudes above the sea need"),
+    "sea without geoid, csv": (
+        "a.csv",
+        csv(),
+        {"altitude_above": "sea"},
+        "a.csv: altitudes above the sea need geoid_height_m",
+    ),
+    "unused geoid": ("a.csv", csv(), SEA, "a.csv: geoid_height_m is not used with altitudes"),
+    "no altitudes": ("a.csv", NED, {**SEA, "origin": None}, "are not used with north, east"),
+    "pressure in gpx": (
+        "a.gpx",
+        gpx(),
+        {**SEA, "altitude_above": "pressure"},
+        "altitude_above: must be sea or ellipsoid for this file, got pressure",
+    ),
+    "sea in opensky": (
+        "a.csv",
+        opensky(),
+        {**SEA, "altitude_above": "sea"},
+        "altitude_above: must be ellipsoid for this file, got sea",
+    ),
+    "pressure only": (
+        "a.csv",
+        opensky().replace("geoaltitude", "other"),
+        {},
+        "a.csv:1: missing column 'geoaltitude' of ADS-B state vectors; baroaltitude is the",
+    ),
+    "pressure without geoid": (
+        "a.csv",
+        opensky(),
+        {"altitude_above": "pressure"},
+        "a.csv: altitudes above the sea need geoid_height_m",
+    ),
+    "two aircraft": ("a.csv", opensky(others=["abc123"]), {}, "a.csv:6: icao24: must be one airc"),
+    "no such aircraft": ("a.csv", opensky(), {"icao24": "ffffff"}, "no position of the aircraft"),
+    "a bad latitude": (
+        "a.csv",
+        opensky().replace(",47.12,", ",99,"),
+        {},
+        "a.csv:6: lat: must be a number not less than -90 and not greater than 90, got '99'",
+    ),
+    "icao24 in gpx": ("a.gpx", gpx(), {"icao24": "ffffff"}, "icao24 is for files of ADS-B"),
+    "icao24 in csv": ("a.csv", csv(), {"icao24": "ffffff"}, "icao24 is for files of ADS-B"),
+    "no times": ("a.gpx", gpx(times=[""] * 4), SEA, "a.gpx:1: has no times; waypoints without"),
+    "no times, kml": ("a.kml", line_string(), SEA, "a.kml:2: has no times; waypoints without"),
+    "no times, csv": ("a.csv", NED.replace("time_s", "roll_deg"), {}, "missing column 'time_s'; w"),
+    "times and speed": ("a.kml", kml(), {**SEA, "speed_m_s": 9}, "a.kml:5: has times; speed_m_s"),
+    "times and speed, csv": ("a.csv", csv(), {"speed_m_s": 9}, "a.csv:1: has time_s; speed_m_s"),
+    "some times": ("a.gpx", gpx(times=[*TIMES[:3], ""]), SEA, "a.gpx:7: has no time, but other"),
+    "times twice": (
+        "a.gpx",
+        gpx(times=[TIMES[0], *TIMES[:3]]),
+        SEA,
+        "a.gpx:3: time: must be later than 0.0",
+    ),
+    "a gap": ("a.gpx", gpx(), {**SEA, "max_gap_s": 20}, "a.gpx:7: time: must be within 20 s"),
+    "no zone": (
+        "a.gpx",
+        gpx(times=["2026-11-22T07:00:00"] * 4),
+        SEA,
+        "a.gpx:1: time: must be a date and time with its zone",
+    ),
+    "no such month": (
+        "a.gpx",
+        gpx(times=["2026-13-22T07:00:00Z"] * 4),
+        SEA,
+        "a.gpx:1: time: must be a date and time with its zone",
+    ),
+    "no elevation": (
+        "a.gpx",
+        gpx().replace("<ele>1100.0</ele>", ""),
+        SEA,
+        "a.gpx:5: ele: must be a number not less than -10000 and not greater than 1e+08, got noth",
+    ),
+    "a word": ("a.gpx", gpx().replace("8.13", "east"), SEA, "a.gpx:5: lon: must be a number not"),
+    "clamped": ("a.kml", kml(mode=""), SEA, "altitudeMode: must be absolute, got 'clampToGround'"),
+    "the same place": (
+        "a.kml",
+        line_string().replace("8.1,47.12,1010.5", "8.1,47.1,1000.0"),
+        {**SEA, "speed_m_s": 9},
+        "a.kml:3: is the same place as the point before",
+    ),
+    "two tracks": (
+        "a.gpx",
+        gpx().replace("</trk>", "</trk><trk/>"),
+        SEA,
+        "a.gpx:1: must have one track or one route, got 2 and 0",
+    ),
+    "no track": ("a.kml", KML.format(""), SEA, "must have one gx:Track or one LineString, got 0"),
+    "gpx 1.0": ("a.gpx", gpx().replace("GPX/1/1", "GPX/1/0"), SEA, "a.gpx:1: must be GPX 1.1"),
+    "no xml": ("a.gpx", csv(), SEA, "a.gpx:1: is not valid XML: syntax error"),
+    "open": ("a.gpx", gpx()[:-3], SEA, "is not valid XML: unclosed token"),
+    "a document type": ("a.gpx", "\n" + DOCTYPE + gpx(), SEA, "a.gpx:2: has a DOCTYPE, which is"),
+    "no origin": ("a.gpx", gpx(), {**SEA, "origin": None}, "need the origin of the north-east-do"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_refused_in_one_line(load, case):
+    name, text, options, says = REFUSED[case]
+    with pytest.raises(InputError) as refused:
+        load(name, text, **({"origin": None} if "north_m" in text else {}) | options)
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    origin = {"latitude_deg": 47, "longitude_deg": 8, "altitude_m": 400}
+    files = {
+        "a.gpx": (gpx(), {"geoid_height_m": 47.5}),
+        "b.csv": (
+            opensky(others=["abc123"]),
+            {"icao24": "4b1812", "altitude_above": "pressure", "geoid_height_m": 87.5},
+        ),
+        "c.kml": (line_string(), {"geoid_height_m": 47.5, "speed_m_s": 90.0}),
+    }
+    for name, (text, conventions) in files.items():
+        Path(name).write_text(text)
+        keys = {"type": "path", "file": name, "origin": origin, **conventions}
+        scenario = rs.load_scenario(write_path(tmp_path, NED, geometry=keys))
+        block = scenario.resolved()["geometry"]
+        assert block.items() >= conventions.items()
+        assert block["sha256"] == hashlib.sha256(text.encode()).hexdigest()
+        again = rs.parse_scenario(yaml.safe_dump(scenario.resolved()))
+        np.testing.assert_array_equal(again.aircraft, scenario.aircraft)
+        np.testing.assert_array_equal(again.time_s, scenario.time_s)
+        np.testing.assert_allclose(
+            scenario.aircraft[:, :3],
+            load_route(Path("d.csv").write_text(csv(higher(47.5))) and "d.csv", origin=ORIGIN)
+            .aircraft[:, :3],
+            atol=1e-6,
+        )  # fmt: skip
