@@ -1,8 +1,8 @@
 """The position of the radar in the body frame of the aircraft, and its derivatives.
 
-North-east-down (NED) to body is the ZYX Euler sequence: a turn by yaw about z, then by pitch about
-the new y, then by roll about the new x (Beard and McLain, *Small Unmanned Aircraft*, 2012, ch. 2).
-The paper's `eq:DCM_zyx` prints the transpose, body to NED.
+North-east-down (NED) to body is the ZYX Euler sequence (Beard and McLain, *Small Unmanned
+Aircraft*, 2012, ch. 2): a turn by yaw about z, then by pitch about the new y, then by roll about
+the new x. The paper's `eq:DCM_zyx` prints the transpose, body to NED.
 
 Each turn mixes two components only. Vectors are therefore three arrays, one for each component. The
 turn by α takes the pair (u, v) to (u cos α + v sin α, v cos α − u sin α).

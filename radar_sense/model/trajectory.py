@@ -139,7 +139,7 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
 
     Args:
         route: The route.
-        time: Times (n,) [s], increasing, within those of the route.
+        time: Times (n,) [s], increasing, within the times of the route.
         method: "legs" or "smooth".
 
     Raises:

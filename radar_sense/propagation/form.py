@@ -66,7 +66,7 @@ def form_upper(states: UncertainStates, beta: float) -> FloatArray:
 def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
     """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max.
 
-    The quantiles are those of the lobe about u = 0. NaN where a search has not converged.
+    The quantiles are for the lobe about u = 0. NaN where a search has not converged.
     """
     probabilities = []
     for part in states.blocks(_numbers(states, len(EXCEEDANCE_NODES))):
@@ -451,7 +451,7 @@ def spread(
     mean = median + drift
     ends = (quantile[int(np.flatnonzero(betas == b)[-1])] for b in (-beta, beta))
     lower, upper = (ndtr(np.maximum(end, floor)) for end in ends)
-    certain = np.ptp(quantile, axis=0) == 0  # then σ is not the rounding of the spline
+    certain = np.ptp(quantile, axis=0) == 0  # σ would be the rounding of the spline
     std = np.where(certain, 0.0, np.sqrt(variance))
     return np.where(space.value > 0, 1.0 - mean, mean), std, lower, upper
 

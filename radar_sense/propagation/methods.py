@@ -254,8 +254,8 @@ def exceedance_probability(
 ) -> FloatArray:
     """Return P(P_D > p_max) (n,) at every pose of a scenario, at its level of radar uncertainty.
 
-    One minus it is the conformance probability of JCGM 106:2012, clause 7. The probability is NaN
-    where the method has no value.
+    One minus P(P_D > p_max) is the conformance probability of JCGM 106:2012, clause 7. The
+    probability is NaN where the method has no value.
     """
     _, states = _states_of(scenario)
     chosen = METHODS[method]

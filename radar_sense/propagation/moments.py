@@ -92,10 +92,10 @@ def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[Floa
     """Return mean and standard deviation of Φ(z) for normal z with mean m and deviation s (k,).
 
     The mean is Φ(h) with h = m/√(1 + s²). The variance is 2 [T(h, 1) − T(h, a)] with
-    a = 1/√(1 + 2s²) and Owen's T (D. B. Owen, Ann. Math. Statist. 27(4), 1956). T(h, x) is the integral of
-    exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0 to x. The difference is the integral from a to 1, in
-    which nothing cancels for small s. The number of points is a multiple of 8. The integral is
-    exact to rounding for s up to 0.5 with 8 points, and for s up to 30 with 32 points.
+    a = 1/√(1 + 2s²) and Owen's T (D. B. Owen, Ann. Math. Statist. 27(4), 1956). T(h, x) is
+    the integral of exp(−h²(1 + t²)/2)/(2π(1 + t²)) from 0 to x. The difference is the integral from
+    a to 1, in which nothing cancels for small s. The number of points is a multiple of 8. The
+    integral is exact to rounding for s up to 0.5 with 8 points, and for s up to 30 with 32 points.
     """
     h = m / np.sqrt(1.0 + s * s)
     a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)

@@ -1,1 +1,1 @@
-"""Files to a `Scenario`; the only place that knows YAML, CSV, degrees and decibels."""
+"""From files to a `Scenario`: YAML, CSV, degrees and decibels to SI units."""

@@ -25,7 +25,7 @@ def read_aircraft(entry: Entry, geometry: Entry) -> tuple[RCS, TableFile | None,
         entries = entry.mapping(["rcs"], [keys.ATTITUDE.name])
         if keys.ATTITUDE.name in entries:
             raise entries[keys.ATTITUDE.name].error(
-                "must be left out with a path: attitude is that of the route file, or of its track"
+                "must be left out with a path: attitude is from the route file or from its track"
             )
         return *_read_rcs(entries["rcs"]), None
     section = entry.section(keys.AIRCRAFT)

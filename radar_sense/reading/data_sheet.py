@@ -101,7 +101,7 @@ def read_tolerances(entry: Entry, sheet: DataSheet) -> tuple[Tolerance, ...]:
     """Read standard deviations of parameters, each in the unit of its key.
 
     Raises:
-        InputError: If a key is not one of the data sheet, or a number is not allowed.
+        InputError: If a key is not in the data sheet, or a number is not allowed.
     """
     losses_key = keys.LOSSES_DB.name
     allowed = [key for key in nested(sheet.values) if key != "coherent_pulses"]

@@ -13,7 +13,7 @@ def read_detector(entry: Entry, p_fa: float) -> Detector:
 
     Args:
         entry: The name of the detector, or a mapping with the name as its `model`.
-        p_fa: Probability of false alarm, which a CFAR with few cells cannot keep.
+        p_fa: Probability of false alarm. A CFAR with few cells cannot have a small P_fa.
 
     Raises:
         InputError: If anything in the entry is not allowed.

@@ -86,5 +86,5 @@ def _read_sweep(entry: Entry) -> tuple[FloatArray, tuple[float, float, float]]:
     steps = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9)
     if steps >= MAX_POSES:
         raise section["step"].error(f"makes {steps + 1:,} poses, allowed are {MAX_POSES:,}")
-    # Rounding to 1e-12 degrees turns 3 · 0.1 = 0.30000000000000004 back into what was meant.
+    # Rounding to 1e-12 degrees turns 3 · 0.1 = 0.30000000000000004 into 0.3.
     return np.round(start + step * np.arange(steps + 1), 12), (start, stop, step)

@@ -73,7 +73,7 @@ class RadarEntry:
 
     @property
     def source(self) -> RadarSource:
-        """Origin of the state and the covariances, for the record."""
+        """The state and the covariances before and after `placed`, for the record."""
         covariances = {
             level: StatedCovariance(matrix, self.levels.covariance[level])
             for level, matrix in self.stated.covariance.items()
@@ -125,7 +125,7 @@ def read_radar(
         if sheet and sheet.kind == "surveillance" and _looks(detector) > 1:
             raise section[keys.DETECTOR].error(
                 "must be of one pulse with 'surveillance', which takes all the energy of a scan "
-                "for a single pulse; 'tracking' and 'constant' are of one pulse of several"
+                "for a single pulse; 'tracking' and 'constant' take one of several pulses"
             )
     return RadarEntry(
         state=np.array([*radar_position, constant]),
@@ -163,8 +163,8 @@ def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:
 def with_levels(radar: RadarEntry, levels: Levels, poses: Poses) -> RadarEntry:
     """Return a radar with its uncertainty.
 
-    C_rr of a radar in latitude and longitude is relative to north, east and down at the radar, and
-    is turned into the frame of the poses.
+    For a radar in latitude and longitude, the file has C_rr relative to north, east and down at the
+    radar. The result is in the frame of the poses.
     """
     made = levels
     if radar.place is not None and poses.origin is not None:

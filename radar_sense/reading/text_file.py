@@ -75,8 +75,8 @@ def open_text(path: str | Path, kind: str, allowed_bytes: int) -> Iterator[TextF
         allowed_bytes: Largest size accepted.
 
     Raises:
-        InputError: If the file cannot be read, or is a folder, a pipe or a device. A pipe could
-            block for ever, and a device has no end.
+        InputError: If the file cannot be read, or is a folder, a pipe or a device. A pipe may block
+            without end, and a device has no end.
     """
     try:
         with open(path, "rb", opener=_without_blocking) as file:
@@ -122,5 +122,5 @@ def size_in_words(size: int) -> str:
 
 
 def _without_blocking(path: str, flags: int) -> int:
-    # Without O_NONBLOCK the system would wait for somebody to write to a pipe.
+    # Without O_NONBLOCK, opening a pipe blocks until another process opens the pipe to write.
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))

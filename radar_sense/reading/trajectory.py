@@ -15,7 +15,7 @@
       speed_m_s: 200                    between waypoints without times
       icao24: 4b1812                    which aircraft of a file of ADS-B state vectors
 
-A radar of such a scenario may have its place in latitude and longitude too:
+With an origin, a radar may have its place in latitude and longitude too:
 
     radar:
       position_geodetic: {latitude_deg: 47.1, longitude_deg: 9.2, altitude_m: 1500}
@@ -25,7 +25,7 @@ of the aircraft, in the route file or in the scenario, is relative to north, eas
 aircraft.
 
 The columns of the file are described at the top of `route_file`. Attitude comes from the file, or
-else from the track.
+from the track if the file has no attitude.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, provenance.Path]:
     """Read the path that a geometry names.
 
     Returns:
-        The axis of the poses, the route, and the path for the record. The record has the SHA-256
-        of the file, so that it cannot be read back with another file.
+        The axis of the poses, the route, and the path for the record. The record has the SHA-256 of
+        the file. Another file is then refused when the record is read back.
 
     Raises:
         InputError: If anything in the entry or the file is not allowed.

@@ -46,8 +46,8 @@ def read_uncertainty(
         entry: The mapping.
         poses: The poses, with C_aa if the route file has it.
         sheet: Data sheet of a single radar.
-        of_radar: Whether the mapping has the levels of a single radar. Entries of several radars
-            have their levels.
+        of_radar: Whether the mapping has the levels of a single radar. With several radars, each
+            entry of `radars` has the levels.
         rcs: The RCS, which may have a standard deviation of its own.
         attenuation: Attenuation of a single radar [dB/m].
     """
@@ -76,7 +76,7 @@ def read_uncertainty(
         if aircraft in entries and list(given) != [keys.RCS_DB.name]:
             raise entries[aircraft].error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
-                "both say how uncertain the aircraft is"
+                "both state the uncertainty of the aircraft"
             )
         cov_aircraft = StatedCovariance(None, poses.covariance)
     rcs_db = _read_rcs_db(entries[aircraft], rcs) if aircraft in entries else 0.0
@@ -95,8 +95,8 @@ def _read_rcs_db(entry: Entry, rcs: RCS) -> float:
     value = given[keys.RCS_DB.name]
     if getattr(rcs, "spread", None) is not None:
         raise value.error(
-            "must be left out, or the column std_db of the RCS table: both say how uncertain the "
-            "RCS is"
+            "must be left out, or the column std_db of the RCS table: both state the uncertainty "
+            "of the RCS"
         )
     return float(value.value(keys.RCS_DB))
 

@@ -28,7 +28,7 @@ from radar_sense.reading.text_file import (
     open_text,
 )
 
-#: A scenario is a page of text; more than this is some other file.
+#: Largest scenario file. A scenario is a page of text, far smaller than this.
 MAX_BYTES = 64 * 1024
 _INFINITE = re.compile(r"\+?\.?inf(inity)?", re.IGNORECASE)
 T = TypeVar("T")
@@ -48,7 +48,7 @@ class Entry:
         return InputError(": ".join(filter(None, (place, self.path, message))))
 
     def wrong(self, allowed: object) -> InputError:
-        """Return the error for a value that is not what is allowed here."""
+        """Return the error for a value other than the allowed ones."""
         return self.error(f"must be {allowed}, got {self._description()}")
 
     def entries(self) -> dict[str, Entry]:
@@ -104,7 +104,7 @@ class Entry:
         return value
 
     def number_or_infinity(self, limit: Limit = ANY) -> float:
-        """Read a number, or `.inf`; with quotes too, as JSON has no other way to write it."""
+        """Read a number, or `.inf`; with quotes too, because JSON has no infinite numbers."""
         text = self.node.value if isinstance(self.node, yaml.ScalarNode) else ""
         if _INFINITE.fullmatch(text):
             return math.inf
@@ -170,7 +170,7 @@ class Entry:
         return str(value)
 
     def section(self, keys: Sequence[Key], *besides: str) -> Section:
-        """Read a mapping with declared keys, of which it must have the required ones.
+        """Read a mapping with declared keys; the required keys must be there.
 
         Args:
             keys: The declared keys.
@@ -218,7 +218,7 @@ class Entry:
             raise self.error(str(error)) from error
 
     def instance_of(self, kinds: type | Mapping[str, type]) -> Any:
-        """Read a mapping into a dataclass, or into the one of several that its `type` names."""
+        """Read a mapping into a dataclass, or into the one of several that `type` names."""
         if isinstance(kinds, type):
             return self.instance(kinds)
         entries = self.entries()
@@ -280,7 +280,7 @@ def in_si(value: Any, key: Key) -> Any:
 
 @contextmanager
 def file_errors(section: Section) -> Iterator[None]:
-    """Raise errors of a file that a section names with the place of the key.
+    """Raise errors of a file with the place of the key that names the file.
 
     Errors with a line of the file stay as they are.
     """
@@ -333,7 +333,7 @@ def parse(text: str, source: str) -> Entry:
 
 def _refuse_tags(root: Entry) -> None:
     """Raise InputError for tags such as `!!python/object`."""
-    # Aliases make the same node appear in many places; each is looked at once.
+    # Aliases make the same node appear in many places. Each node is checked once.
     seen: set[int] = set()
     waiting = [root]
     while waiting:
@@ -357,7 +357,7 @@ def _refuse_tags(root: Entry) -> None:
 
 
 def _implicit_tag(node: yaml.Node) -> str:
-    """Return the tag that a node has if its author wrote none."""
+    """Return the default tag of a node, which the author of the file did not write."""
     plain = getattr(node, "style", None) is None
     resolver: Any = yaml.resolver.Resolver()  # which has no types
     return str(resolver.resolve(type(node), node.value, (plain, not plain)))

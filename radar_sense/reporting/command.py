@@ -25,7 +25,7 @@ from radar_sense.scenario import Scenario
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """The answers that a scenario has.
+    """The report of a scenario: results of analyses, and sections with answers.
 
     Attributes:
         evidence: The results of the analyses.
@@ -94,7 +94,7 @@ class Report:
     def write(
         self, folder: str | Path, formats: Sequence[str] = (), *, command: Sequence[str] = ()
     ) -> Written:
-        """Do what `save` does, as `Result.write` does it."""
+        """Write the page as `save` does, and return the written files as `Result.write` does."""
         folder, name = Path(folder), f"{self.stem}.html"
         try:
             content = self.html(command).encode()
@@ -122,13 +122,14 @@ def _report(
 ) -> Report:
     """One HTML page: the questions about a scenario, and the answers.
 
-    It has P_D with its band, the error budget, a comparison of the methods, the mission along a
-    path, a map, all warnings, and the scenario. With --threshold also the threshold test; exit code
-    3 says that the test is violated or not known. The page needs no network and no script.
+    The page has P_D with its band, the error budget, and a comparison of the methods. The mission
+    along a path, a map, all warnings, and the scenario follow. With --threshold the page has the
+    threshold test too. Exit code 3 means that the test is violated or not known. The page needs no
+    network and no script.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation, by default that of `variance` and of `budget`.
+        method: Method of propagation, by default the one of `variance` and of `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: How many σ P_D must stay below P_max, 3 by default.
         workers: Threads to compute with; of no influence on the page.

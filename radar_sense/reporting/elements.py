@@ -6,7 +6,7 @@ import html
 import re
 from collections.abc import Iterable, Sequence
 
-#: Symbols as they are printed.
+#: Printed form of symbols.
 _TERMS = (
     (re.compile(r"\bP_(D|FA)\b"), r"<i>P</i><sub>\1</sub>"),
     (re.compile(r"\bc_r\b"), "<i>c</i><sub>r</sub>"),
@@ -16,18 +16,18 @@ _NUMBER = re.compile(r"[-+−]?[\d.,]*\d(e[-+]?\d+)?( ?%)?$")
 
 
 class Html(str):
-    """Text that is HTML; a plain `str` is text that is still to be escaped."""
+    """Text that is HTML; a plain `str` is not escaped yet."""
 
     __slots__ = ()
 
 
 def escaped(text: str) -> Html:
-    """Return text as HTML, without any change to its letters; HTML is returned as it is."""
+    """Return text as HTML with the same letters; HTML is returned unchanged."""
     return text if isinstance(text, Html) else Html(html.escape(text))
 
 
 def prose(text: str) -> Html:
-    """Return a sentence as HTML, with its symbols as they are printed."""
+    """Return a sentence as HTML, with the printed form of its symbols."""
     if isinstance(text, Html):
         return text
     words = html.escape(text)

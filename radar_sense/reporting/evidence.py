@@ -22,9 +22,9 @@ from radar_sense.errors import InputError
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
-#: Draws at each pose of the comparison of methods, and poses that are compared: so many for one
-#: radar, fewer for many, so that the time stays the same.
+#: Draws at each pose of the comparison of methods.
 DRAWS = 20_000
+#: Most poses compared, and most poses times radars, which bounds the time for many radars.
 POSES, POSES_BY_RADARS = 31, 250
 
 
@@ -34,13 +34,13 @@ class Evidence:
 
     Attributes:
         scenario: The scenario, at its level, with its seed and of the radar chosen.
-        implausible: What in the scenario is possible but hardly meant.
+        implausible: Warnings about possible but implausible values in the scenario.
         variance: P_D with its band, and the threshold test if there is one.
-        budget: The error budget, and the accuracies that the threshold takes.
-        halved: 3σ of P_D where it is largest, with half the deviation of one source or a part of
-            it, by name.
+        budget: The error budget, and the accuracies that the threshold requires.
+        halved: 3σ of P_D where it is largest, with half the deviation of one source or of one part
+            of a source, by name.
         comparison: All methods against draws, at some of the poses.
-        repeated: The same against other draws.
+        repeated: The same comparison with other draws.
         mission: The looks along the path, or why there is no answer; None without a path.
         map: P_D over an area, or why there is no answer.
     """
@@ -62,7 +62,7 @@ class Evidence:
         return found
 
     def warnings_of(self, result: Result) -> tuple[str, ...]:
-        """Return the warnings of a result that are not of its scenario."""
+        """Return the warnings of a result, without the warnings of the scenario."""
         given = {*self.implausible, *plausibility_warnings(result.scenario)}
         return tuple(warning for warning in result.warnings if warning not in given)
 
@@ -80,7 +80,7 @@ def gather(
 
     Args:
         scenario: The scenario, at its level.
-        method: Method of propagation, by default that of `variance` and of `budget`.
+        method: Method of propagation, by default the one of `variance` and of `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: How many σ P_D must stay below P_max, 3 by default.
         workers: Threads to compute with; of no influence on the results.
@@ -119,7 +119,7 @@ def gather(
 
 
 def _goal(along: Result) -> dict[str, float]:
-    """Return the options that ask `budget` what the threshold takes where the margin is least."""
+    """Return the options of `budget` for the threshold, at the pose of the least margin."""
     test, margin = along.summary["threshold"], along.table["margin"]
     pose = int(np.argmin(np.where(np.isnan(margin), np.inf, margin)))
     return {
@@ -132,8 +132,8 @@ def _goal(along: Result) -> dict[str, float]:
 def compared_poses(along: Result) -> NDArray[np.intp]:
     """Return the poses at which the methods are compared.
 
-    They are spread evenly over the geometry. The poses of the largest 3σ and of the highest bound
-    are among them.
+    The poses are evenly spaced over the geometry, with the poses of the largest 3σ and of the
+    highest bound added.
     """
     count = len(along.scenario.axis)
     most = max(2, min(POSES, POSES_BY_RADARS // len(along.scenario.model.radars)))

@@ -25,7 +25,7 @@ class Drawing:
         key: Begins all ids of the figure, so that no two figures of a page have the same.
         result: The result.
         title: What the figure shows, in a few words.
-        seen: What a reader sees in the figure, for readers who do not.
+        seen: Description of the figure, for readers who cannot see the figure.
         caption: How the figure is read.
     """
 
@@ -65,7 +65,7 @@ def inline_svg(drawn: bytes, key: str, title: str, seen: str) -> Html:
         seen: Description of the image.
     """
     root = ElementTree.fromstring(drawn)
-    for tag in ("metadata", "defs"):  # the first definitions are a style, which would be the page's
+    for tag in ("metadata", "defs"):  # a style in the first <defs> would hold for the page
         for node in root.findall(f"{_SVG}{tag}")[:1]:
             root.remove(node)
     for node in root.iter():

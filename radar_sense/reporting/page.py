@@ -20,7 +20,7 @@ from radar_sense.reporting.figure import Drawing
 from radar_sense.reporting.sections import Section
 from radar_sense.scenario import Scenario
 
-#: No script, no font, no request: nothing but what is in the file.
+#: The page may use nothing outside its file: no script, no font, no request.
 _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 _AGAIN = "How can this report be made again?"
 
@@ -104,7 +104,7 @@ def _contents(sections: Sequence[Section]) -> Html:
 
 
 def _each(sections: Sequence[Section]) -> list[Html]:
-    """Return the sections; a warning given in an earlier one is not repeated."""
+    """Return the sections; a warning of an earlier section is not repeated."""
     given: dict[str, Section] = {}
     pages = []
     for section in sections:

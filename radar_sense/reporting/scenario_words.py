@@ -19,12 +19,12 @@ _RCS = {
     "spikeball": "an RCS with lobes",
     "table": "an RCS from a table",
 }
-#: So many radars stand side by side; more stand below each other.
+#: Most radars that are columns of the table; more radars are rows.
 SIDE_BY_SIDE = 3
 
 
 def scenario_sentence(scenario: Scenario) -> str:
-    """Return who looks at whom, in a sentence or two."""
+    """Return radars, target and flight in a sentence or two."""
     document, names = scenario.resolved(), scenario.model.names
     count = len(scenario.model.radars)
     who = f"{count} radars" if count > 1 else "One radar"

@@ -1,4 +1,4 @@
-"""The sections of a report: a question each, its answer, and what shows it. No physics."""
+"""The sections of a report: each a question, its answer, and figures or tables. No physics."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Section:
         key: Its id in the page.
         question: The heading.
         answer: One or two sentences.
-        body: What shows the answer, in order.
+        body: Text, figures and tables that show the answer, in order.
         warnings: Where the answer is unreliable.
         by: The analysis that the answer comes from, and its method; empty for none.
     """
@@ -86,7 +86,7 @@ def _detection(evidence: Evidence) -> Section:
     worst = result.summary["largest_three_sigma"]
     answer = (
         f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}. "
-        f"It is least sure where 3 sigma is largest: {describe_extreme(worst, axis)}."
+        f"P_D is least sure where 3 sigma is largest: {describe_extreme(worst, axis)}."
     )
     extremes = {
         "Lowest P_D": trough(columns["p_d"], axis),
@@ -122,7 +122,7 @@ def _detection(evidence: Evidence) -> Section:
                 "P_D is the probability that "
                 + ("at least one radar detects" if _several(result) else "one look detects")
                 + " the aircraft there. The band of 3 sigma shows how far P_D may be off, because "
-                "positions, attitudes and radar constants are uncertain, as the scenario says.",
+                "positions, attitudes and radar constants are uncertain, as the scenario states.",
             ),
             Drawing(
                 "figure-p-d",
@@ -273,7 +273,7 @@ def _methods(evidence: Evidence) -> Section:
     by_size = sorted(METHODS, key=lambda m: np.nan_to_num(worst[m]["bounds"]["value"], nan=np.inf))
     nearest = by_size[0]
     answer = (
-        f"The bounds by {used}, the method of the figure above, differ from those of {runs:,} "
+        f"The bounds by {used}, the method of the figure above, differ from the bounds by {runs:,} "
         f"draws by up to {describe_extreme(worst[used]['bounds'], axis)}. "
         + (
             "No method comes nearer."
@@ -289,7 +289,7 @@ def _methods(evidence: Evidence) -> Section:
             element(
                 "p",
                 f"Compared at {len(axis)} of {len(evidence.scenario.axis)} poses, between "
-                f"{axis.number(float(axis.values[0]))} and {axis.at(-1)}. Two such sets of draws "
+                f"{axis.number(float(axis.values[0]))} and {axis.at(-1)}. Two sets of draws "
                 f"differ from each other by up to {_number(noise)}: differences of that size are "
                 "noise of the draws. With more draws: ",
                 code("radar-sense compare --runs 200000"),
@@ -303,7 +303,7 @@ def _methods(evidence: Evidence) -> Section:
                 f"Bounds of P_D by every method and by draws, by {axis.name}",
                 f"{answer} The lower panel shows the difference of each method from the draws.",
                 "The 3-sigma bounds of P_D by every method; the grey band is of the draws. Below: "
-                "the bounds less those of the draws.",
+                "each bound minus the bound by draws.",
             ),
             table(
                 f"Largest difference from {runs:,} draws",
@@ -390,7 +390,7 @@ def _required(evidence: Evidence) -> Iterator[Html]:
     ]
     place = axis.format(asked[f"at_{axis.unit}"])
     yield table(
-        f"What would keep it within the threshold at {place}, where the margin is least",
+        f"What would keep the bound within the threshold at {place}, where the margin is least",
         ("Source", "Largest factor on its deviation, with all others as they are"),
         rows,
     )
