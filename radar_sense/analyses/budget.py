@@ -54,6 +54,10 @@ VANISHING = 1e-3
 FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)
 
 
+#: Part of the total by which half the deviation of a parameter must reduce the total.
+LEAST_GAIN = 0.01
+
+
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense.plotting import (
@@ -205,6 +209,12 @@ def budget(
     for name in parts_ranked:
         share, error, three = part_shares[name], errors.get(name), float(parts[name][pose])
         rows[constant_parts[name].source].append(_row(indented[name], three, share, error, width))
+    for radar in scenario.model.names:
+        of_attenuation = contributions.finer.get(f"{radar}_attenuation")
+        if of_attenuation is not None:
+            three = 3 * float(of_attenuation[pose])
+            share = (three / float(total[pose])) ** 2 if total[pose] > 0 else float("nan")
+            rows[radar].append(_row("  attenuation", three, share, None, width))
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if goal is not None:
@@ -427,6 +437,11 @@ def _measure_better(
     if method == MONTE_CARLO:
         return (advice,)
     (halved,) = value_function(scenario.at_poses(np.array([pose])), method)([ranked[0]], 0.5)
+    if halved > (1.0 - LEAST_GAIN) * total:
+        return (
+            f"no part of the radar constant{several} is worth a measurement: half the deviation of "
+            f"{_short(ranked[0])}, the largest part, leaves the total at {halved:.4f}",
+        )
     return (f"{advice}: with half its deviation the total would be {halved:.4f}",)
 
 

@@ -29,9 +29,9 @@ from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY, Limit
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.propagation import upper_bound
+from radar_sense.propagation import nonlinear, upper_bound
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, RADAR, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 COLOURS = "cividis"
 #: Levels of P_D with contour lines, and with areas in the report.
 LEVELS = (0.1, 0.5, 0.9)
+#: Most rows and columns of the cells at which the method is checked.
+SAMPLED = 20
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -296,7 +298,10 @@ def coverage_map(
             "along the route, at the attitude of each pose, "
             f"{summary['route'][0]:.4f} to {summary['route'][1]:.4f}",
         ),
-        warnings=_warnings(scenario, cells, pose, shown, method),
+        warnings=(
+            *_warnings(scenario, cells, pose, shown, method),
+            *(_unreliable(scenario, cells, pose, method) if upper else ()),
+        ),
     )
 
 
@@ -356,3 +361,27 @@ def _warnings(
                 "elevations of the RCS table; there the outermost values of the table are used"
             )
     return tuple(lines)
+
+
+def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) -> tuple[str, ...]:
+    """Warn if the check of a method finds its bound unreliable in some of the sampled cells."""
+    sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
+    everything = slice(None), slice(None)
+    aircraft = states_in(sample, everything, pose, scenario.origin).reshape(-1, len(AIRCRAFT))
+    unreliable = nonlinear(
+        scenario.model,
+        aircraft,
+        scenario.shared,
+        scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0],
+        scenario.cov_shared,
+        method=method,
+        log_constant=scenario.log_constant,
+    )
+    count = int(np.count_nonzero(unreliable))
+    if not count:
+        return ()
+    remedy = "" if method == "form" else "; use --method form"
+    return (
+        f"the {method} bound is unreliable in {count} of {len(aircraft)} cells that were "
+        f"checked{remedy}",
+    )

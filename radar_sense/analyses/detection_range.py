@@ -279,7 +279,9 @@ def detection_range(
         unreliable = np.any([at.unreliable for at in ranges], axis=0)
         place = describe_poses(unreliable, axis)
         if place:
-            remedy = "" if method == "form" else ": use --method form"
+            remedy = ": use --method form"
+            if method == "form":
+                remedy = ": compare with `radar-sense montecarlo` at poses of this range"
             warnings.append((name, f"the {method} band of the range is unreliable {place}{remedy}"))
     pose = around.pose
     height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"

@@ -28,6 +28,7 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -166,7 +167,8 @@ def montecarlo(
         summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
             warnings.append(
-                f"the {method} band does not hold 99.73 % of the draws {describe_poses(off, axis)} "
+                f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
+                f"{describe_poses(off, axis)} "
                 "(95 % confidence for all poses together)"
             )
     warnings += (
@@ -203,3 +205,13 @@ def montecarlo(
         warnings=tuple(warnings),
         arrays={"sample_paths": mc.sample_paths},
     )
+
+
+def _fewer_or_more(most: FloatArray, least: FloatArray) -> str:
+    """Return whether the coverage is below or above the expected one, where it differs."""
+    words = []
+    if (most < WITHIN_3_SIGMA).any():
+        words.append("fewer")
+    if (least > WITHIN_3_SIGMA).any():
+        words.append("more")
+    return " or ".join(words)

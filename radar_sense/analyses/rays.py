@@ -159,7 +159,7 @@ class Reach:
         distance: Farthest distance with at least this P_D (n,) [m]; NaN where there is none.
         limited: Where (n,) P_D is still higher at this distance, and a limit of the radar comes
             first.
-        edges: How often (n,) P_D rises to or falls below the value along a ray.
+        edges: How often (n,) P_D rises to or falls below the value along a ray without limits.
     """
 
     distance: FloatArray
@@ -199,7 +199,7 @@ class Survey:
         # Beyond the edge P_D is below the value, or else a limit made the edge.
         beyond = mine.p_d(np.where(np.isnan(far), NEAREST, far)[:, np.newaxis])[:, 0] >= p_d
         limited = beyond & ~np.isnan(distance)
-        edges = np.count_nonzero(np.diff(inside, axis=1), axis=1) - (limited & ~inside[:, -1])
+        edges = np.count_nonzero(np.diff(self.p_d >= p_d, axis=1), axis=1)
         return Reach(distance, limited, edges)
 
     def limit(self) -> FloatArray:

@@ -122,7 +122,7 @@ class Sampler:
             Radar states (runs, 4m), and where a c_r was drawn below zero and set to zero (runs,).
         """
         radar = draws(self.radar, self.sqrt_cov_radar, normals[:, : len(self.radar)])
-        places = constants_of(len(self.radar) // len(RADAR))
+        places = constants_of(len(self.model.radars))
         constants = radar[:, places]  # a view: assignments change `radar`
         negative = constants < 0
         constants[negative] = 0.0

@@ -345,7 +345,7 @@ def _threshold(evidence: Evidence) -> Section | None:
         "violated": f"No: {bound} exceeds {test['p_max']:g}, first at "
         f"{_first_place(test, result)}"
         + (
-            ", and P_D itself does somewhere."
+            f", and P_D itself does at {_above(test, result)} of {len(result.scenario.axis)} poses."
             if test["p_d_itself_above"]
             else ", though P_D itself is within it everywhere."
         ),
@@ -546,3 +546,8 @@ def _number(value: float) -> str:
     if math.isnan(value):
         return "undefined"
     return f"{value:.0e}" if 0 < abs(value) < 5e-5 else f"{value:.4f}"
+
+
+def _above(test: Mapping[str, Any], result: Result) -> int:
+    """Return the number of poses at which P_D itself is above P_max."""
+    return int(np.count_nonzero(result.table["p_d"] > test["p_max"]))

@@ -118,7 +118,7 @@ def test_negative_constants_are_reported():
 def test_inconsistent_coverage_is_a_number():
     s = load_scenario().with_analysis(level="high", runs=5000)
     result = analyses.montecarlo(s)
-    assert any("does not hold 99.73 % of the draws" in warning for warning in result.warnings)
+    assert any("fewer than 99.73 % of the draws" in warning for warning in result.warnings)
     lowest = result.summary["coverage_lowest"]
     low, high = lowest["confidence_95"]
     assert low < lowest["value"] < high < 0.9973

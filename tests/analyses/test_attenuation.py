@@ -172,6 +172,8 @@ def test_the_budget_has_it_as_a_source_of_each_radar():
                     assert_allclose(budget.alone[name] ** 2, whole, rtol=1e-12)
             assert min(budget.finer[f"{name}_attenuation"][0] for name in ("one", "two")) > 0.002
             assert budget.finer["three_attenuation"][0] == 0
+        rows = [line for line in analyses.budget(s).report if line.startswith("    attenuation")]
+        assert len(rows) == 3
 
 
 @pytest.mark.parametrize("names", [("one",), ("one", "two")])

@@ -113,6 +113,7 @@ def test_a_limit_comes_first():
     assert column(result, "range_m_0.1") == pytest.approx(farthest, rel=1e-9)
     assert np.isnan(column(result, "sigma_range_m_0.1")).all()
     assert (column(result, "limited_0.1") == 1).all()
+    assert (column(result, "edges_0.1") == 1).all()  # without the limit
     assert column(result, "upper_3sigma_m_0.1") == pytest.approx(farthest, rel=1e-9)
     assert any("limit of the radar comes first" in line for line in result.report)
 
