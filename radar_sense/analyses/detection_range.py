@@ -441,7 +441,7 @@ def _shares(at: RangeAt) -> dict[str, float]:
 def _line(at: RangeAt, axis: Axis) -> str:
     """Describe the range for one P_D, and where its uncertainty comes from."""
     if not (at.slant > 0).any():
-        return f"P_D {at.p_d:g}: at no range"
+        return f"P_D {at.p_d:g}: at no range, so that sigma has no value"
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
     words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at {axis.at(least)}"
     if np.ptp(at.slant) > 1e-6 * at.slant[greatest]:
@@ -462,12 +462,20 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     lines = []
     none = at.slant == 0
     if none.any() and not none.all():
-        lines.append(f"P_D {at.p_d:g}: at no range {describe_poses(none, axis)}")
+        lines.append(
+            f"P_D {at.p_d:g}: at no range {describe_poses(none, axis)}; sigma has no value"
+        )
     far = at.slant >= 0.999 * FARTHEST
     limited = at.reach.limited & ~far
     if limited.any():
         place = describe_poses(limited, axis)
-        lines.append(f"P_D {at.p_d:g}: the limit of the radar comes first {place}")
+        lines.append(
+            f"P_D {at.p_d:g}: the limit of the radar comes first {place}; sigma has no value"
+        )
+    undefined = np.isnan(at.std) & ~limited & ~none
+    if undefined.any():
+        place = describe_poses(undefined, axis)
+        lines.append(f"P_D {at.p_d:g}: sigma has no value {place}")
     again = at.reach.edges > 1
     if again.any():
         lines.append(

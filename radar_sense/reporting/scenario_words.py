@@ -78,7 +78,7 @@ def radar_table(scenario: Scenario, columns: Mapping[str, FloatArray]) -> Html:
                 "c_r [J m²/K]": f"{constant:g}",
                 "σ of c_r": std,
                 "P_FA": f"{block['p_fa']:g}",
-                "Detector": str(block["detector"]),
+                "Detector": _detector(block["detector"]),
                 "Attenuation [dB/km]": _value(block.get("attenuation_db_per_km", "")),
                 "σ of attenuation [dB/km]": _value(
                     levels[scenario.level].get("attenuation_db_per_km", "")
@@ -141,8 +141,25 @@ def _place(block: Mapping[str, Any]) -> str:
     return f"{_value(block['position_m'])} m north, east, down"
 
 
+def _detector(detector: str | Mapping[str, Any]) -> str:
+    """Return a detector in words: its model, and its keys with their values."""
+    if isinstance(detector, str):
+        return detector
+
+    def words(key: str, value: object) -> str:
+        if isinstance(value, Mapping):
+            return f"{key}: " + " ".join(words(k, v) for k, v in value.items())
+        return f"{value}" if key in ("model", "type") else f"{key.replace('_', ' ')} {value}"
+
+    return ", ".join(words(key, value) for key, value in detector.items())
+
+
 def _limits(block: Mapping[str, Any]) -> str:
-    limits = [f"{block['max_range_km']:g} km"] if "max_range_km" in block else []
+    limits = []
+    if block.get("min_range_km"):
+        limits.append(f"from {block['min_range_km']:g} km")
+    if "max_range_km" in block:
+        limits.append(f"up to {block['max_range_km']:g} km")
     if block.get("horizon"):
         limits.append("horizon")
     return ", ".join(limits) or "none"
