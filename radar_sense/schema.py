@@ -276,7 +276,7 @@ def _data_sheet(kind: str) -> Schema:
 
 
 def _rcs() -> Schema:
-    """Return the schema of an RCS: the keys are those of the model."""
+    """Return the schema of an RCS, with the keys of its model."""
     models = {
         name: keys.TABLE if name == "table" else (keys.RCS_MODEL, *keys.declared(cls))
         for name, cls in RCS_MODELS.items()
@@ -285,7 +285,7 @@ def _rcs() -> Schema:
 
 
 def _geometry() -> Schema:
-    """Return the schema of a geometry: the keys are those of its type."""
+    """Return the schema of a geometry, with the keys of its type."""
     orbit = _mapping(keys.ORBIT, {"azimuth_deg": _mapping(keys.SWEEP)})
     shapes = {"origin": _mapping(keys.PLACE), "interpolate": _mapping(keys.INTERPOLATE)}
     return _by_word(keys.GEOMETRY_TYPE, {"orbit": orbit, "path": _mapping(keys.PATH, shapes)})

@@ -53,8 +53,8 @@ def sources(
         radars: Names of the radars. Each of several radars is one source. The sources of a single
             radar are `SOURCES`.
         rcs: Whether the error of the RCS is a source.
-        attenuation: Whether the attenuation of a single radar is a source, and that of each of
-            several radars a part of the radar.
+        attenuation: Whether the attenuation of a single radar is a source. Of several radars,
+            the attenuation of each is a part of its radar.
     """
     found = dict(SOURCES)
     if len(radars) > 1:
@@ -95,7 +95,7 @@ def constant_names(radars: Sequence[str] = ()) -> list[str]:
 
 
 def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
-    """Return the components of some radars in the states of all, with those of further errors.
+    """Return the places of some radars, and of their further errors, in the states of all.
 
     Args:
         radars: Numbers of the radars, from 0.

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 #: The gradient for a source counts as zero where its share of the total is below VANISHING times
 #: its largest share.
 VANISHING = 1e-3
-#: Sources that a scenario may have beside those of the paper.
+#: Sources that the paper does not have.
 FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)
 
 

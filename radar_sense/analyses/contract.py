@@ -22,7 +22,7 @@ from radar_sense import files
 from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.errors import did_you_mean
-from radar_sense.limits import FORMATS, RUNS, SEED, STYLES, WORKERS, Limit
+from radar_sense.limits import FORMATS, MAP_KM, RUNS, SEED, STYLES, WORKERS, Limit
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario, check_scenario, for_radar
@@ -112,6 +112,13 @@ OPTIONS: Mapping[str, Option] = {
             "dask",
             "Compute on a Dask cluster, given by its scheduler, such as tcp://host:8786.",
             metavar="ADDRESS",
+        ),
+        Option("down_km", "Down coordinate.", MAP_KM, default_text="as at the first pose"),
+        Option(
+            "course_deg",
+            "Yaw of the aircraft.",
+            Limit(at_least=-360, at_most=360),
+            default_text="as at the first pose",
         ),
     )
 }
@@ -428,7 +435,7 @@ class Analysis(Command):
     Attributes:
         plot: Draws the figure of a result into an empty figure; reads the result only.
         columns: Columns that the table may have.
-        exports: Formats besides those of figures, with the function that returns the file.
+        exports: Formats other than of figures, with the function that returns the file.
     """
 
     plot: Callable[[Result, Figure], None]
@@ -468,7 +475,7 @@ def analysis(
         options: Names in `OPTIONS`, or options that only this analysis has.
         examples: Commands for the help.
         columns: Columns that the table may have.
-        exports: Formats besides those of figures.
+        exports: Formats other than of figures.
         name: Name of the command; the name of the function by default.
     """
 

@@ -26,7 +26,7 @@ from radar_sense.analyses.grid import (
 )
 from radar_sense.analyses.map_export import geojson, kml
 from radar_sense.errors import InputError
-from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY, Limit
+from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import nonlinear, upper_bound
@@ -147,13 +147,8 @@ _OPTIONS = (
     ),
     Option("east_km", "West and east end.", MAP_KM, count=2, default_text="around radars and path"),
     Option("step_km", "Distance of cells.", MAP_STEP_KM, default_text="1/500 of the longer side"),
-    Option("down_km", "Down coordinate.", MAP_KM, default_text="as at the first pose"),
-    Option(
-        "course_deg",
-        "Yaw of the aircraft.",
-        Limit(at_least=-360, at_most=360),
-        default_text="as at the first pose",
-    ),
+    "down_km",
+    "course_deg",
     Option(
         "p_d",
         "P_D of a contour line; may be given several times.",

@@ -24,7 +24,7 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
-from radar_sense.limits import MAP_KM, PROBABILITY, Limit
+from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.propagation import check_method, nonlinear_in_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
@@ -182,13 +182,8 @@ _TABLE = (
             choices=(BEARING, ASPECT),
         ),
         Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), default=1.0),
-        Option("down_km", "Down coordinate.", MAP_KM, default_text="as at the first pose"),
-        Option(
-            "course_deg",
-            "Yaw of the aircraft.",
-            Limit(at_least=-360, at_most=360),
-            default_text="as at the first pose",
-        ),
+        "down_km",
+        "course_deg",
     ],
     examples=[
         "radar-sense range",
@@ -412,7 +407,7 @@ def _limits(seen: Survey) -> FloatArray | None:
     """Return the slant range (n,) of the limit of the radar; None if no limit is reached."""
     if seen.visible[:, -1].all():
         return None
-    return _slant(seen.all_rays, np.nan_to_num(seen.limit()))
+    return _slant(seen.all_rays, np.nan_to_num(seen.limit))
 
 
 def _summary(at: RangeAt, axis: Axis) -> dict[str, Any]:

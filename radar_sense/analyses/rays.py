@@ -7,6 +7,7 @@ The distance along a ray is horizontal, in the level plane of the radar.
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -202,6 +203,7 @@ class Survey:
         edges = np.count_nonzero(np.diff(self.p_d >= p_d, axis=1), axis=1)
         return Reach(distance, limited, edges)
 
+    @functools.cached_property
     def limit(self) -> FloatArray:
         """Return the farthest distance (n,) [m] within the limits; NaN where there is none."""
         near, far = _farthest(self.visible, self.distance, self.all_rays.visible, HALVINGS)
@@ -241,7 +243,7 @@ def bounds_of_reach(
     Returns:
         Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no answer.
     """
-    limit = np.nan_to_num(seen.limit())
+    limit = np.nan_to_num(seen.limit)
     lower, upper = (
         _bound_of_reach(seen.all_rays, place, limit, value, method, beta, upper=end == 1)
         for end, place in enumerate(_guesses(seen, value, beta))

@@ -108,8 +108,8 @@ class Tails:
     def quantiles(self) -> tuple[FloatArray, FloatArray]:
         """Return the lower and upper quantile (columns,) of all rows.
 
-        A quantile is NaN if a row of the tail was dropped. A block drops such a row if its share of
-        the tail is far too large. For independent rows the probability is below 1e-13.
+        A quantile is NaN if a row of the tail was dropped. A block drops rows of the tail if the
+        block has far more than its share. For independent rows the probability is below 1e-13.
         """
         return self._low.quantile(), -self._high.quantile()
 

@@ -291,7 +291,7 @@ def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
 
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():
-    sweep = {"start": 0, "stop": 180, "step": 5}  # so many that lines would make a large file
+    sweep = {"start": 0, "stop": 180, "step": 5}  # lines at all poses would make a large file
     s = scenario(geometry__azimuth_deg=sweep).with_analysis(runs=10_000)
     figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())

@@ -72,7 +72,7 @@ def test_threshold_columns(tool, method, k):
 
 
 def test_threshold_report_and_record(tool):
-    filled = {"step_s": 100}  # then the poses of the table are those of the test
+    filled = {"step_s": 100}  # the table then has the poses of the test
     file = write(Path(), geometry__axis="distance", geometry__interpolate=filled)
     assert tool("variance", file, "--no-plot", "--method", "form").code == 0
     upper = columns("figures/flight_variance.csv")["upper_3sigma"]
