@@ -8,6 +8,7 @@ lock on the folder excludes other processes. Table and record are therefore of o
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import math
@@ -138,8 +139,13 @@ def versions() -> dict[str, str]:
     return {
         "radar-sense": __version__,
         "python": platform.python_version(),
-        **{package: version(package) for package in _PACKAGES},
+        **{package: _version(package) for package in _PACKAGES},
     }
+
+
+@functools.cache
+def _version(package: str) -> str:
+    return version(package)  # searches all folders of packages: 6 ms
 
 
 def same_result(one: bytes, other: bytes) -> bool:
