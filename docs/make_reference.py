@@ -32,7 +32,9 @@ MADE = (
 #: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
 EXAMPLES = {
     "attenuation_db_per_km": 0.014,
+    "max_range_km": 110,
     "min_range_km": 3,
+    "horizon": "true",
     "m": 3,
     "n": 5,
     "type": "cell_averaging",

@@ -287,6 +287,7 @@ DATA_SHEETS = tuple(
     Key(kind, f"Parameters of a {kind} radar, in place of the constant.", default=None)
     for kind in RADARS
 )
+LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADAR = (
     RADAR_POSITION,
     RADAR_PLACE,
@@ -296,9 +297,9 @@ RADAR = (
     DETECTOR,
     SCAN_PERIOD,
     ATTENUATION,
+    *LIMITS,
 )
-LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
-RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
+RADARS_ENTRY = (RADAR_NAME, *RADAR, RADAR_UNCERTAINTY)
 LOSSES_DB = Key(
     LOSSES_KEY,
     "Further losses by name [dB].",
