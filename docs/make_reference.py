@@ -179,6 +179,8 @@ def _needed(name: str, section: Sequence[Key], key: Key) -> str:
         return "in place of the other parts"
     if key.required and "covariance" in names:
         return "required, unless `covariance` is there"
+    if key.name == "loss_db" and keys.LOSSES_DB.name in names:
+        return "required, unless `losses_db` is there"
     if (name, key.name) in _NEEDED:
         return _NEEDED[name, key.name]
     if key.required:

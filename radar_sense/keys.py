@@ -245,7 +245,8 @@ ATTENUATION = Key(
 )
 ATTENUATION_STD = Key(
     ATTENUATION.name,
-    "Standard deviation of the attenuation, which is log-normal.",
+    "Uncertainty of the attenuation: divided by the attenuation, the standard deviation of its "
+    "natural logarithm.",
     NOT_NEGATIVE,
     1e-3,
     default=0.0,
