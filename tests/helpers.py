@@ -58,11 +58,11 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
 
 
 def lay_out(figure):
-    """Lay a figure out as rendering does, without pixels, which take far longer."""
+    """Lay a figure out as rendering does, without drawing, which takes longer."""
     from radar_sense import plotting
 
     with plotting._style(plotting._style_of(figure)):
-        figure.draw_without_rendering()
+        figure.get_layout_engine().execute(figure)
     return figure
 
 
