@@ -8,6 +8,7 @@ lock on the folder excludes other processes. Table and record are therefore of o
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import math
@@ -20,7 +21,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -133,13 +134,13 @@ def yaml_text(document: Mapping[str, Any]) -> str:
     return text
 
 
-def versions() -> dict[str, str]:
+@functools.cache
+def versions() -> Mapping[str, str]:
     """Return the versions of the tool, of Python and of the packages that compute and draw."""
-    return {
-        "radar-sense": __version__,
-        "python": platform.python_version(),
-        **{package: version(package) for package in _PACKAGES},
-    }
+    packages = {package: version(package) for package in _PACKAGES}  # 3 ms each
+    return MappingProxyType(
+        {"radar-sense": __version__, "python": platform.python_version(), **packages}
+    )
 
 
 def same_result(one: bytes, other: bytes) -> bool:
