@@ -105,13 +105,13 @@ def form_std(states: UncertainStates) -> StdFunction:
     """
     blocks = []
     for part in states.blocks(_numbers(states, len(NODES))):
-        blocks.append((part, RelativeProbit.of(part).derivatives()))
+        blocks.append((part, RelativeProbit(part).derivatives()))
 
     def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
         std_blocks, start = [], 0
         for part, derivatives in blocks:
             changed = part.with_covariances(cov_aircraft, cov_radar, start)
-            space = StandardNormalSpace.expanded(RelativeProbit.of(changed), *derivatives)
+            space = StandardNormalSpace.expanded(RelativeProbit(changed), *derivatives)
             std_blocks.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
             start += len(part)
         return np.concatenate(std_blocks)
