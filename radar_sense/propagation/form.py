@@ -22,6 +22,7 @@ from scipy.special import ndtr, ndtri
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
+    MAX_NUMBERS,
     RelativeProbit,
     StandardNormalSpace,
     StdFunction,
@@ -467,6 +468,6 @@ def _integration() -> tuple[FloatArray, FloatArray]:
 
 
 def _numbers(states: UncertainStates, betas: int) -> int:
-    """Return the numbers per pose in the largest array of FORM."""
+    """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more."""
     components = len(AIRCRAFT) + int(states.radar.shape[-1])
-    return components * components * max(betas, 2)
+    return min(components * components * max(betas, 2), MAX_NUMBERS // 16)
