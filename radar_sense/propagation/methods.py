@@ -40,7 +40,7 @@ from radar_sense.states import FloatArray
 
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
-#: Poses between two reports of progress, divided by the number of radars.
+#: Poses between two reports of progress, divided by the number of radars; at least 1024.
 REPORTED = 16_384
 
 #: From uncertain states of k poses and β to the moments of P_D (k,).
@@ -302,7 +302,7 @@ def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta:
 
 def _reported(states: UncertainStates) -> Iterator[UncertainStates]:
     """Cut states into the parts after which progress is reported."""
-    return states.cut(max(1, REPORTED // len(states.log_constant)))
+    return states.cut(max(1024, REPORTED // len(states.log_constant)))
 
 
 def _check_choices(method: str, beta: float) -> None:
