@@ -248,6 +248,9 @@ def columns_page() -> str:
         "names of the columns, and nothing else in the file but numbers. A word in angle brackets "
         "stands for a name of yours: a level, a radar, a source. The JSON record beside the table "
         "repeats unit and meaning of each column.\n\n"
+        "A run replaces all of its files or none. Files beside a record are of the run in the "
+        "record. Files without a record are of a run that was killed while it wrote: run it "
+        "again.\n\n"
         "Which columns there are depends on the scenario and the options. The order is the one "
         "of the file as far as possible.\n"
     )

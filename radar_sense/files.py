@@ -3,11 +3,16 @@
 A run replaces all of its files or none. All new files are complete under temporary names before the
 first rename. Ctrl-C and SIGTERM are delayed during the renames, and a failed rename is undone. A
 lock on the folder excludes other processes. Table and record are therefore of one run.
+
+SIGKILL can stop a run between two renames. The old record is therefore removed before the first
+rename, and the new record is renamed last. Files beside a record are always files of its run. Files
+without a record may be of two runs; the next run replaces them and says that the record is missing.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import io
 import json
 import math
@@ -20,7 +25,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -133,13 +138,13 @@ def yaml_text(document: Mapping[str, Any]) -> str:
     return text
 
 
-def versions() -> dict[str, str]:
+@functools.cache
+def versions() -> Mapping[str, str]:
     """Return the versions of the tool, of Python and of the packages that compute and draw."""
-    return {
-        "radar-sense": __version__,
-        "python": platform.python_version(),
-        **{package: version(package) for package in _PACKAGES},
-    }
+    packages = {package: version(package) for package in _PACKAGES}  # 3 ms each
+    return MappingProxyType(
+        {"radar-sense": __version__, "python": platform.python_version(), **packages}
+    )
 
 
 def same_result(one: bytes, other: bytes) -> bool:
@@ -226,12 +231,14 @@ def _require_no_folder(paths: Iterable[Path]) -> None:
             raise IsADirectoryError(f"{path} is a folder, and in the way of a file")
 
 
-def write(folder: Path, contents: Mapping[str, bytes | None]) -> None:
+def write(folder: Path, contents: Mapping[str, bytes | None], record: str | None = None) -> None:
     """Write, replace and remove files of a folder: all of them, or none.
 
     Args:
         folder: The folder; made if it does not exist.
         contents: Content of each file by its name; None removes the file.
+        record: The file that is removed first and renamed last. Where the file is, all files are
+            of one run, even if a process was killed.
 
     Raises:
         OSError: If a file cannot be written. The folder is then as before.
@@ -246,24 +253,27 @@ def write(folder: Path, contents: Mapping[str, bytes | None]) -> None:
                 if content is not None:
                     _write_new(_temporary(folder, name, _NEW), content)
             with _interrupts_held():
-                _replace_all(folder, contents)
+                _replace_all(folder, contents, record)
         finally:
             _remove_temporary(folder, contents, everything=alone)
 
 
-def _replace_all(folder: Path, contents: Mapping[str, bytes | None]) -> None:
+def _replace_all(folder: Path, contents: Mapping[str, bytes | None], record: str | None) -> None:
     """Rename the new files to their names; undo all renames if one of them fails."""
-    existing = [name for name in contents if os.path.lexists(folder / name)]
+    names = [*(name for name in contents if name != record), *([record] if record else [])]
+    existing = [name for name in names if os.path.lexists(folder / name)]
     try:
         for name in existing:
             _keep(folder / name, _temporary(folder, name, _OLD))
-        for name, content in contents.items():
-            if content is not None:
+        if record in existing:
+            (folder / record).unlink()
+        for name in names:
+            if contents[name] is not None:
                 _temporary(folder, name, _NEW).replace(folder / name)
             elif name in existing:
                 (folder / name).unlink()
     except BaseException:
-        for name in contents:
+        for name in names:
             with contextlib.suppress(OSError):
                 if name not in existing:
                     (folder / name).unlink()

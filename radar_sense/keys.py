@@ -6,6 +6,7 @@ sheets are declared with the fields of their classes (`declared`).
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable, Collection, Mapping
@@ -161,6 +162,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
     )
 
 
+@functools.cache
 def _attribute_help(cls: Any, name: str) -> str:
     """Return the text about an attribute in the docstring of a class or of its bases."""
     lines = [line for base in cls.__mro__ for line in (base.__doc__ or "").splitlines()]
@@ -199,6 +201,8 @@ def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> flo
             step = math.nextafter(step, end)
             near.append(step)
     for digits in range(1, 18):
+        if abs(float(f"{guess:.{digits}g}") - guess) > 1e-14 * abs(guess):
+            continue  # too far away to read back; saves time
         for number in near:
             decimal = float(f"{number:.{digits}g}")
             if to_si(decimal) == value:

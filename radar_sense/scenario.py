@@ -325,15 +325,20 @@ class Scenario:
         )
 
     def along_path(
-        self, *, axis: Axis, aircraft: FloatArray, cov_aircraft: FloatArray, time_s: FloatArray
+        self,
+        *,
+        axis: Axis,
+        aircraft: FloatArray,
+        cov_aircraft: FloatArray,
+        time_s: FloatArray | None,
     ) -> Scenario:
-        """Return the scenario with other poses of the same path; the record names the path.
+        """Return the scenario with other poses of the same path or orbit, which the record names.
 
         Args:
             axis: Axis of the poses (n,).
             aircraft: States (n, 6).
             cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
-            time_s: Time of each pose (n,) [s].
+            time_s: Time of each pose (n,) [s] of a path; None on an orbit.
         """
         source = self.provenance
         if record.is_as_made(self.aircraft, source):
@@ -346,7 +351,7 @@ class Scenario:
             axis=axis,
             aircraft=_read_only("aircraft", aircraft),
             cov_aircraft=_read_only("cov_aircraft", cov_aircraft),
-            time_s=_read_only("time_s", time_s),
+            time_s=None if time_s is None else _read_only("time_s", time_s),
             provenance=source,
         )
 

@@ -58,18 +58,27 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
 
 
 def lay_out(figure):
-    """Lay a figure out as rendering does, without pixels, which take far longer."""
+    """Lay a figure out as rendering does, without drawing, which takes longer."""
     from radar_sense import plotting
 
     with plotting._style(plotting._style_of(figure)):
-        figure.draw_without_rendering()
+        figure.get_layout_engine().execute(figure)
     return figure
 
 
-def without_pixels(patch):
-    """Draw figures, but write next to nothing of them: rendering takes longer than analyses."""
+def without_pixels(patch, then=lambda figure: figure):
+    """Draw figures, but write next to nothing of them: rendering takes longer than analyses.
+
+    `then` is called with each figure.
+    """
     svg = b'<svg xmlns="http://www.w3.org/2000/svg" width="1pt" height="1pt" viewBox="0 0 1 1"/>'
-    patch.setattr("radar_sense.plotting.render", lambda figure, kind: svg)
+    patch.setattr("radar_sense.plotting.render", lambda figure, kind: then(figure) and svg)
+
+
+def small_batches(patch):
+    """Let `validate` draw small batches: its accuracy is tested in `test_adaptive`."""
+    patch.setattr("radar_sense.montecarlo.adaptive.LEAST_DRAWS", 500)
+    patch.setattr("radar_sense.montecarlo.adaptive.LEAST_OUTSIDE", 5)
 
 
 def legend_off_data(figure):

@@ -2,6 +2,7 @@
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -54,6 +55,7 @@ def imports(path: Path, known: dict[str, Path]) -> set[str]:
     return found
 
 
+@cache
 def arrows() -> dict[str, set[str]]:
     known = modules()
     return {name: imports(path, known) for name, path in known.items()}

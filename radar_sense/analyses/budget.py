@@ -191,13 +191,14 @@ def budget(
         for i, source in enumerate(three_sigma)
         if (place := describe_poses((dominant == i) & known & (total > 0), axis))
     }
+    finer = {source: 3 * std for source, std in contributions.finer.items()}
+    parts = {name: 3 * std for name, std in contributions.parts.items()}
     gaps = {
         source: place
-        for source, values in {**three_sigma, "total": total}.items()
+        for source, values in {**three_sigma, **finer, **parts, "total": total}.items()
         if (place := describe_poses(~np.isfinite(values), axis))
     }
     errors = {s: float(v[pose]) for s, v in (contributions.share_error or {}).items()}
-    parts = {name: 3 * std for name, std in contributions.parts.items()}
     part_shares = {name: float(v[pose]) for name, v in contributions.part_shares().items()}
     parts_ranked = sorted(parts, key=lambda name: np.nan_to_num(-parts[name][pose], nan=np.inf))
     constant_parts = parts_of(scenario)
@@ -248,7 +249,7 @@ def budget(
                 for source, values in three_sigma.items()
                 if source in FURTHER
             },
-            **{f"three_sigma_{source}": 3 * std for source, std in contributions.finer.items()},
+            **{f"three_sigma_{source}": values for source, values in finer.items()},
             **mean_column(contributions.mean, method),
             **({} if method == "linear" else {f"share_{s}": v for s, v in shares.items()}),
             **{f"total_index_{s}": v for s, v in (contributions.total_index or {}).items()},
@@ -406,6 +407,8 @@ def _row(
 ) -> str:
     rounds_away = 0 < three_sigma < 5e-5
     shown = f"{three_sigma:.0e}" if rounds_away else f"{three_sigma:.4f}"
+    if np.isnan(three_sigma):
+        shown = "-"
     return f"  {name:{width}}{shown:6}{_percent(share, error)}"
 
 

@@ -270,18 +270,21 @@ class Result:
         figures |= exports
         contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
         contents |= {f"{self.stem}.{name}": content for name, content in figures.items()}
-        contents[f"{self.stem}.json"] = record
+        name_of_record = f"{self.stem}.json"
+        contents[name_of_record] = record
         paths = [folder / name for name in contents]
 
-        old_record = _content(folder / f"{self.stem}.json")
+        old_record = _content(folder / name_of_record)
         replaced = files.replaced_command(old_record, record) if old_record else None
+        if not old_record and any(path.is_file() for path in paths):
+            replaced = "a run without a record, which may have been killed while it wrote"
         removed = []
         same_table = files.holds(folder / f"{self.stem}.{ending}", table)
         if not same_table or not files.same_result(old_record, record):
             stale = [folder / f"{self.stem}.{name}" for name in allowed if name not in figures]
             removed = [path for path in stale if path.is_file()]
         contents |= dict.fromkeys((path.name for path in removed), None)
-        files.write(folder, contents)
+        files.write(folder, contents, name_of_record)
         return Written(paths, removed, replaced, error)
 
     def _figures(
@@ -328,7 +331,7 @@ class Written:
     Attributes:
         paths: The table, the figures, the record.
         removed: Figures of another result that had the same name.
-        replaced: The command whose files were replaced; None if the command was the same.
+        replaced: The run whose files were replaced; None if its command was the same.
         figure_error: The error if the figure could not be drawn.
     """
 

@@ -417,7 +417,7 @@ def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
     Raises:
         InputError: If P_D is not a probability between 0 and 1.
     """
-    from scipy.optimize import brentq  # takes 0.17 s to import
+    from scipy.optimize import brentq  # slow to import
 
     check_number("p_d", p_d, Limit(above=0, below=1))
     target = float(ndtri(p_d))

@@ -253,7 +253,7 @@ class OrderedCells:
     @classmethod
     def of(cls, cells: int, rank: int, p_fa: float) -> OrderedCells:
         """Return the cells with the factor that makes P_D = P_fa without signal."""
-        from scipy.optimize import brentq  # takes 0.17 s to import
+        from scipy.optimize import brentq  # slow to import
 
         left = cells - np.arange(float(rank))
 

@@ -30,6 +30,7 @@ from radar_sense.reading.text_file import (
 
 #: Largest scenario file. A scenario is a page of text, far smaller than this.
 MAX_BYTES = 64 * 1024
+_RESOLVER: Any = yaml.resolver.Resolver()  # which has no types
 _INFINITE = re.compile(r"\+?\.?inf(inity)?", re.IGNORECASE)
 T = TypeVar("T")
 
@@ -233,7 +234,7 @@ class Entry:
 
     def _plain_text(self) -> str | None:
         """Text of a scalar that was written without quotes or tag."""
-        if isinstance(self.node, yaml.ScalarNode) and self.node.style is None:
+        if isinstance(self.node, yaml.ScalarNode) and not self.node.style:
             return str(self.node.value)
         return None
 
@@ -358,6 +359,5 @@ def _refuse_tags(root: Entry) -> None:
 
 def _implicit_tag(node: yaml.Node) -> str:
     """Return the default tag of a node, which the author of the file did not write."""
-    plain = getattr(node, "style", None) is None
-    resolver: Any = yaml.resolver.Resolver()  # which has no types
-    return str(resolver.resolve(type(node), node.value, (plain, not plain)))
+    plain = not getattr(node, "style", None)
+    return str(_RESOLVER.resolve(type(node), node.value, (plain, not plain)))

@@ -231,6 +231,7 @@ def test_what_has_no_value_dominates_nothing():
         }
         unknown = {source: np.isnan(values) for source, values in columns.items()}
         assert unknown["aircraft_orientation"].any()
+        assert "nan" not in " ".join(found.report)
         for source, mask in unknown.items():
             line = f"{source} has no value {describe_poses(mask, s.axis)}"
             assert (line in found.report) == mask.any()

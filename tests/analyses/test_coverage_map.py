@@ -390,16 +390,17 @@ def test_what_is_refused(tool, args, words):
 
 
 @pytest.mark.parametrize(
-    "changes",
+    ("changes", "upper"),
     [
-        {},
-        {"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}},
-        {"radar__position_m": [2e6, -1e5, 0]},
-        {"geometry__range_km": 1},  # detected everywhere: no line to draw
-        {"geometry__range_km": 20_000},
+        ({}, False),
+        ({"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}}, False),
+        ({"radar__position_m": [2e6, -1e5, 0]}, False),
+        ({"geometry__range_km": 1}, False),  # detected everywhere: no line to draw
+        ({"geometry__range_km": 20_000}, False),
+        ({}, True),
+        ({"geometry__range_km": 20_000}, True),
     ],
 )
-@pytest.mark.parametrize("upper", [False, True])
 def test_figure(changes, upper):
     s = scenario(**changes)
     fine = area.grid(s)

@@ -131,7 +131,7 @@ def test_each_write_sync_rename_and_removal_fails_once(folder, monkeypatch, when
         at += 1
         steps.start(at)
         with contextlib.suppress(DiskFullError):
-            files.write(folder, CONTENTS)
+            files.write(folder, CONTENTS, "a.json")
             break
         assert content(folder) == OLD, at
     assert content(folder) == NEW
@@ -149,7 +149,7 @@ def test_a_removal_that_fails_undoes_the_renames(folder, monkeypatch):
 
     monkeypatch.setattr(Path, "unlink", unlink)
     with pytest.raises(PermissionError):
-        files.write(folder, CONTENTS)
+        files.write(folder, CONTENTS, "a.json")
     assert content(folder) == OLD
 
 
@@ -164,7 +164,7 @@ def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
     for at in range(1, 100):
         steps.start(at)
         try:
-            files.write(folder, CONTENTS)
+            files.write(folder, CONTENTS, "a.json")
         except files.InterruptedAfterWriting:
             ends.append("new")
         except KeyboardInterrupt:
@@ -189,24 +189,25 @@ def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
     assert "new" in ends
     steps.start(0)
     # a whole run removes what an interrupt during the cleaning has left
-    files.write(folder, CONTENTS)
+    files.write(folder, CONTENTS, "a.json")
     assert content(folder) == NEW
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_without_hard_links_old_files_are_copied(folder, monkeypatch):
-    def no_link(*args: object, **options: object) -> None:
-        raise OSError(1, "Operation not permitted")
+def no_links(*args: object, **options: object) -> None:
+    raise OSError(1, "Operation not permitted")
 
-    monkeypatch.setattr(os, "link", no_link)
+
+def test_without_hard_links_old_files_are_copied(folder, monkeypatch):
+    monkeypatch.setattr(os, "link", no_links)
     steps = Steps(monkeypatch, ("rename",))
     steps.before = disk_full
     steps.start(2)
     with pytest.raises(OSError, match="No space"):
-        files.write(folder, CONTENTS)
+        files.write(folder, CONTENTS, "a.json")
     assert content(folder) == OLD
     steps.start(0)
-    files.write(folder, CONTENTS)
+    files.write(folder, CONTENTS, "a.json")
     assert content(folder) == NEW
 
 
@@ -225,7 +226,7 @@ def test_two_runs_in_one_folder_never_mix(folder, monkeypatch):
     steps.before = attempt
     for at in range(1, 10):
         steps.start(at)
-        files.write(folder, CONTENTS)
+        files.write(folder, CONTENTS, "a.json")
     assert len(attempts) == 9
     real_flock(other, fcntl.LOCK_EX | fcntl.LOCK_NB)
     os.close(other)
@@ -241,9 +242,66 @@ def test_leftovers_of_killed_runs_are_removed(folder, monkeypatch, locks):
     mine = {".notes.radar-sense-backup": b"mine", ".a.csv.new": b"mine"}
     for name, text in mine.items():
         (folder / name).write_bytes(text)
-    files.write(folder, CONTENTS)
+    files.write(folder, CONTENTS, "a.json")
     other = {} if locks else {".b.csv.radar-sense-new": b"half"}
     assert content(folder) == {**NEW, **mine, **other}
+
+
+class KilledError(BaseException):
+    """The end of a process: nothing handles it, and no later step is done."""
+
+
+class Process(Steps):
+    """A process that is killed at the n-th step."""
+
+    def wrapped(self, name: str, function: Callable) -> Callable:
+        def call(*args: object, **options: object) -> object:
+            self.calls += 1
+            if 0 < self.at <= self.calls:
+                raise KilledError
+            return function(*args, **options)
+
+        return call
+
+
+@pytest.mark.parametrize("old", [OLD, {"other": b"mine"}], ids=["a run before", "no run before"])
+@pytest.mark.parametrize("links", [True, False])
+def test_after_a_kill_files_beside_a_record_are_of_its_run(folder, monkeypatch, old, links):
+    """At whichever step the process ends. The next run leaves nothing of both."""
+    if not links:
+        monkeypatch.setattr(os, "link", no_links)
+    process = Process(monkeypatch, ("write", "sync", "rename", "unlink"))
+    states, at = set(), 0
+    while "new" not in states or at < 20:
+        at += 1
+        process.start(0)
+        for path in folder.iterdir():
+            path.unlink()
+        for name, text in old.items():
+            (folder / name).write_bytes(text)
+        process.start(at)
+        with contextlib.suppress(KilledError):
+            files.write(folder, CONTENTS, "a.json")
+        process.start(0)
+        found = {k: v for k, v in content(folder).items() if "radar-sense" not in k}
+        if found == NEW:
+            states.add("new")
+        elif found == old:
+            states.add("old")
+        else:
+            states.add("without a record")
+            assert "a.json" not in found
+        files.write(folder, CONTENTS, "a.json")
+        assert content(folder) == NEW
+    assert states == {"old", "without a record", "new"}
+
+
+def test_a_table_without_a_record_is_told(tool):
+    tool("variance", "--no-plot")
+    Path("figures/paper_variance.json").unlink()
+    out = tool("variance", "--no-plot").out
+    assert "replaced the files of: a run without a record" in out
+    assert "replaced" not in tool("variance", "--no-plot").out
 
 
 KILLED = """
@@ -267,7 +325,7 @@ def test_a_killed_run_leaves_nothing_for_ever(folder):
     done = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env=env, check=False)
     assert done.returncode == -signal.SIGKILL
     assert any(name.endswith("radar-sense-new") for name in content(folder))
-    files.write(folder, CONTENTS)
+    files.write(folder, CONTENTS, "a.json")
     assert content(folder) == NEW
 
 
@@ -275,7 +333,7 @@ def test_a_link_in_the_way_of_a_temporary_file_is_not_followed(folder, tmp_path_
     target = tmp_path_factory.mktemp("elsewhere") / "precious"
     target.write_bytes(b"precious")
     (folder / ".a.csv.radar-sense-new").symlink_to(target)
-    files.write(folder, CONTENTS)
+    files.write(folder, CONTENTS, "a.json")
     assert target.read_bytes() == b"precious"
     assert content(folder) == NEW
 
@@ -286,7 +344,7 @@ def test_files_are_replaced_and_follow_the_umask(folder, mask):
     os.link(folder / "a.csv", kept)  # a reader that has the old file open keeps it whole
     before = os.umask(mask)
     try:
-        files.write(folder, CONTENTS)
+        files.write(folder, CONTENTS, "a.json")
     finally:
         os.umask(before)
     assert kept.read_bytes() == b"old a"

@@ -17,12 +17,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from radar_sense import cli, keys
-from radar_sense.analyses.contract import Analysis, Option
+from radar_sense.analyses.contract import OPTIONS, Command, Option
 from radar_sense.keys import Key
-from radar_sense.limits import LARGEST, SMALLEST, Limit
+from radar_sense.limits import LARGEST, SMALLEST, STYLES, Limit
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.model.rcs import RCS_MODELS
-from radar_sense.propagation import METHODS
 from radar_sense.reading import rcs_file, route_file
 
 #: The scenario file of a case.
@@ -44,11 +43,30 @@ USUAL: Mapping[str, tuple[float, float]] = {
     "attitude_deg": (0.1, 90),
     "range_km": (10, 800),
     "down_km": (-15, -1),
+    "p_d": (0.05, 0.95),
+    "threshold": (0.05, 1),
+    "target": (0.01, 1.5),
     "runs": (2, 100),
     "step_s": (1, 100),
     "max_gap_s": (100, 1e4),
     "geoid_height_m": (-100, 80),
     "envelope_deg": (0.5, 20),
+    # data sheets
+    "average_power_w": (1e3, 1e5),
+    "average_power_kw": (1, 100),
+    "aperture_m2": (2, 40),
+    "scan_time_s": (2, 12),
+    "rotation_rpm": (5, 15),
+    "search_volume_sr": (0.2, 6),
+    "peak_power_w": (1e5, 3e6),
+    "peak_power_kw": (100, 3000),
+    "gain_dbi": (30, 40),
+    "frequency_ghz": (1, 10),
+    "wavelength_m": (0.03, 0.3),
+    "bandwidth_mhz": (0.1, 5),
+    "pulse_width_us": (0.5, 20),
+    "temperature_k": (290, 1000),
+    "coherent_pulses": (1, 64),
     "aircraft_correlation_s": (0, 1000),
 }
 
@@ -92,6 +110,8 @@ CHARACTERS = (
 BAD_BYTES = (b"\xff", b"\xc3(", b"\xed\xa0\x80", b"\xfe\xff", b"\x80", b"\xf8\x88\x80\x80\x80")
 
 Pairs = list[tuple[str, Any]]
+
+SECTIONS = keys.sections()
 
 
 @dataclass(frozen=True)
@@ -155,13 +175,17 @@ class _Scenario:
     Attributes:
         rng: The random numbers.
         wild: Probability that a number is anywhere in its limit.
+        optional: Probability of a key that may be left out.
     """
 
     def __init__(self, rng: random.Random) -> None:
         self.rng = rng
         self.wild = rng.choice((0.0, 0.0, 0.03, 0.15))
-        self.sections = keys.sections()
-        self.levels = rng.sample(["low", "medium", "high", "a-b_c", "L1"], rng.randint(1, 3))
+        self.sections = SECTIONS
+        # most scenarios are small, because reading takes time in proportion to their length
+        self.optional = rng.choice((0.1, 0.1, 0.4))
+        levels = rng.choice((1, 1, 1, 2, 3))
+        self.levels = rng.sample(["low", "medium", "high", "a-b_c", "L1"], levels)
         self.several = rng.random() < 0.3
         self.path = rng.random() < 0.3
         self.geodetic = self.path and rng.random() < 0.4
@@ -180,7 +204,7 @@ class _Scenario:
         for key in self.sections[section]:
             if key.name in given:
                 pairs.append((key.name, given[key.name]))
-            elif key.name not in skip and (key.required or self.rng.random() < 0.4):
+            elif key.name not in skip and (key.required or self.rng.random() < self.optional):
                 pairs.append((key.name, self.value(section, key)))
         if self.rng.random() < 0.3:
             self.rng.shuffle(pairs)
@@ -210,6 +234,7 @@ class _Scenario:
         geodetic = self.geodetic and self.rng.random() < 0.7
         skip = {"constant", *RADARS, "position_m" if geodetic else "position_geodetic"}
         pairs = self.fill(section, {*skip, "uncertainty", "eclipsing"}, **given)
+        self.attenuation = float(dict(pairs).get(keys.ATTENUATION.name, 0))
         kind = self.rng.choice(["constant", "constant", *RADARS])
         if kind == "constant":
             key = next(key for key in self.sections[section] if key.name == kind)
@@ -247,14 +272,15 @@ class _Scenario:
 
     def with_attenuation(self, level: Pairs) -> Pairs:
         """Return a level, perhaps with the uncertainty of an attenuation, perhaps too large."""
-        if self.rng.random() > 0.1:
+        if self.rng.random() > (0.5 if self.attenuation else 0.005):
             return level
-        return [*level, (keys.ATTENUATION_STD.name, self.small())]
+        std = self.attenuation * self.rng.uniform(0, 1.02)
+        return [*level, (keys.ATTENUATION_STD.name, repr(std))]
 
     def radars(self) -> list[Pairs]:
         """Return several radars."""
         radars = []
-        for i in range(self.rng.randint(1, 3)):
+        for i in range(self.rng.choice((1, 2, 2, 3))):
             radar = self.radar("radars[]", name=f"r{i}")
             radars.append([*radar, ("uncertainty", self.levels_of())])
         return radars
@@ -340,10 +366,7 @@ class _Scenario:
         if self.geodetic and self.rng.random() < 0.4:
             given["altitude_above"] = "sea"
             given[keys.GEOID_HEIGHT.name] = self.number(keys.GEOID_HEIGHT)
-        content = route(self.rng, geodetic=self.geodetic, cov=self.route_has_cov)
-        if self.rng.random() < 0.2:
-            content = content.replace(b"time_s", b"speed_m_s")
-        self.files["route.csv"] = content
+        self.files["route.csv"] = route(self.rng, geodetic=self.geodetic, cov=self.route_has_cov)
         return self.fill(section, skip, type="path", file="route.csv", **given)
 
     def place(self, section: str) -> Pairs:
@@ -383,7 +406,7 @@ def _numbers(rng: random.Random, low: float, high: float) -> str:
 
 def route(rng: random.Random, *, geodetic: bool, cov: bool) -> bytes:
     """Return a route file with some of the columns that the reader declares."""
-    columns = ["time_s"]
+    columns = [rng.choice(("time_s", "time_s", "time_s", "speed_m_s"))]
     columns += route_file._GEODETIC if geodetic else [f"{a}_m" for a in ("north", "east", "down")]
     if not geodetic and rng.random() < 0.2:
         columns[1:4] = [name.replace("_m", rng.choice(("_m", "_km"))) for name in columns[1:4]]
@@ -415,6 +438,8 @@ def _route_cell(rng: random.Random, name: str, wild: float) -> str:
         return repr(rng.uniform(100, 300))
     if name in USUAL:
         return repr(rng.uniform(*USUAL[name]))
+    if name == "speed_m_s":  # a slow aircraft has many poses
+        return repr(rng.uniform(50, 500))
     return _numbers(rng, 0, 5)
 
 
@@ -506,7 +531,7 @@ def mutate_tree(tree: Pairs, rng: random.Random) -> str:
         return f"{key} named {name[:60]!r}"
     if kind < 0.86:
         # a key of another section
-        section = rng.choice(list(keys.sections().values()))
+        section = rng.choice(list(SECTIONS.values()))
         other = rng.choice(section).name
         container.append((other, rng.choice(NASTY)) if isinstance(item, tuple) else other)
         return f"{other} beside {key}"
@@ -597,59 +622,79 @@ _WORDS = (
     "a" * 300,
 )
 #: Numbers that keep a run cheap, for options where allowed numbers can take hours.
+#: The first two are allowed.
 _CHEAP: Mapping[str, tuple[str, ...]] = {
     "runs": ("2", "3", "64", "1e2", "1", "0", "-5", "2.5", "nan", "1e10", "x"),
     "workers": ("1", "2", "0", "257", "1.5", "x"),
-    "digits": ("0", "3", "1.5", "x"),
+    "digits": ("1", "1e0", "0", "5", "1.5", "x"),
+    "north_km": ("-100", "100", "1e5", "nan", "x"),
+    "east_km": ("-50", "150", "1e5", "nan", "x"),
     "step_km": ("20", "100", "1e5", "0", "-1", "nan", "1e-7"),
     "step_deg": ("30", "90", "0", "-1", "nan"),
 }
 
 
-def options(analysis: Analysis, levels: list[str], rng: random.Random) -> list[str]:
+#: Options that are not allowed without another.
+_NEEDS = {"k": "threshold", "at": "threshold", "m": "n", "n": "m"}
+
+
+def options(command: Command, scenario: _Scenario) -> list[str]:
     """Return options of a command, with values that are allowed or are not."""
-    args: list[str] = []
+    rng, args = scenario.rng, []
     wrong = rng.choice((0.0, 0.0, 0.3))
-    must = {"runs", "step_km", "digits"} & {option.name for option in analysis.options}
-    for option in analysis.options:
-        if option.name == "dask" or not (option.name in must or rng.random() < 0.25):
+    names = [option.name for option in command.options]
+    chosen = {name for name in names if name in _CHEAP or rng.random() < 0.25}
+    if rng.random() >= wrong:
+        chosen |= {_NEEDS[name] for name in chosen & _NEEDS.keys()}
+        chosen -= {"target"} if "threshold" in chosen else set()
+        chosen -= set() if scenario.several else {"radar"}
+        chosen |= {"upper"} if command.name == "map" and "method" in chosen else set()
+    for option in command.options:
+        if option.name not in chosen or option.name in ("dask", "workers"):
             continue
         args.append(f"--{option.name.replace('_', '-')}")
         if not option.flag:
-            args += [_option_value(option, levels, wrong, rng) for _ in range(option.count)]
+            if option.name in _CHEAP and option.count == 2 and rng.random() >= wrong:
+                args += _CHEAP[option.name][:2]
+            else:
+                args += [_option_value(option, scenario, wrong) for _ in range(option.count)]
     if rng.random() < 0.1 * wrong:
         args.append(rng.choice(("--nonsense", "-z", "--runs", "--help", "--", "extra", "-q")))
     return args
 
 
-def _option_value(option: Option, levels: list[str], wrong: float, rng: random.Random) -> str:
+def _option_value(option: Option, scenario: _Scenario, wrong: float) -> str:
+    rng = scenario.rng
     if option.limit is None:
-        known = {
-            "level": levels,
-            "method": [*METHODS, "montecarlo"],
-            "sampler": ["random", "sobol"],
-        }.get(option.name, ["r0", "r1"])
-        return rng.choice(_WORDS if rng.random() < wrong else known)
+        words = option.choices or (scenario.levels if option.name == "level" else ("r0", "r1"))
+        return rng.choice(_WORDS if rng.random() < wrong else tuple(words))
     if option.name in _CHEAP:
-        # the first values are allowed
         return rng.choice(_CHEAP[option.name][: None if rng.random() < wrong else 2])
     if rng.random() < wrong:
         return rng.choice(_OPTION_NUMBERS)
-    return number(rng, option.limit, None, rng.choice((0.0, 1.0)))
+    return number(rng, option.limit, USUAL.get(option.name), rng.choice((0.0, 0.0, 0.0, 1.0)))
 
 
 # --- cases ---------------------------------------------------------------------------------------
 
-#: Analyses that a case may run; `validate` draws until it is sure, which may take long.
-ANALYSES = tuple(sorted({*cli.ANALYSES} - {"validate"}))
+#: Commands of which a case takes some 10 ms, and commands that take longer.
+SLOW = ("convergence", "detectors", "validate", *cli.REPORTS)
+ANALYSES = tuple(sorted({*cli.ANALYSES} - {*SLOW}))
+
+#: Addresses at which no scheduler is.
+_ADDRESSES = (
+    *("", "x", "tcp://", "tcp://127.0.0.1:1", "tcp://[::1", "tcp://127.0.0.1:99999", "tls://x:1"),
+    *("http://127.0.0.1:1", "tcp://127.0.0.1:x", "tcp://\x1b[31m:1", "tcp://" + "a" * 300),
+)
 
 
-def case(rng: random.Random, *, analyses: float) -> Case:
+def case(rng: random.Random, *, analyses: float, slow: float = 0.0) -> Case:
     """Return a case.
 
     Args:
         rng: The random numbers.
-        analyses: Probability that an analysis runs; else the scenario is only checked.
+        analyses: Probability that a command other than `check` runs.
+        slow: Probability that such a command is slow, draws a figure, or looks for a cluster.
     """
     scenario = _Scenario(rng)
     tree = scenario.make()
@@ -669,14 +714,27 @@ def case(rng: random.Random, *, analyses: float) -> Case:
         name = rng.choice(list(files))
         files[name], what = mutate_bytes(files[name], rng)
         mutations.append(f"{name}: {what}")
-    args = ["check", CONFIG]
+    # to write and to read back takes twice as long as to read
+    args = ["check", CONFIG, *rng.choice(((), ("-q",)))]
     if analysed:
-        name = rng.choice(ANALYSES)
-        out = ["--out", "out", "--no-plot", "--workers", "1"]
-        analysis = cli.load(name)
-        if "workers" not in (option.name for option in analysis.options):
-            out = out[:-2]
-        args = [name, *out, *options(analysis, scenario.levels, rng), CONFIG]
-        if name == "map" and "--north-km" not in args:
-            args += ["--north-km", "-100", "100", "--east-km", "-50", "150"]
+        args = [*command(scenario, slow=rng.random() < slow), CONFIG]
     return Case(files, tuple(args), tuple(mutations))
+
+
+def command(scenario: _Scenario, *, slow: bool) -> list[str]:
+    """Return a command other than `check`, with its options."""
+    rng, commands = scenario.rng, ANALYSES + SLOW if slow else ANALYSES
+    if not scenario.path and rng.random() < 0.9:
+        commands = tuple(name for name in commands if name != "mission")
+    chosen = cli.load(rng.choice(commands))
+    names = {option.name for option in chosen.options}
+    args = [chosen.name, "--out", "out", *options(chosen, scenario)]
+    if "workers" in names:
+        args += ["--workers", _option_value(OPTIONS["workers"], scenario, 0.1)]
+    if slow and "dask" in names and rng.random() < 0.2:
+        args += ["--dask", rng.choice(_ADDRESSES)]
+    if chosen.has_figures and not (slow and rng.random() < 0.8):
+        args.append("--no-plot")
+    elif chosen.has_figures:
+        args += ["--format", rng.choice(chosen.formats), "--style", rng.choice(STYLES)]
+    return args

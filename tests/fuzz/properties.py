@@ -12,21 +12,27 @@ import re
 import shlex
 import traceback
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from click.testing import CliRunner
 from fuzz.grammar import CONFIG, Case, case
 
 import radar_sense as rs
-from radar_sense.cli import cli
+from radar_sense import cli as command_line
 from radar_sense.reading.parse import parse_scenario
 
 #: Problems of a file as a whole, which are on no line.
 _WHOLE_FILE = re.compile(
     r"is empty|is nested too deeply|has no rows|cannot be read|is larger than|is a directory"
     r"|is not a regular file|has \d+ row"
+)
+
+_READ_BACK = (
+    *("name", "level", "runs", "seed", "correlation_s", "origin", "tolerances"),
+    *("aircraft", "radar", "cov_aircraft", "time_s"),
 )
 
 
@@ -36,23 +42,37 @@ class BrokenError(AssertionError):
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """How a run ended."""
+    """How a run ended.
+
+    Attributes:
+        code: Exit code.
+        out: What is on standard output.
+        err: What is on standard error.
+        scenario: The scenario that was read; None if it was refused.
+    """
 
     code: int
     out: str
     err: str
+    scenario: rs.Scenario | None = None
 
 
 def run(case: Case) -> Outcome:
     """Run a case in the working folder; every Python warning is an error."""
     for name, content in case.files.items():
         Path(name).write_bytes(content)
-    with warnings.catch_warnings():
+    read: list[rs.Scenario] = []
+
+    def scenario(path: Path | None) -> rs.Scenario:
+        read.append(rs.load_scenario(path))
+        return read[-1]
+
+    with warnings.catch_warnings(), mock.patch.object(command_line, "_scenario", scenario):
         warnings.simplefilter("error")
-        result = CliRunner().invoke(cli, list(case.args))
+        result = CliRunner().invoke(command_line.cli, list(case.args))
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise BrokenError("".join(traceback.format_exception(result.exception)))
-    return Outcome(result.exit_code, result.stdout, result.stderr)
+    return Outcome(result.exit_code, result.stdout, result.stderr, *read)
 
 
 def check(case: Case) -> Outcome:
@@ -70,9 +90,11 @@ def check(case: Case) -> Outcome:
     elif "--help" not in case.args:
         for line in outcome.err.splitlines():
             _require(line.startswith("Warning: "), f"on standard error: {line!r}", outcome)
-        if case.args[0] == "check":
-            check_reads_back(case, outcome)
-        else:
+        if "-q" in case.args:
+            _require(not outcome.out and not outcome.err, "words in spite of -q", outcome)
+        elif case.args[0] == "check":
+            check_reads_back(outcome)
+        if case.args[0] != "check":
             check_files(outcome, written)
     return outcome
 
@@ -97,30 +119,27 @@ def _check_refusal(case: Case, outcome: Outcome, written: list[Path]) -> None:
         )
 
 
-def check_reads_back(case: Case, outcome: Outcome) -> None:
+def check_reads_back(outcome: Outcome) -> None:
     """Insist that a resolved scenario reads back to the same scenario."""
-    if "-q" in case.args:
-        return
-    scenario = rs.load_scenario(CONFIG)
+    scenario = outcome.scenario
+    assert scenario is not None
     try:
         again = parse_scenario(outcome.out, "resolved.yaml")
     except rs.InputError as error:
         raise BrokenError(f"the resolved scenario is refused: {error}\n{outcome.out}") from error
     _require(again.resolved() == scenario.resolved(), "resolved again to another text", outcome)
-    for name in ("aircraft", "radar", "cov_aircraft", "time_s"):
-        first, second = getattr(scenario, name), getattr(again, name)
-        same = first is second or np.array_equal(first, second)
-        _require(same, f"{name} differs when read back: {first} {second}", outcome)
+    pairs = {n: (getattr(scenario, n), getattr(again, n)) for n in _READ_BACK}
     for level, matrix in scenario.cov_radar.items():
-        second = again.cov_radar[level]
-        _require(np.array_equal(matrix, second), f"cov_radar differs: {matrix} {second}", outcome)
-    for name in ("name", "level", "runs", "seed", "correlation_s", "origin", "tolerances"):
-        first, second = getattr(scenario, name), getattr(again, name)
-        _require(first == second, f"{name} differs when read back: {first} {second}", outcome)
+        pairs[f"cov_radar {level}"] = matrix, again.cov_radar[level]
+    for name, (first, second) in pairs.items():
+        if not np.array_equal(first, second):
+            _require(False, f"{name} differs when read back: {first} {second}", outcome)
 
 
 def check_files(outcome: Outcome, written: list[Path]) -> None:
-    """Insist on numbers in tables, probabilities within 0 and 1, and a record beside each table."""
+    """Insist on numbers, on probabilities within 0 and 1, and on a record beside each table."""
+    no_number = re.search(r"(?<![\w.-])(nan|None|inf)(?![\w.-])", outcome.out)
+    _require(not no_number, "no number in the report", outcome)
     for path in written:
         if path.suffix == ".csv":
             rows = list(csv.reader(io.StringIO(path.read_text())))
@@ -143,6 +162,7 @@ def check_files(outcome: Outcome, written: list[Path]) -> None:
             # a share of no variance is NaN
             if np.isnan(values).any() and not name.startswith("share_"):
                 told = "Warning: " in outcome.err or "has no value" in outcome.out
+                told |= not outcome.out  # -q
                 _require(told, f"{name} has NaN without a word", outcome)
             finite = values[~np.isnan(values)]
             if re.fullmatch(r"p_d(_\w+)?|mc_mean|mc_lower|mc_upper|coverage_3sigma", name):
@@ -162,9 +182,9 @@ def _require(holds: object, what: str, outcome: Outcome) -> None:
         raise BrokenError(f"{what}\n{shown}")
 
 
-def numbered_case(seed: int, number: int, *, analyses: float) -> Case:
+def numbered_case(seed: int, number: int, **shares: float) -> Case:
     """Return a case by its number."""
-    return case(random.Random(f"{seed} {number}"), analyses=analyses)
+    return case(random.Random(f"{seed} {number}"), **shares)
 
 
 def reproducer(case: Case) -> str:
@@ -179,11 +199,17 @@ def reproducer(case: Case) -> str:
 
 
 def failures(
-    seed: int, numbers: range, *, analyses: float
+    seed: int, numbers: Iterable[int], **shares: float
 ) -> Iterator[tuple[int, Case, BrokenError]]:
-    """Run numbered cases in the working folder, and yield the ones that break a property."""
+    """Run numbered cases in the working folder, and yield the ones that break a property.
+
+    Args:
+        seed: Seed of the cases.
+        numbers: Numbers of the cases.
+        shares: `analyses` and `slow` of `grammar.case`.
+    """
     for n in numbers:
-        some = numbered_case(seed, n, analyses=analyses)
+        some = numbered_case(seed, n, **shares)
         try:
             check(some)
         except BrokenError as error:

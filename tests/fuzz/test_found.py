@@ -73,10 +73,39 @@ HUGE_TOLERANCE = ORBIT.format(
     std="{average_power_w: 1.4e-4, loss_db: 0.1}",
 )
 
+#: `form` had no value for the position of r1, but a value for r1 as a whole: NaN without a word.
+NAN_OF_A_POSITION = """\
+name: found
+radars:
+  - name: r0
+    position_m: [55195, 4, 108]
+    p_fa: 4e-8
+    horizon: false
+    constant: 136
+    uncertainty: {low: {position_m: 100, constant: 0.165}}
+  - name: r1
+    position_m: [33.8, 24.7, 2.2]
+    p_fa: 6.1e-6
+    detector: swerling4
+    constant: 1.97
+    uncertainty: {low: {position_m: 284.68, constant: 0.693}}
+aircraft:
+  rcs: {model: spikeball, amplitude_m2: 0.332, lobes: 7, floor_m2: 0.764}
+  attitude_deg: [0.412429, 31.4, 0.3341899]
+geometry:
+  type: orbit
+  range_km: 12.9899
+  down_km: -14.03
+  azimuth_deg: {start: -75.03, stop: -254.399, step: -179.3671}
+uncertainty: {aircraft: {position_m: [302, 0.183, 349], attitude_deg: 0.043}}
+analysis: {level: low}
+"""
+
 FOUND = {
     "no answer between": (NO_ANSWER_BETWEEN, ["budget", "--threshold", "0.999999"]),
     "tiny variance": (TINY_VARIANCE, ["sensitivity"]),
     "huge tolerance": (HUGE_TOLERANCE, ["sensitivity", "--method", "form"]),
+    "NaN of a position": (NAN_OF_A_POSITION, ["budget", "--method", "form"]),
 }
 
 
