@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense import axis as axes
 from radar_sense.analyses.grid import DOWN, YAW, pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
@@ -87,8 +86,7 @@ class Rays:
 
     def at(self, distance: FloatArray) -> Scenario:
         """Return the scenario with the poses at distances (n,) or (n, k), all in one row."""
-        states = self.states(distance.reshape(len(self.bearing), -1))
-        return _with_poses(self.scenario, states.reshape(-1, len(AIRCRAFT)))
+        return self.scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
 
     def slant_range(self, distance: FloatArray) -> FloatArray:
         """Return the slant ranges (n,) [m] at distances (n,) [m]."""
@@ -392,15 +390,3 @@ def _bearing(scenario: Scenario) -> float:
         place = geodesy.geodetic_from_ned(scenario.radar[POSITION], scenario.origin)
         line = line @ geodesy.turn_to_origin(place, scenario.origin)
     return math.atan2(line[1], line[0])
-
-
-def _with_poses(scenario: Scenario, aircraft: FloatArray) -> Scenario:
-    """Return the scenario at other poses, all with the covariance of the first pose."""
-    cov_aircraft = scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0]
-    return dataclasses.replace(
-        scenario,
-        aircraft=aircraft,
-        cov_aircraft=cov_aircraft,
-        axis=axes.pose_number(len(aircraft)),
-        time_s=None,
-    )
