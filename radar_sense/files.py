@@ -26,7 +26,7 @@ import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from types import FrameType
+from types import FrameType, MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -84,9 +84,9 @@ def csv(table: Mapping[str, FloatArray]) -> bytes:
     content.write(",".join(table).encode() + b"\n")
     longest = max((len(column) for column in table.values()), default=0)
     for start in range(0, longest, _ROWS):
-        part = (column[start : start + _ROWS].tolist() for column in table.values())
-        rows = zip(*part, strict=True)
-        content.write("".join([f"{','.join(map(repr, row))}\n" for row in rows]).encode())
+        part = [list(map(repr, c[start : start + _ROWS].tolist())) for c in table.values()]
+        rows = map(",".join, zip(*part, strict=True))
+        content.write(("\n".join(rows) + "\n").encode())
     return content.getvalue()
 
 
@@ -144,18 +144,13 @@ def yaml_text(document: Mapping[str, Any]) -> str:
     return text
 
 
-def versions() -> dict[str, str]:
-    """Return the versions of the tool, of Python and of the packages that compute and draw."""
-    return {
-        "radar-sense": __version__,
-        "python": platform.python_version(),
-        **{package: _version(package) for package in _PACKAGES},
-    }
-
-
 @functools.cache
-def _version(package: str) -> str:
-    return version(package)  # searches all folders of packages: 6 ms
+def versions() -> Mapping[str, str]:
+    """Return the versions of the tool, of Python and of the packages that compute and draw."""
+    packages = {package: version(package) for package in _PACKAGES}  # 3 ms each
+    return MappingProxyType(
+        {"radar-sense": __version__, "python": platform.python_version(), **packages}
+    )
 
 
 def same_result(one: bytes, other: bytes) -> bool:

@@ -58,18 +58,27 @@ def write_path(folder, text, name="scenario.yaml", /, **changes):
 
 
 def lay_out(figure):
-    """Lay a figure out as rendering does, without pixels, which take far longer."""
+    """Lay a figure out as rendering does, without drawing, which takes longer."""
     from radar_sense import plotting
 
     with plotting._style(plotting._style_of(figure)):
-        figure.draw_without_rendering()
+        figure.get_layout_engine().execute(figure)
     return figure
 
 
-def without_pixels(patch):
-    """Draw figures, but write next to nothing of them: rendering takes longer than analyses."""
+def without_pixels(patch, then=lambda figure: figure):
+    """Draw figures, but write next to nothing of them: rendering takes longer than analyses.
+
+    `then` is called with each figure.
+    """
     svg = b'<svg xmlns="http://www.w3.org/2000/svg" width="1pt" height="1pt" viewBox="0 0 1 1"/>'
-    patch.setattr("radar_sense.plotting.render", lambda figure, kind: svg)
+    patch.setattr("radar_sense.plotting.render", lambda figure, kind: then(figure) and svg)
+
+
+def small_batches(patch):
+    """Let `validate` draw small batches: its accuracy is tested in `test_adaptive`."""
+    patch.setattr("radar_sense.montecarlo.adaptive.LEAST_DRAWS", 500)
+    patch.setattr("radar_sense.montecarlo.adaptive.LEAST_OUTSIDE", 5)
 
 
 def legend_off_data(figure):
@@ -90,6 +99,21 @@ def legend_off_data(figure):
 def yaml_text(document):
     """Return a document as YAML, whose 1e-06 PyYAML writes as 1.0e-06, a number to the reader."""
     return yaml.safe_dump(document, sort_keys=False)
+
+
+def target_in_the_north(area, *, runs=2**14, **aircraft):
+    """Document without radars: an aircraft 60 km north of the origin, with a constant RCS."""
+    content = document(
+        geometry__range_km=60,
+        geometry__down_km=-6,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        aircraft__rcs={"model": "constant", "rcs_m2": area},
+        analysis={"level": "one", "runs": runs, "seed": 1},
+    )
+    content["uncertainty"] = {"aircraft": aircraft}
+    del content["radar"]
+    return content
 
 
 def single(scenario):

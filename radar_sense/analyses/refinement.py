@@ -1,8 +1,10 @@
-"""Poses between the rows of a path, added until P_D and its bound are resolved.
+"""Poses between the rows of a path, or on an orbit, added until P_D and its bound are resolved.
 
 Between two rows the position is on a straight line, in latitude and longitude if the path follows
 the curve of the earth. The attitude turns the short way at a constant rate. The covariance is
 interpolated linearly. A mission has the same states between rows.
+
+Between two azimuths of an orbit the position is on the circle, and the attitude is constant.
 """
 
 from __future__ import annotations
@@ -14,10 +16,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.model.geometry import body_vector
+from radar_sense.model.geometry import body_vector, orbit
 from radar_sense.model.trajectory import interpolate
 from radar_sense.propagation import Moments
-from radar_sense.provenance import Path
+from radar_sense.provenance import Orbit, Path
+from radar_sense.record import is_as_made
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, RADAR, FloatArray
 
@@ -25,20 +28,21 @@ from radar_sense.states import POSITION, RADAR, FloatArray
 SMOOTH_ASPECT, LOBED_ASPECT = np.deg2rad(5.0), np.deg2rad(1.0)
 #: Largest distance between two poses, as a part of the range of each radar.
 LARGEST_MOVE = 0.1
-#: Shorter steps [s] are not halved. P_D jumps at a horizon, where no step is short enough.
-SHORTEST = 0.2
+#: Shorter steps of a path [s] and of an orbit [deg] are not halved. P_D jumps at a horizon, where
+#: no step is short enough.
+SHORTEST, SHORTEST_ARC = 0.2, 0.01
 #: Most poses of a refined path.
 MAX_POSES = 20_000
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A path with poses between its rows.
+    """A path or an orbit with poses between its own.
 
     Attributes:
         scenario: The scenario of n poses.
         moments: The moments of P_D (n,).
-        rows: Poses (m,) that are rows of the path.
+        rows: Poses (m,) that are rows of the path, or azimuths of the orbit.
         resolved: Whether the poses resolve P_D.
     """
 
@@ -54,10 +58,18 @@ class Refined:
 
 
 def can_refine(scenario: Scenario) -> bool:
-    """Return whether the scenario is a path of two rows or more without `geometry.interpolate`."""
-    geometry = scenario.provenance.geometry
-    interpolated = isinstance(geometry, Path) and geometry.step_s is not None
-    return scenario.time_s is not None and len(scenario.time_s) > 1 and not interpolated
+    """Return whether the poses between the scenario's own are known and not yet chosen by the user.
+
+    They are known on a path of two rows or more, and on an orbit. With `geometry.interpolate` the
+    user has chosen them.
+    """
+    source = scenario.provenance
+    if len(scenario.aircraft) < 2:
+        return False
+    if scenario.time_s is None:
+        as_made = is_as_made(scenario.aircraft, source) and scenario.cov_aircraft.ndim == 2
+        return isinstance(source.geometry, Orbit) and as_made
+    return not (isinstance(source.geometry, Path) and source.geometry.step_s is not None)
 
 
 def refined(
@@ -66,58 +78,79 @@ def refined(
     propagate: Callable[[Scenario], Moments],
     tolerance: float,
 ) -> Refined:
-    """Return a path with poses added until P_D and its upper bound are linear between poses.
+    """Return a scenario with poses added until P_D and its upper bound are linear between poses.
 
     First, steps are halved by geometry. In one step the aspect of each radar may turn by a few
     degrees, and the aircraft may move by a tenth of the range. Then steps are halved until P_D and
     its bound are within the tolerance of straight lines, by their second differences.
 
     Args:
-        scenario: The scenario of a path.
+        scenario: The scenario of a path or an orbit, see `can_refine`.
         moments: Moments of P_D at its poses.
         propagate: Propagates a scenario.
         tolerance: The tolerance.
     """
-    time = scenario.time_s
-    assert time is not None
-    n = len(time)
+    place, shortest = scenario.time_s, SHORTEST
+    if place is None:
+        place, shortest = scenario.axis.values, SHORTEST_ARC
+    n = len(place)
     row = np.arange(n)  # number of the row, or −1
-    while len(time) < MAX_POSES:
-        coarse = coarse_steps(along(scenario, time)) & (np.diff(time) > SHORTEST)
+    while len(place) < MAX_POSES:
+        coarse = coarse_steps(along(scenario, place)) & (abs(np.diff(place)) > shortest)
         if not coarse.any():
             break
-        time, row = _halved(time, row, coarse)
-    if len(time) > n:
-        values = propagate(along(scenario, time[row < 0]))
+        place, row = _halved(place, row, coarse)
+    if len(place) > n:
+        values = propagate(along(scenario, place[row < 0]))
         moments = _merged(moments, values, row)
-    while len(time) < MAX_POSES:
-        bends = _bend(time, moments.p_d) > tolerance
-        bends |= _bend(time, moments.upper) > tolerance
-        bends &= np.diff(time) > SHORTEST
+    while len(place) < MAX_POSES:
+        bends = _bend(place, moments.p_d) > tolerance
+        bends |= _bend(place, moments.upper) > tolerance
+        bends &= abs(np.diff(place)) > shortest
         if not bends.any():
             break
-        time, new = _halved(time, np.arange(len(time)), bends)
+        place, new = _halved(place, np.arange(len(place)), bends)
         row = np.where(new < 0, -1, row[new])
-        moments = _merged(moments, propagate(along(scenario, time[new < 0])), new)
+        moments = _merged(moments, propagate(along(scenario, place[new < 0])), new)
     return Refined(
-        _with_rows(scenario, time, row) if len(time) > n else scenario,
+        _with_rows(scenario, place, row) if len(place) > n else scenario,
         moments,
         np.flatnonzero(row >= 0),
-        len(time) < MAX_POSES,
+        len(place) < MAX_POSES,
     )
 
 
-def along(scenario: Scenario, time: FloatArray) -> Scenario:
-    """Return the scenario of a path with its poses at other times (k,) [s]."""
+def along(scenario: Scenario, place: FloatArray) -> Scenario:
+    """Return the scenario at other times (k,) [s] of its path, or azimuths [deg] of its orbit."""
+    if scenario.time_s is None:
+        axis = dataclasses.replace(scenario.axis, values=place)
+        aircraft = _on_orbit(scenario, place)
+        return scenario.along_path(
+            axis=axis, aircraft=aircraft, cov_aircraft=scenario.cov_aircraft, time_s=None
+        )
     route = scenario.route()
-    poses = interpolate(route, time)
-    values = np.interp(time, route.time_s, scenario.axis.values)
+    poses = interpolate(route, place)
+    values = np.interp(place, route.time_s, scenario.axis.values)
     return scenario.along_path(
         axis=dataclasses.replace(scenario.axis, values=values),
         aircraft=poses.aircraft,
         cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
-        time_s=time,
+        time_s=place,
     )
+
+
+def _on_orbit(scenario: Scenario, azimuth: FloatArray) -> FloatArray:
+    """Return the states (k, 6) at azimuths (k,) [deg] of the scenario's orbit."""
+    circle = scenario.provenance.geometry
+    assert isinstance(circle, Orbit)
+    aircraft = np.repeat(scenario.aircraft[:1], len(azimuth), axis=0)
+    aircraft[:, POSITION] = orbit(
+        np.deg2rad(azimuth),
+        radius=circle.radius,
+        down=circle.down,
+        azimuth_from=circle.azimuth_from,
+    )
+    return aircraft
 
 
 def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
@@ -137,28 +170,28 @@ def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
     return coarse
 
 
-def _bend(time: FloatArray, values: FloatArray) -> FloatArray:
+def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     """Return the distance (n − 1,) of values from straight lines between poses; 0 if unknown.
 
     The distance is h²/8 times the second derivative. The greater derivative of both ends is used.
     """
-    step = np.diff(time)
+    step = np.diff(place)
     if len(step) < 2:
         return np.zeros(len(step))
     slope = np.diff(values) / step
-    second = np.abs(2.0 * np.diff(slope) / (time[2:] - time[:-2]))
+    second = np.abs(2.0 * np.diff(slope) / (place[2:] - place[:-2]))
     greater = np.fmax(np.append(second, second[-1]), np.insert(second, 0, second[0]))
     bend: FloatArray = np.nan_to_num(0.125 * step**2 * greater)
     return bend
 
 
 def _halved(
-    time: FloatArray, row: NDArray[np.intp], steps: NDArray[np.bool_]
+    place: FloatArray, row: NDArray[np.intp], steps: NDArray[np.bool_]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return times and rows with new times in the middle of some steps, with row number −1."""
+    """Return places and rows with new places in the middle of some steps, with row number −1."""
     after = np.flatnonzero(steps) + 1
-    middle = 0.5 * (time[after - 1] + time[after])
-    return np.insert(time, after, middle), np.insert(row, after, -1)
+    middle = 0.5 * (place[after - 1] + place[after])
+    return np.insert(place, after, middle), np.insert(row, after, -1)
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
@@ -172,9 +205,9 @@ def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
     return Moments(*arrays)
 
 
-def _with_rows(scenario: Scenario, time: FloatArray, row: NDArray[np.intp]) -> Scenario:
-    """Return the scenario at some times, with the exact states at its rows."""
-    path = along(scenario, time)
+def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> Scenario:
+    """Return the scenario at some places, with the exact states at its rows."""
+    path = along(scenario, place)
     at_row = np.flatnonzero(row >= 0)
     aircraft = path.aircraft.copy()
     aircraft[at_row] = scenario.aircraft[row[at_row]]
@@ -182,4 +215,6 @@ def _with_rows(scenario: Scenario, time: FloatArray, row: NDArray[np.intp]) -> S
     if covariance.ndim == 3:
         covariance = covariance.copy()
         covariance[at_row] = scenario.cov_aircraft[row[at_row]]
-    return path.along_path(axis=path.axis, aircraft=aircraft, cov_aircraft=covariance, time_s=time)
+    return path.along_path(
+        axis=path.axis, aircraft=aircraft, cov_aircraft=covariance, time_s=path.time_s
+    )

@@ -358,9 +358,11 @@ def _verdict(tested: _Tested) -> str:
 def _remedy(tested: _Tested, method: str) -> str:
     """Return why the test has no answer, and the remedy."""
     if not tested.path.resolved:
+        on_orbit = tested.path.scenario.time_s is None
+        key = "geometry.azimuth_deg" if on_orbit else "geometry.interpolate"
         return (
             f"  P_D is not resolved by {len(tested.path.scenario.axis)} poses: "
-            "choose steps with geometry.interpolate"
+            f"choose steps with {key}"
         )
     if tested.undecided.any():
         reason = "the tail is too thin for draws, or the bound too near to the threshold"
@@ -414,9 +416,10 @@ def _poses_lines(tested: _Tested) -> list[str]:
     """Return the number or the step of the poses tested on a path."""
     scenario = tested.path.scenario
     if tested.tolerance is not None:
+        own = "the azimuths given" if scenario.time_s is None else "the rows of the path"
         return [
-            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between the rows "
-            f"of the path: P_D and bound are within {tested.tolerance:g} of straight lines"
+            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {own}: "
+            f"P_D and bound are within {tested.tolerance:g} of straight lines"
         ]
     geometry = scenario.provenance.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:

@@ -303,7 +303,10 @@ def _in_blocks(
         )
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     _keep_freed_memory()
-    aircraft, radar = (np.broadcast_to(s, shape + s.shape[-1:]) for s in (aircraft, radar))
+    aircraft, radar = (
+        s if s.shape[:-1] == shape else np.broadcast_to(s, shape + s.shape[-1:])
+        for s in (aircraft, radar)
+    )
     if math.prod(shape) <= size:
         return function(aircraft, radar)
     results = tuple(_component_first(shape, tail) for tail in tails)

@@ -24,7 +24,6 @@ from typing import ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import erfc, erfcx, gammainc, i0e, ndtr, ndtri, ndtri_exp
 
 from radar_sense.errors import InputError
@@ -418,6 +417,8 @@ def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
     Raises:
         InputError: If P_D is not a probability between 0 and 1.
     """
+    from scipy.optimize import brentq  # slow to import
+
     check_number("p_d", p_d, Limit(above=0, below=1))
     target = float(ndtri(p_d))
 

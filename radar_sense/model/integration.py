@@ -33,7 +33,6 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 from scipy.special import betainc, betainccinv, betaincinv, comb, gammainc, gammainccinv, gammaln
 
 from radar_sense.errors import InputError
@@ -254,6 +253,8 @@ class OrderedCells:
     @classmethod
     def of(cls, cells: int, rank: int, p_fa: float) -> OrderedCells:
         """Return the cells with the factor that makes P_D = P_fa without signal."""
+        from scipy.optimize import brentq  # slow to import
+
         left = cells - np.arange(float(rank))
 
         def excess(log_factor: float) -> float:

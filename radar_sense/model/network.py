@@ -273,7 +273,11 @@ class NetworkModel:
         return self.p_d(aircraft, radar), *self.linearize_probit(aircraft, radar)
 
     def extrapolated_probit(
-        self, aircraft: FloatArray, radar: FloatArray, visible: NDArray[np.bool_]
+        self,
+        aircraft: FloatArray,
+        radar: FloatArray,
+        visible: NDArray[np.bool_],
+        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return a smooth z and its partials, for expansions about a state.
 
@@ -286,10 +290,13 @@ class NetworkModel:
             aircraft: (k, 6).
             radar: (k, 4m); c_r may be negative.
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
+            moved: For states that are s points of each pose, point after point: the points (m, s)
+                where the aircraft, or the radar, is not as at the first point. Each radar is
+                evaluated at these points only. None for all points.
         """
         if len(self.radars) == 1 and visible.all():
             return _extrapolated(self.radars[0].model, aircraft, radar)
-        return self._fused_probit(aircraft, radar, visible, extrapolated=True)
+        return self._fused_probit(aircraft, radar, visible, extrapolated=True, moved=moved)
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
@@ -344,16 +351,18 @@ class NetworkModel:
         visible: NDArray[np.bool_],
         *,
         extrapolated: bool,
+        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4 to 6)."""
         values, by_aircraft, by_radar = [], [], []
-        for i, state in enumerate(self.split(radar)):
-            model, one = self.models[i], visible[..., i : i + 1]
-            z, by_a, by_r = (
-                _extrapolated(model, np.asarray(aircraft), state)
-                if extrapolated
-                else model.linearize_probit(aircraft, state)
-            )
+        for i, (model, state) in enumerate(zip(self.models, self.split(radar), strict=True)):
+            one = visible[..., i : i + 1]
+            if not extrapolated:
+                z, by_a, by_r = model.linearize_probit(aircraft, state)
+            elif moved is None:
+                z, by_a, by_r = _extrapolated(model, np.asarray(aircraft), state)
+            else:
+                z, by_a, by_r = _extrapolated_where(moved[i], model, np.asarray(aircraft), state)
             values.append(np.where(one[..., 0], z, _UNSEEN))
             by_aircraft.append(np.where(one, by_a, 0.0))
             by_radar.append(np.where(one, by_r, 0.0))
@@ -366,9 +375,10 @@ class NetworkModel:
         visible: NDArray[np.bool_],
         *,
         extrapolated: bool,
+        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         z, by_aircraft, by_radar = self._each_probit(
-            aircraft, radar, visible, extrapolated=extrapolated
+            aircraft, radar, visible, extrapolated=extrapolated, moved=moved
         )
         if len(z) == 1:
             return z[0], by_aircraft[0], by_radar[0]
@@ -386,6 +396,34 @@ def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
     if isinstance(model, DetectionModel):
         return NetworkModel((Radar(model),))
     raise InputError(f"model must be a DetectionModel or a NetworkModel, got {model!r}")
+
+
+def _extrapolated_where(
+    moved: NDArray[np.bool_], model: DetectionModel, aircraft: FloatArray, radar: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return `_extrapolated` with copies of the values at the first point, point after point.
+
+    Args:
+        moved: Points (s,) where the states are not as at the first point.
+        model: Detection model of the radar.
+        aircraft: (k, 6), with the poses of one point after the other.
+        radar: (k, 4 to 6).
+    """
+    distinct = np.append(0, np.flatnonzero(moved))
+    place = np.zeros(len(moved), dtype=int)
+    place[distinct] = np.arange(len(distinct))
+    value, by_aircraft, by_radar = _extrapolated(
+        model, *(_points(states, len(moved), distinct) for states in (aircraft, radar))
+    )
+    s = len(distinct)
+    return _points(value, s, place), _points(by_aircraft, s, place), _points(by_radar, s, place)
+
+
+def _points(array: FloatArray, points: int, which: NDArray[np.intp]) -> FloatArray:
+    """Return some points of an array (k, ...) with the poses of one point after the other."""
+    components = array.T.reshape(*array.shape[:0:-1], points, -1)
+    chosen: FloatArray = components[..., which, :].reshape(*array.shape[:0:-1], -1).T
+    return chosen
 
 
 def _extrapolated(
@@ -427,8 +465,11 @@ def _either(p: FloatArray, q: FloatArray) -> FloatArray:
 
 def _others(log_missed: FloatArray) -> FloatArray:
     """Return, for each radar, the sum over all others (m, ...), without subtraction."""
-    m = len(log_missed)
-    return np.stack([np.sum(np.delete(log_missed, i, axis=0), axis=0) for i in range(m)])
+    others = np.zeros_like(log_missed)
+    for i, missed in enumerate(log_missed):
+        others[:i] += missed
+        others[i + 1 :] += missed
+    return others
 
 
 def _fuse(z: FloatArray) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,30 +48,67 @@ def second_order_matters(
     z(0) + tr H/2 and the variance gᵀg + tr H²/2. The third cumulant is 3 gᵀHg + tr H³. σ of z is
     compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
-    unreliable = []
+    parts, beyond = [], []
+    lobed = states.model.rcs.lobed
     for part, std_and_bounds in _blocks(states, moments, _numbers(states)):
-        probit = RelativeProbit.of(part)
+        probit = RelativeProbit(part)
         # A lobe may be as narrow as the differences are wide.
-        value, gradient, second = probit.derivatives(sides=2 if part.model.rcs.lobed else 1)
-        g, h = _by_u(probit.sqrt_cov, gradient, second)
-        first = np.sum(g * g, axis=0)
-        variance = first + 0.5 * np.einsum("ijk,ijk->k", h, h)
-        hg = np.einsum("ijk,jk->ik", h, g)
-        curvature = np.sum(g * hg, axis=0)
-        third = 3.0 * curvature + np.einsum("ijk,jlk,lik->k", h, h, h)
-        mean = value + 0.5 * np.einsum("iik->k", h)
-        cube = variance**1.5  # 0 for variances below 1e-216
-        skewness = third / np.where(cube > 0, cube, 1.0)
-        better = _skewed(mean, np.sqrt(variance), skewness, beta)
-        bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
-        warned = (
-            differ(std_and_bounds, better) | bends | limit_matters(part, std_and_bounds[0], beta)
+        value, gradient, second = probit.derivatives(sides=2 if lobed else 1)
+        parts.append(_Expansion.of(probit, value, *_by_u(probit.sqrt_cov, gradient, second)))
+        if lobed:
+            beyond.append(_lobe_beyond(probit, std_and_bounds, beta))
+    # What follows takes few arrays, and is computed for all blocks together.
+    z = _Expansion(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+    variance = z.slope + 0.5 * z.trace_of_square
+    third = 3.0 * z.curvature + z.trace_of_cube
+    cube = variance**1.5  # 0 for variances below 1e-216
+    skewness = third / np.where(cube > 0, cube, 1.0)
+    better = _skewed(z.value + 0.5 * z.trace, np.sqrt(variance), skewness, beta)
+    unreliable: NDArray[np.bool_] = (
+        differ((moments.std, moments.lower, moments.upper), better)
+        | ~(variance <= (1.0 + STD_CHANGE) ** 2 * z.slope)
+        | limit_matters(states, moments.std, beta)
+        | _expansion_is_off(RelativeProbit(states), z, beta)
+    )
+    return unreliable | np.concatenate(beyond) if lobed else unreliable
+
+
+class _Expansion(NamedTuple):
+    """Numbers of the second-order expansion of z at each of k poses.
+
+    Attributes:
+        value: z at the nominal states (k,).
+        slope: gᵀg (k,).
+        curvature: gᵀHg (k,).
+        trace: tr H (k,).
+        trace_of_square: tr H² (k,).
+        trace_of_cube: tr H³ (k,).
+        along: F g (n, k), the errors of the relative states for u = g.
+    """
+
+    value: FloatArray
+    slope: FloatArray
+    curvature: FloatArray
+    trace: FloatArray
+    trace_of_square: FloatArray
+    trace_of_cube: FloatArray
+    along: FloatArray
+
+    @classmethod
+    def of(
+        cls, probit: RelativeProbit, value: FloatArray, g: FloatArray, h: FloatArray
+    ) -> _Expansion:
+        """Return the numbers for a gradient g (r, k) and second derivatives h (r, r, k) by u."""
+        one = probit.sqrt_cov[0]
+        return cls(
+            value,
+            np.einsum("ik,ik->k", g, g),
+            np.einsum("ik,ik->k", g, np.einsum("ijk,jk->ik", h, g)),
+            np.einsum("iik->k", h),
+            np.einsum("ijk,ijk->k", h, h),
+            np.einsum("ijk,jlk,lik->k", h, h, h),
+            one @ g if len(probit.sqrt_cov) == 1 else np.einsum("kij,jk->ik", probit.sqrt_cov, g),
         )
-        warned |= _expansion_is_off(probit, value, g, curvature, beta)
-        if part.model.rcs.lobed:
-            warned |= _lobe_beyond(probit, std_and_bounds, beta)
-        unreliable.append(warned)
-    return np.concatenate(unreliable)
 
 
 def _by_u(
@@ -87,28 +125,15 @@ def _by_u(
     return np.einsum("kij,ik->jk", sqrt_cov, gradient), np.moveaxis(by_u, 0, 2)
 
 
-def _expansion_is_off(
-    probit: RelativeProbit, value: FloatArray, g: FloatArray, curvature: FloatArray, beta: float
-) -> NDArray[np.bool_]:
-    """Return where (k,) the second-order expansion of z is off a distance β along the gradient.
-
-    Args:
-        probit: z as a function of the relative states.
-        value: z at the nominal states (k,).
-        g: Gradient of z by u (r, k).
-        curvature: gᵀHg (k,).
-        beta: β.
-    """
-    square = np.sum(g * g, axis=0)
-    known = np.isfinite(square + curvature) & (square > 0)  # other tests warn elsewhere
-    step = np.divide(beta, np.sqrt(square), out=np.zeros_like(square), where=known)
-    u = np.where(known, g * step, 0.0)
-    one = probit.sqrt_cov[0]
-    error = one @ u if len(probit.sqrt_cov) == 1 else np.einsum("kij,jk->ik", probit.sqrt_cov, u)
+def _expansion_is_off(probit: RelativeProbit, z: _Expansion, beta: float) -> NDArray[np.bool_]:
+    """Return where (k,) the second-order expansion of z is off a distance β along the gradient."""
+    known = np.isfinite(z.slope + z.curvature) & (z.slope > 0)  # other tests warn elsewhere
+    step = beta / np.sqrt(np.where(known, z.slope, np.inf))
+    error = np.where(known, z.along, 0.0) * step
     exact = probit.p_d(np.stack([error, -error], axis=1))
-    bend = 0.5 * np.where(known, curvature, 0.0) * step * step
-    slope = step * square
-    expanded = np.stack([value + slope + bend, value - slope + bend])
+    rise = step * np.where(known, z.slope, 0.0)
+    middle = z.value + 0.5 * np.where(known, z.curvature, 0.0) * step * step
+    expanded = np.stack([middle + rise, middle - rise])
     change = np.abs(exact - ndtr(np.maximum(expanded, probit.floor)))
     off: NDArray[np.bool_] = change.max(axis=0) > BOUND_CHANGE
     return off
@@ -273,13 +298,21 @@ def _skewed(
     (E. A. Cornish and R. A. Fisher, Rev. Inst. Int. Statist. 5(4), 1937.)
     """
     u, weights = _gauss_hermite()
-    nodes = np.append(u, (-beta, beta))[:, np.newaxis]
-    z = m + s * (nodes + skewness * (nodes * nodes - 1.0) / 6.0)
-    lesser = ndtr(np.where(m > 0, -1.0, 1.0) * z[: len(u)])  # of P_D and 1 − P_D: none rounds to 1
+    side = np.where(m > 0, -1.0, 1.0)
+    terms = np.stack([m, s, s * skewness / 6.0])
+    # of P_D and 1 − P_D: none rounds to 1
+    lesser = _hermite(u) @ (side * terms)
+    ndtr(lesser, out=lesser)
     mean = weights @ lesser
-    std = np.sqrt(weights @ np.square(lesser - mean))
-    ends = ndtr(z[len(u) :])
+    lesser -= mean
+    std = np.sqrt(weights @ np.square(lesser, out=lesser))
+    ends = ndtr(_hermite(np.array([-beta, beta])) @ terms)
     return np.where(s == 0, 0.0, std), ends.min(axis=0), ends.max(axis=0)
+
+
+def _hermite(u: FloatArray) -> FloatArray:
+    """Return 1, u and u² − 1 (n, 3)."""
+    return np.stack([np.ones_like(u), u, u * u - 1.0], axis=1)
 
 
 @cache

@@ -22,6 +22,7 @@ from scipy.special import ndtr, ndtri
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
+    MAX_NUMBERS,
     RelativeProbit,
     StandardNormalSpace,
     StdFunction,
@@ -105,13 +106,13 @@ def form_std(states: UncertainStates) -> StdFunction:
     """
     blocks = []
     for part in states.blocks(_numbers(states, len(NODES))):
-        blocks.append((part, RelativeProbit.of(part).derivatives()))
+        blocks.append((part, RelativeProbit(part).derivatives()))
 
     def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
         std_blocks, start = [], 0
         for part, derivatives in blocks:
             changed = part.with_covariances(cov_aircraft, cov_radar, start)
-            space = StandardNormalSpace.expanded(RelativeProbit.of(changed), *derivatives)
+            space = StandardNormalSpace.expanded(RelativeProbit(changed), *derivatives)
             std_blocks.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
             start += len(part)
         return np.concatenate(std_blocks)
@@ -141,7 +142,7 @@ def _values(
 def _suspect(
     space: StandardNormalSpace,
     solution: Quantiles,
-    given: Sequence[FloatArray],
+    values: Sequence[FloatArray],
     beta: float,
 ) -> NDArray[np.bool_]:
     """Return where (k,) σ and bounds may be unreliable.
@@ -154,7 +155,7 @@ def _suspect(
     variance = first + 0.5 * np.sum(space.curvature**2, axis=0)
     bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
     moved = np.any(solution.extreme != solution.nearest, axis=(0, 1))
-    suspect: NDArray[np.bool_] = differ(given, second_order) | bends | moved
+    suspect: NDArray[np.bool_] = differ(values, second_order) | bends | moved
     return suspect
 
 
@@ -467,6 +468,6 @@ def _integration() -> tuple[FloatArray, FloatArray]:
 
 
 def _numbers(states: UncertainStates, betas: int) -> int:
-    """Return the numbers per pose in the largest array of FORM."""
+    """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more."""
     components = len(AIRCRAFT) + int(states.radar.shape[-1])
-    return components * components * max(betas, 2)
+    return min(components * components * max(betas, 2), MAX_NUMBERS // 16)

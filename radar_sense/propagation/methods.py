@@ -40,7 +40,7 @@ from radar_sense.states import FloatArray
 
 #: |z| of a P_D that is 0 or 1 to rounding.
 LARGEST_PROBIT = 40.0
-#: Poses between two reports of progress, divided by the number of radars.
+#: Poses between two reports of progress, divided by the number of radars; at least 1024.
 REPORTED = 16_384
 
 #: From uncertain states of k poses and β to the moments of P_D (k,).
@@ -237,9 +237,13 @@ def upper_bound_in_scenario(
 
 
 def nonlinear_in_scenario(
-    scenario: Scenario, moments: Moments, *, method: str = "linear", beta: float = 3.0
+    scenario: Scenario,
+    moments: Moments | None = None,
+    *,
+    method: str = "linear",
+    beta: float = 3.0,
 ) -> NDArray[np.bool_]:
-    """Return where (n,) the moments of a scenario are unreliable."""
+    """Return where (n,) the moments of a scenario are unreliable. None computes the moments."""
     return nonlinear(
         *_of(scenario),
         method=method,
@@ -302,7 +306,7 @@ def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta:
 
 def _reported(states: UncertainStates) -> Iterator[UncertainStates]:
     """Cut states into the parts after which progress is reported."""
-    return states.cut(max(1, REPORTED // len(states.log_constant)))
+    return states.cut(max(1024, REPORTED // len(states.log_constant)))
 
 
 def _check_choices(method: str, beta: float) -> None:

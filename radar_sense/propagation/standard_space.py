@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -36,6 +36,7 @@ from radar_sense.states import (
     RADAR,
     FloatArray,
     check_finite,
+    components_of,
     constants_of,
 )
 
@@ -47,8 +48,10 @@ STEP = 0.5
 ONE_SIDED_STEP = -0.1
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
-#: Most poses in a block: the arrays of its finite differences stay in the processor's cache.
-BLOCK = 1024
+#: Numbers of the matrices F that are copied at a time, which stay in the processor's cache (1 MB).
+GATHERED = 131_072
+#: Most poses in a block: less time in Python, and arrays of finite differences of 1 MB.
+BLOCK = 2048
 #: Largest ln of the growth of a radar constant. P_D is 1 far below this, and a larger growth
 #: overflows.
 MOST_NEPERS = 300.0
@@ -192,20 +195,21 @@ class RelativeProbit:
 
     Attributes:
         states: The uncertain states (k poses).
-        sqrt_cov: F (k, n, r), or (1, n, r) where it is the same at all poses, r ≤ n or 6 + 4m.
-        visible: Radars that see the aircraft at the nominal states (k, m).
     """
 
     states: UncertainStates
-    sqrt_cov: FloatArray
-    visible: NDArray[np.bool_]
 
-    @classmethod
-    def of(cls, states: UncertainStates) -> RelativeProbit:
-        """Return z as a function of the relative states."""
+    @cached_property
+    def sqrt_cov(self) -> FloatArray:
+        """F (k, n, r), or (1, n, r) where it is the same at all poses, r ≤ n or 6 + 4m."""
+        return _sqrt_cov(self.states)
+
+    @cached_property
+    def visible(self) -> NDArray[np.bool_]:
+        """Radars that see the aircraft at the nominal states (k, m)."""
+        states = self.states
         visible = states.model.visible(states.aircraft, states.radar)
-        visible = np.broadcast_to(visible, (len(states), visible.shape[-1]))
-        return cls(states, _sqrt_cov(states), visible)
+        return np.broadcast_to(visible, (len(states), visible.shape[-1]))
 
     @cached_property
     def std(self) -> FloatArray:
@@ -219,12 +223,20 @@ class RelativeProbit:
         return self.states.model.floor(self.visible)
 
     def __call__(
-        self, error: FloatArray, pose: NDArray[np.intp] | None = None
+        self,
+        error: FloatArray,
+        pose: NDArray[np.intp] | None = None,
+        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient by y (n, j) at errors (n, j) of the poses (j,).
 
         Without poses, errors are (n, s, k) at all poses, and results (s, k) and (n, s, k). The
         gradient by a component without uncertainty is 0, also where it is undefined.
+
+        Args:
+            error: Errors of the relative states.
+            pose: Poses of the errors.
+            moved: Radars and points (m, s) as in `NetworkModel.extrapolated_probit`.
         """
         states = self.states
         aircraft, radar, growth = self.shifted(error, pose)
@@ -232,7 +244,7 @@ class RelativeProbit:
             self._at(self.visible.T, error, pose), (self.visible.shape[-1], *error.shape[1:])
         )
         value, by_aircraft, by_radar = states.model.extrapolated_probit(
-            aircraft, radar, visible.reshape(len(visible), -1).T
+            aircraft, radar, visible.reshape(len(visible), -1).T, moved
         )
         gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T)).reshape(error.shape)
         if growth is not None:
@@ -281,6 +293,20 @@ class RelativeProbit:
             return values[:, pose]
         return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
 
+    def _moved(self, along: NDArray[np.intp]) -> NDArray[np.bool_] | None:
+        """Return which radars see another state (m, s + 1) at points along these axes (s,).
+
+        The first point is the nominal one. None for a single radar, which sees all changes.
+        """
+        m, size = len(self.states.log_constant), self.states.radar.shape[-1]
+        if m == 1:
+            return None
+        moved = np.zeros((m, len(along) + 1), dtype=bool)
+        for i in range(m):
+            own = np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))])
+            moved[i, 1:] = np.isin(along, own)
+        return moved
+
     def derivatives(self, *, sides: int = 2) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return z (k,), its gradient (n, k) and its second derivatives (n, n, k) by y at y = 0.
 
@@ -297,14 +323,13 @@ class RelativeProbit:
         error[along, points] = step
         if sides == 2:
             error[along, points + 1] = -step
-        value, gradient = self(error)
-        second = np.zeros((n, n, k))
-        width = np.where(step != 0, sides * step, np.inf)
-        for axis, point, across in zip(along, points, width, strict=True):
-            other = point + 1 if sides == 2 else 0
-            np.subtract(gradient[:, point], gradient[:, other], out=second[:, axis])
-            second[:, axis] /= across
-        second = 0.5 * (second + second.swapaxes(0, 1))
+        value, gradient = self(error, moved=self._moved(np.repeat(along, sides)))
+        second = gradient[:, 1::sides] - (gradient[:, 2::2] if sides == 2 else gradient[:, :1])
+        second /= np.where(step != 0, 2.0 * sides * step, np.inf)  # half of each difference
+        if len(along) < n:
+            some, second = second, np.zeros((n, n, k))
+            second[:, along] = some
+        second = second + second.swapaxes(0, 1)
         return value[0], gradient[:, 0], second
 
 
@@ -329,7 +354,7 @@ class StandardNormalSpace:
     @classmethod
     def of(cls, states: UncertainStates) -> StandardNormalSpace:
         """Return the expansion of z about the nominal states."""
-        probit = RelativeProbit.of(states)
+        probit = RelativeProbit(states)
         return cls.expanded(probit, *probit.derivatives())
 
     @classmethod
@@ -349,10 +374,16 @@ class StandardNormalSpace:
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient (r, j) at u (r, j) of the poses (j,)."""
-        sqrt_cov = self.sqrt_cov[pose]
-        error = np.einsum("kij,jk->ik", sqrt_cov, u)
-        value, gradient = self.probit(error, pose)
-        return value, np.einsum("kij,ik->jk", sqrt_cov, gradient)
+        n, r = self.sqrt_cov.shape[1:]
+        error, by_u = np.empty((n, len(pose))), np.empty((r, len(pose)))
+        size = GATHERED // max(1, n * r) + 1
+        parts = [slice(start, start + size) for start in range(0, len(pose), size)]
+        for part in parts:
+            np.einsum("kij,jk->ik", self.sqrt_cov[pose[part]], u[:, part], out=error[:, part])
+        value, by_y = self.probit(error, pose)
+        for part in parts:
+            np.einsum("kij,ik->jk", self.sqrt_cov[pose[part]], by_y[:, part], out=by_u[:, part])
+        return value, by_u
 
 
 def _sqrt_cov(states: UncertainStates) -> FloatArray:
@@ -375,6 +406,7 @@ def _sqrt_cov(states: UncertainStates) -> FloatArray:
     return sqrt_cov if used.all() else sqrt_cov[:, :, used]
 
 
+@cache
 def _to_relative(radars: int, size: int) -> tuple[FloatArray, FloatArray]:
     """Return the matrices from errors of aircraft (6) and of m radars (size) to errors of y (n)."""
     radar = np.vstack([np.zeros((3, size)), np.eye(size)])

@@ -25,11 +25,11 @@ def read_detector(entry: Entry, p_fa: float) -> Detector:
             raise entry.error(f"needs a mapping with 'model' and {', '.join(required)}")
         return cls()
     model = keys.DETECTOR_MODEL
-    given = entry.entries()
-    if model.name not in given:
+    present = entry.entries()
+    if model.name not in present:
         raise entry.error(f"missing key 'model', one of {', '.join(DETECTORS)}")
-    name = given[model.name].value(model)
-    for key, value in given.items():
+    name = present[model.name].value(model)
+    for key, value in present.items():
         owners = [other for other, cls in DETECTORS.items() if key in _keys(cls)]
         if owners and name not in owners:
             raise value.error(

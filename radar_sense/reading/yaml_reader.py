@@ -30,6 +30,7 @@ from radar_sense.reading.text_file import (
 
 #: Largest scenario file. A scenario is a page of text, far smaller than this.
 MAX_BYTES = 64 * 1024
+_RESOLVER: Any = yaml.resolver.Resolver()  # which has no types
 _INFINITE = re.compile(r"\+?\.?inf(inity)?", re.IGNORECASE)
 T = TypeVar("T")
 
@@ -359,5 +360,4 @@ def _refuse_tags(root: Entry) -> None:
 def _implicit_tag(node: yaml.Node) -> str:
     """Return the default tag of a node, which the author of the file did not write."""
     plain = not getattr(node, "style", None)
-    resolver: Any = yaml.resolver.Resolver()  # which has no types
-    return str(resolver.resolve(type(node), node.value, (plain, not plain)))
+    return str(_RESOLVER.resolve(type(node), node.value, (plain, not plain)))

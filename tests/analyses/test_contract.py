@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from helpers import document, lay_out, scenario, without_pixels
+from helpers import document, few_draws, lay_out, scenario, small_batches, without_pixels
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -33,6 +33,7 @@ SHORT = {
     "convergence": {"runs": 16},
     "validate": {"digits": 1},
     "map": {"step_km": 200},
+    "range": {"step_deg": 30},
 }
 FEW = {"start": 40, "stop": 60, "step": 20}
 
@@ -52,7 +53,9 @@ def inputs(name: str):
 @pytest.mark.parametrize("name", ALL)
 def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     # Pixels of each figure are drawn by the tests of the command line.
-    without_pixels(monkeypatch)
+    without_pixels(monkeypatch, then=lay_out)
+    small_batches(monkeypatch)
+    few_draws(monkeypatch)
     monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     for s in inputs(name):
         result = ALL[name](s, **SHORT.get(name, {}))
@@ -65,7 +68,6 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         assert all(isinstance(line, str) and line.isascii() and "\n" not in line for line in lines)
         assert len(repr(result)) < 400
         assert "<pre>" in result._repr_html_()
-        lay_out(result.plot())
         table, figure, record = result.save(tmp_path, ["png"])
         assert table.stem == figure.stem == record.stem == f"{s.name}_{name}"
         written = json.loads(record.read_text(encoding="utf-8"))
@@ -80,7 +82,10 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_a_notebook_gets_what_the_shell_writes(name, tool):
+def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
+    small_batches(monkeypatch)
+    few_draws(monkeypatch)
+    monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     s = next(inputs(name))
     Path("my.yaml").write_text(json.dumps(s.resolved()), encoding="utf-8")
     options = [f"--{key.replace('_', '-')}={v}" for key, v in SHORT.get(name, {}).items()]

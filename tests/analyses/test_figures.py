@@ -2,11 +2,12 @@
 
 import dataclasses
 import re
-from functools import partial
+from functools import cache, partial
+from importlib import import_module
 
 import numpy as np
 import pytest
-from helpers import document, lay_out, legend_off_data, scenario, yaml_text
+from helpers import document, lay_out, legend_off_data, scenario, small_batches, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
@@ -44,11 +45,21 @@ SCENARIOS = {
 }
 
 
-@pytest.mark.parametrize("changes", SCENARIOS.values(), ids=SCENARIOS.keys())
-@pytest.mark.parametrize("analysis", ALL)
-def test_layout(analysis, changes):
-    # A few poses will do for a figure, and the draws of validate are many.
-    changes = {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 45}, **changes}
+#: Names and number of the levels change the figure of `sensitivity`, and the footer of all others.
+LAYOUTS = [
+    (analysis, kind)
+    for analysis in ALL
+    for kind in SCENARIOS
+    if kind not in ("long names", "many levels") or analysis in ("sensitivity", "compare")
+]
+
+
+@pytest.mark.parametrize(("analysis", "kind"), LAYOUTS)
+def test_layout(analysis, kind, monkeypatch):
+    small_batches(monkeypatch)
+    # A few poses will do for a figure.
+    few = {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 45}}
+    changes = {**few, **SCENARIOS[kind]}
     figure = lay_out(ALL[analysis](scenario(**changes)).plot())
     legend_off_data(figure)
     for axes in figure.axes:
@@ -143,17 +154,23 @@ def overlapping(boxes):
     return [(i, j) for i, a in enumerate(boxes) for j, b in enumerate(boxes[:i]) if a.overlaps(b)]
 
 
+@cache
+def many_lines(of):
+    """Return a result whose figure has a line for each name, and the names."""
+    if of == "radars":
+        result = analyses.variance(many_radars())
+        return result, result.scenario.model.names
+    names = tuple(f"level{i}" for i in range(8))
+    levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
+    s = scenario(uncertainty__radar=levels, analysis__level="level3")
+    return analyses.sensitivity(s), names
+
+
 @pytest.mark.parametrize("style", plotting.STYLES)
 @pytest.mark.parametrize("of", ["radars", "levels"])
 def test_many_lines_are_told_apart(of, style):
     """Every line is named, in the legend or where no other line and no other name is."""
-    if of == "radars":
-        result = analyses.variance(many_radars())
-        names = result.scenario.model.names
-    else:
-        names = tuple(f"level{i}" for i in range(8))
-        levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
-        result = analyses.sensitivity(scenario(uncertainty__radar=levels, analysis__level="level3"))
+    result, names = many_lines(of)
     figure = lay_out(result.plot(style))
     (axes,) = figure.axes
     pairs = [
@@ -180,12 +197,16 @@ def test_many_lines_are_told_apart(of, style):
     footer_off_all(figure)
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
-def test_names_on_a_map_are_on_the_map(style):
-    result = analyses.coverage_map(
+@cache
+def map_of_many_radars():
+    return analyses.coverage_map(
         many_radars(), step_km=20, north_km=(-260, 260), east_km=(-255, 255)
     )
-    figure = lay_out(result.plot(style))
+
+
+@pytest.mark.parametrize("style", plotting.STYLES)
+def test_names_on_a_map_are_on_the_map(style):
+    figure = lay_out(map_of_many_radars().plot(style))
     axes, bar = figure.axes
     boxes = [text.get_window_extent() for text in axes.texts]
     assert len(boxes) == 12
@@ -209,14 +230,18 @@ def test_one_pose_shows_its_draws():
     assert marks == [result.table[n][0] for n in ("p_d", "lower_3sigma", "upper_3sigma")]
 
 
+@cache
+def at_few_poses(analysis):
+    s = load_scenario().at_poses(slice(0, None, 60)).with_analysis(runs=50)
+    return getattr(analyses, analysis)(s)
+
+
 @pytest.mark.parametrize("style", plotting.STYLES)
 @pytest.mark.parametrize(
     "analysis", ["budget", "montecarlo", "detectors", "rcs", "detection_range"]
 )
 def test_a_figure_fits_its_style(analysis, style):
-    s = load_scenario().at_poses(slice(0, None, 60)).with_analysis(runs=50)
-    result = getattr(analyses, analysis)(s)
-    figure = lay_out(result.plot(style))
+    figure = lay_out(at_few_poses(analysis).plot(style))
     width, height, scale = plotting.STYLES[style]
     assert figure.get_figwidth() == width
     assert 0.2 * width < figure.get_figheight() <= height
@@ -229,7 +254,7 @@ def test_a_figure_fits_its_style(analysis, style):
 
 
 def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
-    result = analyses.budget(load_scenario())
+    result = at_few_poses("budget")
     for style in plotting.STYLES:
         result.save(tmp_path / style, ["svg"], style=style)
     widths = [
@@ -245,8 +270,10 @@ def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
 
 
 @pytest.mark.parametrize("p_fa", [0.99, 1e-2, 1.7e-4, 2e-12, 1e-100])
-def test_layout_of_detectors(p_fa):
+def test_layout_of_detectors(p_fa, monkeypatch):
     """Labels lie on the axes, not on each other, and not on the data."""
+    # The figure has no required signal-to-noise ratios, which take most of the time.
+    monkeypatch.setattr(import_module("radar_sense.analyses.detectors"), "INTEGRATING", {})
     figure = analyses.detectors(scenario(radar__p_fa=p_fa)).plot()
     FigureCanvasAgg(figure).draw()  # where text is as large as the axes say
     top, bottom, slope = figure.axes
@@ -291,7 +318,7 @@ def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
 
 
 def test_ten_thousand_runs_make_a_small_file_that_says_so():
-    sweep = {"start": 0, "stop": 180, "step": 5}  # lines at all poses would make a large file
+    sweep = {"start": 0, "stop": 180, "step": 15}  # lines at all poses would make a large file
     s = scenario(geometry__azimuth_deg=sweep).with_analysis(runs=10_000)
     figure = analyses.montecarlo(s, workers=2).plot()
     assert any("500 of 10000 runs" in text.get_text() for text in figure.legends[0].get_texts())

@@ -11,6 +11,7 @@ import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses import refinement
 from radar_sense.analyses.error_budget import required_accuracies
+from radar_sense.analyses.threshold import require_threshold
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import decide, exceeded_anywhere
 from radar_sense.propagation import exceedance_probability, propagate_scenario
@@ -164,6 +165,40 @@ def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
     assert test["worst_margin"]["value"] == pytest.approx(0.1 - upper.max(), abs=0.002)
     assert test["first_violation"]["time_s"] == pytest.approx(np.argmax(upper > 0.1), abs=100)
     assert any("add poses between the rows with geometry.interpolate" in w for w in result.warnings)
+
+
+@pytest.mark.parametrize("sweep", [(45, 225, 90), (225, 45, -90)])
+@pytest.mark.parametrize("azimuth_from", ["east", "north"])
+def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
+    start, stop, step = sweep
+    azimuths = {"start": start, "stop": stop, "step": step}
+    few = scenario(geometry__azimuth_deg=azimuths, geometry__azimuth_from=azimuth_from)
+    dense = scenario(
+        geometry__azimuth_deg={**azimuths, "step": math.copysign(0.1, step)},
+        geometry__azimuth_from=azimuth_from,
+    )
+    at_poses, between = (analyses.variance(s, method="form") for s in (few, dense))
+    largest = between.table["p_d"].max()
+    limit = 0.5 * (largest + at_poses.table["p_d"].max())
+    tested = require_threshold(at_poses, limit, 1.0)
+    assert not tested.passed
+    assert not tested.table["violated"].any()  # the violation is between the azimuths
+    assert any("between the azimuths given" in line for line in tested.report)
+    own, added = (
+        refinement.refined(s, propagate_scenario(s), propagate_scenario, 0.001)
+        for s in (few, dense)
+    )
+    assert added.added == 0
+    assert np.all(own.scenario.axis.values[own.rows] == few.axis.values)
+    np.testing.assert_array_equal(own.scenario.aircraft[own.rows], few.aircraft)
+    order = slice(None, None, 1 if step > 0 else -1)
+    for name in ("p_d", "upper"):
+        linear = np.interp(
+            dense.axis.values,
+            own.scenario.axis.values[order],
+            getattr(own.moments, name)[order],
+        )
+        assert np.abs(linear - getattr(added.moments, name)).max() < 0.001
 
 
 def test_the_refined_path_is_within_its_tolerance(tmp_path):

@@ -22,7 +22,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from helpers import without_pixels
+from helpers import few_draws, small_batches, without_pixels
 
 import radar_sense as rs
 from radar_sense.analyses.grid import grid
@@ -54,10 +54,11 @@ COLUMNS = {
 def few(command: str) -> list[str]:
     """Return options for a short computation."""
     if command == "map":
-        return ["--step-km", "25"]
+        return ["--step-km", "50"]
     if command == "range":
         return ["--step-deg", "30"]
-    return ["--runs", "40"] if command in ("montecarlo", "compare", "convergence") else []
+    runs = {"montecarlo": "40", "compare": "40", "convergence": "8"}
+    return ["--runs", runs[command]] if command in runs else []
 
 
 def data(command: str) -> str:
@@ -97,6 +98,8 @@ def process(*args: object, **options: object) -> subprocess.CompletedProcess:
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave out what takes most of the time of a command: pixels, and large blocks of draws."""
     without_pixels(monkeypatch)
+    small_batches(monkeypatch)
+    few_draws(monkeypatch)
     convergence = import_module("radar_sense.analyses.convergence")
     monkeypatch.setattr(convergence, "BLOCK", 64)
 
@@ -129,14 +132,16 @@ def test_every_command_has_examples_that_run(tool, monkeypatch, command):
         Path("my.yaml").write_text(text.replace("scan_period_s: 10", "scan_period_s: 60"))
     elif command != "init":
         assert tool("init", "my.yaml").code == 0
+        Path("my.yaml").write_text(Path("my.yaml").read_text().replace("step: 0.5", "step: 30"))
         text = (ROOT / "configs/network.yaml").read_text()
-        Path("network.yaml").write_text(text.replace("step: 0.5", "step: 10"))
+        Path("network.yaml").write_text(text.replace("step: 0.5", "step: 60"))
     for line in lines:
         # Their runs are as many as a person would want; here fewer will do.
         short = re.sub(r"--runs \S+", "--runs 64", line)
+        words = [*shlex.split(short)[1:], *(few(command) if command in ("map", "range") else ())]
         # 3 is the answer "not validated", or "not below the threshold"
         no = command == "validate" or "--threshold" in line
-        assert tool(*shlex.split(short)[1:]).code in ((0, 3) if no else (0,))
+        assert tool(*words).code in ((0, 3) if no else (0,))
 
 
 @pytest.mark.usefixtures("short")
@@ -322,10 +327,13 @@ def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
 
 def test_another_process_and_no_setting_of_the_user_change_a_byte(tool, tmp_path):
     """A backend that is not installed, broken settings, no folder for Matplotlib, no locale."""
-    args = ["montecarlo", "--runs", "40", *(f"--format={kind}" for kind in ("pdf", "svg"))]
-    assert tool(*args).code == 0
+    kinds = [f"--format={kind}" for kind in ("pdf", "svg")]
+    args = ["montecarlo", "few.yaml", "--runs", "20", *kinds]
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
+    for folder in (tmp_path, elsewhere):
+        (folder / "few.yaml").write_text(default_text().replace("step: 0.5", "step: 30"))
+    assert tool(*args).code == 0
     settings = tmp_path / "settings"
     settings.write_bytes(b"text.usetex: True\nfigure.dpi: 20\nno setting: \xff\n")
     env = {
@@ -340,7 +348,6 @@ def test_another_process_and_no_setting_of_the_user_change_a_byte(tool, tmp_path
     done = process(*args, cwd=elsewhere, env=env)
     assert done.returncode == 0, done.stderr
     assert all(line.startswith("Warning: ") for line in done.stderr.splitlines()), done.stderr
-    # nothing is looked for beside the package or in the current folder
     assert files(elsewhere / "figures") == files()
 
 
@@ -455,11 +462,22 @@ def test_the_embedded_scenario_is_the_papers():
     assert len(CONFIGS) >= 4  # the paper's and three worth starting from
 
 
+def ten_poses(scenario: rs.Scenario) -> rs.Scenario:
+    """Return a scenario at some ten of its poses."""
+    return scenario.at_poses(slice(0, None, max(1, len(scenario.axis) // 9)))
+
+
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda p: p.stem)
 @pytest.mark.parametrize("command", ["check", *ANALYSES])
 @pytest.mark.usefixtures("short")
-def test_every_scenario_in_configs_runs(tool, config, command):
+def test_every_scenario_in_configs_runs(tool, monkeypatch, config, command):
+    """`check` and `variance` are at all poses, the other commands at some ten."""
     options = [] if command == "check" else [*few(command), "--no-plot"]
+    if command not in ("check", "variance"):
+        read = rs.load_scenario
+        monkeypatch.setattr(
+            "radar_sense.reading.parse.load_scenario", lambda path: ten_poses(read(path))
+        )
     if command == "map":
         cells = grid(rs.load_scenario(config))  # a 40th of a side, whatever it is
         options[1] = str(12.5 * (cells.north[1] - cells.north[0]) / 1e3)
@@ -535,11 +553,41 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
     assert terminal.getvalue() == ""
 
 
+@pytest.fixture
+def on_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """Run a command in an empty folder, and return the standard error on a terminal.
+
+    The option `elsewhere` is a file in place of the terminal.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(threading, "Timer", At)
+
+    def run(command: str, *options: str) -> str:
+        terminal = Terminal()
+        runner = CliRunner()
+        isolation = runner.isolation
+
+        @contextlib.contextmanager
+        def isolated(*args: object, **others: object) -> Iterator[object]:
+            with isolation(*args, **others) as streams, pytest.MonkeyPatch.context() as patch:
+                if "elsewhere" not in options:
+                    patch.setattr(sys, "stderr", terminal)
+                yield streams
+
+        monkeypatch.setattr(runner, "isolation", isolated)
+        quiet = [o for o in options if o == "-q"]
+        code = 3 if "--threshold" in command else 0
+        assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
+        return terminal.getvalue()
+
+    return run
+
+
 @pytest.mark.parametrize(
     ("command", "shown"),
     [
-        ("montecarlo --runs 2000", r"runs  \[#*\]  2000/2000  [\d,]+ runs/s"),
-        ("map --step-km 20", r"cells  \[#*\]  (\d+)/\1  [\d,]+ cells/s"),
+        ("montecarlo --runs 200", r"runs  \[#*\]  200/200  [\d,]+ runs/s"),
+        ("map --step-km 50", r"cells  \[#*\]  (\d+)/\1  [\d,]+ cells/s"),
         ("variance", r"variance: computing \.\.\."),
         ("variance --method form", r"variance: 361 of 361 poses propagated by form"),
         ("variance --method form", r"variance: 361 of 361 poses checked by form"),
@@ -547,30 +595,15 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
         ("variance --threshold 0.5", r"variance: [\d,]+ of [\d,]+ runs along the path"),
     ],
 )
-@pytest.mark.parametrize("options", [[], ["-q"], ["elsewhere"]])
-def test_a_sign_of_life_on_a_terminal_alone(tool, monkeypatch, command, shown, options):
-    """No progress is shown with -q, or if standard error is a file."""
-    monkeypatch.setattr(threading, "Timer", At)
-    terminal = Terminal()
-    runner = CliRunner()
-    isolation = runner.isolation
+def test_a_sign_of_life_on_a_terminal(on_terminal, command, shown):
+    assert re.search(shown, on_terminal(command))
 
-    @contextlib.contextmanager
-    def isolated(*args: object, **others: object) -> Iterator[object]:
-        with isolation(*args, **others) as streams:
-            if options != ["elsewhere"]:
-                monkeypatch.setattr(sys, "stderr", terminal)
-            yield streams
 
-    monkeypatch.setattr(runner, "isolation", isolated)
-    quiet = [o for o in options if o == "-q"]
-    code = 3 if "--threshold" in command else 0
-    assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
-    if options:
-        assert "[" not in terminal.getvalue()
-        assert "computing" not in terminal.getvalue()
-    else:
-        assert re.search(shown, terminal.getvalue()), terminal.getvalue()
+@pytest.mark.parametrize("command", ["montecarlo --runs 200", "variance", "variance --method form"])
+@pytest.mark.parametrize("option", ["-q", "elsewhere"])
+def test_no_sign_of_life_with_q_or_into_a_file(on_terminal, command, option):
+    assert "[" not in on_terminal(command, option)
+    assert "computing" not in on_terminal(command, option)
 
 
 @pytest.mark.parametrize("args", [["budget", "--no-plot"], ["--help"]])

@@ -480,9 +480,17 @@ def test_an_undefined_gradient_is_said(tool):
     assert record("figures/flight_mission.json")["summary"]["detection"]["at_end"]["sigma"] is None
 
 
-@pytest.mark.parametrize("runs", [None, 20])
-@pytest.mark.parametrize("m_of_n", [None, (2, 3)])
-@pytest.mark.parametrize("period", [None, 5, 1e5])
+@pytest.mark.parametrize(  # every pair of two values
+    ("runs", "m_of_n", "period"),
+    [
+        (None, None, None),
+        (20, (2, 3), None),
+        (None, (2, 3), 5),
+        (20, None, 5),
+        (20, (2, 3), 1e5),
+        (None, None, 1e5),
+    ],
+)
 def test_layout(tmp_path, runs, m_of_n, period):
     changes = {} if period is None else {"radar__scan_period_s": period}
     figure = lay_out(mission(load(tmp_path, **changes), runs=runs, m_of_n=m_of_n).plot())

@@ -11,12 +11,14 @@ from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.propagation import (
     METHODS,
     nonlinear_in_scenario,
     propagate_scenario,
     upper_bound,
 )
+from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
 from radar_sense.reading.parse import load_scenario
 
 RADARS = (1, 6)
@@ -64,9 +66,10 @@ def count(monkeypatch):
     return run
 
 
-def expansion(radars):
-    """Gradients behind the second derivatives: two along each of 3 + 4m axes, and one."""
-    return 2 * (3 + 4 * radars) + 1
+#: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
+EXPANSION = 2 * (3 + 4) + 1
+#: Gradients of each radar in a check: one along each of its axes, and one.
+ONE_SIDED = 3 + 4 + 1
 
 
 #: Most gradients and values of each method. FORM searches nine extremes, with one or two each.
@@ -77,7 +80,7 @@ METHOD_COUNTS = {"linear": (1, 0), "probit": (1, 1), "form": (19, 1)}
 @pytest.mark.parametrize("method", METHODS)
 def test_a_method(method, radars, count):
     gradients, values = count(lambda s: propagate_scenario(s, method=method), problem(radars))
-    more = expansion(radars) if method == "form" else 0
+    more = EXPANSION if method == "form" else 0
     assert more + 1 <= gradients <= more + METHOD_COUNTS[method][0]
     one_computation = method == "probit" and radars == 1  # of P_D and z
     assert values == (0 if one_computation else METHOD_COUNTS[method][1])
@@ -91,7 +94,7 @@ def test_one_bound(method, radars, count):
         return upper_bound(s.model, s.aircraft, s.radar, *cov, method=method)
 
     gradients, values = count(bound, problem(radars))
-    assert 1 <= gradients <= (expansion(radars) + 2.5 if method == "form" else 1)
+    assert 1 <= gradients <= (EXPANSION + 2.5 if method == "form" else 1)
     assert values == 0
 
 
@@ -102,8 +105,7 @@ def test_a_check(method, radars, count):
     s = problem(radars)
     found = propagate_scenario(s, method=method)
     gradients, values = count(lambda s: nonlinear_in_scenario(s, found, method=method), s)
-    one_sided = 3 + 4 * radars + 1
-    assert (gradients, values) == ((0, 0) if method == "form" else (one_sided, 2))
+    assert (gradients, values) == ((0, 0) if method == "form" else (ONE_SIDED, 2))
 
 
 @pytest.mark.parametrize("radars", RADARS)
@@ -114,16 +116,16 @@ def test_a_budget(method, radars, count):
     gradients, _ = count(lambda s: error_budget(s, method), s)
     if method == "form":
         sources = 4 if radars == 1 else 2 + radars + 1 + 2 * radars
-        assert gradients <= 2 * expansion(radars) + 19 * (1 + sources)
+        assert gradients <= 2 * EXPANSION + 19 * (1 + sources)
     else:
         assert gradients == 2
 
 
-def once_checked(radars, method):
+def once_checked(method):
     """Gradients of a propagation and its check."""
     if method == "form":
-        return expansion(radars) + METHOD_COUNTS["form"][0]
-    return METHOD_COUNTS[method][0] + 3 + 4 * radars + 1
+        return EXPANSION + METHOD_COUNTS["form"][0]
+    return METHOD_COUNTS[method][0] + ONE_SIDED
 
 
 @pytest.mark.parametrize("radars", RADARS)
@@ -134,8 +136,8 @@ def once_checked(radars, method):
 def test_an_analysis(name, method, radars, count):
     """The radars of a network by themselves cost one propagation more, of one radar each."""
     s = problem(radars).with_analysis(runs=10)
-    total, levels = once_checked(radars, method), len(s.cov_radar)
-    itself = (expansion(1) + 19 if method == "form" else 1) if radars > 1 else 0
+    total, levels = once_checked(method), len(s.cov_radar)
+    itself = (EXPANSION + 19 if method == "form" else 1) if radars > 1 else 0
     cells, options = 1.0, {}
     if name == "coverage_map":
         options = {"step_km": 200.0, "upper": True}
@@ -146,11 +148,10 @@ def test_an_analysis(name, method, radars, count):
     sources = 4 if radars == 1 else 2 + radars + 1 + 2 * radars
     most_gradients = {
         "variance": total + itself,
-        "budget": total + itself + (expansion(radars) + 19 * sources if method == "form" else 1),
+        "budget": total + itself + (EXPANSION + 19 * sources if method == "form" else 1),
         "sensitivity": levels * (total + itself),
         "montecarlo": total + itself,
-        "coverage_map": cells * (expansion(radars) + 2.5 if method == "form" else 1)
-        + (cells - 1) * total,
+        "coverage_map": cells * (EXPANSION + 2.5 if method == "form" else 1) + (cells - 1) * total,
     }[name]
     assert gradients <= most_gradients
     # the check of the map draws at suspect cells
@@ -164,7 +165,7 @@ def test_an_analysis_without_a_method(radars, count):
     """Comparing takes each method once, and each check once."""
     s = problem(radars).with_analysis(runs=10)
     gradients, values = count(analyses.compare, s)
-    assert gradients <= 1 + sum(once_checked(radars, method) for method in METHODS)
+    assert gradients <= 1 + sum(once_checked(method) for method in METHODS)
     assert values <= 10 + 8
     for name in ("detectors", "rcs"):
         gradients, values = count(getattr(analyses, name), s)
@@ -179,3 +180,27 @@ def test_a_mission(count):
     gradients, values = count(lambda s: analyses.mission(s, method="linear"), s)
     assert gradients * poses <= poses + 3 * looks
     assert values * poses <= poses + 3 * looks
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+@pytest.mark.parametrize("size", [12, 13, 16])  # without and with errors of RCS and attenuations
+def test_derivatives_of_a_network_as_from_evaluations_of_all_radars(size, sides, monkeypatch):
+    """A radar is evaluated only where its state, or the aircraft, is not the nominal one."""
+    rng = np.random.default_rng(size)
+    rcs = EllipsoidRCS(0.15, 0.13, 0.21)
+    radars = [Radar(DetectionModel(rcs, 1e-4, attenuation=1e-5), name=n) for n in "abc"]
+    states = np.zeros(size)
+    states[:12] = np.column_stack([rng.normal(0, 2e5, (3, 3)), rng.uniform(30, 90, 3)]).ravel()
+    aircraft = rng.uniform(-1, 1, (4, 6)) * [3e5, 3e5, 9e3, 0.5, 0.2, np.pi]
+    std = np.append(np.tile([100.0, 100.0, 50.0, 5.0], 3), np.full(size - 12, 0.3))
+    mixed = rng.normal(size=(size, 2 * size))
+    cov = np.outer(std, std) * np.corrcoef(mixed)
+    cov_aircraft = np.diag([30.0, 30.0, 30.0, 0.03, 0.0, 0.03]) ** 2
+    model = NetworkModel(tuple(radars))
+    _, uncertain = uncertain_states(model, aircraft, states, cov_aircraft, cov)
+    few = RelativeProbit(uncertain).derivatives(sides=sides)
+    monkeypatch.setattr(RelativeProbit, "_moved", lambda self, along: None)
+    every = RelativeProbit(uncertain).derivatives(sides=sides)
+    for one, other in zip(few, every, strict=True):
+        assert np.any(other != 0)
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-13 * np.abs(other).max())
