@@ -410,6 +410,13 @@ def test_an_interrupt_of_the_printing_does_not_deny_the_files(tool, fake, monkey
     assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
 
 
+def test_a_full_disk_at_the_printing_does_not_deny_the_files(tool, fake, monkeypatch):
+    fake(lambda: None)
+    monkeypatch.setattr(command_line.click, "format_filename", lambda path: disk_full())
+    assert tool("fake", "--no-plot").err.endswith("space left on device; all files were written\n")
+    assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
+
+
 def test_threads_at_work_are_interrupted(tool, fake):
     """The signal arrives while threads compute draws; all of them end."""
     import radar_sense as rs
