@@ -523,3 +523,13 @@ def test_what_is_refused():
     for call, words in refused:
         with pytest.raises(ValueError, match=words):
             call()
+
+
+def test_no_probability_of_a_track_exceeds_one():
+    """1 − P_D rounds apart from P_D, and so does the sum of all ways to a track."""
+    rng = np.random.default_rng(5)
+    p_d = rng.uniform(0.5, 1, (20_000, 12))
+    groups = np.arange(12) % 3
+    for group in (None, groups):
+        for found in tracks.any_group(p_d, 1 - p_d, 2, 4, group):
+            assert found.max() <= 1
