@@ -236,9 +236,15 @@ def at_few_poses(analysis):
     return getattr(analyses, analysis)(s)
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
 @pytest.mark.parametrize(
-    "analysis", ["budget", "montecarlo", "detectors", "rcs", "detection_range"]
+    ("analysis", "style"),
+    [
+        *(("budget", style) for style in plotting.STYLES),
+        *(("rcs", style) for style in plotting.STYLES),
+        ("montecarlo", "slides"),
+        ("detectors", "slides"),
+        ("detection_range", "slides"),
+    ],
 )
 def test_a_figure_fits_its_style(analysis, style):
     figure = lay_out(at_few_poses(analysis).plot(style))

@@ -249,7 +249,7 @@ def test_undecided_is_not_validated_even_if_it_agrees(monkeypatch):
 
 @pytest.mark.parametrize(("digits", "fraction"), [(1, 0.4), (2, 1.0)])
 def test_each_pose_stops_at_the_first_batch_that_is_stable(digits, fraction):
-    s = paper("medium", step=36)
+    s = paper("medium", step=60)
     most = 12
     v = validate(s, digits=digits, fraction=fraction, max_runs=most * M)
     batches = validation._Batches.of(s, 3.0)
