@@ -80,7 +80,7 @@ def footer_off_all(figure):
     for other in [*figure.axes, *figure.legends]:
         # what is cut to the axes can have a larger box
         assert not box.overlaps(other.get_tightbbox())
-    assert footer.get_fontsize() == pytest.approx(5.5 * plotting._style_of(figure).scale)
+    assert footer.get_fontsize() == pytest.approx(5.5 * plotting.style_of(figure).scale)
 
 
 FOOTERS = {
