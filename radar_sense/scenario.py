@@ -241,10 +241,10 @@ class Scenario:
         std = np.zeros(size)
         std[end] = self.rcs_std
         if size > end + 1:
-            for i, (model, own) in enumerate(
+            for i, (model, std_attenuation) in enumerate(
                 zip(self.model.models, self._attenuation, strict=True)
             ):
-                std[end + 1 + i] = own / model.attenuation if own else 0.0
+                std[end + 1 + i] = std_attenuation / model.attenuation if std_attenuation else 0.0
         shared = covariance.from_std(std)
         shared[:end, :end] = matrix
         return shared
