@@ -363,9 +363,12 @@ class NetworkModel:
                 z, by_a, by_r = _extrapolated(model, np.asarray(aircraft), state)
             else:
                 z, by_a, by_r = _extrapolated_where(moved[i], model, np.asarray(aircraft), state)
-            values.append(np.where(one[..., 0], z, _UNSEEN))
-            by_aircraft.append(np.where(one, by_a, 0.0))
-            by_radar.append(np.where(one, by_r, 0.0))
+            if not one.all():
+                z = np.where(one[..., 0], z, _UNSEEN)
+                by_a, by_r = np.where(one, by_a, 0.0), np.where(one, by_r, 0.0)
+            values.append(z)
+            by_aircraft.append(by_a)
+            by_radar.append(by_r)
         return np.stack(values), by_aircraft, by_radar
 
     def _fused_probit(
