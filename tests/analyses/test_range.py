@@ -66,7 +66,7 @@ def bands(s, p_d, bearing_deg, draws, seed):
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
 def test_the_band_is_the_band_of_drawn_ranges(method):
     s = scenario()
-    draws = 60_000
+    draws = 30_000
     result = detection_range(s, p_d=0.3, method=method, step_deg=40.0)
     for row in (1, 7):
         drawn = bands(s, 0.3, result.table["bearing_deg"][row], draws, row)

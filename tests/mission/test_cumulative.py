@@ -347,7 +347,7 @@ def test_mean_of_draws_is_that_of_correlated_normals(tau):
     time = np.array([0.0, 1.0, 1.0, 6.0])
     aircraft = np.zeros((4, 6))
     aircraft[:, 0] = -0.5, -0.2, -0.2, 0.1
-    sigma, s, runs = 0.8, 0.5, 40_000
+    sigma, s, runs = 0.8, 0.5, 20_000
     cov, cov_radar = np.diag([sigma**2, 0, 0, 0, 0, 0]), np.diag([s**2, 0, 0, 0])
     options = {"correlation_time": tau, "runs": runs, "seed": 3}
     found = draw_missions(
