@@ -38,6 +38,7 @@ figures: $(VENV)/installed
 	@$(BIN)/radar-sense montecarlo configs/table.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense budget configs/s_band_surveillance.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense budget configs/x_band_tracking.yaml --out figures --format pdf --format png
+	@$(BIN)/radar-sense budget configs/rainy_day.yaml --method form --out figures --format pdf --format png
 	@$(BIN)/radar-sense budget configs/airport_surveillance.yaml --method form --out figures --format pdf --format png
 	@$(BIN)/radar-sense variance configs/path.yaml --out figures --format pdf --format png
 	@$(BIN)/radar-sense map configs/path.yaml --out figures --format pdf --format png
