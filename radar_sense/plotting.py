@@ -409,10 +409,10 @@ def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, l
 
 def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
     """Draw one thin line per run, as pixels to keep a vector file small."""
-    corners = np.stack([np.broadcast_to(x, rows.shape), rows], axis=-1)
+    thin_rows = ((thinned(x, row), row) for row in rows)
     axes.add_collection(
         LineCollection(
-            list(corners),
+            [np.column_stack([x[kept], row[kept]]) for kept, row in thin_rows],
             colors=SAMPLE_PATH_COLOUR,
             linewidths=points(0.3),
             alpha=0.5,

@@ -389,3 +389,17 @@ def test_a_line_of_few_points_is_drawn_whole():
     assert plotting.thinned(x[:10_000], x[:10_000]).size == 10_000
     assert plotting.thinned(x, x).size == 20_000  # a hovering aircraft, on a map
     assert plotting.thinned(x[:0], x[:0]).size == 0
+
+
+def test_sample_paths_of_many_poses_are_thinned():
+    """A million poses took 2 GB, and minutes to draw."""
+    rng = np.random.default_rng(1)
+    for count in (10_000, 100_000):
+        x, rows = np.linspace(0, 360, count), rng.random((2, count))
+        axes = plotting.Figure().subplots()
+        plotting.draw_sample_paths(axes, x, rows, "runs")
+        paths = axes.collections[0].get_paths()
+        for path, row in zip(paths, rows, strict=True):
+            assert len(path.vertices) <= 10_000
+            assert path.vertices[:, 1].min() == row.min()
+            assert path.vertices[:, 1].max() == row.max()
