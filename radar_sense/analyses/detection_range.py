@@ -399,7 +399,9 @@ def _slope(around: Rays, distance: FloatArray) -> FloatArray:
     ends = [distance * (1.0 + step) for step in (-_STEP, _STEP)]
     low, high = (around.p_d(end[:, np.newaxis])[:, 0] for end in ends)
     near, far = (around.slant_range(end) for end in ends)
-    slope: FloatArray = (high - low) / (far - near)
+    # seen from very far below, both ends round to one slant range
+    undefined = np.full_like(far, np.nan)
+    slope: FloatArray = np.divide(high - low, far - near, out=undefined, where=far != near)
     return slope
 
 

@@ -101,10 +101,21 @@ uncertainty: {aircraft: {position_m: [302, 0.183, 349], attitude_deg: 0.043}}
 analysis: {level: low}
 """
 
+#: Both ends of a short step along a ray had one slant range: 0 / 0.
+FAR_BELOW = ORBIT.format(
+    position="0, 0, -1.2e14",
+    constant="surveillance: {average_power_w: 25e3, aperture_m2: 22, temperature_k: 1.35e-7, "
+    "scan_time_s: 9, search_volume_sr: 1.6, loss_db: 0, noise_figure_db: 200}",
+    rcs="{model: ellipsoid_exact, x_m: 1.655e+07, y_m: 7e+16, z_m: 58804}",
+    down="-1.78",
+    std="1e-3",
+)
+
 FOUND = {
     "no answer between": (NO_ANSWER_BETWEEN, ["budget", "--threshold", "0.999999"]),
     "tiny variance": (TINY_VARIANCE, ["sensitivity"]),
     "huge tolerance": (HUGE_TOLERANCE, ["sensitivity", "--method", "form"]),
+    "far below": (FAR_BELOW, ["range", "--step-deg", "30"]),
     "NaN of a position": (NAN_OF_A_POSITION, ["budget", "--method", "form"]),
 }
 
