@@ -16,9 +16,9 @@ import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
 from radar_sense.mission.importance import plan, replicates
 from radar_sense.mission.importance.combinations import combine
+from radar_sense.mission.importance.mixtures import Directions, Mixture, sobol_normals
 from radar_sense.mission.importance.quantiles import weighted_quantiles
 from radar_sense.mission.importance.sampling import importance_sampling
-from radar_sense.mission.importance.widening import Directions, sobol_normals
 
 
 def mission(scenario, *, m_of_n=None, **options):
@@ -244,22 +244,31 @@ def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
 
 
 def test_weights_are_the_ratio_of_the_densities():
-    """The weighted mean of any function equals the mean without widening."""
+    """The weighted mean of any function equals the mean of unit normals."""
     rng = np.random.default_rng(1)
     slopes = np.array([[3.0, 1.0, 0.0], [2.0, -1.0, 0.5]])
     slopes /= np.linalg.norm(slopes, axis=1, keepdims=True)
-    directions = Directions.of(slopes, np.array([1.0, 0.5]))
-    assert directions.widths.max() > 1.8
+    directions = Directions.of(slopes, np.array([1.0, 0.5]), 0.3, 0.1)
     np.testing.assert_allclose(directions.vectors.T @ directions.vectors, np.eye(2), atol=1e-12)
     runs = 200_000
-    normals, weight = directions.widen(
-        rng.standard_normal((3, runs)), rng.standard_normal((2, runs))
-    )
-    assert weight.mean() == pytest.approx(1.0, abs=0.02)
-    np.testing.assert_allclose((weight * normals) @ normals.T / runs, np.eye(3), atol=0.03)
-    tail = slopes[0] @ normals > 3
-    assert weight[tail].sum() / runs == pytest.approx(0.00135, rel=0.05)
-    assert tail.mean() > 20 * 0.00135
+    normals = rng.standard_normal((3, runs))
+    weight = directions.draw(normals, rng.standard_normal((runs, 3)))
+    assert weight.max() <= 1 / 0.3
+    assert weight.mean() == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_allclose((weight * normals) @ normals.T / runs, np.eye(3), atol=0.02)
+    for slope in (*slopes, *-slopes):
+        tail = slope @ normals > 3
+        assert weight[tail].sum() / runs == pytest.approx(0.00135, rel=0.05)
+        assert tail.mean() > 50 * 0.00135
+
+
+def test_a_mixture_without_far_events_is_the_unit_normals():
+    normals = np.random.default_rng(2).standard_normal((100, 4))
+    for targets, spread in ((0.5, 1.0), (3.0, 0.0)):
+        mixture = Mixture.of(np.full((2, 3), targets / math.sqrt(3)), np.full(2, spread), 0.3, 0.1)
+        draws, weight = mixture.draw(normals)
+        np.testing.assert_array_equal(draws, normals[:, 1:])
+        np.testing.assert_array_equal(weight, 1.0)
 
 
 def test_points_of_different_streams_are_independent():

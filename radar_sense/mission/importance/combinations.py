@@ -23,8 +23,8 @@ def combine(
 
     A combination has an emphasis on one source, or on none. A source without emphasis is drawn in
     proportion to its weights, which is its own distribution. The source with emphasis is drawn
-    uniformly, which is the widened distribution. The weight of a combination is the ratio of the
-    densities for the mixture of all emphases (the balance heuristic: E. Veach and L. J. Guibas,
+    uniformly, which is the distribution of its draws. The weight of a combination is the ratio of
+    the densities for the mixture of all emphases (the balance heuristic: E. Veach and L. J. Guibas,
     "Optimally combining sampling techniques for Monte Carlo rendering", SIGGRAPH 1995).
 
     Args:
