@@ -83,9 +83,9 @@ def csv(table: Mapping[str, FloatArray]) -> bytes:
     content.write(",".join(table).encode() + b"\n")
     longest = max((len(column) for column in table.values()), default=0)
     for start in range(0, longest, _ROWS):
-        part = (column[start : start + _ROWS].tolist() for column in table.values())
-        rows = zip(*part, strict=True)
-        content.write("".join([f"{','.join(map(repr, row))}\n" for row in rows]).encode())
+        part = [list(map(repr, c[start : start + _ROWS].tolist())) for c in table.values()]
+        rows = map(",".join, zip(*part, strict=True))
+        content.write(("\n".join(rows) + "\n").encode())
     return content.getvalue()
 
 

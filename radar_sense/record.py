@@ -153,8 +153,8 @@ def instance_block(instance: Any) -> Block:
         value = getattr(instance, field.name)
         if value is not None:
             kinds = field.metadata["kinds"]
-            named = {} if isinstance(kinds, type) else {"type": _name_of(value, kinds)}
-            block[name] = {**named, **instance_block(value)}
+            type_of_section = {} if isinstance(kinds, type) else {"type": _name_of(value, kinds)}
+            block[name] = {**type_of_section, **instance_block(value)}
     return block
 
 

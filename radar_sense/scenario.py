@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from radar_sense import axis as axes
 from radar_sense import covariance, record
-from radar_sense.axis import Axis
+from radar_sense.axis import Axis, pose_number
 from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
@@ -241,10 +241,10 @@ class Scenario:
         std = np.zeros(size)
         std[end] = self.rcs_std
         if size > end + 1:
-            for i, (model, own) in enumerate(
+            for i, (model, std_attenuation) in enumerate(
                 zip(self.model.models, self._attenuation, strict=True)
             ):
-                std[end + 1 + i] = own / model.attenuation if own else 0.0
+                std[end + 1 + i] = std_attenuation / model.attenuation if std_attenuation else 0.0
         shared = covariance.from_std(std)
         shared[:end, :end] = matrix
         return shared
@@ -303,6 +303,19 @@ class Scenario:
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
             time_s=None if self.time_s is None else self.time_s[poses],
+        )
+
+    def at_states(self, aircraft: FloatArray) -> Scenario:
+        """Return the scenario at other aircraft states (..., 6), one pose after the other.
+
+        All have the covariance of the first pose. The values are not checked.
+        """
+        states = aircraft.reshape(-1, len(AIRCRAFT))
+        return self._with(
+            axis=pose_number(len(states)),
+            aircraft=states,
+            cov_aircraft=self.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0],
+            time_s=None,
         )
 
     def route(self) -> Route:

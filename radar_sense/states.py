@@ -56,18 +56,18 @@ def sources(
         attenuation: Whether the attenuation of a single radar is a source. Of several radars,
             the attenuation of each is a part of its radar.
     """
-    found = dict(SOURCES)
+    sources = dict(SOURCES)
     if len(radars) > 1:
-        found = {name: source for name, source in SOURCES.items() if source[0] == "aircraft"}
+        sources = {name: source for name, source in SOURCES.items() if source[0] == "aircraft"}
         size = size_of(len(radars), rcs=rcs, attenuation=attenuation)
         for i, name in enumerate(radars):
-            own = components_of([i], len(radars), size)
-            found[name] = "radar", [c for c in own if c != len(RADAR) * len(radars)]
+            components = components_of([i], len(radars), size)
+            sources[name] = "radar", [c for c in components if c != len(RADAR) * len(radars)]
     if rcs:
-        found[AIRCRAFT_RCS] = "radar", [len(RADAR) * max(1, len(radars))]
+        sources[AIRCRAFT_RCS] = "radar", [len(RADAR) * max(1, len(radars))]
     if attenuation and len(radars) < 2:
-        found[RADAR_ATTENUATION] = "radar", [ATTENUATION_ERROR]
-    return found
+        sources[RADAR_ATTENUATION] = "radar", [ATTENUATION_ERROR]
+    return sources
 
 
 def finer_sources(radars: Sequence[str] = (), *, attenuation: bool = False) -> dict[str, Source]:
@@ -102,11 +102,11 @@ def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
         count: Number of all radars, m.
         size: Components of the states of all radars, one of `sizes_of`.
     """
-    own = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
+    places = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
     end = len(RADAR) * count
     if size > end:
-        own.append(end)
-    return own + ([end + 1 + i for i in radars] if size > end + 1 else [])
+        places.append(end)
+    return places + ([end + 1 + i for i in radars] if size > end + 1 else [])
 
 
 def sizes_of(count: int) -> tuple[int, int, int]:

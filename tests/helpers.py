@@ -101,6 +101,21 @@ def yaml_text(document):
     return yaml.safe_dump(document, sort_keys=False)
 
 
+def target_in_the_north(area, *, runs=2**14, **aircraft):
+    """Document without radars: an aircraft 60 km north of the origin, with a constant RCS."""
+    content = document(
+        geometry__range_km=60,
+        geometry__down_km=-6,
+        geometry__azimuth_from="north",
+        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
+        aircraft__rcs={"model": "constant", "rcs_m2": area},
+        analysis={"level": "one", "runs": runs, "seed": 1},
+    )
+    content["uncertainty"] = {"aircraft": aircraft}
+    del content["radar"]
+    return content
+
+
 def single(scenario):
     """Return the detection model of the only radar of a scenario."""
     (radar,) = scenario.model.radars

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import matplotlib as mpl
 import pytest
 
 TINY = """\
@@ -70,6 +72,8 @@ def test_the_environment_changes_no_number(tool, tmp_path, name):
     settings = folder / "settings"
     settings.mkdir(parents=True)
     (settings / "matplotlibrc").write_text("text.usetex: True\nbackend: nonsense\n")
+    for fonts in Path(mpl.get_cachedir()).glob("fontlist-*.json"):
+        shutil.copy(fonts, settings)  # a new list of fonts takes a second
     (folder / "matplotlibrc").write_text("text.usetex: True\nnonsense: 1\n")
     done = process(folder, "variance", "tiny.yaml", **ENVIRONMENTS[name])
     assert done.returncode == 0, done.stderr
@@ -91,7 +95,6 @@ def test_help_without_docstrings(tmp_path):
 @pytest.mark.parametrize(
     ("args", "shell", "code"),
     [
-        (["check", "missing.yaml"], "2>&-", 2),
         (["check", "tiny.yaml"], "2>&-", 0),
         (["variance", "tiny.yaml", "--level", "none"], "2>&- <&-", 2),
         (["check", "missing.yaml"], ">&-", 2),

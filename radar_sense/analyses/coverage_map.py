@@ -29,9 +29,9 @@ from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.propagation import nonlinear, upper_bound
+from radar_sense.propagation import nonlinear_in_scenario, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, RADAR, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -317,16 +317,7 @@ def _route(scenario: Scenario, method: str | None) -> FloatArray:
     if method is None:
         p_d: FloatArray = scenario.model.p_d(scenario.aircraft, scenario.radar)
         return p_d
-    return upper_bound(
-        scenario.model,
-        scenario.aircraft,
-        scenario.shared,
-        scenario.cov_aircraft,
-        scenario.cov_shared,
-        method=method,
-        beta=BETA,
-        log_constant=scenario.log_constant,
-    )
+    return upper_bound_in_scenario(scenario, method=method, beta=BETA)
 
 
 def _warnings(
@@ -362,21 +353,13 @@ def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) 
     """Warn if the check of a method finds its bound unreliable in some of the sampled cells."""
     sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
     everything = slice(None), slice(None)
-    aircraft = states_in(sample, everything, pose, scenario.origin).reshape(-1, len(AIRCRAFT))
-    unreliable = nonlinear(
-        scenario.model,
-        aircraft,
-        scenario.shared,
-        scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0],
-        scenario.cov_shared,
-        method=method,
-        log_constant=scenario.log_constant,
-    )
+    checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
+    unreliable = nonlinear_in_scenario(checked, method=method)
     count = int(np.count_nonzero(unreliable))
     if not count:
         return ()
     remedy = "" if method == "form" else "; use --method form"
     return (
-        f"the {method} bound is unreliable in {count} of {len(aircraft)} cells that were "
+        f"the {method} bound is unreliable in {count} of {len(unreliable)} cells that were "
         f"checked{remedy}",
     )

@@ -448,8 +448,8 @@ def _line(at: RangeAt, axis: Axis) -> str:
     worst = int(np.nanargmax(at.std))
     words += f"; 3 sigma at most {3 * at.std[worst] / 1e3:.3g} km, at {axis.at(worst)}"
     shares = sorted(_shares(at).items(), key=lambda item: -item[1])
-    named = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
-    return f"{words}; from {listed(named)}" if named else words
+    sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
+    return f"{words}; from {listed(sources)}" if sources else words
 
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:

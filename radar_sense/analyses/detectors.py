@@ -230,20 +230,20 @@ def _required(scenario: Scenario) -> list[dict[str, Any]]:
     """Return the required S of the detectors at the P_fa of each radar, and of its own detector."""
     rows: list[dict[str, Any]] = []
     for p_fa in sorted({model.p_fa for model in scenario.model.models}, reverse=True):
-        some: list[Detector] = [
+        compared: list[Detector] = [
             cls(pulses=pulses) for cls in INTEGRATING.values() for pulses in PULSES
         ]
         for model in scenario.model.models:
-            plain = isinstance(model.detector, PulseDetector) and model.detector in some
+            plain = isinstance(model.detector, PulseDetector) and model.detector in compared
             if model.p_fa == p_fa and not plain:
-                some.append(model.detector)
-        for one in some:
+                compared.append(model.detector)
+        for detector in compared:
             for p_d in REQUIRED:
-                snr = required_snr(one, p_fa, p_d)
-                _, slope = one.linearize(np.asarray(snr), p_fa)
+                snr = required_snr(detector, p_fa, p_d)
+                _, slope = detector.linearize(np.asarray(snr), p_fa)
                 rows.append(
                     {
-                        "detector": detector_block(one),
+                        "detector": detector_block(detector),
                         "p_fa": p_fa,
                         "p_d": p_d,
                         "snr_db": 10.0 * math.log10(snr) if snr else None,

@@ -24,7 +24,7 @@ from radar_sense.limits import MAP_KM, MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import body_vector
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.propagation import check_method, upper_bound
+from radar_sense.propagation import check_method, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, RADAR, FloatArray
 
@@ -168,23 +168,13 @@ def p_d_in_cells(
     if method is not None:
         check_method(method)
     pose = pose_in_cells(scenario, down, course)
-    cov_aircraft = scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0]
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
         p_d = scenario.model.p_d(aircraft, scenario.radar)
         if method is None:
             return (p_d,)
-        bound = upper_bound(
-            scenario.model,
-            aircraft,
-            scenario.shared,
-            cov_aircraft,
-            scenario.cov_shared,
-            method=method,
-            beta=BETA,
-            log_constant=scenario.log_constant,
-        )
-        return p_d, bound
+        bound = upper_bound_in_scenario(scenario.at_states(aircraft), method=method, beta=BETA)
+        return p_d, bound.reshape(p_d.shape)
 
     count = 1 if method is None else 2
     p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers, progress)

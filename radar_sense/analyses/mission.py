@@ -588,7 +588,7 @@ def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
     along, tau = scenario.axis, scenario.correlation_s
     first, last = along.number(along.values[0]), along.at(-1)
     periods = [f"{period:g}" for period in sorted(schedule.period)]
-    every = " or ".join(filter(None, (", ".join(periods[:-1]), periods[-1])))
+    period_words = " or ".join(filter(None, (", ".join(periods[:-1]), periods[-1])))
     errors = (
         "independent from look to look"
         if tau == 0
@@ -599,7 +599,7 @@ def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
     number = f"{len(along)} looks"
     if len(schedule.radars) > 1:
         number = f"{len(schedule.pose)} looks at {len(along)} time{'s' if len(along) > 1 else ''}"
-    return f"{number}, {first} to {last}, every {every} s; pose errors {errors}"
+    return f"{number}, {first} to {last}, every {period_words} s; pose errors {errors}"
 
 
 def _describe_event(

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense import axis as axes
 from radar_sense.analyses.grid import DOWN, YAW, pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
@@ -87,8 +86,7 @@ class Rays:
 
     def at(self, distance: FloatArray) -> Scenario:
         """Return the scenario with the poses at distances (n,) or (n, k), all in one row."""
-        states = self.states(distance.reshape(len(self.bearing), -1))
-        return _with_poses(self.scenario, states.reshape(-1, len(AIRCRAFT)))
+        return self.scenario.at_states(self.states(distance.reshape(len(self.bearing), -1)))
 
     def slant_range(self, distance: FloatArray) -> FloatArray:
         """Return the slant ranges (n,) [m] at distances (n,) [m]."""
@@ -217,9 +215,9 @@ def survey(all_rays: Rays) -> Survey:
     p_d, visible = np.empty((count, SAMPLES)), np.empty((count, SAMPLES), dtype=bool)
     for start in range(0, count, _BLOCK):
         block = slice(start, start + _BLOCK)
-        some = all_rays.part(block)
-        samples = np.broadcast_to(distance, (len(some.bearing), SAMPLES))
-        p_d[block], visible[block] = some.p_d_and_visible(samples)
+        rays = all_rays.part(block)
+        samples = np.broadcast_to(distance, (len(rays.bearing), SAMPLES))
+        p_d[block], visible[block] = rays.p_d_and_visible(samples)
     return Survey(all_rays, distance, p_d, visible)
 
 
@@ -277,40 +275,40 @@ def _bound_of_reach(
     """Return how far (n,) one bound reaches a value; 0 where nowhere, NaN where not known."""
     wanted = ndtri(value)
 
-    def excess(some: NDArray[np.intp], distance: FloatArray) -> FloatArray:
+    def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
         """Return z of the bound less z of the value, on some rays."""
-        if not len(some):
+        if not len(rows):
             return np.empty(0)
-        one = mine.part(some)
+        rays = mine.part(rows)
         column = distance[:, np.newaxis]
-        bound = one.upper(column, method, beta) if upper else one.bounds(column, method, beta)[0]
+        bound = rays.upper(column, method, beta) if upper else rays.bounds(column, method, beta)[0]
         z = ndtri(np.clip(bound[:, 0], 0.0, 1.0))
         result: FloatArray = np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT) - wanted
         return result
 
-    everyone = np.arange(len(guess))
+    all_rows = np.arange(len(guess))
     near = np.clip(guess, NEAREST, np.maximum(limit, NEAREST))
-    at_near = excess(everyone, near)
+    at_near = excess(all_rows, near)
     far, at_far = near.copy(), at_near.copy()
     for factor in EXPANSIONS:
-        some = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound ends nearer
-        far[some], at_far[some] = near[some], at_near[some]
-        near[some] = np.maximum(near[some] / factor, NEAREST)
-        at_near[some] = excess(some, near[some])
-        some = np.flatnonzero((at_far >= 0) & (far < limit))
-        near[some], at_near[some] = far[some], at_far[some]
-        far[some] = np.minimum(far[some] * factor, limit[some])
-        at_far[some] = excess(some, far[some])
+        rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound ends nearer
+        far[rows], at_far[rows] = near[rows], at_near[rows]
+        near[rows] = np.maximum(near[rows] / factor, NEAREST)
+        at_near[rows] = excess(rows, near[rows])
+        rows = np.flatnonzero((at_far >= 0) & (far < limit))
+        near[rows], at_near[rows] = far[rows], at_far[rows]
+        far[rows] = np.minimum(far[rows] * factor, limit[rows])
+        at_far[rows] = excess(rows, far[rows])
     reach = np.where(at_near < 0, 0.0, far)  # the limit, where the bound reaches it
     unknown = np.isnan(at_near) | np.isnan(at_far)
-    some = np.flatnonzero((at_near >= 0) & (at_far < 0))
-    reach[some] = np.exp(
+    rows = np.flatnonzero((at_near >= 0) & (at_far < 0))
+    reach[rows] = np.exp(
         _falsi(
-            lambda active, x: excess(some[active], np.exp(x)),
-            np.log(near[some]),
-            np.log(far[some]),
-            at_near[some],
-            at_far[some],
+            lambda active, x: excess(rows[active], np.exp(x)),
+            np.log(near[rows]),
+            np.log(far[rows]),
+            at_near[rows],
+            at_far[rows],
         )
     )
     reach[(reach > 0) & ~mine.visible(np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE)[:, 0]] = 0
@@ -392,15 +390,3 @@ def _bearing(scenario: Scenario) -> float:
         place = geodesy.geodetic_from_ned(scenario.radar[POSITION], scenario.origin)
         line = line @ geodesy.turn_to_origin(place, scenario.origin)
     return math.atan2(line[1], line[0])
-
-
-def _with_poses(scenario: Scenario, aircraft: FloatArray) -> Scenario:
-    """Return the scenario at other poses, all with the covariance of the first pose."""
-    cov_aircraft = scenario.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0]
-    return dataclasses.replace(
-        scenario,
-        aircraft=aircraft,
-        cov_aircraft=cov_aircraft,
-        axis=axes.pose_number(len(aircraft)),
-        time_s=None,
-    )

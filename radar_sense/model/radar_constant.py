@@ -207,10 +207,9 @@ def shape_warning(tolerances: Sequence[Tolerance], method: str, *, log_normal: b
         return None
     kind = "log-normal" if log_normal else "Gaussian"
     return (
-        f"c_r is not {kind}, the assumption of {method}: of its nominal value its mean is "
-        f"{exact.mean:.1%} ({kind}: {assumed.mean:.1%}), its standard deviation {exact.std:.1%} "
-        f"({assumed.std:.1%}), its skewness {exact.skewness:.2f} ({assumed.skewness:.2f}); "
-        "use montecarlo, which draws c_r from its tolerances"
+        f"c_r is not {kind}, the assumption of {method}: mean {exact.mean:.1%} of nominal "
+        f"({kind}: {assumed.mean:.1%}), sigma {exact.std:.1%} ({assumed.std:.1%}), skewness "
+        f"{exact.skewness:.2f} ({assumed.skewness:.2f}); use montecarlo"
     )
 
 

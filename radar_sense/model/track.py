@@ -123,10 +123,10 @@ def attitude_of_motion(
     """
     if origin is not None:
         velocity, acceleration = velocity.copy(), acceleration.copy()
-        for some in slices(len(place)):
-            turn = geodesy.turn_to_origin(place[some], origin)
+        for block in slices(len(place)):
+            turn = geodesy.turn_to_origin(place[block], origin)
             for vectors in (velocity, acceleration):
-                vectors[some] = np.einsum("...ij,...i->...j", turn, vectors[some])
+                vectors[block] = np.einsum("...ij,...i->...j", turn, vectors[block])
     try:
         return attitude_from_motion(velocity, acceleration)
     except InputError as error:
@@ -161,17 +161,17 @@ def turn_to_origin(
             and yaw have no covariance.
     """
     turned = np.empty_like(attitude)
-    for some in slices(len(attitude)):
-        turn = geodesy.turn_to_origin(place[some], origin)
-        turned[some] = geodesy.turned_attitude(attitude[some], turn)
+    for block in slices(len(attitude)):
+        turn = geodesy.turn_to_origin(place[block], origin)
+        turned[block] = geodesy.turned_attitude(attitude[block], turn)
         if covariance is None:
             continue
-        part = covariance[some]
+        part = covariance[block]
         uncertain = np.any(part[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
-        steep = uncertain & (np.abs(turned[some, 1]) > np.pi / 2 - _STEEP)
+        steep = uncertain & (np.abs(turned[block, 1]) > np.pi / 2 - _STEEP)
         if steep.any():
             raise InputError(
-                f"{source}: at time_s {float(time[some][steep][0])!r} the aircraft's nose points "
+                f"{source}: at time_s {float(time[block][steep][0])!r} the aircraft's nose points "
                 "straight up or down in the frame of the origin, where roll and yaw have no "
                 "covariance"
             )
@@ -179,14 +179,14 @@ def turn_to_origin(
         jacobian[:, POSITION, POSITION] = turn
         # The Jacobian is infinite at a pitch of ±90°. A certain attitude does not need it.
         jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
-            attitude[some][uncertain], turned[some][uncertain]
+            attitude[block][uncertain], turned[block][uncertain]
         )
         part = jacobian @ part @ np.swapaxes(jacobian, -1, -2)
         part = 0.5 * (part + np.swapaxes(part, -1, -2))
         # A variance of 0 may round to a negative number.
         certain = np.diagonal(part, axis1=-2, axis2=-1) <= 0
         part[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
-        covariance[some] = part
+        covariance[block] = part
     return turned
 
 
@@ -206,9 +206,9 @@ def covariance_in_frame(
     """
     place = geodesy.geodetic_from_ned(aircraft[:, POSITION], origin)
     attitude = np.empty_like(place)
-    for some in slices(len(place)):
-        to_level = np.swapaxes(geodesy.turn_to_origin(place[some], origin), -1, -2)
-        attitude[some] = geodesy.turned_attitude(aircraft[some, ATTITUDE], to_level)
+    for block in slices(len(place)):
+        to_level = np.swapaxes(geodesy.turn_to_origin(place[block], origin), -1, -2)
+        attitude[block] = geodesy.turned_attitude(aircraft[block, ATTITUDE], to_level)
     covariances = np.repeat(covariance[np.newaxis], len(place), axis=0)
     turn_to_origin("geometry", time, place, attitude, covariances, origin)
     return without_rounding(covariances)

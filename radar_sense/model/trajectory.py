@@ -152,8 +152,8 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     if route.attitude_given:
         from scipy.spatial.transform import Rotation, Slerp  # takes 0.25 s to import
 
-        given = Rotation.from_euler("ZYX", route.aircraft[:, :2:-1])  # yaw, pitch, roll
-        to_ned = Slerp(route.time_s, given)(time).as_matrix()
+        rotations = Rotation.from_euler("ZYX", route.aircraft[:, :2:-1])  # yaw, pitch, roll
+        to_ned = Slerp(route.time_s, rotations)(time).as_matrix()
         attitude = geodesy.euler_angles(np.swapaxes(to_ned, -1, -2))
     else:
         place = position
@@ -166,10 +166,10 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
     if route.covariance is not None:
         leg, fraction = _leg(route.time_s, time)
         covariance = np.empty((len(time), 6, 6))
-        for some in slices(len(time)):
-            weight = fraction[some, np.newaxis, np.newaxis]
-            before, after = route.covariance[leg[some]], route.covariance[leg[some] + 1]
-            covariance[some] = (1.0 - weight) * before + weight * after
+        for block in slices(len(time)):
+            weight = fraction[block, np.newaxis, np.newaxis]
+            before, after = route.covariance[leg[block]], route.covariance[leg[block] + 1]
+            covariance[block] = (1.0 - weight) * before + weight * after
     aircraft = np.hstack([position, attitude])
     return Route(time, aircraft, covariance, route.attitude_given, route.origin)
 
@@ -237,11 +237,11 @@ def _lifted(
     place = geodesy.geodetic_from_ned(position, origin)
     growth = (geodesy.SEMI_MAJOR + height) / (geodesy.SEMI_MAJOR + place[:, 2])
     place[:, 2] = height
-    for some in slices(len(place)):
-        down = geodesy.turn_to_origin(place[some], origin)[..., 2]
-        sink_rate = np.sum(velocity[some] * down, axis=-1)
-        level = velocity[some] - sink_rate[:, np.newaxis] * down
-        velocity[some] = growth[some, np.newaxis] * level - climb[some, np.newaxis] * down
+    for block in slices(len(place)):
+        down = geodesy.turn_to_origin(place[block], origin)[..., 2]
+        sink_rate = np.sum(velocity[block] * down, axis=-1)
+        level = velocity[block] - sink_rate[:, np.newaxis] * down
+        velocity[block] = growth[block, np.newaxis] * level - climb[block, np.newaxis] * down
     acceleration *= growth[:, np.newaxis]
     return geodesy.ned_from_geodetic(place, origin)
 

@@ -142,7 +142,7 @@ def _values(
 def _suspect(
     space: StandardNormalSpace,
     solution: Quantiles,
-    given: Sequence[FloatArray],
+    values: Sequence[FloatArray],
     beta: float,
 ) -> NDArray[np.bool_]:
     """Return where (k,) σ and bounds may be unreliable.
@@ -155,7 +155,7 @@ def _suspect(
     variance = first + 0.5 * np.sum(space.curvature**2, axis=0)
     bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
     moved = np.any(solution.extreme != solution.nearest, axis=(0, 1))
-    suspect: NDArray[np.bool_] = differ(given, second_order) | bends | moved
+    suspect: NDArray[np.bool_] = differ(values, second_order) | bends | moved
     return suspect
 
 

@@ -237,9 +237,13 @@ def upper_bound_in_scenario(
 
 
 def nonlinear_in_scenario(
-    scenario: Scenario, moments: Moments, *, method: str = "linear", beta: float = 3.0
+    scenario: Scenario,
+    moments: Moments | None = None,
+    *,
+    method: str = "linear",
+    beta: float = 3.0,
 ) -> NDArray[np.bool_]:
-    """Return where (n,) the moments of a scenario are unreliable."""
+    """Return where (n,) the moments of a scenario are unreliable. None computes the moments."""
     return nonlinear(
         *_of(scenario),
         method=method,

@@ -73,9 +73,9 @@ class Moments:
         return cls(*(np.concatenate([getattr(p, f.name) for p in parts]) for f in fields(cls)))
 
 
-def differ(given: Sequence[FloatArray], better: Sequence[FloatArray]) -> NDArray[np.bool_]:
+def differ(values: Sequence[FloatArray], better: Sequence[FloatArray]) -> NDArray[np.bool_]:
     """Return where (k,) σ or a bound differs too much from a better value, or is NaN."""
-    std, lower, upper = (abs(g - b) for g, b in zip(given, better, strict=True))
+    std, lower, upper = (abs(v - b) for v, b in zip(values, better, strict=True))
     return ~((std <= STD_CHANGE * better[0]) & (lower <= BOUND_CHANGE) & (upper <= BOUND_CHANGE))
 
 

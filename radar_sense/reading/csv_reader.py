@@ -337,9 +337,9 @@ def _unknown_column(header: Header, name: str, layout: Format) -> InputError:
     """
     suggestion = did_you_mean(name[:100], set(layout.columns) - set(header.names))
     separated = re.split("[,;\t]", ",".join(header.names))
-    named = suggestion or any(part.strip().strip('"') in layout.columns for part in separated)
+    has_names = suggestion or any(part.strip().strip('"') in layout.columns for part in separated)
     return header.error(
-        (f"unknown column {shorten(name)}" if named else "names none of the columns")
+        (f"unknown column {shorten(name)}" if has_names else "names none of the columns")
         + f", allowed: {layout.allowed}"
         + suggestion
         + ("; columns are separated by commas or semicolons" if "\t" in name else "")

@@ -41,21 +41,21 @@ def read_data_sheet(entry: Entry, kind: str) -> DataSheet:
     arguments: dict[str, Any] = {}
     losses = _read_losses(entries, names)
     for field, units in parameters:
-        given = [key for key in units if key.name in entries]
-        if not given and field.default is not MISSING:
+        present = [key for key in units if key.name in entries]
+        if not present and field.default is not MISSING:
             continue
-        if not given and losses and field.name == "loss_db":  # all losses have names
+        if not present and losses and field.name == "loss_db":  # all losses have names
             arguments[field.name] = 0.0
             continue
-        if not given and "assumed" in field.metadata:
+        if not present and "assumed" in field.metadata:
             values[units[0].name] = arguments[field.name] = field.metadata["assumed"]
             continue
-        if len(given) != 1:
+        if len(present) != 1:
             alternatives = " and ".join(f"'{key.name}'" for key in units)
             if len(units) == 1:
                 raise entry.error(f"missing key {alternatives}")
             raise entry.error(f"needs exactly one of the keys {alternatives}")
-        (key,) = given
+        (key,) = present
         values[key.name] = entries[key.name].value(key)
         arguments[field.name] = field.metadata["units"][key.name].to_si(values[key.name])
     values |= {loss_key(name): loss for name, loss in losses.items()}

@@ -25,10 +25,10 @@ def read_detector(entry: Entry, p_fa: float) -> Detector:
             raise entry.error(f"needs a mapping with 'model' and {', '.join(required)}")
         return cls()
     model = keys.DETECTOR_MODEL
-    given = entry.entries()
-    if model.name not in given:
+    present = entry.entries()
+    if model.name not in present:
         raise entry.error(f"missing key 'model', one of {', '.join(DETECTORS)}")
-    detector = entry.instance(DETECTORS[given[model.name].value(model)], besides=[model.name])
+    detector = entry.instance(DETECTORS[present[model.name].value(model)], besides=[model.name])
     if isinstance(detector, PulseDetector):
         try:
             detector.tails(p_fa)

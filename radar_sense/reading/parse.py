@@ -59,10 +59,10 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         InputError: If anything in the text is not allowed.
     """
     root = parse(text, source)
-    given = root.entries() if root.is_mapping() else {}
-    several = "radars" in given
-    if several and "radar" in given:
-        raise given["radar"].error("must be left out, or 'radars'; allowed is one or the other")
+    present = root.entries() if root.is_mapping() else {}
+    several = "radars" in present
+    if several and "radar" in present:
+        raise present["radar"].error("must be left out, or 'radars'; allowed is one or the other")
     unused = "radar" if several else "radars"
     entries = root.mapping([key.name for key in keys.SCENARIO if key.name != unused])
     name = entries["name"].value(keys.NAME)

@@ -92,10 +92,10 @@ def read_radar(
         optional: Further optional keys, which the caller reads.
     """
     position, place = keys.RADAR_POSITION.name, keys.RADAR_PLACE.name
-    given = entry.entries()
-    if position in given and place in given:
-        raise given[place].error("must be left out, or 'position_m'; allowed is one or the other")
-    first, other = (place, []) if place in given else (position, [place])
+    present = entry.entries()
+    if position in present and place in present:
+        raise present[place].error("must be left out, or 'position_m'; allowed is one or the other")
+    first, other = (place, []) if place in present else (position, [place])
     constants = [keys.CONSTANT.name, *RADARS]
     further = [keys.DETECTOR.name, keys.SCAN_PERIOD.name, keys.ATTENUATION.name]
     optional = [*other, *constants, *further, *optional]

@@ -12,9 +12,9 @@ A route file is CSV, in the dialect of `csv_reader`. Its columns, in any order:
     std_north_m, std_east_m, std_down_m, std_roll_deg, std_pitch_deg, std_yaw_deg
                                             standard deviations of independent errors; or, instead:
     cov_north_north_m2, cov_north_east_m2, ..., cov_north_roll_m_deg, ..., cov_yaw_yaw_deg2
-                                            upper triangle of the covariance, 21 numbers with some
-                                            12 digits; with fewer, a covariance with strong
-                                            correlations may round to a matrix that is none
+                                            upper triangle of the covariance, 21 numbers with 12
+                                            digits or more; fewer digits may round strong
+                                            correlations to a matrix that is no covariance
 
 With latitude and longitude, attitude and covariance are relative to north, east and down at the
 aircraft, as a navigation filter writes them. Reading turns them into the frame of the origin.
@@ -263,14 +263,14 @@ def _route(
     origin: tuple[float, float, float] | None,
 ) -> Route:
     """Return the route in the frame of the origin; attitude from the track if it is None."""
-    given = attitude is not None
+    attitude_given = attitude is not None
     position = place if origin is None else geodesy.ned_from_geodetic(place, origin)
     if attitude is None:
         velocity, acceleration = motion_of_samples(time, position)
         attitude = attitude_of_motion(source, place, velocity, acceleration, origin)
     if origin is not None:
         attitude = turn_to_origin(source, time, place, attitude, covariance, origin)
-    return Route(time, np.hstack([position, attitude]), covariance, given, origin)
+    return Route(time, np.hstack([position, attitude]), covariance, attitude_given, origin)
 
 
 def _above_ellipsoid(source: str, allowed: tuple[str, ...], conventions: Conventions) -> float:
@@ -320,8 +320,8 @@ def _times_of_waypoints(
     if geodetic:
         height = 0.5 * (place[1:, 2] + place[:-1, 2])
         ends = [
-            geodesy.ecef_from_geodetic(np.column_stack([some[:, :2], height]))
-            for some in (place[:-1], place[1:])
+            geodesy.ecef_from_geodetic(np.column_stack([end[:, :2], height]))
+            for end in (place[:-1], place[1:])
         ]
         chord = np.linalg.norm(ends[1] - ends[0], axis=-1)
         radius = geodesy.SEMI_MAJOR + height
@@ -409,17 +409,17 @@ def _assemble(
     # From the last block on: the C library can only return the memory allocated last.
     while blocks:
         rows = blocks.pop()
-        some = slice(stop - len(rows), stop)
+        block = slice(stop - len(rows), stop)
         if layout.time is not None:
-            time[some] = rows[:, layout.time]
-        place[some] = rows[:, layout.position] * layout.units(layout.position)
+            time[block] = rows[:, layout.time]
+        place[block] = rows[:, layout.position] * layout.units(layout.position)
         if layout.attitude and attitude is not None:
-            attitude[some] = rows[:, layout.attitude] * layout.units(layout.attitude)
+            attitude[block] = rows[:, layout.attitude] * layout.units(layout.attitude)
         if layout.std and covariance is not None:
             diagonal = np.arange(6)
-            covariance[some, diagonal, diagonal] = (rows[:, layout.std] * _COV_UNITS) ** 2
+            covariance[block, diagonal, diagonal] = (rows[:, layout.std] * _COV_UNITS) ** 2
         if layout.cov and covariance is not None:
-            covariance[some] = rows[:, layout.cov][:, _ENTRY] * np.outer(_COV_UNITS, _COV_UNITS)
+            covariance[block] = rows[:, layout.cov][:, _ENTRY] * np.outer(_COV_UNITS, _COV_UNITS)
         stop -= len(rows)
     return time, place, attitude, covariance
 
@@ -447,10 +447,10 @@ def _layout(header: Header, speed: float | None) -> _Layout:
 
     ned = []
     for axis in _NED:
-        given = [name for name in (f"{axis}_m", f"{axis}_km") if name in names]
-        if len(given) > 1:
-            raise header.error(f"has {' and '.join(given)}; allowed is one of them")
-        ned.append(given[0] if given else f"{axis}_m")
+        present = [name for name in (f"{axis}_m", f"{axis}_km") if name in names]
+        if len(present) > 1:
+            raise header.error(f"has {' and '.join(present)}; allowed is one of them")
+        ned.append(present[0] if present else f"{axis}_m")
     geodetic = bool(set(_GEODETIC) & set(names))
     if geodetic and set(ned) & set(names):
         raise header.error(

@@ -325,7 +325,7 @@ def _state_vectors(
     altitude = "baroaltitude" if pressure else "geoaltitude"
     lines: list[int] = []
     rows: list[list[float]] = []
-    found: set[str] = set()
+    addresses: set[str] = set()
 
     def check_header(header: Header) -> None:
         for name in ("time", "icao24", "lat", "lon", altitude):
@@ -345,8 +345,8 @@ def _state_vectors(
         address = cell["icao24"].lower()
         if icao24 is not None and address != icao24.lower():
             return
-        found.add(address)
-        if len(found) > 1:
+        addresses.add(address)
+        if len(addresses) > 1:
             raise InputError(
                 f"{header.source}:{line}: icao24: must be one aircraft, got {shorten(address)} "
                 "too; geometry.icao24 chooses one"
@@ -374,7 +374,7 @@ def _state_vectors(
         sha256=sha256,
     )
     if not rows:
-        who = f"the aircraft {icao24}" if icao24 is not None and not found else "any row"
+        who = f"the aircraft {icao24}" if icao24 is not None and not addresses else "any row"
         raise FileError(f"{path}: has no position of {who}, with an altitude in {altitude}")
     numbers = np.array(rows)
     return Samples(

@@ -72,8 +72,8 @@ def read_uncertainty(
         cov_aircraft = StatedCovariance(stated, made)
     else:
         entries = entry.mapping(radars, [aircraft, correlation.name])
-        given = entries[aircraft].entries() if aircraft in entries else {}
-        if aircraft in entries and list(given) != [keys.RCS_DB.name]:
+        present = entries[aircraft].entries() if aircraft in entries else {}
+        if aircraft in entries and list(present) != [keys.RCS_DB.name]:
             raise entries[aircraft].error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
                 "both state the uncertainty of the aircraft"
@@ -89,10 +89,10 @@ def read_uncertainty(
 
 def _read_rcs_db(entry: Entry, rcs: RCS) -> float:
     """Read the standard deviation of the RCS [dB]."""
-    given = entry.entries()
-    if keys.RCS_DB.name not in given:
+    present = entry.entries()
+    if keys.RCS_DB.name not in present:
         return float(keys.RCS_DB.default)
-    value = given[keys.RCS_DB.name]
+    value = present[keys.RCS_DB.name]
     if getattr(rcs, "spread", None) is not None:
         raise value.error(
             "must be left out, or the column std_db of the RCS table: both state the uncertainty "
@@ -169,15 +169,15 @@ def _read_covariance(
     tolerances: tuple[Tolerance, ...] = ()
     start = 0
     for key in parts:
-        some = slice(start, start + key.size)
+        block = slice(start, start + key.size)
         value = entries[key.name]
         if key.size == 1 and value.is_mapping():
             tolerances = _read_constant(value, sheet)
             assert sheet is not None
             std = sheet.constant * relative_std(tolerances)
-            total[some, some] = covariance.from_std([std])
+            total[block, block] = covariance.from_std([std])
         else:
-            total[some, some] = _read_part(value, key) * key.unit**2
+            total[block, block] = _read_part(value, key) * key.unit**2
         start += key.size
     return total, tolerances
 

@@ -132,7 +132,7 @@ def _report(
         method: Method of propagation, by default the one of `variance` and of `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: How many σ P_D must stay below P_max, 3 by default.
-        workers: Threads to compute with; of no influence on the page.
+        workers: Threads to compute with; the page does not depend on their number.
         progress: Shows the analyses that are done.
 
     Raises:

@@ -1,4 +1,4 @@
-"""HTML from strings: everything is escaped, unless it is HTML already."""
+"""HTML from strings. All text is escaped, unless it is HTML already."""
 
 from __future__ import annotations
 

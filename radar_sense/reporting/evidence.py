@@ -37,7 +37,7 @@ class Evidence:
         implausible: Warnings about possible but implausible values in the scenario.
         variance: P_D with its band, and the threshold test if there is one.
         budget: The error budget, and the accuracies that the threshold requires.
-        halved: 3σ of P_D where it is largest, with half the deviation of one source or of one part
+        halved: 3σ of P_D at its largest pose, with half the deviation of one source or of one part
             of a source, by name.
         comparison: All methods against draws, at some of the poses.
         repeated: The same comparison with other draws.
@@ -58,13 +58,13 @@ class Evidence:
     @property
     def threshold(self) -> Mapping[str, Any] | None:
         """Summary of the threshold test; None without a threshold."""
-        found: Mapping[str, Any] | None = self.variance.summary.get("threshold")
-        return found
+        summary: Mapping[str, Any] | None = self.variance.summary.get("threshold")
+        return summary
 
     def warnings_of(self, result: Result) -> tuple[str, ...]:
         """Return the warnings of a result, without the warnings of the scenario."""
-        given = {*self.implausible, *plausibility_warnings(result.scenario)}
-        return tuple(warning for warning in result.warnings if warning not in given)
+        of_scenario = {*self.implausible, *plausibility_warnings(result.scenario)}
+        return tuple(warning for warning in result.warnings if warning not in of_scenario)
 
 
 def gather(
@@ -83,7 +83,7 @@ def gather(
         method: Method of propagation, by default the one of `variance` and of `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: How many σ P_D must stay below P_max, 3 by default.
-        workers: Threads to compute with; of no influence on the results.
+        workers: Threads to compute with; the results do not depend on their number.
         progress: Shows the analyses that are done.
 
     Raises:
@@ -100,9 +100,9 @@ def gather(
         along = done(variance(scenario, threshold=threshold, k=k, **chosen))
         goal = {} if threshold is None else _goal(along)
         sources = done(budget(scenario, **chosen, **goal))
-        some = scenario.at_poses(compared_poses(along)).with_analysis(runs=DRAWS)
-        comparison = done(compare(some, workers=workers))
-        repeated = done(compare(some, seed=some.seed + 1, workers=workers))
+        compared = scenario.at_poses(compared_poses(along)).with_analysis(runs=DRAWS)
+        comparison = done(compare(compared, workers=workers))
+        repeated = done(compare(compared, seed=compared.seed + 1, workers=workers))
         looks = done(_mission(scenario, workers))
         area = done(_map(scenario, workers))
     return Evidence(
@@ -148,7 +148,7 @@ def first_largest(values: FloatArray) -> int:
 
 
 def _halved(sources: Result) -> dict[str, float]:
-    """Return 3σ of P_D where it is largest, with half the deviation of one source, by name."""
+    """Return 3σ of P_D at its largest pose, with half the deviation of one source, by name."""
     scenario = sources.scenario
     columns = [name for name in sources.table if name.startswith("three_sigma_")]
     names = [name.removeprefix("three_sigma_") for name in columns]

@@ -11,7 +11,7 @@ from radar_sense.reporting.elements import Html, element
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _HREF = "{http://www.w3.org/1999/xlink}href"
-#: Pixels of a page for one point of a figure; the letters of both are then of one size.
+#: Pixels of a page for one point of a figure. Letters of page and figure then have one size.
 _SCALE = 2
 #: References inside the values of attributes and styles.
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")

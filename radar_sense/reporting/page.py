@@ -105,7 +105,7 @@ def _contents(sections: Sequence[Section]) -> Html:
 
 def _each(sections: Sequence[Section]) -> list[Html]:
     """Return the sections; a warning of an earlier section is not repeated."""
-    given: dict[str, Section] = {}
+    sections_by_warning: dict[str, Section] = {}
     pages = []
     for section in sections:
         heading = f"{section.key}-question"
@@ -114,22 +114,26 @@ def _each(sections: Sequence[Section]) -> list[Html]:
                 "section",
                 element("h2", section.question, id=heading),
                 element("p", section.answer, class_="answer"),
-                *_warnings(section, given),
+                *_warnings(section, sections_by_warning),
                 *(part.draw() if isinstance(part, Drawing) else part for part in section.body),
                 *([element("p", f"Analysis: {section.by}.", class_="by")] if section.by else []),
                 id=section.key,
                 aria_labelledby=heading,
             )
         )
-        given = {**dict.fromkeys(section.warnings, section), **given}
+        sections_by_warning = {**dict.fromkeys(section.warnings, section), **sections_by_warning}
     return pages
 
 
-def _warnings(section: Section, given: Mapping[str, Section]) -> list[Html]:
+def _warnings(section: Section, sections_by_warning: Mapping[str, Section]) -> list[Html]:
     if not section.warnings:
         return []
-    new: list[str] = [warning for warning in section.warnings if warning not in given]
-    earlier = {given[w].key: given[w].question for w in section.warnings if w in given}
+    new: list[str] = [warning for warning in section.warnings if warning not in sections_by_warning]
+    earlier = {
+        sections_by_warning[w].key: sections_by_warning[w].question
+        for w in section.warnings
+        if w in sections_by_warning
+    }
     new += [
         joined("The same as under ", element("a", question, href=f"#{key}"))
         for key, question in earlier.items()

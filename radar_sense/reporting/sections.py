@@ -52,7 +52,7 @@ class Section:
 
 def sections(evidence: Evidence) -> tuple[Section, ...]:
     """Return the sections of a report in their order."""
-    every: tuple[Callable[[Evidence], Section | None], ...] = (
+    makers: tuple[Callable[[Evidence], Section | None], ...] = (
         _scenario,
         _detection,
         _sources,
@@ -61,7 +61,7 @@ def sections(evidence: Evidence) -> tuple[Section, ...]:
         _mission,
         _map,
     )
-    return tuple(section for make in every if (section := make(evidence)) is not None)
+    return tuple(section for make in makers if (section := make(evidence)) is not None)
 
 
 def _scenario(evidence: Evidence) -> Section:
@@ -374,12 +374,12 @@ def _required(evidence: Evidence) -> Iterator[Html]:
     axis, asked = result.scenario.axis, result.summary["threshold"]
     accuracies = {
         name: RequiredAccuracy(
-            **{("place" if key == axis.key else key): value for key, value in found.items()}
+            **{("place" if key == axis.key else key): value for key, value in fields.items()}
         )
-        for name, found in asked["required_accuracy"].items()
+        for name, fields in asked["required_accuracy"].items()
     }
     if all(accuracy.residual_from == "P_D itself" for accuracy in accuracies.values()):
-        return  # the test has said that no better knowledge helps
+        return  # no better knowledge helps, as the lines of the test state
     helpful = sorted(accuracies, key=lambda name: accuracies[name].factor is None)
     rows = [
         (
@@ -403,8 +403,8 @@ def _mission(evidence: Evidence) -> Section | None:
         return None
     if isinstance(result, InputError):
         return _without(result, "mission", question)
-    axis, found = result.scenario.axis, result.summary["detection"]
-    end = found["at_end"]
+    axis, detection = result.scenario.axis, result.summary["detection"]
+    end = detection["at_end"]
     answer = (
         f"By the end, at {axis.at(-1)}, some look has detected the aircraft with probability "
         f"{_number(end['p'])} (3 sigma: {_number(end['lower_3sigma'])} to "
@@ -418,17 +418,17 @@ def _mission(evidence: Evidence) -> Section | None:
                 for key in ("time_s", "earliest_s", "latest_s")
             ),
         )
-        for level, times in found["reaches"].items()
+        for level, times in detection["reaches"].items()
     ]
     radars = [
         (
             name,
-            f"{own['scan_period_s']:g} s",
-            _number(own["detection"]["at_end"]["p"]),
-            _number(own["detection"]["at_end"]["lower_3sigma"]),
-            _number(own["detection"]["at_end"]["upper_3sigma"]),
+            f"{alone['scan_period_s']:g} s",
+            _number(alone["detection"]["at_end"]["p"]),
+            _number(alone["detection"]["at_end"]["lower_3sigma"]),
+            _number(alone["detection"]["at_end"]["upper_3sigma"]),
         )
-        for name, own in result.summary.get("radars", {}).items()
+        for name, alone in result.summary.get("radars", {}).items()
     ]
     return Section(
         key="mission",

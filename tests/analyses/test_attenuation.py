@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import document, place, refusal, scenario, yaml_text
+from helpers import document, place, refusal, scenario, target_in_the_north, yaml_text
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
@@ -37,17 +37,7 @@ RNG = np.random.default_rng(18)
 
 def network(names=tuple(RADARS), rcs_db=0.0, uncertain=True):
     """Document of radars that see an aircraft 60 km north of the origin, with Swerling 1."""
-    content = document(
-        geometry__range_km=60,
-        geometry__down_km=-6,
-        geometry__azimuth_from="north",
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        aircraft__rcs={"model": "constant", "rcs_m2": AREA},
-        analysis={"level": "one", "runs": 2**13, "seed": 1},
-    )
-    aircraft = {"position_m": POSE, "attitude_deg": 1, "rcs_db": rcs_db}
-    content["uncertainty"] = {"aircraft": aircraft}
-    del content["radar"]
+    content = target_in_the_north(AREA, runs=2**13, position_m=POSE, attitude_deg=1, rcs_db=rcs_db)
     content["radars"] = []
     for name in names:
         at, constant, std, std_constant, attenuation, std_attenuation = RADARS[name]

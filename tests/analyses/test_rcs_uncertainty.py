@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import document, yaml_text
+from helpers import document, target_in_the_north, yaml_text
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
@@ -40,18 +40,9 @@ POSE = 500.0
 
 def network(names=tuple(RADARS), decibels=DECIBELS, **changes):
     """Document of radars that see an aircraft 60 km north of the origin, with Swerling 1."""
-    content = document(
-        geometry__range_km=60,
-        geometry__down_km=-6,
-        geometry__azimuth_from="north",
-        geometry__azimuth_deg={"start": 0, "stop": 0, "step": 1},
-        aircraft__rcs={"model": "constant", "rcs_m2": AREA},
-        analysis={"level": "one", "runs": 2**14, "seed": 1},
-    )
-    content["uncertainty"] = {"aircraft": {"position_m": POSE, "attitude_deg": 1}}
+    content = target_in_the_north(AREA, position_m=POSE, attitude_deg=1)
     if decibels:
         content["uncertainty"]["aircraft"]["rcs_db"] = decibels
-    del content["radar"]
     content["radars"] = [
         {
             "name": name, "position_m": list(RADARS[name][0]), "constant": RADARS[name][1],

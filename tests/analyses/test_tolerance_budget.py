@@ -35,8 +35,8 @@ def test_doubt_says_what_the_distribution_is():
     growth = math.exp(s * s)
     mean, std = math.sqrt(growth), math.sqrt(growth * (growth - 1))
     skewness = (growth + 2) * math.sqrt(growth - 1)
-    assert f"its mean is {mean:.1%} (Gaussian: 100.0%)" in said
-    assert f"standard deviation {std:.1%} ({s:.1%})" in said
+    assert f"mean {mean:.1%} of nominal (Gaussian: 100.0%)" in said
+    assert f"sigma {std:.1%} ({s:.1%})" in said
     assert f"skewness {skewness:.2f} (0.00)" in said
     # a tolerance in decibels is what probit and form assume
     assert shape_warning(decibel, "probit", log_normal=True) is None

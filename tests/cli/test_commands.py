@@ -553,6 +553,36 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
     assert terminal.getvalue() == ""
 
 
+@pytest.fixture
+def on_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """Run a command in an empty folder, and return the standard error on a terminal.
+
+    The option `elsewhere` is a file in place of the terminal.
+    """
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(threading, "Timer", At)
+
+    def run(command: str, *options: str) -> str:
+        terminal = Terminal()
+        runner = CliRunner()
+        isolation = runner.isolation
+
+        @contextlib.contextmanager
+        def isolated(*args: object, **others: object) -> Iterator[object]:
+            with isolation(*args, **others) as streams, pytest.MonkeyPatch.context() as patch:
+                if "elsewhere" not in options:
+                    patch.setattr(sys, "stderr", terminal)
+                yield streams
+
+        monkeypatch.setattr(runner, "isolation", isolated)
+        quiet = [o for o in options if o == "-q"]
+        code = 3 if "--threshold" in command else 0
+        assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
+        return terminal.getvalue()
+
+    return run
+
+
 @pytest.mark.parametrize(
     ("command", "shown"),
     [
@@ -565,38 +595,15 @@ def test_a_quick_computation_shows_no_progress(monkeypatch):
         ("variance --threshold 0.5", r"variance: [\d,]+ of [\d,]+ runs along the path"),
     ],
 )
-def test_a_sign_of_life_on_a_terminal(monkeypatch, command, shown):
-    assert re.search(shown, on_terminal(monkeypatch, command))
+def test_a_sign_of_life_on_a_terminal(on_terminal, command, shown):
+    assert re.search(shown, on_terminal(command))
 
 
 @pytest.mark.parametrize("command", ["montecarlo --runs 200", "variance", "variance --method form"])
-@pytest.mark.parametrize("options", [["-q"], ["elsewhere"]])
-def test_no_sign_of_life_with_q_or_into_a_file(monkeypatch, command, options):
-    assert on_terminal(monkeypatch, "variance")
-    printed = on_terminal(monkeypatch, command, *options)
-    assert "[" not in printed
-    assert "computing" not in printed
-
-
-def on_terminal(monkeypatch: pytest.MonkeyPatch, command: str, *options: str) -> str:
-    """Run a command, and return the standard error on a terminal. `elsewhere` is a file."""
-    monkeypatch.setattr(threading, "Timer", At)
-    terminal = Terminal()
-    runner = CliRunner()
-    isolation = runner.isolation
-
-    @contextlib.contextmanager
-    def isolated(*args: object, **others: object) -> Iterator[object]:
-        with isolation(*args, **others) as streams, pytest.MonkeyPatch.context() as patch:
-            if "elsewhere" not in options:
-                patch.setattr(sys, "stderr", terminal)
-            yield streams
-
-    monkeypatch.setattr(runner, "isolation", isolated)
-    quiet = [o for o in options if o == "-q"]
-    code = 3 if "--threshold" in command else 0
-    assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
-    return terminal.getvalue()
+@pytest.mark.parametrize("option", ["-q", "elsewhere"])
+def test_no_sign_of_life_with_q_or_into_a_file(on_terminal, command, option):
+    assert "[" not in on_terminal(command, option)
+    assert "computing" not in on_terminal(command, option)
 
 
 @pytest.mark.parametrize("args", [["budget", "--no-plot"], ["--help"]])

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from helpers import without_pixels
 
 from radar_sense.cli import cli
 
@@ -72,7 +73,8 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("page", pages_with(r"^\$ radar-sense"), ids=lambda page: page.stem)
-def test_commands_run_and_print_what_is_shown(page, folder):
+def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
+    without_pixels(monkeypatch)
     for line, shown in commands(page):
         if not line.startswith("radar-sense"):
             continue
