@@ -285,13 +285,24 @@ def test_combinations_have_the_distribution_of_independent_sources():
     paths, draws = 400, 16
     values = [2.0 * rng.standard_normal((paths, draws)) for _ in range(3)]
     weights = [2.0 * np.exp(-0.5 * v * v * (1 - 0.25)) for v in values]
-    picks, weight = combine(rng, weights, np.array([1.0, 0.2, 0.5]), 64)
+    picks, weight = combine(rng, weights, values, np.array([1.0, 0.2, 0.5]), 64)
     total = sum(np.take_along_axis(v, pick, axis=1) for v, pick in zip(values, picks, strict=True))
     share = weight / weight.sum()
     assert weight.mean() == pytest.approx(1.0, abs=0.05)
     assert np.sum(share * total) == pytest.approx(0.0, abs=0.12)
     assert np.sum(share * total**2) == pytest.approx(3.0, rel=0.08)
-    assert np.sum(share * (total > 3.0 * math.sqrt(3.0))) == pytest.approx(0.00135, rel=0.4)
+    limit = 3.0 * math.sqrt(3.0)
+    assert np.sum(share * (total > limit)) == pytest.approx(0.00135, rel=0.4)
+    assert np.sum(share * (total < -limit)) == pytest.approx(0.00135, rel=0.25)
+    assert np.mean(total < -limit) > 30 * 0.00135  # low values of all sources are drawn often
+
+
+def test_combinations_of_certain_detections_have_finite_weights():
+    rng = np.random.default_rng(3)
+    values = [np.full((5, 4), math.inf), rng.exponential(30.0, (5, 4))]
+    _, weight = combine(rng, [np.ones((5, 4))] * 2, values, np.ones(2), 32)
+    assert np.isfinite(weight).all()
+    assert weight.mean() == pytest.approx(1.0, abs=0.2)
 
 
 def test_quantiles_are_those_of_repeated_values():

@@ -30,11 +30,11 @@ HISTORIES = 32
 #: more than LARGE_POSE_SHARE of the variance, more pose paths with fewer draws are better.
 DRAWS_PER_PATH, FEWER_DRAWS_PER_PATH, LARGE_POSE_SHARE = 16, 4, 0.1
 #: Times that bounds are computed at. Bounds at more times are interpolated.
-NODES = 384
+NODES = 512
 #: Times that the mixtures of the radars, and of the pose path, are chosen for.
 RADAR_TIMES, POSE_TIMES = 96, 24
 #: Shares of the natural and of the wide component in the mixtures of the radars and the pose path.
-RADAR_SHARES, POSE_SHARES = (0.22, 0.1), (0.75, 0.07)
+RADAR_SHARES, POSE_SHARES = (0.5, 0.1), (0.75, 0.07)
 
 
 @dataclass(frozen=True, eq=False)

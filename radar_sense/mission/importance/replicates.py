@@ -39,6 +39,11 @@ class WeightedDraws:
     log_miss: tuple[FloatArray, ...]
     weight: FloatArray
 
+    @property
+    def final(self) -> FloatArray:
+        """−ln(1 − P) (p, draws) of detection by the last time."""
+        return self.log_miss[0][..., -1]
+
 
 def compute_replicate(plan: Plan, number: int) -> list[tuple[FloatArray, ...]]:
     """Return `weighted_statistics` (5, J) of each event, of all radars and of each radar."""
@@ -111,7 +116,11 @@ def _combine_group(
     weights = [by_radar[radar].weight for radar in members]
     if plan.independent:
         picks, weight = combine(
-            generator, weights, plan.emphasis[list(members)], GROUP_COMBINATIONS * plan.draws
+            generator,
+            weights,
+            [by_radar[radar].final for radar in members],
+            plan.emphasis[list(members)],
+            GROUP_COMBINATIONS * plan.draws,
         )
     else:
         draws = np.broadcast_to(np.arange(plan.draws), weights[0].shape)
@@ -140,6 +149,7 @@ def _combine_groups(
     picks, weight = combine(
         generator,
         [group.weight for group in groups],
+        [group.final for group in groups],
         emphasis,
         max(COMBINATIONS // plan.paths, 2 * plan.draws),
     )
