@@ -61,7 +61,7 @@ def lay_out(figure):
     """Lay a figure out as rendering does, without drawing, which takes longer."""
     from radar_sense import plotting
 
-    with plotting._style(plotting._style_of(figure)):
+    with plotting.apply_style(plotting.style_of(figure)):
         figure.get_layout_engine().execute(figure)
     return figure
 

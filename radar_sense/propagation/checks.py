@@ -54,7 +54,7 @@ def second_order_matters(
         probit = RelativeProbit(part)
         # A lobe may be as narrow as the differences are wide.
         value, gradient, second = probit.derivatives(sides=2 if lobed else 1)
-        parts.append(_Expansion.of(probit, value, *_by_u(probit.sqrt_cov, gradient, second)))
+        parts.append(_Expansion.of(probit, value, gradient, second))
         if lobed:
             beyond.append(_lobe_beyond(probit, std_and_bounds, beta))
     # What follows takes few arrays, and is computed for all blocks together.
@@ -96,33 +96,30 @@ class _Expansion(NamedTuple):
 
     @classmethod
     def of(
-        cls, probit: RelativeProbit, value: FloatArray, g: FloatArray, h: FloatArray
+        cls, probit: RelativeProbit, value: FloatArray, gradient: FloatArray, second: FloatArray
     ) -> _Expansion:
-        """Return the numbers for a gradient g (r, k) and second derivatives h (r, r, k) by u."""
-        one = probit.sqrt_cov[0]
+        """Return the numbers for a gradient (n, k) and second derivatives (n, n, k) by y.
+
+        With C = F Fᵀ the covariance of y, C times the second derivatives has the traces of H.
+        """
+        covariance = probit.sqrt_cov @ probit.sqrt_cov.swapaxes(1, 2)
+        if len(covariance) == 1:
+            (one,) = covariance
+            along = one @ gradient
+            product = (one @ second.reshape(len(one), -1)).reshape(second.shape)
+        else:
+            along = np.einsum("kij,jk->ik", covariance, gradient)
+            each = np.ascontiguousarray(np.moveaxis(second, 2, 0))
+            product = np.moveaxis(covariance @ each, 0, 2)
         return cls(
             value,
-            np.einsum("ik,ik->k", g, g),
-            np.einsum("ik,ik->k", g, np.einsum("ijk,jk->ik", h, g)),
-            np.einsum("iik->k", h),
-            np.einsum("ijk,ijk->k", h, h),
-            np.einsum("ijk,jlk,lik->k", h, h, h),
-            one @ g if len(probit.sqrt_cov) == 1 else np.einsum("kij,jk->ik", probit.sqrt_cov, g),
+            np.maximum(np.einsum("ik,ik->k", gradient, along), 0.0),
+            np.einsum("ik,ik->k", along, np.einsum("ijk,jk->ik", second, along)),
+            np.einsum("iik->k", product),
+            np.maximum(np.einsum("ijk,jik->k", product, product), 0.0),
+            np.einsum("ijk,jlk,lik->k", product, product, product),
+            along,
         )
-
-
-def _by_u(
-    sqrt_cov: FloatArray, gradient: FloatArray, second: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return gradient (r, k) and second derivatives (r, r, k) by u, from the ones by y."""
-    if len(sqrt_cov) == 1:
-        (one,) = sqrt_cov
-        n, _, k = second.shape
-        half = (one.T @ second.reshape(n, n * k)).reshape(-1, n, k)
-        return one.T @ gradient, one.T @ half
-    each = np.ascontiguousarray(np.moveaxis(second, 2, 0))
-    by_u = sqrt_cov.swapaxes(1, 2) @ each @ sqrt_cov
-    return np.einsum("kij,ik->jk", sqrt_cov, gradient), np.moveaxis(by_u, 0, 2)
 
 
 def _expansion_is_off(probit: RelativeProbit, z: _Expansion, beta: float) -> NDArray[np.bool_]:

@@ -272,8 +272,8 @@ class RelativeProbit:
         states = self.states
         nominal = [self._at(a.T, error, pose) for a in (states.aircraft, states.radar)]
         aircraft, radar = (np.empty((len(a), *error.shape[1:])) for a in nominal)
-        aircraft[:] = nominal[0]
-        aircraft[ATTITUDE] += error[_ATTITUDE]
+        aircraft[POSITION] = nominal[0][POSITION]
+        np.add(nominal[0][ATTITUDE], error[_ATTITUDE], out=aircraft[ATTITUDE])
         np.add(nominal[1], error[_RADARS], out=radar)
         growth = None
         if states.log_constant.any():

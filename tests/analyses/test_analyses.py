@@ -127,7 +127,7 @@ def test_inconsistent_coverage_is_a_number():
 
 
 def test_compare_lays_all_methods_beside_the_draws():
-    s = load_scenario().at_poses(slice(0, None, 4)).with_analysis(level="high", runs=40_000)
+    s = load_scenario().at_poses(slice(0, None, 12)).with_analysis(level="high", runs=40_000)
     result = analyses.compare(s)
     mc = analyses.montecarlo(s).table
     np.testing.assert_array_equal(result.table["mc_upper"], mc["mc_upper"])

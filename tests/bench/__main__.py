@@ -293,26 +293,28 @@ def repeated(function, times):
 
 
 def networks():
-    """Networks of more and more radars beside as many times the time of one of them."""
+    """Networks of more and more radars beside one radar, per radar and pose."""
     case = scenario()
-    title(f"Networks beside a network of four, per radar; {len(case.aircraft)} poses")
+    title("Networks beside one radar, one core; per radar and pose")
+    aircraft = np.tile(case.aircraft, (6, 1))
 
-    def network(radars):
+    def network(radars, poses):
         state = np.tile(case.radar, radars)
         state[0::4] += 2e3 * np.arange(radars)
         model = case.model.radars[0].model
         names = tuple(rs.Radar(model, name=f"r{i}") for i in range(radars))
         cov = np.kron(np.eye(radars), case.cov_radar[case.level])
-        return rs.NetworkModel(names), case.aircraft, state, case.cov_aircraft, cov
+        return rs.NetworkModel(names), aircraft[:poses], state, case.cov_aircraft, cov
 
-    for method in ("linear", "form"):
-        for radars in (16, 64) if method == "linear" else (8, 16):
-            ours = partial(rs.propagate, *network(radars), method=method)
-            peer = partial(rs.propagate, *network(4), method=method)
-            time_of, of_four = interleaved(ours, peer, rounds=3, clock=time.process_time)
-            times = time_of / radars, of_four / 4
-            longer = 1.3 if method == "linear" else radars  # the curvature is 3 + 4m gradients
-            row(f"{method}, {radars} radars", times, len(case.aircraft), "ns", longer=longer)
+    for method in ("linear", "probit", "form"):
+        for radars in (2, 4, 8, 16, 32, 64):
+            # by FORM a pose takes longer by the square of the radars, and more
+            poses = 2048 // radars if method == "form" else 2048
+            ours = partial(rs.propagate, *network(radars, poses), method=method)
+            peer = partial(rs.propagate, *network(1, 2048), method=method)
+            taken, alone = interleaved(ours, peer, rounds=3, clock=time.process_time)
+            times = taken / radars / poses, alone / 2048
+            row(f"{method}, {radars} radars", times, 1, "ns", longer=1.3)
 
 
 def whole_path():

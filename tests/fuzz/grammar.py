@@ -251,7 +251,7 @@ class _Scenario:
             pairs = [(name, value) for name, value in pairs if name != "detector"]
         if kind == "surveillance" and self.rng.random() < 0.5:
             sheet.append(("search_factor", self.rng.choice(list(keys.SEARCH_FACTOR.choices))))
-        if section == "radars[]" and any(key.name == "pulse_width_us" for key in self.sheet):
+        if any(key.name == "pulse_width_us" for key in self.sheet):
             pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
         return [*pairs, (kind, sheet)]
 

@@ -309,7 +309,7 @@ def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
 def test_coins_start_as_many_tracks(tmp_path, tau):
     """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
     periods = {"near": 4, "hill": 8, "far": 8}
-    brute, runs = Brute(periods, tau), 20_000
+    brute, runs = Brute(periods, tau), 10_000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs, method="linear").table
     p = brute.draws(runs, seed=4)
     hits = np.random.default_rng(5).random(p.shape) < p
@@ -556,7 +556,7 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
         now = time == at
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
-    few_draws(monkeypatch, draws=512, combinations=4096, replicates=4)
+    few_draws(monkeypatch, draws=512, combinations=2048, replicates=2)
     found = mission(s, workers=2).summary["detection"]
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930

@@ -418,7 +418,7 @@ def test_an_undefined_gradient_matters_only_if_uncertain():
 @pytest.mark.usefixtures("_small_blocks")
 @pytest.mark.parametrize(
     ("changes", "runs"),
-    [({}, 2), ({}, 64), (WEAK, 64), (NOTHING, 64)],
+    [({}, 2), ({}, 16), (WEAK, 16), (NOTHING, 16)],
     ids=["few", "paper", "overhead", "nothing"],
 )
 def test_layout(changes, runs):

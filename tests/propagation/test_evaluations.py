@@ -20,6 +20,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
 from radar_sense.reading.parse import load_scenario
+from radar_sense.reporting import evidence
 
 RADARS = (1, 6)
 
@@ -172,14 +173,52 @@ def test_an_analysis_without_a_method(radars, count):
         assert (gradients, values) <= (0, 2)
 
 
-def test_a_mission(count):
-    """Looks of one radar along a path: a gradient a look for first order, and one a pose."""
-    s = load_scenario("configs/mission.yaml")
-    poses = len(s.aircraft)
-    looks = len(analyses.mission(s, method="linear").table["time_s"])
-    gradients, values = count(lambda s: analyses.mission(s, method="linear"), s)
-    assert gradients * poses <= poses + 3 * looks
-    assert values * poses <= poses + 3 * looks
+@pytest.mark.parametrize("method", ["linear", "probit"])
+@pytest.mark.parametrize("name", ["mission", "corridor"])  # of one radar and of six
+def test_a_mission(name, method, count):
+    """A look takes three gradients at most, and a radar and pose take one."""
+    s = load_scenario(f"configs/{name}.yaml")
+    radars, poses = len(s.model.radars), len(s.aircraft)
+    looks = len(analyses.mission(s, method=method).table["time_s"])
+    gradients, values = count(lambda s: analyses.mission(s, method=method), s)
+    most = poses * radars + 3 * looks
+    assert gradients * poses * radars <= most
+    assert values * poses * radars <= most + 3 * looks + poses * radars
+
+
+#: Most gradients of each ray of a radar: the ends of the band are searched by most methods.
+RANGE_COUNTS = {"linear": 12, "probit": 260, "form": 900}
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+def test_ranges(method, radars, count):
+    """Each ray is sampled once with values of P_D. The gradients are at the ends of the band."""
+    s = problem(radars)
+    bearings = 6
+    gradients, values = count(
+        lambda s: analyses.detection_range(s, method=method, step_deg=360 / bearings), s
+    )
+    rays = bearings / len(s.aircraft)
+    assert gradients <= RANGE_COUNTS[method] * rays
+    assert values <= 900 * rays
+
+
+@pytest.mark.parametrize("radars", RADARS)
+@pytest.mark.parametrize("method", METHODS)
+def test_a_report(method, radars, count, monkeypatch):
+    """A report costs its analyses: variance, budget, two comparisons, a halved budget, a map."""
+    monkeypatch.setattr(evidence, "DRAWS", 100)
+    s = problem(radars)
+    cells = evidence.gather(s).map.table["p_d"].size / len(s.aircraft)
+    gradients, values = count(lambda s: evidence.gather(s, method=method), s)
+    once = sum(once_checked(other) for other in METHODS)
+    # of the budget, and of the halved budget at one pose
+    parts = (4 if radars == 1 else 2 + radars + 1 + 2 * radars) * (1 + 1 / len(s.aircraft))
+    itself = EXPANSION + 19 if radars > 1 else 0
+    most = 2 * (once_checked(method) + itself) + 2 * (1 + once)
+    assert gradients <= most + (3 * EXPANSION + 19 * parts if method == "form" else 2)
+    assert values <= cells + 2 * (100 + 8) + 10
 
 
 @pytest.mark.parametrize("sides", [1, 2])
