@@ -31,15 +31,12 @@ MADE = (
 )
 #: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
 EXAMPLES = {
-    "attenuation_db_per_km": 0.014,
-    "max_range_km": 110,
     "min_range_km": 3,
     "horizon": "true",
     "m": 3,
     "n": 5,
     "type": "cell_averaging",
     "eclipsing": "true",
-    "rcs_db": 1.5,
     "losses_db": {"beam_shape": 1.6},
     "coherent_pulses": 8,
     "cfar": {"type": "cell_averaging", "cells": 24},

@@ -171,7 +171,7 @@ class Cli(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = 1
         except OSError as error:
-            _complain(f"Error: {error}")
+            _complain(f"Error: {error}{'; all files were written' if run.written else ''}")
             code = 1
         except MemoryError:
             _complain("Error: out of memory; use fewer poses, runs, cells or --workers")

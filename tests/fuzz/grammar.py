@@ -715,7 +715,7 @@ def case(rng: random.Random, *, analyses: float, slow: float = 0.0) -> Case:
         files[name], what = mutate_bytes(files[name], rng)
         mutations.append(f"{name}: {what}")
     # to write and to read back takes twice as long as to read
-    args = ["check", CONFIG, *rng.choice(((), ("-q",)))]
+    args = ["check", CONFIG, *rng.choice(((), ("-q",), ("-q",)))]
     if analysed:
         args = [*command(scenario, slow=rng.random() < slow), CONFIG]
     return Case(files, tuple(args), tuple(mutations))
