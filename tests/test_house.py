@@ -5,7 +5,6 @@ import sys
 from functools import cache
 from pathlib import Path
 
-
 import radar_sense
 
 PACKAGE = Path(radar_sense.__file__).parent
