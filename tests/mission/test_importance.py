@@ -142,7 +142,7 @@ def test_bounds_are_those_of_plain_missions(tmp_path, names, tau, pose):
     assert len(found) == (1 if len(names) == 1 else 1 + len(names))
     sources = [names] + ([[name] for name in names] if len(names) > 1 else [])
     for some, (detection, track) in zip(sources, found, strict=True):
-        batches = [plain_missions(some, tau, 2, 3, 10_000, seed, pose) for seed in range(4)]
+        batches = [plain_missions(some, tau, 2, 3, 8_000, seed, pose) for seed in range(4)]
         for event, drawn in zip((detection, track), zip(*batches, strict=True), strict=True):
             every = np.concatenate(drawn)
             assert event.mean[-1] == pytest.approx(every.mean(), abs=0.06 * every.std())
