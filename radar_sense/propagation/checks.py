@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.covariance import square_root, variance_along
+from radar_sense.covariance import MANY, square_root, variance_along
 from radar_sense.propagation import form as _form
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import BOUND_CHANGE, STD_CHANGE, Moments, differ
@@ -117,9 +117,17 @@ class _Expansion(NamedTuple):
             np.einsum("ik,ik->k", along, np.einsum("ijk,jk->ik", second, along)),
             np.einsum("iik->k", product),
             np.maximum(np.einsum("ijk,jik->k", product, product), 0.0),
-            np.einsum("ijk,jlk,lik->k", product, product, product),
+            _trace_of_cube(product),
             along,
         )
+
+
+def _trace_of_cube(matrices: FloatArray) -> FloatArray:
+    """Return tr A³ (k,) of matrices (n, n, k)."""
+    if len(matrices) <= MANY:
+        return np.asarray(np.einsum("ijk,jlk,lik->k", matrices, matrices, matrices))
+    each = np.ascontiguousarray(np.moveaxis(matrices, 2, 0))
+    return np.asarray(np.einsum("kij,kji->k", each @ each, each))
 
 
 def _expansion_is_off(probit: RelativeProbit, z: _Expansion, beta: float) -> NDArray[np.bool_]:

@@ -166,8 +166,9 @@ def many_lines(of):
     return analyses.sensitivity(s), names
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
-@pytest.mark.parametrize("of", ["radars", "levels"])
+@pytest.mark.parametrize(
+    ("of", "style"), [*(("radars", style) for style in plotting.STYLES), ("levels", "one-column")]
+)
 def test_many_lines_are_told_apart(of, style):
     """Every line is named, in the legend or where no other line and no other name is."""
     result, names = many_lines(of)
@@ -240,7 +241,8 @@ def at_few_poses(analysis):
     ("analysis", "style"),
     [
         *(("budget", style) for style in plotting.STYLES),
-        *(("rcs", style) for style in plotting.STYLES),
+        ("rcs", "two-columns"),
+        ("rcs", "slides"),
         ("montecarlo", "slides"),
         ("detectors", "slides"),
         ("detection_range", "slides"),

@@ -121,8 +121,8 @@ def row(what, times, count, unit, *, faster=None, longer=None):
     )
 
 
-def interleaved(*functions, rounds=5, clock=time.perf_counter):
-    """Median time [s] by a clock of each of some functions that take turns.
+def interleaved(*functions, rounds=5, clock=time.process_time):
+    """Median CPU time [s], or time by another clock, of each of some functions that take turns.
 
     Each is called twice in its turn, and the second call is timed: what it costs in a loop, not
     what it costs to get back the memory that another one has given to the system in between.
@@ -270,7 +270,7 @@ def propagation():
         ),
         ("form: one bound", partial(upper_bound, *states, method="form"), 100.0),
     ):
-        times = interleaved(ours, gradient, clock=time.process_time)
+        times = interleaved(ours, gradient)
         row(what, times, len(aircraft), "ns", longer=longer)
     one = case.model, aircraft[0], case.radar, case.cov_aircraft, case.cov_radar[case.level]
     alone = repeated(partial(case.model.linearize, aircraft[0], case.radar), 200)
@@ -279,7 +279,7 @@ def propagation():
         row(f"one pose alone: {name}", interleaved(ours, alone, rounds=3), 200, "ns", longer=longer)
     draws = partial(rs.monte_carlo, case, runs=RUNS, seed=1)
     form = partial(propagate_scenario, case, method="form")
-    ours, peer = interleaved(form, draws, rounds=3, clock=time.process_time)
+    ours, peer = interleaved(form, draws, rounds=3)
     times = ours, peer * 1e6 / RUNS
     row("form beside 1,000,000 draws a pose", times, len(case.aircraft), "ns", faster=2000)
 
@@ -312,7 +312,7 @@ def networks():
             poses = 2048 // radars if method == "form" else 2048
             ours = partial(rs.propagate, *network(radars, poses), method=method)
             peer = partial(rs.propagate, *network(1, 2048), method=method)
-            taken, alone = interleaved(ours, peer, rounds=3, clock=time.process_time)
+            taken, alone = interleaved(ours, peer, rounds=3)
             times = taken / radars / poses, alone / 2048
             row(f"{method}, {radars} radars", times, 1, "ns", longer=1.3)
 
@@ -329,7 +329,7 @@ def whole_path():
         text = (ROOT / "configs/path.yaml").read_text(encoding="utf-8")
         text = text.replace("path_route.csv", route).replace("step_s: 2,", "step_s: 0.01445,")
         config.write_text(text, encoding="utf-8")
-        (peer,) = interleaved(gradient, clock=time.process_time)
+        (peer,) = interleaved(gradient)
         for method, longer in (("linear", 170.0), ("form", 470.0)):  # 2.5 s and 7 s
             options = "-q", "--no-plot", "--method", method, "--out", folder
             ours = partial(run, "-m", "radar_sense", "variance", str(config), *options)
@@ -351,7 +351,8 @@ def workers():
     case = scenario()
     two, one = (partial(rs.monte_carlo, case, runs=MORE_RUNS, seed=1, workers=n) for n in (2, 1))
     samples = MORE_RUNS * len(case.aircraft)
-    row("two workers beside one", interleaved(two, one), samples, "ns", faster=1.8)
+    times = interleaved(two, one, clock=time.perf_counter)
+    row("two workers beside one", times, samples, "ns", faster=1.8)
     single, pair = (statistics.median(side_by_side(n) for _ in range(3)) for n in (1, 2))
     print(f"  (two processes that know nothing of each other: {2 * single / pair:.2f}x)")
 
@@ -385,7 +386,7 @@ def door():
             ("budget beside NumPy, SciPy, Matplotlib, a figure", budget, figure, 1.3),
         ):
             row(what, interleaved(ours, peer, clock=of_children), 1, "ms", longer=longer)
-        (alone,) = interleaved(start)
+        (alone,) = interleaved(start, clock=of_children)
         print(f"  (Python itself starts in {alone * 1e3:.0f} ms)")
 
 

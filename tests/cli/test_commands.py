@@ -191,7 +191,7 @@ def test_help_and_usage_errors_do_not_load_the_slow_packages(args):
 
 
 #: Formats beside PNG of three kinds of figure: lines with pixels, an image, polar axes.
-FORMATS_OF = {"montecarlo": ["pdf", "svg"], "map": ["svg"], "rcs": ["pdf"]}
+FORMATS_OF = {"montecarlo": ["pdf"], "map": ["svg"], "rcs": ["pdf"]}
 
 
 @pytest.mark.parametrize("command", ANALYSES)
@@ -475,8 +475,8 @@ def ten_poses(scenario: rs.Scenario) -> rs.Scenario:
 
 
 #: Commands that run with every scenario; the others run with one scenario of each kind.
-CHEAP = ("check", "variance", "sensitivity", "budget", "montecarlo")
-KINDS = ("airport_surveillance", "corridor", "covariance", "table", "x_band_tracking")
+CHEAP = ("check", "variance", "budget", "montecarlo")
+KINDS = ("corridor", "covariance", "table", "x_band_tracking")
 PAIRS = [
     (command, config)
     for command in ["check", *ANALYSES]

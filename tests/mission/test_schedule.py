@@ -266,8 +266,16 @@ def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
     assert expected[-1] > 0.01
 
 
-@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
-@pytest.mark.parametrize("periods", CASES)
+@pytest.mark.parametrize(
+    ("periods", "tau"),
+    [
+        (CASES[0], 0.0),
+        (CASES[0], math.inf),
+        (CASES[1], 25.0),
+        (CASES[2], 0.0),
+        (CASES[2], math.inf),
+    ],
+)
 def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
     brute, runs = Brute(periods, tau), 6000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs, method="linear").table
