@@ -57,7 +57,7 @@ figures: $(VENV)/installed
 	@$(BIN)/radar-sense validate --digits 1 --out figures --format pdf --format png || test $$? = 3
 
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist worksteal
 
 # Random scenarios, files and options: make fuzz SECONDS=600 SEED=7
 fuzz: $(VENV)/installed-dev

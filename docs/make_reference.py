@@ -31,13 +31,12 @@ MADE = (
 )
 #: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
 EXAMPLES = {
-    "attenuation_db_per_km": 0.014,
     "min_range_km": 3,
+    "horizon": "true",
     "m": 3,
     "n": 5,
     "type": "cell_averaging",
     "eclipsing": "true",
-    "rcs_db": 1.5,
     "losses_db": {"beam_shape": 1.6},
     "coherent_pulses": 8,
     "cfar": {"type": "cell_averaging", "cells": 24},
@@ -177,6 +176,8 @@ def _needed(name: str, section: Sequence[Key], key: Key) -> str:
         return "in place of the other parts"
     if key.required and "covariance" in names:
         return "required, unless `covariance` is there"
+    if key.name == "loss_db" and keys.LOSSES_DB.name in names:
+        return "required, unless `losses_db` is there"
     if (name, key.name) in _NEEDED:
         return _NEEDED[name, key.name]
     if key.required:

@@ -21,6 +21,7 @@ class Axis:
         values: Coordinate of each pose (n,). It does not decrease along a path.
         digits: Format of a value in a sentence.
         tolerance: Largest distance of a pose from the value that a user gives.
+        places: What the values stand for, in the plural.
     """
 
     key: str
@@ -29,6 +30,7 @@ class Axis:
     values: FloatArray = field(repr=False)
     digits: str
     tolerance: float
+    places: str = "poses"
 
     def __len__(self) -> int:
         return len(self.values)

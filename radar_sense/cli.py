@@ -171,7 +171,7 @@ class Cli(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = 1
         except OSError as error:
-            _complain(f"Error: {error}")
+            _complain(f"Error: {error}{'; all files were written' if run.written else ''}")
             code = 1
         except MemoryError:
             _complain("Error: out of memory; use fewer poses, runs, cells or --workers")
@@ -519,13 +519,15 @@ def init(file: Path, quiet: bool, **kinds: bool) -> None:
         for path in paths:
             if (path.exists() or path.is_symlink()) and not is_old_schema(path):
                 raise BadInput(f"{path}: exists already; choose another name")
+        new_folder = not file.parent.exists()
         write(file.parent, contents)
     except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
         first, *others = map(str, paths)
-        click.echo(printable(f"{first} written, with {' and '.join(others)}"))
+        folder = f"; the folder {file.parent} is new" if new_folder else ""
+        click.echo(printable(f"{first} written, with {' and '.join(others)}{folder}"))
         click.echo(printable(f"next: radar-sense check {first}"))
 
 

@@ -245,7 +245,8 @@ ATTENUATION = Key(
 )
 ATTENUATION_STD = Key(
     ATTENUATION.name,
-    "Standard deviation of the attenuation, which is log-normal.",
+    "Uncertainty of the attenuation: divided by the attenuation, the standard deviation of its "
+    "natural logarithm.",
     NOT_NEGATIVE,
     1e-3,
     default=0.0,
@@ -287,6 +288,7 @@ DATA_SHEETS = tuple(
     Key(kind, f"Parameters of a {kind} radar, in place of the constant.", default=None)
     for kind in RADARS
 )
+LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
 RADAR = (
     RADAR_POSITION,
     RADAR_PLACE,
@@ -296,9 +298,9 @@ RADAR = (
     DETECTOR,
     SCAN_PERIOD,
     ATTENUATION,
+    *LIMITS,
 )
-LIMITS = (MAX_RANGE, MIN_RANGE, ECLIPSING, HORIZON)
-RADARS_ENTRY = (RADAR_NAME, *RADAR, *LIMITS, RADAR_UNCERTAINTY)
+RADARS_ENTRY = (RADAR_NAME, *RADAR, RADAR_UNCERTAINTY)
 LOSSES_DB = Key(
     LOSSES_KEY,
     "Further losses by name [dB].",

@@ -138,7 +138,7 @@ def draw(
     if style not in STYLES:
         raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
     page = STYLES[style]
-    with _style(page):
+    with apply_style(page):
         figure = Figure(figsize=(page.width, page.width), layout="constrained")
         letters = int(_FOOTER_LETTERS * page.width / page.scale / STYLES[DEFAULT_STYLE].width)
         # The layout keeps a label of the figure clear of the axes and their labels.
@@ -172,10 +172,10 @@ def set_height(figure: Figure, inches: float) -> None:
 
 def _set_height(figure: Figure, inches: float) -> None:
     """Set the height of a figure, up to the largest of its style."""
-    figure.set_figheight(min(inches, _style_of(figure).height))
+    figure.set_figheight(min(inches, style_of(figure).height))
 
 
-def _style_of(figure: Figure) -> Style:
+def style_of(figure: Figure) -> Style:
     """Return the style of the width of a figure."""
     width = figure.get_figwidth()
     fitting = (style for style in STYLES.values() if abs(style.width - width) < 1e-6)
@@ -186,13 +186,13 @@ def render(figure: Figure, kind: str) -> bytes:
     """Return a figure as png, pdf or svg; the same figure gives the same bytes."""
     undated: Mapping[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
     buffer = io.BytesIO()
-    with _style(_style_of(figure)):
+    with apply_style(style_of(figure)):
         figure.savefig(buffer, format=kind, metadata=undated.get(kind))
     return buffer.getvalue()
 
 
 @contextmanager
-def _style(style: Style = STYLES[DEFAULT_STYLE]) -> Iterator[None]:
+def apply_style(style: Style = STYLES[DEFAULT_STYLE]) -> Iterator[None]:
     """Apply a style to Matplotlib's defaults, without the user's settings."""
     kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}

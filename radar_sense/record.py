@@ -71,7 +71,7 @@ def radar_block(
 def limits_block(
     max_range: float, min_range: float, horizon: Horizon | None, earth: Horizon
 ) -> Block:
-    """Return the keys of the limits of one of several radars; eclipsing is a minimum range."""
+    """Return the keys of the limits of a radar; eclipsing is a minimum range."""
     block: Block = {}
     if math.isfinite(max_range):
         block[keys.MAX_RANGE.name] = in_unit(max_range, keys.MAX_RANGE.unit)

@@ -401,14 +401,16 @@ class Scenario:
         state, sources = self.radar[_components(i)], self.provenance.radars
         radar = self.model.radars[i]
         source = sources.get(radar.name)
+        block = record.radar_block(radar.model, state, source, radar.scan_period)
+        limits = record.limits_block(
+            radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
+        )
         if not radar.name:
-            return record.radar_block(radar.model, state, source, radar.scan_period)
+            return {**block, **{key: value for key, value in limits.items() if value}}
         return {
             "name": radar.name,
-            **record.radar_block(radar.model, state, source, radar.scan_period),
-            **record.limits_block(
-                radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
-            ),
+            **block,
+            **limits,
             "uncertainty": self._levels_document(i),
         }
 

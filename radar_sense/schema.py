@@ -210,15 +210,17 @@ def _mapping(
 
 
 def _radar(section: Sequence[Key]) -> Schema:
-    """Return the schema of a radar: one place, and one radar constant or data sheet."""
+    """Return the schema of a radar: a place, a radar constant or data sheet, and limits."""
     places = [keys.RADAR_POSITION.name, keys.RADAR_PLACE.name]
     shapes = {keys.RADAR_PLACE.name: _mapping(keys.PLACE)}
     shapes |= {kind: _data_sheet(kind) for kind in RADARS}
     shapes |= {keys.RADAR_UNCERTAINTY.name: {"type": "object"}, keys.DETECTOR.name: _detector()}
     required = [key.name for key in section if key.required and key.name not in places]
+    pulse = _at("tracking", _with("pulse_width_us"))
+    eclipsing = _if(_at(keys.ECLIPSING.name, {"const": True}), pulse)
     return {
         **_mapping(section, shapes, required=required),
-        "allOf": [_one_of(places), _one_of(CONSTANTS)],
+        "allOf": [_one_of(places), _one_of(CONSTANTS), eclipsing],
     }
 
 
@@ -226,9 +228,7 @@ def _one_of_several() -> Schema:
     radar = _radar(keys.RADARS_ENTRY)
     name = keys.RADAR_UNCERTAINTY.name
     levels = [_if(_with(kind), _at(name, _levels_of(kind))) for kind in CONSTANTS]
-    pulse = _at("tracking", _with("pulse_width_us"))
-    eclipsing = _if(_at(keys.ECLIPSING.name, {"const": True}), pulse)
-    return {**radar, "allOf": [*radar["allOf"], *levels, eclipsing]}
+    return {**radar, "allOf": [*radar["allOf"], *levels]}
 
 
 def _detector() -> Schema:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,13 @@ from radar_sense.cli import cli
 # One process a core runs the tests. More threads of the linear algebra in each would wait for each
 # other: a quarter of all CPU time. The library reads the variable when NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over what stays to the end: modules and tests."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(20_000, 20, 20)  # a twentieth of all CPU time
 
 
 class Outcome(NamedTuple):

@@ -162,8 +162,6 @@ MISTAKES = [
     {"radar__position_m": 0},
     {"radar__position_geodetic": {"latitude_deg": 1, "longitude_deg": 1, "altitude_m": 0}},
     {"radar__scan_period_s": 0},
-    {"radar__horizon": True},
-    {"radar__max_range_km": 100},
     {"radar": None},
     {"radar": []},
     {"radars": []},
@@ -224,6 +222,10 @@ MISTAKES = [
     {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "loss_db": -1}}},
     {"radar": {**SHEET, "tracking": {}}},
     {"radars": NETWORK["radars"]},
+    {"radar__max_range_km": 0},
+    {"radar__min_range_km": -1},
+    {"radar__horizon": 1},
+    {"radar__eclipsing": True},
 ]
 OF_NETWORK = [
     {"radars": {}},

@@ -25,6 +25,7 @@ from radar_sense.analyses.grid import (
     worst_p_d_in_cells,
 )
 from radar_sense.analyses.map_export import geojson, kml
+from radar_sense.analyses.plausibility import below_ground
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
@@ -294,6 +295,7 @@ def coverage_map(
             f"{summary['route'][0]:.4f} to {summary['route'][1]:.4f}",
         ),
         warnings=(
+            *below_ground(scenario, down_km),
             *_warnings(scenario, cells, pose, shown, method),
             *(_unreliable(scenario, cells, pose, method) if upper else ()),
         ),

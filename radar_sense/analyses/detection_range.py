@@ -14,6 +14,7 @@ from radar_sense.analyses.columns import Column, quantity
 from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.analyses.grid import DOWN
+from radar_sense.analyses.plausibility import below_ground
 from radar_sense.analyses.rays import FARTHEST, Rays, Reach, Survey, bounds_of_reach, rays, survey
 from radar_sense.analyses.report import (
     describe_poses,
@@ -41,6 +42,8 @@ BETA = 3.0
 NODE = math.sqrt(3.0)
 #: Change of the distance, relative, for the slope of P_D along a ray. Its square is the error.
 _STEP = 1e-5
+#: σ below this part of the range is rounding.
+ROUNDING = 1e-12
 BEARING, ASPECT = "bearing", "aspect"
 
 
@@ -234,7 +237,7 @@ def detection_range(
     values = [float(p_d)] if isinstance(p_d, int | float) else [float(value) for value in p_d]
     _check_values(scenario, values)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
-    axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9)
+    axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s")
     options: dict[str, Any] = {
         "by_aspect": by == ASPECT,
         "down": None if down_km is None else down_km * 1e3,
@@ -302,7 +305,11 @@ def detection_range(
             f"({level_and_method(scenario.level, method)}):",
             *report,
         ),
-        warnings=(*gathered_warnings, *distribution_warnings(scenario, method)),
+        warnings=(
+            *below_ground(scenario, down_km),
+            *gathered_warnings,
+            *distribution_warnings(scenario, method),
+        ),
     )
 
 
@@ -446,6 +453,8 @@ def _line(at: RangeAt, axis: Axis) -> str:
     if np.isnan(at.std).all():
         return words
     worst = int(np.nanargmax(at.std))
+    if at.std[worst] <= ROUNDING * at.slant[worst]:
+        return f"{words}; 3 sigma 0"
     words += f"; 3 sigma at most {3 * at.std[worst] / 1e3:.3g} km, at {axis.at(worst)}"
     shares = sorted(_shares(at).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]

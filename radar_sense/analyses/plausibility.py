@@ -69,6 +69,22 @@ def _height(scenario: Scenario) -> tuple[str, ...]:
     )
 
 
+def below_ground(scenario: Scenario, down_km: float | None) -> tuple[str, ...]:
+    """Return a warning if a down coordinate that a user gives is below the origin and all radars.
+
+    Args:
+        scenario: The scenario.
+        down_km: The coordinate [km]; None for none.
+    """
+    lowest_radar = scenario.radar.reshape(-1, len(RADAR))[:, 2].max()
+    if down_km is None or 1e3 * down_km <= max(0.0, lowest_radar):
+        return ()
+    return (
+        f"the aircraft is {1e3 * down_km:.4g} m below the origin and below every radar: --down-km "
+        "is positive downwards, so heights are negative",
+    )
+
+
 def _range(scenario: Scenario) -> tuple[str, ...]:
     distances = _ranges(scenario.aircraft[:, POSITION], scenario.radar)
     farthest = distances.max(axis=1)

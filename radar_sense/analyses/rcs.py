@@ -182,6 +182,7 @@ def rcs(scenario: Scenario) -> Result:
         },
     }
     low, high = decibels(np.array([seen.min(), seen.max()]))
+    flat = isinstance(model, TableRCS) and model.elevation is None
     return Result(
         scenario=scenario,
         table={
@@ -192,7 +193,10 @@ def rcs(scenario: Scenario) -> Result:
         },
         summary=summary,
         report=(
-            *(f"{name} RCS {_in_words(summary[name])}" for name in ("largest", "smallest")),
+            *(
+                f"{name} RCS {_in_words(summary[name], flat=flat)}"
+                for name in ("largest", "smallest")
+            ),
             f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation "
             f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
         ),
@@ -237,9 +241,8 @@ def _extreme(sigma: FloatArray, columns: list[FloatArray], index: int) -> dict[s
     }
 
 
-def _in_words(extreme: dict[str, float]) -> str:
+def _in_words(extreme: dict[str, float], *, flat: bool) -> str:
+    """Describe an extreme and its place; a flat table is the same at all elevations."""
     level = float(decibels(np.array(extreme["rcs_m2"])))
-    return (
-        f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, "
-        f"elevation {extreme['elevation_deg']:g} deg"
-    )
+    elevation = "any elevation" if flat else f"elevation {extreme['elevation_deg']:g} deg"
+    return f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, {elevation}"

@@ -58,10 +58,20 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     if not places:
         return "undefined"
     if len(places) > 3:
-        place = f"{len(places)} poses"
+        place = f"{len(places)} {axis.places}"
     else:
         place = f"{listed(map(axis.number, places))} {axis.unit}"
     return f"{extreme['value']:.4f} at {place}"
+
+
+def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -> str:
+    """Describe the range of P_D between a trough and a peak, in a sentence."""
+    if not low[axis.key] or high["value"] - low["value"] > 1e-9 * abs(high["value"]):
+        return f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}"
+    if len(axis) == 1:
+        return f"P_D is {describe_extreme(high, axis)}"
+    known = "at every pose" if len(high[axis.key]) == len(axis) else "wherever it has a value"
+    return f"P_D is {high['value']:.4f} {known}"
 
 
 def listed(words: Iterable[str]) -> str:
@@ -76,11 +86,11 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     if count == 0:
         return ""
     if count == mask.size:
-        return f"at all {count} poses" if count > 1 else f"at {axis.at(0)}"
+        return f"at all {count} {axis.places}" if count > 1 else f"at {axis.at(0)}"
     edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
     if len(edges) > 8:
         first, last = map(axis.number, axis.values[mask][[0, -1]])
-        return f"at {count} of {mask.size} poses between {first} and {last} {axis.unit}"
+        return f"at {count} of {mask.size} {axis.places} between {first} and {last} {axis.unit}"
     firsts, lasts = (map(axis.number, axis.values[e]) for e in (edges[::2], edges[1::2] - 1))
     spans = (a if a == b else f"{a} to {b}" for a, b in zip(firsts, lasts, strict=True))
     return f"at {', '.join(spans)} {axis.unit}"

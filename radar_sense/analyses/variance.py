@@ -12,6 +12,7 @@ from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
     describe_extreme,
+    describe_span,
     distribution_warnings,
     level_and_method,
     mean_column,
@@ -178,7 +179,7 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
             **radar_summary(by_itself),
         },
         report=(
-            f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}",
+            describe_span(low, high, axis),
             f"largest 3 sigma of P_D ({level_and_method(scenario.level, method)}): "
             f"{describe_extreme(worst, axis)}",
             *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),

@@ -89,7 +89,7 @@ def any_group(
         begun = latest >= 0
         p += no_track * np.where(begun, p_of_group[..., latest], 0.0)
         no_track *= np.where(begun, no_track_of_group[..., latest], 1.0)
-    return p, no_track
+    return np.minimum(p, 1.0), no_track
 
 
 def any_group_gradient(
@@ -147,6 +147,8 @@ def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArra
     for start in range(0, p_d.shape[1], block):
         rows = slice(start, start + block)
         _chain(p_d[:, rows], miss[:, rows], detections, m, n, p[:, rows], no_track[:, rows])
+    # a sum of rounded terms may exceed 1 by its rounding error
+    p, no_track = np.minimum(p, 1.0, out=p), np.minimum(no_track, 1.0, out=no_track)
     return p.T.reshape(shape), no_track.T.reshape(shape)
 
 

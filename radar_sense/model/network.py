@@ -302,7 +302,7 @@ class NetworkModel:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
         floors = [m.detector.linearize_probit(np.zeros(()), m.p_fa)[0] for m in self.models]
         lowest = [np.where(visible[..., i], z, _UNSEEN) for i, z in enumerate(floors)]
-        return _fuse(np.stack(lowest))
+        return fuse_probits(np.stack(lowest))
 
     def split(self, radar: ArrayLike) -> list[FloatArray]:
         """Split radar states (..., 4m) into the state of each radar (..., 4).
@@ -385,7 +385,7 @@ class NetworkModel:
         )
         if len(z) == 1:
             return z[0], by_aircraft[0], by_radar[0]
-        fused = _fuse(z)
+        fused = fuse_probits(z)
         # φ(z_i)/φ(z) from the difference of squares, so that neither underflows
         log_weight = _others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z)
         weight = np.exp(np.minimum(log_weight, 0.0))  # at most 1 without rounding
@@ -475,7 +475,7 @@ def _others(log_missed: FloatArray) -> FloatArray:
     return others
 
 
-def _fuse(z: FloatArray) -> FloatArray:
+def fuse_probits(z: FloatArray) -> FloatArray:
     """Return the fused z (...) of the z_i (m, ...), from the lesser of P_D and 1 − P_D."""
     if len(z) == 1:
         one: FloatArray = z[0]

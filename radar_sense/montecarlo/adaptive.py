@@ -172,7 +172,7 @@ def validate(
         if not limit.allows(value):
             raise InputError(f"{name} must be {limit}, got {value}")
     digits, max_runs = int(digits), int(max_runs)  # 2.0 is a whole number too
-    batches = _Batches.of(scenario, beta)
+    batches = Batches.of(scenario, beta)
     # 7.9.4 f): stability needs two batches or more
     if max_runs < 2 * batches.draws:
         raise InputError(
@@ -255,7 +255,7 @@ class _Batch:
 
 
 @dataclass(frozen=True, eq=False)
-class _Batches:
+class Batches:
     """Draws of batches.
 
     Attributes:
@@ -273,7 +273,8 @@ class _Batches:
     kept: int
 
     @classmethod
-    def of(cls, scenario: Scenario, beta: float) -> _Batches:
+    def of(cls, scenario: Scenario, beta: float) -> Batches:
+        """Return the batches of a scenario, of a size for the bounds at Φ(−β) and Φ(β)."""
         tail = float(ndtr(-beta))
         # 7.9.4 b): 1 − p is the probability of both tails together.
         draws = max(LEAST_DRAWS, math.ceil(LEAST_OUTSIDE / (2 * tail)))
@@ -352,7 +353,7 @@ class _Pose:
         self.batches: list[_Batch] = []
 
     def result(
-        self, batches: _Batches, digits: int, fraction: float, *, last: bool
+        self, batches: Batches, digits: int, fraction: float, *, last: bool
     ) -> tuple[float, ...] | None:
         """Return the result, a row of `_RESULT`; None if more batches are needed."""
         delta, errors, stable = self.stability(batches.draws, digits, fraction)
@@ -390,7 +391,7 @@ class _Pose:
         # NaN, from a method without a result, compares as false and gives REFUTED.
         return UNDECIDED if np.all(distances <= delta + margin) else REFUTED
 
-    def summary(self, batches: _Batches) -> tuple[int, float, float, float, float, int]:
+    def summary(self, batches: Batches) -> tuple[int, float, float, float, float, int]:
         """Return runs, mean, deviation, quantiles and count inside of all draws, 7.9.4 l).
 
         The average of the batches' quantiles would have a bias of some 0.003 standard deviations.
@@ -412,7 +413,7 @@ class _Pose:
 
 
 def _drawing(
-    batches: _Batches, number: int, radar: FloatArray, poses: list[_Pose]
+    batches: Batches, number: int, radar: FloatArray, poses: list[_Pose]
 ) -> Callable[[int], _Batch]:
     """Return the function that draws batch `number` at the pose with an index in `poses`."""
     return lambda index: batches.draw(number, radar, poses[index])

@@ -181,7 +181,7 @@ class Blocks:
 
 
 @dataclass(frozen=True, eq=False)
-class _Tasks:
+class Tasks:
     """Tasks of a few blocks each."""
 
     blocks: Blocks
@@ -338,7 +338,7 @@ def _compare(
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
     source = SAMPLERS[sampler](seed, runs_per_block, poses, states.radar_normals)
-    tasks = _Tasks(
+    tasks = Tasks(
         Blocks(states, source, runs, runs_per_block),
         band,
         sample_paths=min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs),

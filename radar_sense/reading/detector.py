@@ -28,10 +28,21 @@ def read_detector(entry: Entry, p_fa: float) -> Detector:
     present = entry.entries()
     if model.name not in present:
         raise entry.error(f"missing key 'model', one of {', '.join(DETECTORS)}")
-    detector = entry.instance(DETECTORS[present[model.name].value(model)], besides=[model.name])
+    name = present[model.name].value(model)
+    for key, value in present.items():
+        owners = [other for other, cls in DETECTORS.items() if key in _keys(cls)]
+        if owners and name not in owners:
+            raise value.error(
+                f"is no key of the detector {name}; detectors with it: {', '.join(owners)}"
+            )
+    detector = entry.instance(DETECTORS[name], besides=[model.name])
     if isinstance(detector, PulseDetector):
         try:
             detector.tails(p_fa)
         except InputError as error:
             raise entry.error(str(error)) from error
     return detector
+
+
+def _keys(cls: type[Detector]) -> set[str]:
+    return {key.name for key in (*keys.declared(cls), *keys.section_keys(cls))}

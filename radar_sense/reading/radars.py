@@ -98,7 +98,8 @@ def read_radar(
     first, other = (place, []) if place in present else (position, [place])
     constants = [keys.CONSTANT.name, *RADARS]
     further = [keys.DETECTOR.name, keys.SCAN_PERIOD.name, keys.ATTENUATION.name]
-    optional = [*other, *constants, *further, *optional]
+    limits = [key.name for key in keys.LIMITS]
+    optional = [*other, *constants, *further, *limits, *optional]
     entries = entry.mapping([*required, first, keys.P_FA.name], optional)
     chosen = [key for key in constants if key in entries]
     if len(chosen) != 1:
@@ -136,6 +137,9 @@ def read_radar(
         place_entry=entries.get(place),
         scan_period=section.value(keys.SCAN_PERIOD),
         attenuation=section.si(keys.ATTENUATION),
+        max_range=section.si(keys.MAX_RANGE),
+        min_range=_read_min_range(section, sheet, section.si(keys.MAX_RANGE)),
+        horizon=section.value(keys.HORIZON),
     )
 
 
@@ -205,24 +209,13 @@ def read_radars(entry: Entry) -> list[RadarEntry]:
 
 def _read_one_of_several(entry: Entry) -> RadarEntry:
     uncertainty = keys.RADAR_UNCERTAINTY.name
-    limits = [key.name for key in keys.LIMITS]
-    radar = read_radar(entry, [keys.RADAR_NAME.name], [*limits, uncertainty])
+    radar = read_radar(entry, [keys.RADAR_NAME.name], [uncertainty])
     section = Section(entry.entries())
     name = section.value(keys.RADAR_NAME)
-    max_range, horizon = section.si(keys.MAX_RANGE), section.value(keys.HORIZON)
-    min_range = _read_min_range(section, radar.data_sheet, max_range)
     if uncertainty not in section:
         raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
     levels = read_levels(section[uncertainty], radar.data_sheet, radar.attenuation)
-    return dataclasses.replace(
-        radar,
-        name=name,
-        max_range=max_range,
-        min_range=min_range,
-        horizon=horizon,
-        levels=levels,
-        stated=levels,
-    )
+    return dataclasses.replace(radar, name=name, levels=levels, stated=levels)
 
 
 def _read_min_range(section: Section, sheet: DataSheet | None, max_range: float) -> float:

@@ -95,7 +95,7 @@ class Entry:
         text = self._plain_text()
         if text is None or not NUMBER.fullmatch(text):
             if text is not None and NOT_FINITE.fullmatch(text):
-                raise self.error(f"must be finite, got {text}")
+                raise self.error(f"must be finite, and {limit}, got {text}")
             raise self.wrong(limit)
         value = float(text)
         if not limit.allows(value):

@@ -12,7 +12,14 @@ import numpy as np
 from radar_sense.analyses.budget import accuracy_in_words
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.error_budget import RequiredAccuracy
-from radar_sense.analyses.report import describe_extreme, describe_poses, listed, peak, trough
+from radar_sense.analyses.report import (
+    describe_extreme,
+    describe_poses,
+    describe_span,
+    listed,
+    peak,
+    trough,
+)
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS
 from radar_sense.reporting.elements import Html, code, element, items, table
@@ -85,7 +92,7 @@ def _detection(evidence: Evidence) -> Section:
     low, high = result.summary["lowest_p_d"], result.summary["highest_p_d"]
     worst = result.summary["largest_three_sigma"]
     answer = (
-        f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}. "
+        f"{describe_span(low, high, axis)}. "
         f"P_D is least sure where 3 sigma is largest: {describe_extreme(worst, axis)}."
     )
     extremes = {
@@ -189,9 +196,23 @@ def _sources(evidence: Evidence) -> Section:
         answer = (
             f"At {place}, where 3 sigma is largest ({_number(total[pose])}), "
             f"{shares[first]:.0%} of the variance of P_D comes from {_source(first, result)}. "
-            f"Measure that better first: with half its deviation 3 sigma there would be "
-            f"{_number(evidence.halved[first])}."
+            f"Measure {_source(first, result)} better first: with half its deviation 3 sigma there "
+            f"would be {_number(evidence.halved[first])}."
         )
+        parts = dict(_parts(first, result))
+        if len(parts) > 2:  # of a radar of a network: its position, its constant and parts of that
+            parts.pop(f"{first}_constant", None)
+        if parts:
+            part = min(parts, key=lambda name: np.nan_to_num(evidence.halved[name], nan=np.inf))
+            answer += (
+                f" Of its parts, {parts[part]} matters most: with half of that deviation alone "
+                f"3 sigma would be {_number(evidence.halved[part])}."
+            )
+        if shares["interaction"] < -0.005:
+            answer += (
+                f" Sources together make less than the sum of sources alone: shares add up to "
+                f"{1 - shares['interaction']:.0%}."
+            )
     rows: list[tuple[str, ...]] = []
     ranked = sorted(shares.keys() - {"interaction"}, key=lambda s: -np.nan_to_num(shares[s]))
     ranked = sorted(ranked, key=lambda s: -np.nan_to_num(summary["at_largest"][s]))

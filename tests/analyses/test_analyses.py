@@ -1,10 +1,11 @@
 """The analyses: agreement of their tables, and their warnings."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, scenario
+from helpers import OVERHEAD, document, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -127,7 +128,7 @@ def test_inconsistent_coverage_is_a_number():
 
 
 def test_compare_lays_all_methods_beside_the_draws():
-    s = load_scenario().at_poses(slice(0, None, 4)).with_analysis(level="high", runs=40_000)
+    s = load_scenario().at_poses(slice(0, None, 12)).with_analysis(level="high", runs=40_000)
     result = analyses.compare(s)
     mc = analyses.montecarlo(s).table
     np.testing.assert_array_equal(result.table["mc_upper"], mc["mc_upper"])
@@ -227,3 +228,22 @@ def test_poses_without_a_band_have_no_coverage():
     nowhere = analyses.montecarlo(s.at_poses(np.flatnonzero(has_none)[:2]), method="form")
     assert "no coverage" in nowhere.report[0]
     assert np.isnan(nowhere.summary["coverage_overall"])
+
+
+@pytest.mark.parametrize("elevations", [(None,), (-30, 30)])
+def test_a_table_by_azimuth_only_is_the_same_at_any_elevation(tool, elevations):
+    rows = [
+        ",".join(map(str, filter(lambda x: x is not None, (azimuth, elevation, 1 + azimuth / 90))))
+        for azimuth in (0, 45, 90, 135, 180)
+        for elevation in elevations
+    ]
+    columns = ["azimuth_deg", *(["elevation_deg"] if elevations != (None,) else []), "rcs_m2"]
+    Path("rcs.csv").write_text("\n".join([",".join(columns), *rows]))
+    rcs = {"model": "table", "file": "rcs.csv", "mirror": True}
+    content = document(aircraft__rcs=rcs, radar__position_m=[0, 0, -3e3])
+    Path("my.yaml").write_text(yaml_text(content))
+    code, out, err = tool("rcs", "my.yaml", "--no-plot")
+    assert (code, err) == (0, "")
+    flat = elevations == (None,)
+    assert ("largest RCS 4.8 dBsm at azimuth -180 deg, any elevation" in out) == flat
+    assert "elevation -90" not in out

@@ -80,7 +80,7 @@ def footer_off_all(figure):
     for other in [*figure.axes, *figure.legends]:
         # what is cut to the axes can have a larger box
         assert not box.overlaps(other.get_tightbbox())
-    assert footer.get_fontsize() == pytest.approx(5.5 * plotting._style_of(figure).scale)
+    assert footer.get_fontsize() == pytest.approx(5.5 * plotting.style_of(figure).scale)
 
 
 FOOTERS = {
@@ -166,8 +166,9 @@ def many_lines(of):
     return analyses.sensitivity(s), names
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
-@pytest.mark.parametrize("of", ["radars", "levels"])
+@pytest.mark.parametrize(
+    ("of", "style"), [*(("radars", style) for style in plotting.STYLES), ("levels", "one-column")]
+)
 def test_many_lines_are_told_apart(of, style):
     """Every line is named, in the legend or where no other line and no other name is."""
     result, names = many_lines(of)
@@ -236,9 +237,16 @@ def at_few_poses(analysis):
     return getattr(analyses, analysis)(s)
 
 
-@pytest.mark.parametrize("style", plotting.STYLES)
 @pytest.mark.parametrize(
-    "analysis", ["budget", "montecarlo", "detectors", "rcs", "detection_range"]
+    ("analysis", "style"),
+    [
+        *(("budget", style) for style in plotting.STYLES),
+        ("rcs", "two-columns"),
+        ("rcs", "slides"),
+        ("montecarlo", "slides"),
+        ("detectors", "slides"),
+        ("detection_range", "slides"),
+    ],
 )
 def test_a_figure_fits_its_style(analysis, style):
     figure = lay_out(at_few_poses(analysis).plot(style))

@@ -2,12 +2,21 @@
 
 import json
 import re
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, mixed_document, mixed_network, mixed_radars, write, yaml_text
+from helpers import (
+    assert_refused,
+    mixed_document,
+    mixed_network,
+    mixed_radars,
+    small_batches,
+    write,
+    yaml_text,
+)
 
 from radar_sense import analyses
 from radar_sense.errors import InputError
@@ -31,7 +40,9 @@ POSE = (60, 60, 1)
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_one_radar_by_itself(tool, command):
+def test_one_radar_by_itself(tool, command, monkeypatch):
+    monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
+    small_batches(monkeypatch)
     write(yaml_text(mixed_document(sweep=POSE)))
     options = [*COMMANDS[command], "--no-plot", "--out"]
     code, out, err = tool(command, "my.yaml", *options, "out", "--radar", "b")

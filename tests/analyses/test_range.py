@@ -66,7 +66,7 @@ def bands(s, p_d, bearing_deg, draws, seed):
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
 def test_the_band_is_the_band_of_drawn_ranges(method):
     s = scenario()
-    draws = 60_000
+    draws = 30_000
     result = detection_range(s, p_d=0.3, method=method, step_deg=40.0)
     for row in (1, 7):
         drawn = bands(s, 0.3, result.table["bearing_deg"][row], draws, row)
@@ -127,6 +127,27 @@ def test_no_range_and_no_end_of_it_are_said():
     strong = detection_range(scenario(radar__constant=1e12), p_d=0.9, **QUICK)
     assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
     assert any("end of the search" in line for line in strong.report)
+
+
+def test_bearings_are_no_poses_and_rounding_is_zero():
+    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
+    certain["radar"] = {"medium": {"position_m": 0, "constant": 1e-14}}
+    result = detection_range(scenario(uncertainty=certain, aircraft__rcs=SPHERE), **QUICK)
+    assert result.report[1].endswith("km at every bearing; 3 sigma 0")
+    low = scenario(radar__max_range_km=100)
+    lines = detection_range(low, p_d=0.1, **QUICK).report
+    assert "the limit of the radar comes first at all 4 bearings" in " ".join(lines)
+    assert "poses" not in " ".join(lines)
+
+
+@pytest.mark.parametrize("down_km", [None, -3, 0, 3])
+def test_a_height_below_the_ground_is_told(down_km):
+    warnings = detection_range(scenario(), down_km=down_km, **QUICK).warnings
+    options = {"north_km": (10, 20), "east_km": (10, 20), "step_km": 10, "down_km": down_km}
+    of_map = rs.analyses.coverage_map(scenario(), **options).warnings
+    for texts in (warnings, of_map):
+        told = [text for text in texts if "below the origin and below every radar" in text]
+        assert len(told) == (down_km == 3)
 
 
 def test_edges_along_a_ray_are_counted():

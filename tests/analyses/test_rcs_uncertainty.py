@@ -229,7 +229,7 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
         name: list(range(0, 121, period))
         for name, period in zip(names, periods * len(names), strict=False)
     }
-    runs, batches = 40_000, []
+    runs, batches = 20_000, []
     for seed in range(3):
         # every radar by itself has the same draws of the factor and of the pose error
         rng = np.random.default_rng(seed)

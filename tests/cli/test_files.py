@@ -9,6 +9,7 @@ import signal
 import stat
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -410,6 +411,13 @@ def test_an_interrupt_of_the_printing_does_not_deny_the_files(tool, fake, monkey
     assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
 
 
+def test_a_full_disk_at_the_printing_does_not_deny_the_files(tool, fake, monkeypatch):
+    fake(lambda: None)
+    monkeypatch.setattr(command_line.click, "format_filename", lambda path: disk_full())
+    assert tool("fake", "--no-plot").err.endswith("space left on device; all files were written\n")
+    assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
+
+
 def test_threads_at_work_are_interrupted(tool, fake):
     """The signal arrives while threads compute draws; all of them end."""
     import radar_sense as rs
@@ -574,6 +582,17 @@ def test_results_saved_from_python_are_named_by_level(tool):
     rs.analyses.variance(rs.load_scenario(), level="high").save("figures", [])
     out = tool("variance", "--no-plot").out
     assert "replaced the files of: a run from Python at level high\n" in out
+
+
+def test_a_long_record_takes_little_more_memory_than_its_text():
+    nothing = {"analysis": "", "command": [], "seed": 1, "scenario": {}, "warnings": []}
+    numbers = [number / 7 for number in range(30_000)]
+    files.record(**nothing, summary={}, columns={})
+    tracemalloc.start()
+    text = files.record(**nothing, summary={"numbers": numbers}, columns={})
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 3 * len(text)
 
 
 @pytest.mark.parametrize("text", ["", "[1]", '{"command": 7, "scenario": []}', "\x00"])

@@ -41,6 +41,7 @@ def test_the_scenario_of_the_paper(tool):
 def test_every_starter_runs(tool, kind):
     code, out, err = tool("init", *OPTIONS[kind], "sub/my.yaml")
     assert (code, err) == (0, "")
+    assert "the folder sub is new" in out
     text = Path("sub/my.yaml").read_text(encoding="utf-8")
     # an editor finds the schema from the folder of the scenario
     (name,) = re.findall(r"\A# yaml-language-server: \$schema=(\S+)\n", text)

@@ -251,7 +251,7 @@ class _Scenario:
             pairs = [(name, value) for name, value in pairs if name != "detector"]
         if kind == "surveillance" and self.rng.random() < 0.5:
             sheet.append(("search_factor", self.rng.choice(list(keys.SEARCH_FACTOR.choices))))
-        if section == "radars[]" and any(key.name == "pulse_width_us" for key in self.sheet):
+        if any(key.name == "pulse_width_us" for key in self.sheet):
             pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
         return [*pairs, (kind, sheet)]
 
@@ -715,7 +715,7 @@ def case(rng: random.Random, *, analyses: float, slow: float = 0.0) -> Case:
         files[name], what = mutate_bytes(files[name], rng)
         mutations.append(f"{name}: {what}")
     # to write and to read back takes twice as long as to read
-    args = ["check", CONFIG, *rng.choice(((), ("-q",)))]
+    args = ["check", CONFIG, *rng.choice(((), ("-q",), ("-q",)))]
     if analysed:
         args = [*command(scenario, slow=rng.random() < slow), CONFIG]
     return Case(files, tuple(args), tuple(mutations))

@@ -50,7 +50,7 @@ def test_random_scenarios_in_the_parser_of_the_package(tmp_path, monkeypatch):
 
 def test_random_analyses_end_in_numbers_or_one_line(tmp_path, monkeypatch, fast_yaml):
     monkeypatch.chdir(tmp_path)
-    insist(SEED + 1, range(60), analyses=1.0)
+    insist(SEED + 1, range(30), analyses=1.0)
 
 
 def test_the_cases_are_neither_all_good_nor_all_bad(tmp_path, monkeypatch, fast_yaml):

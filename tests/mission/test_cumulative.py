@@ -347,7 +347,7 @@ def test_mean_of_draws_is_that_of_correlated_normals(tau):
     time = np.array([0.0, 1.0, 1.0, 6.0])
     aircraft = np.zeros((4, 6))
     aircraft[:, 0] = -0.5, -0.2, -0.2, 0.1
-    sigma, s, runs = 0.8, 0.5, 40_000
+    sigma, s, runs = 0.8, 0.5, 20_000
     cov, cov_radar = np.diag([sigma**2, 0, 0, 0, 0, 0]), np.diag([s**2, 0, 0, 0])
     options = {"correlation_time": tau, "runs": runs, "seed": 3}
     found = draw_missions(
@@ -523,3 +523,13 @@ def test_what_is_refused():
     for call, words in refused:
         with pytest.raises(ValueError, match=words):
             call()
+
+
+def test_no_probability_of_a_track_exceeds_one():
+    """1 − P_D rounds apart from P_D, and so does the sum of all ways to a track."""
+    rng = np.random.default_rng(5)
+    p_d = rng.uniform(0.5, 1, (20_000, 12))
+    groups = np.arange(12) % 3
+    for group in (None, groups):
+        for found in tracks.any_group(p_d, 1 - p_d, 2, 4, group):
+            assert found.max() <= 1

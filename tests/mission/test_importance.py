@@ -16,9 +16,9 @@ import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
 from radar_sense.mission.importance import plan, replicates
 from radar_sense.mission.importance.combinations import combine
+from radar_sense.mission.importance.mixtures import Directions, Mixture, sobol_normals
 from radar_sense.mission.importance.quantiles import weighted_quantiles
 from radar_sense.mission.importance.sampling import importance_sampling
-from radar_sense.mission.importance.widening import Directions, sobol_normals
 
 
 def mission(scenario, *, m_of_n=None, **options):
@@ -142,7 +142,7 @@ def test_bounds_are_those_of_plain_missions(tmp_path, names, tau, pose):
     assert len(found) == (1 if len(names) == 1 else 1 + len(names))
     sources = [names] + ([[name] for name in names] if len(names) > 1 else [])
     for some, (detection, track) in zip(sources, found, strict=True):
-        batches = [plain_missions(some, tau, 2, 3, 20_000, seed, pose) for seed in range(4)]
+        batches = [plain_missions(some, tau, 2, 3, 8_000, seed, pose) for seed in range(4)]
         for event, drawn in zip((detection, track), zip(*batches, strict=True), strict=True):
             every = np.concatenate(drawn)
             assert event.mean[-1] == pytest.approx(every.mean(), abs=0.06 * every.std())
@@ -244,22 +244,31 @@ def test_correlated_radars_are_drawn_together(tmp_path, monkeypatch):
 
 
 def test_weights_are_the_ratio_of_the_densities():
-    """The weighted mean of any function equals the mean without widening."""
+    """The weighted mean of any function equals the mean of unit normals."""
     rng = np.random.default_rng(1)
     slopes = np.array([[3.0, 1.0, 0.0], [2.0, -1.0, 0.5]])
     slopes /= np.linalg.norm(slopes, axis=1, keepdims=True)
-    directions = Directions.of(slopes, np.array([1.0, 0.5]))
-    assert directions.widths.max() > 1.8
+    directions = Directions.of(slopes, np.array([1.0, 0.5]), 0.3, 0.1)
     np.testing.assert_allclose(directions.vectors.T @ directions.vectors, np.eye(2), atol=1e-12)
     runs = 200_000
-    normals, weight = directions.widen(
-        rng.standard_normal((3, runs)), rng.standard_normal((2, runs))
-    )
-    assert weight.mean() == pytest.approx(1.0, abs=0.02)
-    np.testing.assert_allclose((weight * normals) @ normals.T / runs, np.eye(3), atol=0.03)
-    tail = slopes[0] @ normals > 3
-    assert weight[tail].sum() / runs == pytest.approx(0.00135, rel=0.05)
-    assert tail.mean() > 20 * 0.00135
+    normals = rng.standard_normal((3, runs))
+    weight = directions.draw(normals, rng.standard_normal((runs, 3)))
+    assert weight.max() <= 1 / 0.3
+    assert weight.mean() == pytest.approx(1.0, abs=0.01)
+    np.testing.assert_allclose((weight * normals) @ normals.T / runs, np.eye(3), atol=0.02)
+    for slope in (*slopes, *-slopes):
+        tail = slope @ normals > 3
+        assert weight[tail].sum() / runs == pytest.approx(0.00135, rel=0.05)
+        assert tail.mean() > 50 * 0.00135
+
+
+def test_a_mixture_without_far_events_is_the_unit_normals():
+    normals = np.random.default_rng(2).standard_normal((100, 4))
+    for targets, spread in ((0.5, 1.0), (3.0, 0.0)):
+        mixture = Mixture.of(np.full((2, 3), targets / math.sqrt(3)), np.full(2, spread), 0.3, 0.1)
+        draws, weight = mixture.draw(normals)
+        np.testing.assert_array_equal(draws, normals[:, 1:])
+        np.testing.assert_array_equal(weight, 1.0)
 
 
 def test_points_of_different_streams_are_independent():
@@ -276,13 +285,24 @@ def test_combinations_have_the_distribution_of_independent_sources():
     paths, draws = 400, 16
     values = [2.0 * rng.standard_normal((paths, draws)) for _ in range(3)]
     weights = [2.0 * np.exp(-0.5 * v * v * (1 - 0.25)) for v in values]
-    picks, weight = combine(rng, weights, np.array([1.0, 0.2, 0.5]), 64)
+    picks, weight = combine(rng, weights, values, np.array([1.0, 0.2, 0.5]), 64)
     total = sum(np.take_along_axis(v, pick, axis=1) for v, pick in zip(values, picks, strict=True))
     share = weight / weight.sum()
     assert weight.mean() == pytest.approx(1.0, abs=0.05)
     assert np.sum(share * total) == pytest.approx(0.0, abs=0.12)
     assert np.sum(share * total**2) == pytest.approx(3.0, rel=0.08)
-    assert np.sum(share * (total > 3.0 * math.sqrt(3.0))) == pytest.approx(0.00135, rel=0.4)
+    limit = 3.0 * math.sqrt(3.0)
+    assert np.sum(share * (total > limit)) == pytest.approx(0.00135, rel=0.4)
+    assert np.sum(share * (total < -limit)) == pytest.approx(0.00135, rel=0.25)
+    assert np.mean(total < -limit) > 30 * 0.00135  # low values of all sources are drawn often
+
+
+def test_combinations_of_certain_detections_have_finite_weights():
+    rng = np.random.default_rng(3)
+    values = [np.full((5, 4), math.inf), rng.exponential(30.0, (5, 4))]
+    _, weight = combine(rng, [np.ones((5, 4))] * 2, values, np.ones(2), 32)
+    assert np.isfinite(weight).all()
+    assert weight.mean() == pytest.approx(1.0, abs=0.2)
 
 
 def test_quantiles_are_those_of_repeated_values():

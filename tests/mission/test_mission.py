@@ -116,7 +116,7 @@ def test_defaults(tmp_path):
         ("uncertainty__aircraft_correlation", 1, "did you mean 'aircraft_correlation_s'"),
         ("radar__scan_period_s", 0, "must be a number greater than 0, got 0"),
         ("radar__scan_period_s", -2, "must be a number greater than 0, got -2"),
-        ("radar__scan_period_s", math.inf, "must be finite, got .inf"),
+        ("radar__scan_period_s", math.inf, "must be finite, and a number greater than 0, got .inf"),
         ("radar__scan_periods", 2, "unknown key 'scan_periods'"),
     ],
 )

@@ -266,8 +266,16 @@ def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
     assert expected[-1] > 0.01
 
 
-@pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
-@pytest.mark.parametrize("periods", CASES)
+@pytest.mark.parametrize(
+    ("periods", "tau"),
+    [
+        (CASES[0], 0.0),
+        (CASES[0], math.inf),
+        (CASES[1], 25.0),
+        (CASES[2], 0.0),
+        (CASES[2], math.inf),
+    ],
+)
 def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
     brute, runs = Brute(periods, tau), 6000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs, method="linear").table
@@ -309,7 +317,7 @@ def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
 def test_coins_start_as_many_tracks(tmp_path, tau):
     """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
     periods = {"near": 4, "hill": 8, "far": 8}
-    brute, runs = Brute(periods, tau), 20_000
+    brute, runs = Brute(periods, tau), 10_000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs, method="linear").table
     p = brute.draws(runs, seed=4)
     hits = np.random.default_rng(5).random(p.shape) < p
@@ -556,7 +564,7 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
         now = time == at
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
-    few_draws(monkeypatch, draws=512, combinations=4096, replicates=4)
+    few_draws(monkeypatch, draws=512, combinations=2048, replicates=2)
     found = mission(s, workers=2).summary["detection"]
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930

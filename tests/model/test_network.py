@@ -15,7 +15,7 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1
 from radar_sense.model.geodesy import ECCENTRICITY_2, SEMI_MAJOR
 from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
-from radar_sense.model.network import NetworkModel, Radar, _fuse
+from radar_sense.model.network import NetworkModel, Radar, fuse_probits
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
@@ -147,7 +147,7 @@ def test_fusion_keeps_both_tails():
     for m in (2, 3, 5):
         z = rng.uniform(-30, 30, 60) + rng.standard_normal((m, 60)) * rng.uniform(0, 2, 60)
         z[:, :10] = -9 + rng.standard_normal((m, 10)) / 100  # where the formula changes
-        fused = _fuse(z)
+        fused = fuse_probits(z)
         with mp.workdps(40):
             for column, value in zip(z.T, fused, strict=True):
                 miss = mp.fprod(mp.ncdf(-mpf(x)) for x in column)
@@ -164,7 +164,7 @@ def test_fusion_far_below_the_least_probability_there_is():
     # where a constant below zero leads: Φ(−60) is 1e-784
     z = np.array([[-60.0, -38.0], [-60.5, -45.0]])
     with mp.workdps(40):
-        for column, value in zip(z.T, _fuse(z), strict=True):
+        for column, value in zip(z.T, fuse_probits(z), strict=True):
             error = mp.ncdf(mpf(float(value))) / sum(mp.ncdf(mpf(x)) for x in column) - 1
             assert abs(error) < mpf("2e-15") * float(value) ** 2
 

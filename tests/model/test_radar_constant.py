@@ -246,7 +246,7 @@ EVERY_PART = [
 
 
 @pytest.mark.parametrize("part", EVERY_PART, ids=lambda part: f"{part.key} {part.std:g}")
-def test_moments_of_a_factor_in_fifty_digits(part):
+def test_moments_of_a_factor_by_quadrature(part):
     def factor(u):
         x = part.value + mpf(part.std) * u
         if part.decibels:
@@ -258,7 +258,7 @@ def test_moments_of_a_factor_in_fifty_digits(part):
     zero = -part.value / part.std if part.std else -100
     # the integrand has corners where a draw is set to zero or to the least that there is
     corners = sorted({-40.0, -5.0, 0.0, 5.0, 12.0, 40.0} | ({zero} if -40 < zero < 0 else set()))
-    with mp.workdps(25):
+    with mp.workdps(16):
         for order in (1, 2, 3):
             exact = mp.quad(lambda u, n=order: factor(u) ** n * mp.npdf(u), corners)
             assert part.moment(order) == pytest.approx(float(exact), rel=1e-9)

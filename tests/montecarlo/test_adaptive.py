@@ -153,7 +153,7 @@ def test_tolerance_of_no_number_is_none():
 
 @pytest.mark.parametrize(("beta", "draws"), [(3, M), (2.0, 10_000), (1.0, 10_000), (2.8, 19_569)])
 def test_a_batch_has_a_hundred_draws_outside_and_ten_thousand_in_all(beta, draws):
-    assert validation._Batches.of(gaussian(), beta).draws == draws
+    assert validation.Batches.of(gaussian(), beta).draws == draws
     assert draws * 2 * ndtr(-beta) >= 100
     assert draws == 10_000 or (draws - 1) * 2 * ndtr(-beta) < 100
 
@@ -249,10 +249,10 @@ def test_undecided_is_not_validated_even_if_it_agrees(monkeypatch):
 
 @pytest.mark.parametrize(("digits", "fraction"), [(1, 0.4), (2, 1.0)])
 def test_each_pose_stops_at_the_first_batch_that_is_stable(digits, fraction):
-    s = paper("medium", step=36)
+    s = paper("medium", step=60)
     most = 12
     v = validate(s, digits=digits, fraction=fraction, max_runs=most * M)
-    batches = validation._Batches.of(s, 3.0)
+    batches = validation.Batches.of(s, 3.0)
     p = [ndtr(-3), ndtr(3)]
     radar = [batches.radar(number)[0] for number in range(most)]
     for pose in range(len(s.aircraft)):
@@ -292,7 +292,7 @@ def test_each_pose_stops_at_the_first_batch_that_is_stable(digits, fraction):
 @pytest.mark.parametrize("beta", [0.3, 1.0, 2.0, 3.5])
 def test_ends_are_the_quantiles_of_all_draws_at_any_beta(beta):
     s = gaussian(poses=1)
-    batches = validation._Batches.of(s, beta)
+    batches = validation.Batches.of(s, beta)
     v = validate(s, digits=3, beta=beta, max_runs=2 * batches.draws)
     draws = [batches.p_d(number, batches.radar(number)[0], 0) for number in range(2)]
     lower, upper = np.quantile(np.concatenate(draws), [ndtr(-beta), ndtr(beta)])
@@ -360,7 +360,7 @@ def test_seed_makes_the_draws_and_zero_is_a_seed():
 
 def test_streams_are_all_different_and_not_those_of_monte_carlo():
     s = gaussian(shared=1.0)
-    batches = validation._Batches.of(s, 3.0)
+    batches = validation.Batches.of(s, 3.0)
     first, second = batches.radar(0)[0], batches.radar(1)[0]
     source = Random(s.seed, 32, len(s.aircraft))
     runs = np.concatenate(
@@ -368,7 +368,7 @@ def test_streams_are_all_different_and_not_those_of_monte_carlo():
     )
     values = np.concatenate([first[:, 1], second[:, 1], runs])
     assert len(set(values.round(9))) == len(values)
-    alone = validation._Batches.of(gaussian(), 3.0)
+    alone = validation.Batches.of(gaussian(), 3.0)
     draws = [alone.p_d(number, first, pose) for number in range(2) for pose in range(3)]
     correlation = np.corrcoef([*draws, first[:, 1], second[:, 1]])[np.triu_indices(8, 1)]
     assert np.max(abs(correlation)) < 4.5 / np.sqrt(M)
@@ -376,7 +376,7 @@ def test_streams_are_all_different_and_not_those_of_monte_carlo():
 
 def test_the_radar_is_drawn_once_per_run_for_all_poses():
     s = gaussian(shared=0.5)
-    batches = validation._Batches.of(s, 3.0)
+    batches = validation.Batches.of(s, 3.0)
     radar, _ = batches.radar(0)
     one, other = (batches.p_d(0, radar, pose) for pose in (0, 3))
     assert np.corrcoef(one, other)[0, 1] == pytest.approx(0.5, abs=4 / np.sqrt(M))

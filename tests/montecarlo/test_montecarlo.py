@@ -126,7 +126,7 @@ def test_yaw_alone_against_the_integral():
     assert np.max(np.abs(z_std)) < 4.5
 
 
-@pytest.mark.parametrize("level", ["low", "medium", "high"])
+@pytest.mark.parametrize("level", ["low", "high"])
 def test_everything_together_against_brute_force(level):
     s = scenario(geometry__azimuth_deg=FEW)
     runs, brute = 20000, 60000
@@ -279,7 +279,7 @@ def test_a_task_of_many_radars_is_a_block():
     for radars, together in ((1, 4), (2, 2), (3, 1), (16, 1)):
         several = NetworkModel(tuple(Radar(single(s), f"r{i}") for i in range(radars)))
         states = dataclasses.replace(sampler, model=several, radar=np.tile(sampler.radar, radars))
-        tasks = montecarlo._Tasks(montecarlo.Blocks(states, None, 10**6, 256), None, 0)
+        tasks = montecarlo.Tasks(montecarlo.Blocks(states, None, 10**6, 256), None, 0)
         assert tasks.blocks_per_task == together
 
 

@@ -549,7 +549,7 @@ def test_where_form_is_wrong_it_says_so(rcs, constant, attitude_deg, constant_st
     angle = attitude_deg * DEGREE
     bounds, stds, trusted = misses(
         model,
-        paper_aircraft(np.arange(0.0, 181.0, 12.5)),
+        paper_aircraft(np.arange(0.0, 181.0, 20.0)),
         np.array([0.0, 0.0, 0.0, constant]),
         independent(10, 10, 10, angle, angle, angle),
         independent(100, 100, 100, constant_std),

@@ -52,7 +52,7 @@ BAD = [
     ({"model": "marcum", "cfar": {"cells": 3}}, "cfar: missing key 'type', one of cell_averaging"),
     ({"model": "marcum", "cfar": {"type": "os", "cells": 3}}, "must be one of cell_averaging, ord"),
     ({"model": "marcum", "cfar": {"type": "cell_averaging", "cells": 1}}, "cfar needs more cells"),
-    ({"model": "north", "pulses": 3}, "radar.detector: unknown key 'pulses', allowed: model"),
+    ({"model": "north", "pulses": 3}, "pulses: is no key of the detector north; detectors with"),
     ({"pulses": 3}, "radar.detector: missing key 'model', one of north, marcum"),
     ({"model": "marcum", "pulse": 3}, "did you mean 'pulses'"),
     ({"model": "marcum", "pulses": 0}, "detector.pulses: must be a whole number not less than 1"),

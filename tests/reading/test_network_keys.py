@@ -10,7 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import network_document, parsed_network, place, radar_entry, refusal, write, yaml_text
+from helpers import (
+    document,
+    network_document,
+    parsed_network,
+    place,
+    radar_entry,
+    refusal,
+    write,
+    yaml_text,
+)
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs
@@ -189,13 +198,46 @@ def test_unknown_key_with_what_was_meant(tool):
     assert complaint.endswith("did you mean 'max_range_km'?")
 
 
-@pytest.mark.parametrize("limit", ["name", "max_range_km", "horizon"])
-def test_a_single_radar_has_no_keys_of_a_network(tool, limit):
+def test_a_single_radar_has_no_name(tool):
     content = yaml.safe_load(default_text())
-    content["radar"][limit] = 5
+    content["radar"]["name"] = 5
     _, path, complaint = place(refusal(tool, yaml_text(content)))
     assert path == "radar"
-    assert f"unknown key '{limit}'" in complaint
+    assert "unknown key 'name'" in complaint
+
+
+TRACKING = {
+    **{"peak_power_kw": 50, "gain_dbi": 35, "frequency_ghz": 9, "pulse_width_us": 20},
+    **{"temperature_k": 290, "loss_db": 5, "noise_figure_db": 3},
+}
+
+
+@pytest.mark.parametrize(
+    ("limits", "hidden"),
+    [
+        ({"max_range_km": 505}, 1),
+        ({"min_range_km": 495}, 1),
+        ({"min_range_km": 1, "max_range_km": 480, "horizon": True}, 4),
+        ({"eclipsing": True, "horizon": False}, 0),
+    ],
+)
+def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hidden):
+    """The radar is 10 km north of the origin: the range is 490 km to 510 km on the orbit."""
+    sweep = {"start": 0, "stop": 270, "step": 90}
+    content = document(radar__position_m=[10e3, 0, -9e3], geometry__azimuth_deg=sweep)
+    content["radar"] |= {**limits, "tracking": TRACKING}
+    del content["radar"]["constant"]
+    one = rs.parse_scenario(yaml.safe_dump(content))
+    entry = {"name": "a", **content.pop("radar"), "uncertainty": content["uncertainty"]["radar"]}
+    del content["uncertainty"]["radar"]
+    named = rs.parse_scenario(yaml.safe_dump({**content, "radars": [entry]}))
+    p_d = one.model.p_d(one.aircraft, one.radar)
+    assert np.count_nonzero(p_d == 0) == hidden
+    assert_array_equal(p_d, named.model.p_d(named.aircraft, named.radar))
+    again = rs.parse_scenario(yaml.safe_dump(one.resolved()))
+    assert again.model == one.model
+    assert again.resolved() == one.resolved()
+    assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
 
 @pytest.mark.parametrize("value", [[], None, {}, 5, {"a": 1}])

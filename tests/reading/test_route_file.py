@@ -822,7 +822,7 @@ def tables(draw):
 
 
 @given(table=tables(), step=st.sampled_from([0.1, 0.7, 1.0, 5.0]))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_any_table(path, table, step):
     columns, text = table
     path.write_text(text)

@@ -1000,13 +1000,13 @@ def refused_or_runs(tool: Callable, content: bytes) -> None:
         assert only_warnings(err)
 
 
-@anything(max_examples=60)
+@anything(max_examples=30)
 @given(content=mangled())
 def test_mangled_scenario(tool, content):
     refused_or_runs(tool, content)
 
 
-@anything(max_examples=30)
+@anything(max_examples=20)
 @given(content=extreme())
 def test_extreme_scenario(tool, content):
     refused_or_runs(tool, content)

@@ -209,8 +209,35 @@ def test_half_the_deviation_of_the_largest_source_of_the_paper():
         total, part = table["three_sigma_total"][1], table[f"three_sigma_{name}"][1]
         expected = math.sqrt(total**2 - 0.75 * part**2)
         assert answers.evidence.halved[name] == pytest.approx(expected, rel=1e-9)
-    assert any("comes from the radar constant" in line for line in answers.report)
+    assert any("from the radar constant. Measure the radar" in line for line in answers.report)
     assert answers.passed
+
+
+TOLERANCES = {"constant": {"gain_dbi": 1.0, "loss_db": 0.2}, "position_m": 1}
+
+
+def test_the_part_to_measure_and_shares_above_one_are_told():
+    sheet = rs.load_scenario(ROOT / "configs/x_band_tracking.yaml").resolved()
+    sheet["geometry"]["azimuth_deg"] = {"start": 10, "stop": 90, "step": 40}
+    sheet["uncertainty"]["radar"] = {"data_sheet": TOLERANCES}
+    answers = rs.report(parse_scenario(yaml_text(sheet)), method="form")
+    result = answers.evidence.budget
+    (sources,) = (section for section in answers.sections if section.key == "sources")
+    halved = answers.evidence.halved["radar_constant_gain_dbi"]
+    assert "Of its parts, gain_dbi matters most" in sources.answer
+    assert f"3 sigma would be {printed(halved)}" in sources.answer
+    interaction = result.summary["shares_at_largest"]["interaction"]
+    assert ("shares add up to" in sources.answer) == (interaction < -0.005)
+    assert interaction < -0.005
+
+
+def test_a_constant_p_d_is_told_once():
+    sphere = scenario(aircraft__rcs={"model": "constant", "rcs_m2": 0.1})
+    report = rs.variance(sphere).report
+    assert report[0].startswith("P_D is 0.")
+    assert report[0].endswith(" at every pose")
+    one = rs.variance(sphere.at_poses(slice(0, 1))).report
+    assert re.fullmatch(r"P_D is 0\.\d{4} at 0 deg", one[0])
 
 
 def test_the_scenario_on_the_page_is_the_scenario(flight, html, tmp_path, monkeypatch):

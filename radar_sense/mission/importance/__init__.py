@@ -6,16 +6,16 @@ Three methods make 3σ bounds cheap here:
   sum over scan groups. The errors of each radar are drawn separately, for a number of pose paths.
   For each pose path, draws of different radars are combined at random. A combination takes no
   evaluation of the detection model.
-- The normals are widened along the directions that P depends on most. Draws in the tails are then
-  frequent. Each draw has the ratio of the densities as its weight. First order and a pilot give
-  the directions and widths. These change the standard error of the estimate, but not its mean
+- The normals come from a mixture of densities with centers in the tails of P. Draws in the tails
+  are then frequent. Each draw has the ratio of the densities as its weight. First order and a pilot
+  give the centers. These change the standard error of the estimate, but not its mean
   (A. B. Owen, *Monte Carlo theory, methods and examples*, 2013, ch. 9).
-- The widened normals are scrambled Sobol' points.
+- The normals of the mixtures are scrambled Sobol' points.
 
 Everything is done in independent replicates. The spread of the replicates' quantiles gives the
 standard errors of the bounds.
 
-Data flow through the files: `pilot` and `plan` choose the directions and numbers of draws.
-`replicates` draws the states with `widening`, computes the `events` of each radar, and merges
+Data flow through the files: `pilot` and `plan` choose the mixtures and numbers of draws.
+`replicates` draws the states with `mixtures`, computes the `events` of each radar, and merges
 radars with `combinations`. `sampling` turns the `quantiles` of all replicates into bounds.
 """

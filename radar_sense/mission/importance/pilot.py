@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.mission.importance.events import MissionEvents, draw_radars
-from radar_sense.mission.importance.widening import PILOT_STREAM, sobol_normals
+from radar_sense.mission.importance.mixtures import PILOT_STREAM, sobol_normals
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.states import FloatArray
 

@@ -13,8 +13,8 @@ from radar_sense.covariance import block_diagonal
 from radar_sense.mission.cumulative import density, inverse_mills
 from radar_sense.mission.draws import PoseProcess
 from radar_sense.mission.importance.events import MissionEvents
+from radar_sense.mission.importance.mixtures import DISTANCE, NEGLIGIBLE, Directions, Mixture
 from radar_sense.mission.importance.pilot import Pilot, PilotStatistics
-from radar_sense.mission.importance.widening import NEGLIGIBLE, Directions
 from radar_sense.mission.looks import linearize_looks, pose_slopes
 from radar_sense.mission.tracks import any_group_gradient
 from radar_sense.montecarlo.sampler import Sampler
@@ -30,9 +30,11 @@ HISTORIES = 32
 #: more than LARGE_POSE_SHARE of the variance, more pose paths with fewer draws are better.
 DRAWS_PER_PATH, FEWER_DRAWS_PER_PATH, LARGE_POSE_SHARE = 16, 4, 0.1
 #: Times that bounds are computed at. Bounds at more times are interpolated.
-NODES = 384
-#: Times that directions are chosen for.
-DIRECTION_TIMES = 24
+NODES = 512
+#: Times that the mixtures of the radars, and of the pose path, are chosen for.
+RADAR_TIMES, POSE_TIMES = 96, 24
+#: Shares of the natural and of the wide component in the mixtures of the radars and the pose path.
+RADAR_SHARES, POSE_SHARES = (0.5, 0.1), (0.75, 0.07)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +46,12 @@ class RadarUnit:
     Attributes:
         radars: The radars.
         sampler: Draws the radar states.
-        directions: Directions along which the normals are widened.
+        mixture: Mixture that the normals are drawn from.
     """
 
     radars: tuple[int, ...]
     sampler: Sampler
-    directions: Directions
+    mixture: Mixture
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,24 +92,21 @@ def make_plan(events: MissionEvents) -> tuple[Plan, FloatArray]:
     pilots = [Pilot.draw(events, radars, sampler, u) for u, (radars, sampler) in enumerate(members)]
     clock = _clock(events.schedule.time, pilots)
     nodes = _nodes(clock)
-    times = nodes[np.unique(np.linspace(0, len(nodes) - 1, DIRECTION_TIMES).round().astype(int))]
+    times = _some_of(nodes, POSE_TIMES)
     pose_slope = _pose_slopes(events, times)
     pose_variance = np.sum(pose_slope * pose_slope, axis=1)
     pilot_statistics = [pilot.statistics(times) for pilot in pilots]
     radar_variance = _radar_variance(pilot_statistics)
     total = radar_variance.sum(axis=0) + pose_variance
     floored = np.maximum(total, NEGLIGIBLE**2)
-    units = []
-    for u, (radars, sampler) in enumerate(members):
-        statistics = pilot_statistics[u]
-        # For the bounds of a single radar among several, the radar has all of the variance.
-        share = np.sqrt(radar_variance[u] / floored) if len(members) == 1 else np.ones(len(total))
-        vectors = statistics.directions * share[:, np.newaxis]
-        vectors = vectors.reshape(-1, vectors.shape[-1])
-        directions = Directions.of(vectors, np.tile(statistics.spread, 2))
-        units.append(RadarUnit(radars, sampler, directions))
     spread = np.max([s.spread for s in pilot_statistics], axis=0) + 6.0 * np.sqrt(pose_variance)
-    pose_directions = Directions.of(pose_slope / np.sqrt(floored)[:, np.newaxis], spread)
+    pose_directions = Directions.of(
+        pose_slope / np.sqrt(floored)[:, np.newaxis], spread, *POSE_SHARES
+    )
+    units = [
+        RadarUnit(radars, sampler, _mixture(pilot.statistics(_some_of(nodes, RADAR_TIMES))))
+        for (radars, sampler), pilot in zip(members, pilots, strict=True)
+    ]
     uncertain = total > NEGLIGIBLE**2
     share = np.max(radar_variance[:, uncertain] / total[uncertain], axis=1, initial=0.0)
     per_path = 1
@@ -125,6 +124,22 @@ def make_plan(events: MissionEvents) -> tuple[Plan, FloatArray]:
         draws=per_path,
     )
     return plan, clock
+
+
+def _some_of(nodes: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """Return about `count` of the nodes, at equal distances."""
+    chosen = np.unique(np.linspace(0, len(nodes) - 1, count).round().astype(int))
+    some: NDArray[np.intp] = nodes[chosen]
+    return some
+
+
+def _mixture(statistics: PilotStatistics) -> Mixture:
+    """Return the mixture of a unit's normals, as if the unit had all of the variance of P.
+
+    The bounds of a single radar come from the same draws as the bounds of the network.
+    """
+    targets = DISTANCE * statistics.directions.reshape(-1, statistics.directions.shape[-1])
+    return Mixture.of(targets, np.tile(statistics.spread, 2), *RADAR_SHARES)
 
 
 def _members(events: MissionEvents) -> list[tuple[tuple[int, ...], Sampler]]:

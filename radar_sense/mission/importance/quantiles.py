@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.states import FloatArray
 
 #: Up to this number of draws all are sorted. Of more draws only the tails are sorted.
 SORTED = 1024
+#: The smallest 1/8 is sorted if its weight is enough, else the smallest 1/3, else all.
+PARTS = (8, 3)
 
 
 def weighted_statistics(values: FloatArray, weights: FloatArray) -> FloatArray:
@@ -35,13 +36,13 @@ def weighted_quantiles(values: FloatArray, weights: FloatArray) -> FloatArray:
 
 def _tail_quantile(values: FloatArray, weights: FloatArray, total: float) -> float:
     """Return the quantile at Φ(−3) of values (draws,), of which only the smallest are sorted."""
-    smallest: NDArray[np.intp] | slice = slice(None)
     if len(values) > SORTED:
-        limit = np.partition(values, len(values) // 8)[len(values) // 8]
-        candidates = np.flatnonzero(values <= limit)
-        if weights[candidates].sum() > 2.0 * TAIL * total:
-            smallest = candidates
-    values, weights = values[smallest], weights[smallest]
+        for part in PARTS:
+            limit = np.partition(values, len(values) // part)[len(values) // part]
+            smallest = np.flatnonzero(values <= limit)
+            if weights[smallest].sum() > 2.0 * TAIL * total:
+                values, weights = values[smallest], weights[smallest]
+                break
     order = np.argsort(values, kind="stable")
     weights = weights[order]
     # The rank of a draw is the middle of its weight.

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from radar_sense.mission.importance.combinations import combine
 from radar_sense.mission.importance.events import draw_radars
-from radar_sense.mission.importance.plan import Plan, RadarUnit
-from radar_sense.mission.importance.quantiles import weighted_statistics
-from radar_sense.mission.importance.widening import (
+from radar_sense.mission.importance.mixtures import (
     PATHS_STREAM,
     POSES_STREAM,
     RADARS_STREAM,
     sobol_normals,
 )
+from radar_sense.mission.importance.plan import Plan, RadarUnit
+from radar_sense.mission.importance.quantiles import weighted_statistics
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.states import AIRCRAFT, FloatArray
 
@@ -38,6 +38,11 @@ class WeightedDraws:
 
     log_miss: tuple[FloatArray, ...]
     weight: FloatArray
+
+    @property
+    def final(self) -> FloatArray:
+        """−ln(1 − P) (p, draws) of detection by the last time."""
+        return self.log_miss[0][..., -1]
 
 
 def compute_replicate(plan: Plan, number: int) -> list[tuple[FloatArray, ...]]:
@@ -81,20 +86,19 @@ def _draw_poses(
     times, directions = len(plan.process.aircraft), plan.pose_directions
     normals = generator.standard_normal((times * len(AIRCRAFT), plan.paths))
     along = sobol_normals(
-        plan.paths, len(directions.widths), 1, plan.events.scenario.seed, POSES_STREAM, number
+        plan.paths, directions.dimensions, 1, plan.events.scenario.seed, POSES_STREAM, number
     )
-    normals, weight = directions.widen(normals, along.T)
+    weight = directions.draw(normals, along)
     return plan.process.poses(normals.reshape(times, len(AIRCRAFT), plan.paths)), weight
 
 
 def _draw_radars(plan: Plan, unit: RadarUnit, number: int, u: int) -> tuple[FloatArray, FloatArray]:
     """Draw states (paths, draws, radars, 4 to 6) and weights (paths, draws) of a unit."""
-    runs, j = plan.paths * plan.draws, len(unit.directions.widths)
-    dimensions = j + unit.sampler.radar_normals
+    runs = plan.paths * plan.draws
     stream = (plan.events.scenario.seed, RADARS_STREAM, number, u)
-    points = sobol_normals(runs, dimensions, plan.draws, *stream).T
-    normals, weight = unit.directions.widen(np.ascontiguousarray(points[j:]), points[:j])
-    states = draw_radars(unit.sampler, normals.T)
+    points = sobol_normals(runs, 1 + unit.sampler.radar_normals, plan.draws, *stream)
+    normals, weight = unit.mixture.draw(points)
+    states = draw_radars(unit.sampler, normals)
     shape = plan.paths, plan.draws
     return states.reshape(*shape, *states.shape[1:]), weight.reshape(shape)
 
@@ -112,7 +116,11 @@ def _combine_group(
     weights = [by_radar[radar].weight for radar in members]
     if plan.independent:
         picks, weight = combine(
-            generator, weights, plan.emphasis[list(members)], GROUP_COMBINATIONS * plan.draws
+            generator,
+            weights,
+            [by_radar[radar].final for radar in members],
+            plan.emphasis[list(members)],
+            GROUP_COMBINATIONS * plan.draws,
         )
     else:
         draws = np.broadcast_to(np.arange(plan.draws), weights[0].shape)
@@ -141,6 +149,7 @@ def _combine_groups(
     picks, weight = combine(
         generator,
         [group.weight for group in groups],
+        [group.final for group in groups],
         emphasis,
         max(COMBINATIONS // plan.paths, 2 * plan.draws),
     )
