@@ -17,7 +17,12 @@ from radar_sense.analyses.mission import with_schedule
 from radar_sense.mission.importance import plan, replicates
 from radar_sense.mission.importance.combinations import combine
 from radar_sense.mission.importance.mixtures import Directions, Mixture, sobol_normals
-from radar_sense.mission.importance.quantiles import weighted_quantiles
+from radar_sense.mission.importance.quantiles import (
+    MIDDLE,
+    RANKS,
+    pooled_quantile,
+    weighted_statistics,
+)
 from radar_sense.mission.importance.sampling import importance_sampling
 
 
@@ -175,6 +180,7 @@ def test_nodes_between_which_bounds_are_interpolated_change_little(tmp_path, mon
     scenario, schedule = with_schedule(load(tmp_path, ["one", "three"], 60.0))
     every = importance_sampling(scenario, schedule, (2, 3))[0]
     monkeypatch.setattr(plan, "NODES", 14)
+    monkeypatch.setattr(plan, "ALL_TIMES", 14)
     some = importance_sampling(scenario, schedule, (2, 3))[0]
     assert len(schedule.time) > 20
     for a, b in zip(every, some, strict=True):
@@ -308,11 +314,26 @@ def test_combinations_of_certain_detections_have_finite_weights():
 def test_quantiles_are_those_of_repeated_values():
     rng = np.random.default_rng(4)
     values, counts = rng.normal(size=(5000, 2)), rng.integers(0, 5, 5000)
-    found = weighted_quantiles(values, counts.astype(float))
+    found = weighted_statistics(values, counts.astype(float))
     repeated = np.repeat(values, counts, axis=0)
-    for row, level in zip(found, (0.0013499, 0.9986501), strict=True):
-        exact = np.quantile(repeated, level, axis=0, method="hazen")
-        np.testing.assert_allclose(row, exact, atol=0.05)
+    # the smallest ranks are of a few draws, where the definitions of a quantile differ
+    for rows, ranks in ((found.lower, RANKS), (found.upper, 1 - RANKS)):
+        exact = np.quantile(repeated, ranks[MIDDLE:], axis=0, method="hazen")
+        np.testing.assert_allclose(rows[MIDDLE:], exact, atol=0.05)
+    assert RANKS[MIDDLE] == pytest.approx(ndtr(-3.0))
+
+
+def test_a_pooled_quantile_is_the_one_of_all_draws():
+    """Few draws of an exponential tail: the mean of the replicates' quantiles is biased."""
+    rng = np.random.default_rng(5)
+    values, weights = rng.exponential(size=(8, 4000, 40)), np.ones(4000)
+    tails = np.array([weighted_statistics(-v, weights).lower for v in values])
+    exact = np.quantile(-np.concatenate(values), ndtr(-3.0), axis=0, method="hazen")
+    pooled = pooled_quantile(tails)
+    np.testing.assert_allclose(pooled, exact, atol=0.2)
+    assert np.mean(pooled - exact) == pytest.approx(0.0, abs=0.02)
+    constant = pooled_quantile(np.full((8, len(RANKS), 3), 0.25))
+    np.testing.assert_allclose(constant, 0.25, rtol=1e-15)
 
 
 @pytest.mark.usefixtures("_fewer_draws")

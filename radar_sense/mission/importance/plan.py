@@ -29,8 +29,9 @@ HISTORIES = 32
 #: Draws of each radar for one pose path, if several radars are combined. Where the pose errors have
 #: more than LARGE_POSE_SHARE of the variance, more pose paths with fewer draws are better.
 DRAWS_PER_PATH, FEWER_DRAWS_PER_PATH, LARGE_POSE_SHARE = 16, 4, 0.1
-#: Times that bounds are computed at. Bounds at more times are interpolated.
-NODES = 512
+#: Bounds of up to ALL_TIMES times are computed at all of them. Bounds at more times are interpolated
+#: between about NODES times.
+ALL_TIMES, NODES = 512, 384
 #: Times that the mixtures of the radars, and of the pose path, are chosen for.
 RADAR_TIMES, POSE_TIMES = 96, 24
 #: Shares of the natural and of the wide component in the mixtures of the radars and the pose path.
@@ -190,8 +191,8 @@ def _clock(time: FloatArray, pilots: Sequence[Pilot]) -> FloatArray:
 
 
 def _nodes(clock: FloatArray) -> NDArray[np.intp]:
-    """Return the times, 0 to K − 1, that bounds are computed at, about NODES at most."""
-    if len(clock) <= NODES:
+    """Return the times, 0 to K − 1, that bounds are computed at."""
+    if len(clock) <= ALL_TIMES:
         return np.arange(len(clock))
     even = np.linspace(clock[0], clock[-1], NODES)
     return np.unique(np.minimum(np.searchsorted(clock, even), len(clock) - 1))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from radar_sense.mission.cumulative import Cumulative, cumulative_p_d
 from radar_sense.mission.importance.events import MissionEvents
 from radar_sense.mission.importance.plan import make_plan
+from radar_sense.mission.importance.quantiles import MIDDLE, Statistics, pooled_quantile
 from radar_sense.mission.importance.replicates import compute_replicate
 from radar_sense.mission.schedule import Schedule
 from radar_sense.mission.tracks import any_group
@@ -54,7 +55,7 @@ def importance_sampling(
 
     def bounds(source: int, nominal: tuple[FloatArray, ...]) -> tuple[Cumulative, ...]:
         return tuple(
-            _bounds(p, np.array([r[source][event] for r in replicates]), nodes, clock)
+            _bounds(p, [r[source][event] for r in replicates], nodes, clock)
             for event, p in enumerate(nominal)
         )
 
@@ -82,12 +83,22 @@ def _nominal(
 
 
 def _bounds(
-    nominal: FloatArray, replicates: FloatArray, nodes: NDArray[np.intp], clock: FloatArray
+    nominal: FloatArray,
+    replicates: Sequence[Statistics],
+    nodes: NDArray[np.intp],
+    clock: FloatArray,
 ) -> Cumulative:
-    """Return moments, bounds and standard errors (K,) from statistics of replicates (r, 5, J)."""
-    mean, variance, lower, upper, spread = replicates.mean(axis=0)
-    std = np.sqrt(variance + replicates[:, 0].var(axis=0))
-    errors = replicates[:, 2:4].std(axis=0, ddof=1) / math.sqrt(len(replicates))
+    """Return moments, bounds and standard errors (K,) from the statistics of replicates."""
+    means, variances, lowers, uppers, spreads = (
+        np.array(values) for values in zip(*replicates, strict=True)
+    )
+    mean, spread = means.mean(axis=0), spreads.mean(axis=0)
+    std = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
+    lower, upper = pooled_quantile(lowers), -pooled_quantile(-uppers)
+    errors = (
+        tails[:, MIDDLE].std(axis=0, ddof=1) / math.sqrt(len(replicates))
+        for tails in (lowers, uppers)
+    )
     # A spread within rounding is no uncertainty.
     certain = spread <= 1e-12 * mean
     p = nominal[nodes]
