@@ -29,7 +29,7 @@ HISTORIES = 32
 #: Draws of each radar for one pose path, if several radars are combined. Where the pose errors have
 #: more than LARGE_POSE_SHARE of the variance, more pose paths with fewer draws are better.
 DRAWS_PER_PATH, FEWER_DRAWS_PER_PATH, LARGE_POSE_SHARE = 16, 4, 0.1
-#: Bounds of up to ALL_TIMES times are computed at all of them. Bounds at more times are interpolated
+#: Bounds are computed at all times, if these are ALL_TIMES or fewer. Else bounds are interpolated
 #: between about NODES times.
 ALL_TIMES, NODES = 512, 384
 #: Times that the mixtures of the radars, and of the pose path, are chosen for.
