@@ -57,8 +57,9 @@ figures: $(VENV)/installed
 	@# 3: the answer is that the paper's linearization is not valid at every angle
 	@$(BIN)/radar-sense validate --digits 1 --out figures --format pdf --format png || test $$? = 3
 
+# The tests start many processes, which would compile every module if Python were not to keep them.
 test: $(VENV)/installed-dev
-	$(BIN)/python -m pytest -n auto --dist worksteal
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -n auto --dist worksteal
 
 # Random scenarios, files and options: make fuzz SECONDS=600 SEED=7
 fuzz: $(VENV)/installed-dev
