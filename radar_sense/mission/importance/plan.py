@@ -24,8 +24,9 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 #: The limit is higher for a track, whose distribution has longer tails than the one of detection.
 MIN_DRAWS, MAX_DETECTION_DRAWS, MAX_TRACK_DRAWS = 256, 4096, 8192
 DETECTION_WORK, TRACK_WORK = 4e6, 1.5e7
-#: Histories of a track whose Markov chain takes as long as P_D does.
-HISTORIES = 32
+#: Number of histories at which half of the draws are made. Tracks of many looks have long tails and
+#: need many draws, although their Markov chain takes longer.
+HISTORIES = 256
 #: Draws of each radar for one pose path, if several radars are combined. Where the pose errors have
 #: more than LARGE_POSE_SHARE of the variance, more pose paths with fewer draws are better.
 DRAWS_PER_PATH, FEWER_DRAWS_PER_PATH, LARGE_POSE_SHARE = 16, 4, 0.1
