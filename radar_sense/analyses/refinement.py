@@ -72,6 +72,14 @@ def can_refine(scenario: Scenario) -> bool:
     return not (isinstance(source.geometry, Path) and source.geometry.step_s is not None)
 
 
+def coordinate(scenario: Scenario) -> FloatArray:
+    """Return the time [s] of each pose of a path (n,), or the azimuth [deg] on an orbit.
+
+    Lengths on a path are times, also if the axis of its tables is the distance.
+    """
+    return scenario.axis.values if scenario.time_s is None else scenario.time_s
+
+
 def refined(
     scenario: Scenario,
     moments: Moments,
@@ -90,9 +98,8 @@ def refined(
         propagate: Propagates a scenario.
         tolerance: The tolerance.
     """
-    place, shortest = scenario.time_s, SHORTEST
-    if place is None:
-        place, shortest = scenario.axis.values, SHORTEST_ARC
+    place = coordinate(scenario)
+    shortest = SHORTEST_ARC if scenario.time_s is None else SHORTEST
     n = len(place)
     row = np.arange(n)  # number of the row, or −1
     while len(place) < MAX_POSES:

@@ -240,7 +240,7 @@ def _tested(
     test = threshold_test(
         upper,
         p_max,
-        _coordinate(poses)[0],
+        refinement.coordinate(poses),
         p_d=np.where(violated, np.inf, moments.p_d),
         unreliable=unreliable & ~drawn,
     )
@@ -257,19 +257,14 @@ def _tested(
     )
 
 
-def _coordinate(scenario: Scenario) -> tuple[FloatArray, str]:
-    """Return the coordinate that lengths are measured along, and its unit.
-
-    Lengths on a path are times, also if the axis of its tables is the distance.
-    """
-    if scenario.time_s is None:
-        return scenario.axis.values, scenario.axis.unit
-    return scenario.time_s, "s"
+def _unit(scenario: Scenario) -> str:
+    """Return the unit of `refinement.coordinate`."""
+    return scenario.axis.unit if scenario.time_s is None else "s"
 
 
 def _summary(tested: _Tested, column: str, k: float) -> dict[str, Any]:
     test, axis = tested.test, tested.path.scenario.axis
-    _, unit = _coordinate(tested.path.scenario)
+    unit = _unit(tested.path.scenario)
     highest = int(np.argmax(np.nan_to_num(tested.probability, nan=-1.0)))
 
     def place(pose: int) -> dict[str, float]:
@@ -324,7 +319,7 @@ def _report(tested: _Tested, method: str, k: float) -> list[str]:
     if test.violated.any():
         lines += [_why(tested, k)]
     if test.first is not None and not np.isnan(test.margin).all():
-        _, unit = _coordinate(scenario)
+        unit = _unit(scenario)
         lines += [
             f"  above it for {test.above:.6g} of {test.total:.6g} {unit} ({_share(test):.1%}), "
             f"first at {axis.at(test.first)}"

@@ -694,7 +694,7 @@ def case(rng: random.Random, *, analyses: float, slow: float = 0.0) -> Case:
     Args:
         rng: The random numbers.
         analyses: Probability that a command other than `check` runs.
-        slow: Probability that such a command is slow, draws a figure, or looks for a cluster.
+        slow: Probability that the command takes long, draws a figure, or connects to a cluster.
     """
     scenario = _Scenario(rng)
     tree = scenario.make()

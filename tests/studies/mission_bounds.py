@@ -2,11 +2,11 @@
 
     python tests/studies/mission_bounds.py [RUNS] [NAME ...]
 
-RUNS plain draws of each mission, 100 000 unless given. The interval of three standard errors of a
-drawn 3-sigma bound lies between two order statistics, whose ranks are those of three standard
-deviations of the number of draws beyond the bound. A bound fails at a time if it is outside this
-interval and more than 0.01 from the drawn bound. The table has a row for each event and bound. It
-takes minutes to hours and is no part of the test suite.
+RUNS plain draws of each mission are made, 100 000 unless given. The drawn 3-sigma bound is the
+draw of a certain rank. The draws of a lower and a higher rank are the ends of its interval. These
+ranks are three standard errors away: 3 √n for n draws beyond the bound. A bound fails at a time if
+it is outside this interval and more than 0.01 from the drawn bound. The table has a row for each
+event and bound. The study takes minutes to hours and is no part of the test suite.
 """
 
 from __future__ import annotations
