@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from radar_sense import axis as axes
 from radar_sense import covariance, record
-from radar_sense.axis import Axis, pose_number
+from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
@@ -312,7 +312,7 @@ class Scenario:
         """
         states = aircraft.reshape(-1, len(AIRCRAFT))
         return self._with(
-            axis=pose_number(len(states)),
+            axis=axes.pose_number(len(states)),
             aircraft=states,
             cov_aircraft=self.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0],
             time_s=None,

@@ -58,8 +58,7 @@ def _height(scenario: Scenario) -> tuple[str, ...]:
             "are altitudes in metres, and positive upwards?",
         )
     down = scenario.aircraft[:, 2]
-    lowest_radar = scenario.radar.reshape(-1, len(RADAR))[:, 2].max()
-    below = (down > 0) & (down > lowest_radar)
+    below = down > _lowest_down(scenario)
     if not below.any():
         return ()
     return (
@@ -76,13 +75,17 @@ def below_ground(scenario: Scenario, down_km: float | None) -> tuple[str, ...]:
         scenario: The scenario.
         down_km: The coordinate [km]; None for none.
     """
-    lowest_radar = scenario.radar.reshape(-1, len(RADAR))[:, 2].max()
-    if down_km is None or 1e3 * down_km <= max(0.0, lowest_radar):
+    if down_km is None or 1e3 * down_km <= _lowest_down(scenario):
         return ()
     return (
         f"the aircraft is {1e3 * down_km:.4g} m below the origin and below every radar: --down-km "
         "is positive downwards, so heights are negative",
     )
+
+
+def _lowest_down(scenario: Scenario) -> float:
+    """Return the down coordinate [m] of the origin or of the lowest radar, the lower of both."""
+    return max(0.0, float(scenario.radar.reshape(-1, len(RADAR))[:, 2].max()))
 
 
 def _range(scenario: Scenario) -> tuple[str, ...]:
