@@ -324,7 +324,8 @@ class RelativeProbit:
         if sides == 2:
             error[along, points + 1] = -step
         value, gradient = self(error, moved=self._moved(np.repeat(along, sides)))
-        second = gradient[:, 1::sides] - (gradient[:, 2::2] if sides == 2 else gradient[:, :1])
+        second = gradient[:, 1::sides]
+        second -= gradient[:, 2::2] if sides == 2 else gradient[:, :1]
         second /= np.where(step != 0, 2.0 * sides * step, np.inf)  # half of each difference
         if len(along) < n:
             some, second = second, np.zeros((n, n, k))
