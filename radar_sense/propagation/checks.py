@@ -49,6 +49,14 @@ def second_order_matters(
     z(0) + tr H/2 and the variance gᵀg + tr H²/2. The third cumulant is 3 gᵀHg + tr H³. σ of z is
     compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
+    unreliable = limit_matters(states, moments.std, beta)
+    for poses, seen in states.by_sight():
+        unreliable[poses] |= _expansion_differs(seen, moments.at(poses), beta)
+    return unreliable
+
+
+def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
+    """Return `second_order_matters` (k,) within the limits of the radars."""
     parts, beyond = [], []
     lobed = states.model.rcs.lobed
     for part, std_and_bounds in _blocks(states, moments, _numbers(states)):
@@ -68,7 +76,6 @@ def second_order_matters(
     unreliable: NDArray[np.bool_] = (
         differ((moments.std, moments.lower, moments.upper), better)
         | ~(variance <= (1.0 + STD_CHANGE) ** 2 * z.slope)
-        | limit_matters(states, moments.std, beta)
         | _expansion_is_off(RelativeProbit(states), z, beta)
     )
     return unreliable | np.concatenate(beyond) if lobed else unreliable
@@ -175,20 +182,16 @@ def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArr
 
     `form` marks the poses that are suspect. Draws at these poses decide.
     """
-    numbers = _numbers(states)
-    blocks = _blocks(states, moments, numbers)
+    blocks = _blocks(states, moments, _numbers(states))
     limit = np.concatenate(
         [limit_matters(part, std_and_bounds[0], beta) for part, std_and_bounds in blocks]
     )
     off: NDArray[np.bool_] = ~moments.converged | limit
-    rows = np.flatnonzero(moments.suspect & ~off)
-    refuted = [
-        _draws_refute(part, std_and_bounds, beta)
-        for part, std_and_bounds in _blocks(
-            states.at(rows), moments.at(rows), DRAWN_POINTS * numbers
-        )
-    ]
-    off[rows] = np.concatenate(refuted)
+    suspect = np.flatnonzero(moments.suspect & ~off)
+    for poses, seen in states.at(suspect).by_sight():
+        rows = suspect[poses]
+        drawn = _blocks(seen, moments.at(rows), DRAWN_POINTS * _numbers(seen))
+        off[rows] = np.concatenate([_draws_refute(*part, beta) for part in drawn])
     return off
 
 
