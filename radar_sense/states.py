@@ -24,6 +24,7 @@ AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 RADAR = ("north", "east", "down", "constant")
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
+DOWN, YAW = 2, 5
 CONSTANT = 3
 #: The errors of the RCS and of the attenuation in the state of one radar.
 RCS_ERROR, ATTENUATION_ERROR = len(RADAR), len(RADAR) + 1
