@@ -104,6 +104,9 @@ LINES: tuple[tuple[str, Any], ...] = (
 )
 BAND = LINES[1]
 SAMPLE_PATH_COLOUR = "0.7"
+#: Names of the angles of `set_compass`: bearings, and azimuths in the body frame.
+BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
+ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
 #: Lines of more points than MOST_POINTS are thinned, because a million points take a minute and
 #: 10 MB. A page resolves COLUMNS columns.
 MOST_POINTS = 10_000
@@ -228,6 +231,24 @@ def panels(figure: Figure, count: int) -> list[Axes]:
     """Add panels below each other that share an axis."""
     set_height(figure, 0.6 + 1.7 * count)
     return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+
+
+def set_compass(axes: Any, names: Sequence[str], label: str, *, label_angle: float) -> None:
+    """Turn polar axes to 0 at the top and clockwise angles.
+
+    Args:
+        axes: The polar axes.
+        names: Names of the angles 0, 45, ... 315 deg.
+        label: Label of the radius; "" for none.
+        label_angle: Angle of the numbers of the radius [deg].
+    """
+    axes.set_theta_zero_location("N")
+    axes.set_theta_direction(-1)
+    axes.set_rlabel_position(label_angle)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
+    axes.set_xticklabels(names)
+    axes.set_ylabel(label, labelpad=points(24))
 
 
 def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:

@@ -77,22 +77,13 @@ def plot(result: Result, figure: Figure) -> None:
                 ls=":",
                 label="limit of the radar",
             )
-        panel.set_theta_zero_location("N")
-        panel.set_theta_direction(-1)
+        several = len(endings) > 1
+        names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
+        label = "" if several else "Slant range [km]"
+        plotting.set_compass(panel, () if several else names, label, label_angle=22.5)
         panel.set_rmin(0)
-        panel.set_rlabel_position(22.5)
-        panel.yaxis.set_major_locator(plotting.MaxNLocator(nbins=4))
-        panel.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-        if len(endings) == 1:
-            panel.set_xticklabels(
-                ["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"]
-                if by == ASPECT
-                else ["N", "45", "E", "135", "S", "225", "W", "315"]
-            )
-            panel.set_ylabel("Slant range [km]", labelpad=plotting.points(24))
-        else:
+        if several:
             panel.set_title(ending[1:], fontsize=plotting.points(8))
-            panel.set_xticklabels([])
             panel.tick_params(labelsize=plotting.points(6))
     for panel in panels.flat[len(endings) :]:
         panel.remove()

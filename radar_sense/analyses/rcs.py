@@ -77,13 +77,7 @@ def plot(result: Result, figure: Figure) -> None:
     low, high = decibels(np.array([floor, top]))
     margin = max(1.0, 0.05 * (high - low))
     polar.set_ylim(low - margin, high + margin)
-    polar.set_theta_zero_location("N")  # the nose up, as seen from above
-    polar.set_theta_direction(-1)
-    polar.set_rlabel_position(65)
-    polar.yaxis.set_major_locator(plotting.MaxNLocator(nbins=4))
-    polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-    polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
-    polar.set_ylabel("RCS [dBsm]", labelpad=plotting.points(24))
+    plotting.set_compass(polar, plotting.ASPECTS, "RCS [dBsm]", label_angle=65)
 
     azimuth, elevation, sigma = (
         arrays[f"map_{of}"] for of in ("azimuth_deg", "elevation_deg", "m2")
