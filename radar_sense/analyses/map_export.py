@@ -134,7 +134,7 @@ def _features(result: Result) -> Iterator[_Feature]:
                     f"{_NAMES[column]} = {level:g}",
                     [_rounded(place, origin) for place in places],
                     {"quantity": column, "value": level, "level": scenario.level},
-                    plotting.hex_colours([level], _COLOURS)[0],
+                    plotting.hex_colour(level, _COLOURS),
                 )
     radars = scenario.radar.reshape(-1, len(RADAR))
     of_radars = _rounded(geodesy.geodetic_from_ned(radars[:, POSITION], origin), origin)
@@ -160,7 +160,7 @@ def _legs(result: Result, origin: tuple[float, float, float]) -> Iterator[_Featu
             f"{_NAMES[column]} {value:.4f}",
             [places[leg]],
             {column: value},
-            plotting.hex_colours([value], _COLOURS)[0],
+            plotting.hex_colour(value, _COLOURS),
         )
 
 

@@ -8,17 +8,19 @@ from radar_sense.analyses.report import decibels
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
+from radar_sense.model.radar_constant import describe
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, DOWN, POSITION, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
 
 
 def overview(scenario: Scenario) -> tuple[str, ...]:
-    """Return duration, length, speed, height and bank of the poses, and range and SNR of radars.
+    """Return the radar constants, the flight, and range and SNR of each radar, in lines.
 
-    The speed is the mean from pose to pose. Ranges and SNR are without the limits of a radar.
+    The flight has duration, length, speed, height and bank. The speed is the mean from pose to
+    pose. Ranges and SNR are without the limits of a radar.
     """
     height, bank = _height_and_bank(scenario)
-    lines = []
+    lines = _constants(scenario)
     if scenario.time_s is not None and len(scenario.time_s) > 1:
         position = scenario.aircraft[:, POSITION]
         legs = np.linalg.norm(np.diff(position, axis=0), axis=-1)
@@ -37,6 +39,28 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         snr_db = decibels(model.snr(scenario.aircraft, radar))
         lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
     return tuple(lines)
+
+
+def _constants(scenario: Scenario) -> list[str]:
+    """Return the number of poses, and the radar constants with their distributions."""
+    names, constants = scenario.model.names, scenario.radar[CONSTANTS]
+    poses = f"{len(scenario.aircraft)} poses"
+    if names:
+        lines = [f"{poses}, {len(names)} radar{'s' if len(names) > 1 else ''}"]
+        lines += [
+            f"{name}: c_r = {constant:g} J m^2/K"
+            for name, constant in zip(names, constants, strict=True)
+        ]
+    else:
+        lines = [f"{poses}, c_r = {constants[0]:g} J m^2/K"]
+    prefixes = [f"{name}, " for name in names] if len(names) > 1 else [""]
+    for level, tolerances in scenario.tolerances.items():
+        lines += [
+            f"{prefix}{level}: {describe(constant, parts)}"
+            for prefix, constant, parts in zip(prefixes, constants, tolerances, strict=True)
+            if parts
+        ]
+    return lines
 
 
 def _height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
