@@ -45,11 +45,11 @@ RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 
 @dataclass(frozen=True, eq=False)
 class ThresholdTest:
-    """Whether an upper bound of P_D stays within P_max, pose by pose.
+    """The threshold test of an upper bound of P_D, pose by pose.
 
     Attributes:
         p_max: P_max.
-        margin: P_max less the bound (n,): negative where P_max is exceeded, NaN without a bound.
+        margin: P_max minus the bound (n,): negative above P_max, NaN without a bound.
         violated: Where P_max is exceeded (n,).
         unknown: Where the test has no answer (n,): without a bound, or with an unreliable bound.
         above: Length of the path with the bound above P_max, in the unit of the coordinate. Steps
@@ -78,7 +78,7 @@ class ThresholdTest:
 
     @property
     def first(self) -> int | None:
-        """First pose that is violated; without one the first that is not known; else None."""
+        """First violated pose, or else the first pose that is not known; None if the test holds."""
         for mask in (self.violated, self.unknown):
             if mask.any():
                 return int(np.argmax(mask))
@@ -108,22 +108,8 @@ def threshold_test(
         coordinate: Time [s] of each pose (n,), or azimuth on an orbit [deg], in order.
         p_d: P_D (n,). Where P_D itself is above P_max, the test is violated.
         unreliable: Where (n,) the bound is unreliable.
-
-    Raises:
-        ValueError: If p_max is out of range, the coordinates are not in order or a shape does not
-            fit.
     """
     upper, coordinate = np.asarray(upper, dtype=float), np.asarray(coordinate, dtype=float)
-    if not 0 < p_max <= 1:
-        raise ValueError(f"p_max must be greater than 0 and not greater than 1, got {p_max}")
-    if upper.ndim != 1 or not upper.size or upper.shape != coordinate.shape:
-        raise ValueError(
-            f"bound and coordinate must both have shape (n,), "
-            f"got {upper.shape} and {coordinate.shape}"
-        )
-    steps = np.diff(coordinate)
-    if not np.isfinite(coordinate).all() or (np.any(steps < 0) and np.any(steps > 0)):
-        raise ValueError("the coordinates of the poses must be finite and in order")
     margin = p_max - upper
     certain = np.zeros(upper.shape, dtype=bool) if p_d is None else np.asarray(p_d) > p_max
     without = ~np.isfinite(margin) | np.asarray(unreliable, dtype=bool)
@@ -132,7 +118,7 @@ def threshold_test(
         margin=margin,
         violated=certain | (~without & (margin < 0)),
         unknown=without & ~certain,
-        above=math.fsum(abs(steps) * _share_above(margin)),
+        above=math.fsum(abs(np.diff(coordinate)) * _share_above(margin)),
         total=abs(float(coordinate[-1] - coordinate[0])),
     )
 
@@ -143,7 +129,7 @@ def _share_above(margin: FloatArray) -> FloatArray:
     margin = np.where(known, margin, 0.0)
     above, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
     negative, whole = above[:-1] + above[1:], (above + within)[:-1] + (above + within)[1:]
-    # A margin from −b to a is negative for b/(a + b) of the step.
+    # On a line from −b to a, b/(a + b) of the step is negative.
     share = np.divide(negative, whole, out=np.zeros_like(negative), where=negative > 0)
     return np.where(known[:-1] & known[1:], share, 1.0)
 
@@ -176,9 +162,9 @@ def require_threshold(
 ) -> Result:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`.
 
-    The table gets the columns `margin`, `violated`, `not_known` and `probability_above`, which is
-    P(P_D > P_max). It also gets the bound, such as `upper_2sigma` for k = 2. The result passes if
-    the test holds at every pose, and on a path also between them.
+    The table gets the columns `margin`, `violated`, `not_known`, `probability_above`, and the
+    bound, for k = 2 `upper_2sigma`. `probability_above` is P(P_D > P_max). The result passes if the
+    test holds at every pose, and on a path also between the poses.
 
     Args:
         result: The result of `variance`.
@@ -258,7 +244,7 @@ def _tested(
 
 
 def _unit(scenario: Scenario) -> str:
-    """Return the unit of `refinement.coordinate`."""
+    """Return the unit of the coordinate of `refinement`."""
     return scenario.axis.unit if scenario.time_s is None else "s"
 
 
@@ -351,7 +337,7 @@ def _verdict(tested: _Tested) -> str:
 
 
 def _remedy(tested: _Tested, method: str) -> str:
-    """Return why the test has no answer, and the remedy."""
+    """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
         on_orbit = tested.path.scenario.time_s is None
         key = "geometry.azimuth_deg" if on_orbit else "geometry.interpolate"
@@ -411,9 +397,9 @@ def _poses_lines(tested: _Tested) -> list[str]:
     """Return the number or the step of the poses tested on a path."""
     scenario = tested.path.scenario
     if tested.tolerance is not None:
-        own = "the azimuths given" if scenario.time_s is None else "the rows of the path"
+        given = "the azimuths given" if scenario.time_s is None else "the rows of the path"
         return [
-            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {own}: "
+            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {given}: "
             f"P_D and bound are within {tested.tolerance:g} of straight lines"
         ]
     geometry = scenario.provenance.geometry
