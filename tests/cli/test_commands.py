@@ -26,7 +26,7 @@ from helpers import few_draws, small_batches, without_pixels
 
 import radar_sense as rs
 from radar_sense.analyses.grid import grid
-from radar_sense.cli import _progress, cli
+from radar_sense.cli import cli
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import default_text
 
@@ -546,58 +546,53 @@ class Never(At):
     now = False
 
 
-def test_progress_says_how_many_how_fast_and_how_long(monkeypatch):
+@pytest.fixture
+def standard_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
+    """Run a command in an empty folder with a stream as standard error, and return its text."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(threading, "Timer", At)
+
+    def run(command: str, stream: io.StringIO | None) -> str:
+        with (
+            contextlib.redirect_stdout(io.StringIO()),
+            contextlib.redirect_stderr(stream),
+            pytest.raises(SystemExit) as end,
+        ):
+            cli.main([*command.split(), "--no-plot"])
+        assert (end.value.code or 0) == (3 if "--threshold" in command else 0)
+        return "" if stream is None else stream.getvalue()
+
+    return run
+
+
+def test_progress_says_how_many_how_fast_and_how_long(standard_error, fake, monkeypatch):
     """Half of the runs in ten seconds: 30 a second, and ten seconds left."""
     now = 1000.0
     monkeypatch.setattr(time, "time", lambda: now)
     monkeypatch.setattr(time, "monotonic", lambda: now)
-    monkeypatch.setattr(threading, "Timer", At)
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    with _progress(600) as advance:
-        now += 10.0
-        advance(300)
-    shown = terminal.getvalue().split("\r")[-1]
+
+    def half_of_the_runs(progress: Callable) -> None:
+        nonlocal now
+        with progress(600) as advance:
+            now += 10.0
+            advance(300)
+
+    fake(half_of_the_runs, has_progress=True)
+    shown = standard_error("fake", Terminal()).split("\r")[-1]
     assert re.search(r"runs  \[#+-+\]  300/600  00:00:10  30 runs/s", shown), shown
 
 
-def test_a_quick_computation_shows_no_progress(monkeypatch):
+def test_a_quick_computation_shows_no_progress(standard_error, fake, monkeypatch):
     monkeypatch.setattr(threading, "Timer", Never)
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    with _progress(600) as advance:
-        advance(600)
-    assert terminal.getvalue() == ""
 
+    def all_runs(progress: Callable) -> None:
+        with progress(600) as advance:
+            advance(600)
 
-@pytest.fixture
-def on_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., str]:
-    """Run a command in an empty folder, and return the standard error on a terminal.
-
-    The option `elsewhere` is a file in place of the terminal.
-    """
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(threading, "Timer", At)
-
-    def run(command: str, *options: str) -> str:
-        terminal = Terminal()
-        runner = CliRunner()
-        isolation = runner.isolation
-
-        @contextlib.contextmanager
-        def isolated(*args: object, **others: object) -> Iterator[object]:
-            with isolation(*args, **others) as streams, pytest.MonkeyPatch.context() as patch:
-                if "elsewhere" not in options:
-                    patch.setattr(sys, "stderr", terminal)
-                yield streams
-
-        monkeypatch.setattr(runner, "isolation", isolated)
-        quiet = [o for o in options if o == "-q"]
-        code = 3 if "--threshold" in command else 0
-        assert runner.invoke(cli, [*command.split(), "--no-plot", *quiet]).exit_code == code
-        return terminal.getvalue()
-
-    return run
+    fake(all_runs, has_progress=True)
+    assert standard_error("fake", Terminal()) == ""
+    fake(lambda: None)
+    assert standard_error("fake", Terminal()) == ""
 
 
 @pytest.mark.parametrize(
@@ -612,15 +607,17 @@ def on_terminal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[...
         ("variance --threshold 0.5", r"variance: [\d,]+ of [\d,]+ runs along the path"),
     ],
 )
-def test_a_sign_of_life_on_a_terminal(on_terminal, command, shown):
-    assert re.search(shown, on_terminal(command))
+def test_a_terminal_shows_progress(standard_error, command, shown):
+    assert re.search(shown, standard_error(command, Terminal()))
 
 
-@pytest.mark.parametrize("command", ["montecarlo --runs 200", "variance", "variance --method form"])
-@pytest.mark.parametrize("option", ["-q", "elsewhere"])
-def test_no_sign_of_life_with_q_or_into_a_file(on_terminal, command, option):
-    assert "[" not in on_terminal(command, option)
-    assert "computing" not in on_terminal(command, option)
+@pytest.mark.parametrize("command", ["montecarlo --runs 200", "variance --method form"])
+def test_only_a_terminal_shows_progress_and_not_with_q(standard_error, command):
+    """Standard error is a terminal, a file, or closed, which is None in Python."""
+    assert standard_error(f"{command} -q", Terminal()) == ""
+    lines = standard_error(command, io.StringIO()).splitlines()
+    assert all(line.startswith("Warning: ") for line in lines), lines
+    standard_error(command, None)
 
 
 @pytest.mark.parametrize("args", [["budget", "--no-plot"], ["--help"]])

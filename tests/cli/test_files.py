@@ -17,7 +17,6 @@ import pytest
 
 from radar_sense import cli as command_line
 from radar_sense import files
-from radar_sense.analyses.contract import Result, analysis
 
 ROOT = Path(__file__).parents[2]
 fcntl = pytest.importorskip("fcntl")
@@ -354,29 +353,6 @@ def test_files_are_replaced_and_follow_the_umask(folder, mask):
 
 
 # What the command line makes of that.
-
-
-@pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], None]:
-    """Let the command `fake` compute by calling a function."""
-
-    def register(function: Callable[[], object]) -> None:
-        @analysis(
-            plot=lambda result, figure: figure.subplots(),
-            examples=["radar-sense fake"],
-            name="fake",
-        )
-        def computed(scenario):
-            """Fake."""
-            function()
-            return Result(scenario, {"x": scenario.axis.values})
-
-        module = type(sys)("fake_of_a_test")
-        module.fake = computed
-        monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(command_line.ANALYSES, "fake", (f"{module.__name__}:fake", "Fake."))
-
-    return register
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
