@@ -329,11 +329,11 @@ MIXED_POSITIONS = {"a": [0, 0, -15], "b": [8e3, -5e3, 0], "c": [-5e3, 8e3, -40]}
 MIXED_NUMBER = (0.0045, 0.0004)  # c_r of the third, and its standard deviation
 
 
-def _mixed_entry(name, makeup, std, position_m=20, **more):
+def _mixed_entry(name, data_sheet, std, position_m=20, **more):
     return {
         "name": name,
         "position_m": MIXED_POSITIONS[name],
-        **makeup,
+        **data_sheet,
         "p_fa": MIXED_P_FA,
         **more,
         "uncertainty": {

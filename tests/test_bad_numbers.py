@@ -34,8 +34,8 @@ def model():
 
 
 def network():
-    stations = tuple(Radar(model(), name=name) for name in ("one", "two"))
-    return NetworkModel(stations)
+    radars = tuple(Radar(model(), name=name) for name in ("one", "two"))
+    return NetworkModel(radars)
 
 
 CALLS = ("snr", "p_d", "linearize", "linearize_probit")

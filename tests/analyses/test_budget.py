@@ -197,7 +197,7 @@ def test_where_a_method_has_no_answer_none_is_made_up():
         assert found.known == (source == "radar_constant")
         assert found.factor > 5
         assert found.residual <= 1.5
-    # Form does not settle where two lobes meet.
+    # Form does not converge where two lobes meet.
     spiky = load_scenario("configs/spikeball.yaml").at_poses(slice(0, None, 60))
     result = analyses.budget(spiky, method="form", target=0.02)
     for found in result.summary["target"]["required_accuracy"].values():

@@ -651,15 +651,30 @@ def test_no_style_of_the_user_changes_a_figure(tool):
 
 
 def test_control_characters_do_not_reach_the_terminal(tool):
-    """Control characters in the names of input and output files are escaped."""
-    name = "a\x1b[31m\nb.yaml"
+    """Control characters in file names, words of the command line and records are escaped."""
+    escape = "\x1b[31m"
+    name = f"a{escape}\nb.yaml"
     Path(name).write_text("name: [")
-    for args in (["check", name], ["check", "no" + name], ["init", "new" + name]):
+    for args in (
+        ["check", name],
+        ["check", "no" + name],
+        ["init", "new" + name],
+        ["check", "one.yaml", escape],
+        ["check", f"--{escape}"],
+        [escape],
+        ["variance", "--no-plot", "--out", escape],
+    ):
         _, out, err = tool(*args)
         assert "\x1b" not in out + err
-        assert "\\x1b[31m" in out + err
-    code, out, _ = tool("variance", "--no-plot", "--out", "c\x1b[31md")
-    assert (code, "\x1b" in out) == (0, False)
+        assert "\\x1b[31m" in out + err, args
+    record = Path(escape, "paper_variance.json")
+    content = json.loads(record.read_text())
+    record.write_text(json.dumps({**content, "command": ["radar-sense", "variance", escape]}))
+    record.with_suffix(".png").write_bytes(b"")
+    _, out, _ = tool("variance", "--no-plot", "--out", escape)
+    assert "\x1b" not in out
+    assert "replaced the files of: radar-sense variance \\x1b[31m\n" in out
+    assert "removed \\x1b[31m/paper_variance.png" in out
 
 
 # Exit code 3: all was done as asked, and the answer is no.

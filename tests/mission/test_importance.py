@@ -61,12 +61,12 @@ def load(folder, names, tau, pose=800, **changes):
     content["radars"] = []
     for name in names:
         place, _, period, std, decibels = RADARS[name]
-        makeup = {
+        data_sheet = {
             "peak_power_kw": 1.0, "gain_dbi": 40, "frequency_ghz": 9, "pulse_width_us": 10,
             "temperature_k": 290, "loss_db": 8, "noise_figure_db": 5,
         }  # fmt: skip
         content["radars"].append({
-            "name": name, "position_m": list(place), "tracking": makeup, "p_fa": P_FA,
+            "name": name, "position_m": list(place), "tracking": data_sheet, "p_fa": P_FA,
             "detector": "swerling1", "scan_period_s": period,
             "uncertainty": {"one": {"position_m": std, "constant": {"loss_db": decibels}}},
         })  # fmt: skip

@@ -202,9 +202,9 @@ class Brute:
         """P_D (runs, L) with errors drawn from one Gaussian of all of them."""
         rng = np.random.default_rng(seed)
         values, vectors = np.linalg.eigh(self.rho)
-        root = vectors * np.sqrt(np.maximum(values, 0))
-        white = rng.standard_normal((runs, len(self.times), 6))
-        poses = self.poses + np.einsum("kj,rjc->rkc", root, white) * self.sigma
+        sqrt_rho = vectors * np.sqrt(np.maximum(values, 0))
+        normals = rng.standard_normal((runs, len(self.times), 6))
+        poses = self.poses + np.einsum("kj,rjc->rkc", sqrt_rho, normals) * self.sigma
         states = self.states + rng.standard_normal((runs, *self.states.shape)) * self.std
         return self.p_d(poses, states)
 

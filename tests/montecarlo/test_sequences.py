@@ -177,8 +177,8 @@ def test_random_normals_are_normal_far_into_the_tails_and_independent_in_pairs()
         expected = 2 * len(normals) * ndtr(-4.0)  # 33
         assert abs(np.sum(abs(normals[:, i]) > 4) - expected) < 4 * np.sqrt(expected)
     # of two normals that are merely uncorrelated, the squares need not be
-    for white in (normals, normals**2, abs(normals) > 2):
-        correlation = np.corrcoef(white, rowvar=False) - np.eye(6)
+    for values in (normals, normals**2, abs(normals) > 2):
+        correlation = np.corrcoef(values, rowvar=False) - np.eye(6)
         assert np.max(abs(correlation)) < 5 / np.sqrt(len(normals))
 
 

@@ -169,11 +169,11 @@ def test_a_power_below_zero_is_counted_once_a_run():
     s = mixed_network(
         mixed_radars({"average_power_kw": 0.7}, {"peak_power_kw": 400, "gain_dbi": 2})
     )
-    white = np.zeros((5, 13))
-    white[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
-    white[[0, 2], 3] = -3.5
-    white[[0, 1], 7] = -5.5
-    radar, negative = Sampler.of(s).draw_radar(white)
+    errors = np.zeros((5, 13))
+    errors[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
+    errors[[0, 2], 3] = -3.5
+    errors[[0, 1], 7] = -5.5
+    radar, negative = Sampler.of(s).draw_radar(errors)
     assert_array_equal(negative, [True, True, True, False, False])
     assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
     assert_array_equal(radar[:, 7] == 0, [True, True, False, False, False])

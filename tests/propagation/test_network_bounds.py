@@ -113,8 +113,8 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     radar, _ = sampler.draw_radar(rng.standard_normal((scenario.runs, 12)))
     miss = 1.0
     for i, s in enumerate(single_radar_scenarios(scenario).values()):
-        white = rng.standard_normal((scenario.runs, 1, 6))
-        drawn = Sampler.of(s).draw_p_d(white, radar[:, 4 * i : 4 * i + 4])[:, 0]
+        normals = rng.standard_normal((scenario.runs, 1, 6))
+        drawn = Sampler.of(s).draw_p_d(normals, radar[:, 4 * i : 4 * i + 4])[:, 0]
         miss = miss * (1 - drawn)
     assert_allclose(joint / apart, factor, rtol=0.02)
     assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
@@ -158,10 +158,10 @@ def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
     cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
     sampler = Sampler.of(dataclasses.replace(scenario, cov_radar={"medium": cov}))
-    white = np.zeros((3, 8))
-    white[:, 7] = 0, -0.25, -1
-    white[2, 3] = -200
-    radar, negative = sampler.draw_radar(white)
+    normals = np.zeros((3, 8))
+    normals[:, 7] = 0, -0.25, -1
+    normals[2, 3] = -200
+    radar, negative = sampler.draw_radar(normals)
     assert_array_equal(negative, [False, False, True])
     assert_array_equal(radar[:, 7], [1, 0.5, 0])
     assert_array_equal(radar[:, 3], [100, 100, 0])

@@ -122,7 +122,7 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
 # One covariance for each pose.
 
 
-def alone(scenario, pose):
+def single_pose(scenario, pose):
     """A scenario of one pose, with its covariance as an orbit has it."""
     one = scenario.at_poses(slice(pose, pose + 1))
     return dataclasses.replace(one, cov_aircraft=one.cov_aircraft[0])
@@ -136,12 +136,12 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
         together = propagate_scenario(s, method=method)
         budget = error_budget(s, method)
         for pose in range(4):
-            one = propagate_scenario(alone(s, pose), method=method)
+            one = propagate_scenario(single_pose(s, pose), method=method)
             assert together.std[pose] == pytest.approx(one.std[0], rel=1e-9)
             assert together.upper[pose] == pytest.approx(one.upper[0], rel=1e-9)
-            for source, std in error_budget(alone(s, pose), method).alone.items():
+            for source, std in error_budget(single_pose(s, pose), method).alone.items():
                 assert budget.alone[source][pose] == pytest.approx(std[0], rel=1e-9, abs=1e-15)
-    stds = [propagate_scenario(alone(s, pose)).std[0] for pose in (0, 1, 2)]
+    stds = [propagate_scenario(single_pose(s, pose)).std[0] for pose in (0, 1, 2)]
     swapped = dataclasses.replace(s, cov_aircraft=s.cov_aircraft[::-1])
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
 
@@ -156,15 +156,15 @@ def test_standard_deviations_of_the_route_are_those_of_the_states(tmp_path):
 def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
     s = load(tmp_path, text)
     sampler = Sampler.of(s)
-    white = np.random.default_rng(3).standard_normal((40_000, 4, 6))
-    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, white)
+    normals = np.random.default_rng(3).standard_normal((40_000, 4, 6))
+    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, normals)
     for pose in range(4):
         std = np.sqrt(np.diagonal(s.cov_aircraft[pose]))
         scale = np.where(std > 0, std, 1.0)
         found = np.cov((drawn[:, pose] - s.aircraft[pose]) / scale, rowvar=False)
         # a correlation of 40 000 draws has a standard error of 0.005, a variance of 0.007
         assert found == pytest.approx(s.cov_aircraft[pose] / np.outer(scale, scale), abs=0.035)
-        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], white[:, pose])
+        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], normals[:, pose])
         assert (one == drawn[:, pose]).all()
 
 
@@ -215,8 +215,8 @@ def test_allowances_scale_every_covariance(tmp_path):
     top = float(np.max(3 * propagate_scenario(s).std))
     assert required_accuracies(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
     pose = s.at_poses(slice(2, 3))
-    alone_at = required_accuracies(s, 0.01, at=1000.0)
-    assert alone_at["all"].factor == pytest.approx(
+    at_pose = required_accuracies(s, 0.01, at=1000.0)
+    assert at_pose["all"].factor == pytest.approx(
         0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6
     )
 
@@ -486,6 +486,11 @@ REFUSED = [
         "geometry: the aircraft is on top of the radar at distance 9000 m",
     ),
     (f"{HEADER}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
+    (  # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
+        f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
+        {"geometry__interpolate": {"step_s": 5}},
+        "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more",
+    ),
     (
         ROUTE,
         {
