@@ -170,7 +170,7 @@ def swerling3(snr, p_fa):
 # N pulses: the signal's count against the noise's, both summed term by term.
 
 
-def _counts(mean, shape):
+def counts(mean, shape):
     """Yield the probabilities of 0, 1, ...: Poisson without a shape, or negative binomial."""
     p = mp.exp(-mean) if shape is None else (1 + mean / shape) ** (-shape)
     k = 0
@@ -200,8 +200,8 @@ def pulses(snr, number, shape, reference, t):
     """P_D and 1 − P_D of N pulses, each without cancellation in its lesser tail."""
     mean, least = number * mpf(snr), mpf(10) ** (8 - mp.dps)
     weights, noise = [], []
-    most, signal = mpf(0), _counts(mean, shape)
-    for j, p in enumerate(_counts(t, reference)):
+    most, signal = mpf(0), counts(mean, shape)
+    for j, p in enumerate(counts(t, reference)):
         noise.append(p)
         if j >= number:
             weights.append(next(signal))

@@ -11,7 +11,7 @@ from typing import ClassVar
 import jsonschema
 import pytest
 import yaml
-from fuzz.grammar import _Scenario, mutate_tree, render
+from fuzz.grammar import RandomScenario, mutate_tree, render
 from helpers import PAPER, SURVEILLANCE, document
 
 from radar_sense import keys
@@ -134,7 +134,7 @@ def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
     counts = collections.Counter()
     for number in range(120):
         rng = random.Random(f"schema {number}")
-        scenario = _Scenario(rng)
+        scenario = RandomScenario(rng)
         tree = scenario.make()
         if number % 3:
             mutate_tree(tree, rng)

@@ -19,7 +19,7 @@ from radar_sense.model.detectors import (
     Swerling2,
     Swerling3,
     Swerling4,
-    _probit,
+    probit_of_tail,
     required_snr,
 )
 from radar_sense.model.integration import PulseSum
@@ -37,7 +37,7 @@ SHAPES = {
 
 def exact(detector, snr, p_fa):
     """z and dz/dS without the table."""
-    return _probit(*detector.tails(p_fa).tail(np.atleast_1d(np.asarray(snr, dtype=float))))
+    return probit_of_tail(*detector.tails(p_fa).tail(np.atleast_1d(np.asarray(snr, dtype=float))))
 
 
 def agrees(z, by_snr, tails, snr, case):
@@ -68,7 +68,7 @@ def test_value_and_slope_in_both_tails(cls, cells):
         detector = cls(pulses=number, cfar=cells and CellAveraging(cells))
         pulses = PulseSum.of(number, detector.shape, number * (cells or math.inf), p_fa)
         grid = 10 ** np.linspace(-4, 6, 400)
-        z, _ = _probit(*pulses.tail(grid))
+        z, _ = probit_of_tail(*pulses.tail(grid))
         for target in (rng.uniform(z[0], 0), rng.uniform(0, 9))[: 1 + (number < 30)]:
             snr = float(np.interp(target, z, grid))
             with mp.workdps(40):
@@ -150,7 +150,7 @@ def test_thresholds_keep_p_fa(number, p_fa):
     """SciPy's inverse of the incomplete gamma function is off by 4e-13 of P_fa here."""
     t = PulseSum.of(number, 1.0, math.inf, p_fa).threshold
     with mp.workdps(30):
-        noise = oracle._counts(mpf(t), None)
+        noise = oracle.counts(mpf(t), None)
         false = sum(next(noise) for _ in range(number))
         assert abs(false / mpf(p_fa) - 1) < mpf("5e-14")
 

@@ -524,8 +524,8 @@ def test_not_a_text_file(here, monkeypatch):
     for name in ("none.csv", ".", "a\0b"):
         with pytest.raises(rs.ScenarioError, match=r"cannot be read|null|is a directory"):
             rs.load_rcs_table(name)
-    smaller = dataclasses.replace(rcs_file._FORMAT, max_bytes=2**20)
-    monkeypatch.setattr(rcs_file, "_FORMAT", smaller)
+    smaller = dataclasses.replace(rcs_file.FORMAT, max_bytes=2**20)
+    monkeypatch.setattr(rcs_file, "FORMAT", smaller)
     (here / "a.csv").write_bytes(b"#\n" * (2**19 + 1))
     with pytest.raises(rs.ScenarioError, match="larger than 1 MiB"):
         rs.load_rcs_table("a.csv")

@@ -88,8 +88,8 @@ def test_tails_of_very_many_rows_are_exact_too(kind, size):
 
 
 def test_a_million_runs_of_the_paper_take_12_megabytes():
-    tail = Tails(361, 10**6, P)._low
-    assert 2 * tail.capacity * 361 * 8 == pytest.approx(11.7e6, rel=0.01)
+    rows = np.random.default_rng(6).uniform(size=(10**6, 1))
+    assert 361 * tails_of(rows, P, 100_000, merged=False).bytes == pytest.approx(11.7e6, rel=0.01)
 
 
 @pytest.mark.parametrize("columns", [1, 361, 100_000])

@@ -19,7 +19,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import (
     propagate_scenario,
 )
-from radar_sense.propagation.checks import _trace_of_cube
+from radar_sense.propagation.checks import trace_of_cube
 from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
 from radar_sense.reading.parse import load_scenario
 from radar_sense.scenario import single_radar_scenarios
@@ -245,4 +245,4 @@ def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
 def test_the_trace_of_the_cube_of_a_matrix(n):
     matrices = np.random.default_rng(n).normal(size=(n, n, 4))
     cubes = [np.linalg.matrix_power(matrices[..., i], 3) for i in range(4)]
-    assert_allclose(_trace_of_cube(matrices), np.trace(cubes, axis1=1, axis2=2), rtol=1e-9)
+    assert_allclose(trace_of_cube(matrices), np.trace(cubes, axis1=1, axis2=2), rtol=1e-9)

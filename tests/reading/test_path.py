@@ -520,8 +520,8 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
 
 
 def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
-    smaller = dataclasses.replace(route_file._FORMAT, max_bytes=2**20)
-    monkeypatch.setattr(route_file, "_FORMAT", smaller)
+    smaller = dataclasses.replace(route_file.FORMAT, max_bytes=2**20)
+    monkeypatch.setattr(route_file, "FORMAT", smaller)
     file = write_path(tmp_path, ROUTE + "#" * 2**20)
     with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
         rs.load_scenario(file)

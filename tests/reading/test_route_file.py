@@ -118,7 +118,7 @@ def test_a_route_has_times_states_and_distance(load):
 @pytest.mark.parametrize("piece", [7, 2**22])
 def test_the_same_route_written_otherwise(load, text, piece, monkeypatch):
     expected = load(SIMPLE)
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", piece)
+    monkeypatch.setattr(csv_reader, "READ_BYTES", piece)
     same(load(text), expected)
 
 
@@ -138,7 +138,7 @@ def test_attitude_and_standard_deviations(load):
 
 @pytest.mark.parametrize("rank", [1, 3, 6])
 def test_the_upper_triangle_is_a_covariance(load, rank, monkeypatch):
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", 5000)  # several pieces
+    monkeypatch.setattr(csv_reader, "READ_BYTES", 5000)  # several pieces
     rng = np.random.default_rng(rank)
     covariance = random_covariance(rng, 50, rank)
     path = ned(np.arange(50.0), rng.uniform(-1e5, 1e5, (50, 3)))
@@ -232,7 +232,7 @@ def test_the_size_of_the_blocks_changes_nothing(load, monkeypatch):
     columns = {**geodetic(time, place), **triangle(random_covariance(rng, 50))}
     found = []
     for block in (7, 2**14):
-        monkeypatch.setattr(track, "_BLOCK", block)
+        monkeypatch.setattr(track, "BLOCK", block)
         path = load(columns, origin=ORIGIN)
         found += [path, resample(path, 0.5), resample(path, 0.5, "smooth")]
     for a, b in zip(found[:3], found[3:], strict=True):
@@ -695,7 +695,7 @@ def test_bad_files_are_refused_with_their_line(load, name):
 
 
 def test_lines_are_counted_across_pieces(load, monkeypatch):
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", 50)
+    monkeypatch.setattr(csv_reader, "READ_BYTES", 50)
     lines = [f"{i},{i * 100},0,0" for i in range(100)]
     assert len(load("\n".join([HEAD, *lines])).time_s) == 100
     for bad, says in (("x", "north_m"), ("7,0,0,0", "time_s"), ("80,1e9,0,0", "north_m")):
@@ -726,11 +726,11 @@ def test_an_origin_must_be_a_place_and_have_a_use(load):
 
 
 def test_too_many_rows_and_too_large_a_file(load, monkeypatch):
-    monkeypatch.setattr(route_file, "_FORMAT", replace(route_file._FORMAT, max_rows=3))
+    monkeypatch.setattr(route_file, "FORMAT", replace(route_file.FORMAT, max_rows=3))
     assert len(load(SIMPLE).time_s) == 3
     with pytest.raises(ScenarioError, match=r"^route\.csv:6: has more than 3 rows"):
         load("\n" + SIMPLE + "3,300,0,0\n")
-    monkeypatch.setattr(route_file, "_FORMAT", replace(route_file._FORMAT, max_bytes=2**20))
+    monkeypatch.setattr(route_file, "FORMAT", replace(route_file.FORMAT, max_bytes=2**20))
     with pytest.raises(ScenarioError, match="is larger than 1 MiB"):
         load(SIMPLE + "#\n" * 2**19)
 
