@@ -1,7 +1,9 @@
 """Helpers of the tests: scenarios, networks, refusals and figures."""
 
 import copy
+import csv
 import dataclasses
+import json
 import re
 from collections.abc import Callable
 from functools import partial
@@ -158,6 +160,35 @@ def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
     assert match, error
     return int(match[1]), match[2] or "", match[3]
+
+
+def read_table(path):
+    """Return the columns of a CSV file by name."""
+    with Path(path).open(newline="") as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
+
+
+def read_record(path):
+    """Return a JSON record; NaN and infinity, which Python would read, are refused."""
+
+    def refuse(word):
+        raise ValueError(f"{word} is not JSON")
+
+    return json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def mission(scenario, *, m_of_n=None, **options):
+    """Call the analysis with m and n as a pair."""
+    from radar_sense import analyses
+
+    m, n = m_of_n or (None, None)
+    return analyses.mission(scenario, m=m, n=n, **options)
+
+
+def dashes(line):
+    """Return the dash pattern of a line, for which Matplotlib has no public name."""
+    return str(line._unscaled_dash_pattern)
 
 
 # A radar by its data sheet.

@@ -7,7 +7,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from helpers import document, lay_out, legend_off_data, scenario, small_batches, yaml_text
+from helpers import dashes, document, lay_out, legend_off_data, scenario, small_batches, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
@@ -175,7 +175,7 @@ def test_many_lines_are_told_apart(of, style):
     figure = lay_out(result.plot(style))
     (axes,) = figure.axes
     pairs = [
-        (line.get_color(), str(line._unscaled_dash_pattern))
+        (line.get_color(), dashes(line))
         for line in axes.lines
         if line.get_color() not in ("black", plotting.BAND[0] if of == "radars" else "")
     ]
@@ -306,8 +306,7 @@ def test_layout_of_detectors(p_fa, monkeypatch):
     for axes in (top, bottom):
         lines = axes.lines[:4] if axes is top else axes.lines
         styles = {
-            (str(line._unscaled_dash_pattern), line.get_linewidth(), line.get_color() == "black")
-            for line in lines
+            (dashes(line), line.get_linewidth(), line.get_color() == "black") for line in lines
         }
         assert len(styles) == len(lines)
 
@@ -317,8 +316,7 @@ def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
     (axes,) = ALL[analysis](load_scenario()).plot().axes
     colours = [line.get_color() for line in axes.lines]
     styles = [
-        (str(line._unscaled_dash_pattern), colour == "black")
-        for line, colour in zip(axes.lines, colours, strict=True)
+        (dashes(line), colour == "black") for line, colour in zip(axes.lines, colours, strict=True)
     ]
     assert len(axes.lines) == (5 if analysis == "budget" else 3)
     assert len(set(styles)) == len(styles)

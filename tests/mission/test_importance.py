@@ -9,7 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import yaml
-from helpers import document
+from helpers import document, mission
 from scipy.special import ndtr
 
 import radar_sense as rs
@@ -24,13 +24,6 @@ from radar_sense.mission.importance.quantiles import (
     weighted_statistics,
 )
 from radar_sense.mission.importance.sampling import importance_sampling
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
 0,60e3,-40e3,-6000,0,0,90

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -10,7 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import few_draws, lay_out, legend_off_data, scenario, without_pixels, write_path
+from helpers import (
+    few_draws,
+    lay_out,
+    legend_off_data,
+    mission,
+    read_record,
+    read_table,
+    scenario,
+    without_pixels,
+    write_path,
+)
 
 import radar_sense as rs
 from radar_sense import limits
@@ -20,13 +29,6 @@ from radar_sense.mission import tracks
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
@@ -62,19 +64,6 @@ def load(folder, text=ROUTE, **changes):
 
 def looks_of(s):
     return with_schedule(s)[0]
-
-
-def columns(path):
-    with Path(path).open(newline="") as file:
-        rows = list(csv.reader(file))
-    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
-
-
-def record(path):
-    def refuse(word):
-        raise ValueError(f"{word} is not JSON")
-
-    return json.loads(Path(path).read_text(), parse_constant=refuse)
 
 
 # The keys.
@@ -345,7 +334,7 @@ def test_columns(tool, monkeypatch, options, method):
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
     assert out.isascii()
-    found = columns("figures/flight_mission.csv")
+    found = read_table("figures/flight_mission.csv")
     drawn = ["mc_mean", "mc_std", "mc_lower", "mc_upper"] if "runs" in options else []
     expected = ["time_s", "p_d", "cumulative_p_d", "sigma_cumulative"]
     expected += ["lower_3sigma", "upper_3sigma", *drawn]
@@ -363,7 +352,7 @@ def test_columns(tool, monkeypatch, options, method):
     assert sorted(p.name for p in Path("figures").iterdir()) == [
         "flight_mission.csv", "flight_mission.json", "flight_mission.png",
     ]  # fmt: skip
-    summary = record("figures/flight_mission.json")["summary"]
+    summary = read_record("figures/flight_mission.json")["summary"]
     assert summary["looks"] == 4
     assert summary["detection"]["at_end"]["p"] == found["cumulative_p_d"][-1]
     assert (summary["monte_carlo"] is None) == ("runs" not in options)
@@ -377,8 +366,8 @@ def test_report(tool):
     code, out, _ = tool("mission", file, "--m", 3, "--n", 5, "--runs", 100, "--no-plot")
     assert code == 0
     found, summary = (
-        columns("figures/flight_mission.csv"),
-        record("figures/flight_mission.json")["summary"],
+        read_table("figures/flight_mission.csv"),
+        read_record("figures/flight_mission.json")["summary"],
     )
     lines = out.splitlines()
     assert lines[0] == "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s"
@@ -414,7 +403,7 @@ def test_the_record_makes_the_same_mission_again(tool):
     assert (
         tool("mission", file, "--no-plot", "--runs", 20, "--seed", 3, "--level", "high").code == 0
     )
-    found = record("figures/flight_mission.json")
+    found = read_record("figures/flight_mission.json")
     Path("again.yaml").write_text(json.dumps(found["scenario"]))
     assert tool("mission", "again.yaml", "--no-plot", "--runs", 20, "--out", "again").code == 0
     name = "flight_mission.csv"
@@ -461,7 +450,7 @@ def test_constants_set_to_zero_are_said(tool):
     file = write(Path(), uncertainty__radar=levels, analysis={"level": "wild"})
     code, _, err = tool("mission", file, "--runs", 500, "--no-plot")
     assert code == 0
-    count = record("figures/flight_mission.json")["summary"]["monte_carlo"][
+    count = read_record("figures/flight_mission.json")["summary"]["monte_carlo"][
         "radar_constants_set_to_zero"
     ]
     assert 25 < count < 90
@@ -477,7 +466,8 @@ def test_an_undefined_gradient_is_said(tool):
     assert err.rstrip().endswith("use --method importance")
     assert "the uncertainty is undefined at 10 to 20 s; the radar is straight above" in err
     assert "its uncertainty is undefined" in out
-    assert record("figures/flight_mission.json")["summary"]["detection"]["at_end"]["sigma"] is None
+    summary = read_record("figures/flight_mission.json")["summary"]
+    assert summary["detection"]["at_end"]["sigma"] is None
 
 
 @pytest.mark.parametrize(  # every pair of two values
@@ -499,6 +489,3 @@ def test_layout(tmp_path, runs, m_of_n, period):
     for axes in figure.axes:
         assert axes.get_ylabel()
     assert "Time" in figure.axes[-1].get_xlabel()
-
-
-# The threshold.

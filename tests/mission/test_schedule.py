@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, few_draws, lay_out, legend_off_data
+from helpers import document, few_draws, lay_out, legend_off_data, mission
 
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
@@ -24,13 +24,6 @@ from radar_sense.mission import draws, tracks
 from radar_sense.mission import looks as lk
 from radar_sense.model import geodesy as wgs84
 from radar_sense.montecarlo.sampler import Sampler
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
@@ -571,21 +564,3 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
     assert reaches["earliest_s"] == pytest.approx(888, abs=6)  # one look
     assert reaches["latest_s"] == pytest.approx(1065, abs=12)
     assert found["at_end"]["p"] == pytest.approx(0.998, abs=5e-4)
-
-
-def test_looks_between_places_keep_their_altitude(tmp_path):
-    """A straight line between poses 600 km apart is 7 km below the flight."""
-    (tmp_path / "far.csv").write_text(
-        "time_s,latitude_deg,longitude_deg,altitude_m\n0,33,-154,9000\n2600,35,-148,9000\n"
-    )
-    content = yaml.safe_load((CONFIGS / "corridor.yaml").read_text())
-    content["geometry"] = {
-        "type": "path", "file": "far.csv", "origin": content["geometry"]["origin"],
-    }  # fmt: skip
-    content["uncertainty"]["aircraft"] = {"position_m": 10, "attitude_deg": 1}
-    for one in content["radars"]:
-        one["p_fa"] = float(one["p_fa"])  # PyYAML wants a sign in the exponent
-    (tmp_path / "far.yaml").write_text(yaml.safe_dump(content))
-    looks = looks_of(rs.load_scenario(tmp_path / "far.yaml"))
-    place = wgs84.geodetic_from_ned(looks.aircraft[:, :3], looks.origin)
-    np.testing.assert_allclose(place[:, 2], 9000, atol=1e-3)

@@ -8,7 +8,7 @@ from pathlib import Path
 import chain_rule
 import numpy as np
 import pytest
-from helpers import OVERHEAD, lay_out, legend_off_data, scenario, single
+from helpers import OVERHEAD, dashes, lay_out, legend_off_data, scenario, single
 
 from radar_sense.analyses.convergence import (
     ESTIMATORS,
@@ -432,7 +432,7 @@ def test_layout(changes, runs):
         assert axes.get_yscale() == ("linear" if changes is NOTHING else "log")
         lines = axes.lines[: len(ESTIMATORS)]
         assert len({line.get_marker() for line in lines}) == len(ESTIMATORS)  # tells them in grey
-        assert len({str(line._unscaled_dash_pattern) for line in lines}) == len(ESTIMATORS)
+        assert len({dashes(line) for line in lines}) == len(ESTIMATORS)
         for text in axes.texts:
             assert axes.get_window_extent().contains(*text.get_window_extent().min)
             assert axes.get_window_extent().contains(*text.get_window_extent().max)

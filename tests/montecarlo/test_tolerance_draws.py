@@ -11,6 +11,7 @@ from helpers import (
     MIXED_P_FA,
     MIXED_POSITIONS,
     MIXED_RANGE,
+    mission,
     mixed_document,
     mixed_network,
     mixed_radars,
@@ -19,7 +20,6 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 
-import radar_sense as rs
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler, columns, normals
@@ -27,13 +27,6 @@ from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.reading.parse import parse_scenario
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 # Draws.
 
