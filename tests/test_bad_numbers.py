@@ -187,7 +187,7 @@ def test_no_number_is_an_error_everywhere():
                 made(states()[0], wrong, *good_covariances())
 
 
-def test_what_rounding_does_is_no_error():
+def test_rounded_covariances_are_accepted():
     rng = np.random.default_rng(1)
     for _ in range(200):
         units = 10.0 ** rng.uniform(-6, 6, 6)

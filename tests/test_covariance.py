@@ -57,7 +57,7 @@ def test_a_component_without_variance_stays_certain():
         ([[1e12, 2.0], [2.0, 1e-12]], "not positive semidefinite"),
     ],
 )
-def test_what_is_not_a_covariance(matrix, says):
+def test_matrices_that_are_no_covariances(matrix, says):
     assert says in problem(np.array(matrix, dtype=float))
 
 

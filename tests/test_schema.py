@@ -123,7 +123,7 @@ def test_the_schema_accepts_the_files_of_the_project(config):
     assert [error.message for error in VALIDATOR.iter_errors(value)] == []
 
 
-def test_the_schema_is_one():
+def test_the_schema_is_valid():
     jsonschema.Draft7Validator.check_schema(SCHEMA)
     assert SCHEMA["$schema"] == "http://json-schema.org/draft-07/schema#"
 
@@ -254,7 +254,7 @@ OF_NETWORK = [
 
 
 @pytest.mark.parametrize("path", ["of the paper", "of a network"])
-def test_mistakes_are_marked_and_refused(path):
+def test_mistakes_fail_the_schema_and_are_refused(path):
     of, mistakes = (PAPER, MISTAKES) if path == "of the paper" else (NETWORK, OF_NETWORK)
     for mistake in mistakes:
         text = yaml.safe_dump(document(of, **mistake), sort_keys=False)

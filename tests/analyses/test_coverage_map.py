@@ -313,7 +313,7 @@ def test_summary_and_report():
     assert set(result.table) == {"north_m", "east_m", "p_d"}
 
 
-def test_what_a_bound_cannot_be_is_said():
+def test_a_map_warns_of_bounds_above_one_and_of_unreliable_bounds():
     s = scenario().with_analysis(level="high")
     linear = coverage_map(s, **SMALL, upper=True)
     assert any("exceeds 1" in w for w in linear.warnings)
@@ -386,7 +386,7 @@ def test_the_same_map_is_the_same_bytes(monkeypatch):
         ("--level medum", "did you mean 'medium'"),
     ],
 )
-def test_what_is_refused(tool, args, words):
+def test_refusals(tool, args, words):
     code, out, err = tool("map", *args.split())
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1

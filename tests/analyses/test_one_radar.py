@@ -89,7 +89,7 @@ def test_a_mission_of_one_radar(tool):
 
 
 @pytest.mark.parametrize("command", [*COMMANDS, "mission"])
-def test_a_radar_that_there_is_not(tool, command):
+def test_a_radar_that_does_not_exist(tool, command):
     write(yaml_text(mixed_document(sweep=POSE)))
     code, out, err = tool(command, "my.yaml", "--radar", "bb", "--out", "new")
     assert_refused(code, out, err)

@@ -189,7 +189,7 @@ ANALYSES = {
 
 
 @pytest.mark.parametrize("name", ANALYSES)
-def test_every_analysis_sees_it(name):
+def test_every_analysis_depends_on_the_rcs_error(name):
     content = network()
     content["analysis"]["runs"] = 128
     s = rs.parse_scenario(yaml_text(content))

@@ -41,7 +41,7 @@ def test_time_above_is_that_of_the_broken_line():
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
-def test_what_is_not_known_does_not_hold(unknown):
+def test_a_pose_without_a_bound_is_not_known(unknown):
     found = threshold_test([0.1, unknown, 0.1, 0.1], 0.5, [0, 1, 3, 7])
     np.testing.assert_array_equal(found.unknown, [False, True, False, False])
     assert not found.violated.any()
@@ -93,6 +93,6 @@ def test_methods_disagree_about_the_paper():
         ([0.1, 0.2], 0.5, [0, np.nan], "in order"),
     ],
 )
-def test_what_is_refused(upper, p_max, coordinate, words):
+def test_refusals(upper, p_max, coordinate, words):
     with pytest.raises(ValueError, match=words):
         threshold_test(upper, p_max, coordinate)

@@ -28,7 +28,7 @@ from radar_sense.states import SOURCES
 # Where c_r is not what a method takes it for.
 
 
-def test_doubt_says_what_the_distribution_is():
+def test_the_distribution_warning_has_the_moments_of_the_constant():
     decibel = [Tolerance("loss_db", 8, 1.0, -1, decibels=True)]
     said = shape_warning(decibel, "linear", log_normal=False)
     s = math.log(10) / 10
@@ -59,7 +59,7 @@ def test_doubt_says_what_the_distribution_is():
 @pytest.mark.parametrize(
     "analyse", [analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity]
 )
-def test_every_analysis_says_so(analyse):
+def test_every_analysis_warns_that_the_constant_is_not_gaussian(analyse):
     said = "c_r is not Gaussian, the assumption of linear"
     warnings = [w for w in analyse(sheet_scenario()).warnings if said in w]
     assert len(warnings) == 1
@@ -153,7 +153,7 @@ def test_budget_shows_the_parts(tool):
     )
 
 
-def test_budget_says_what_to_measure_better():
+def test_the_budget_names_the_part_to_measure_better():
     s = sheet_scenario()
     result = analyses.budget(s)
     line = next(line for line in result.report if "measure better" in line)

@@ -147,7 +147,7 @@ def test_the_figure_shows_the_parts():
     assert labels["a loss_db"].get_color() == labels["a"].get_color() != labels["b"].get_color()
 
 
-def test_check_says_how_every_constant_is_distributed(tool):
+def test_check_shows_the_distribution_of_every_constant(tool):
     write(yaml_text(mixed_document()))
     code, out, _ = tool("check", "my.yaml")
     assert code == 0

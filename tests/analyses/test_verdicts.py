@@ -74,7 +74,7 @@ def test_the_bound_and_the_probability_agree(method):
         np.testing.assert_allclose(found, tail, rtol=0.02)
 
 
-def test_nothing_uncertain_is_certain():
+def test_without_uncertainty_the_probability_is_zero_or_one():
     s = scenario(
         uncertainty={
             "aircraft": {"position_m": 0, "attitude_deg": 0},
@@ -145,7 +145,7 @@ def test_the_probability_anywhere(tmp_path, tau):
 
 
 @pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
-def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
+def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
     """P_D is below 0.1 at both rows, at one range, and near 1 between them."""
     s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
     assert propagate_scenario(s).upper.max() < 0.1

@@ -219,7 +219,7 @@ def test_detectors(tool):
     assert "largest error at the poses of this scenario: 0.0039 at 0 and 180 deg" in out
 
 
-def test_a_detector_that_is_named_is_used(tool):
+def test_the_named_detector_is_used(tool):
     text = default_text().replace("detector: north", "detector: swerling1")
     Path("one.yaml").write_text(text)
     assert tool("variance", "one.yaml", "--no-plot").code == 0
@@ -554,7 +554,7 @@ def test_only_a_terminal_shows_progress_and_not_with_q(standard_error, command):
 
 
 @pytest.mark.parametrize("args", [["budget", "--no-plot"], ["--help"]])
-def test_output_that_nobody_reads(tmp_path, args):
+def test_a_closed_pipe_as_standard_output(tmp_path, args):
     """A closed output, as in `radar-sense budget | head -0`."""
     read, write = os.pipe()
     os.close(read)

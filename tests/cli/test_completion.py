@@ -48,7 +48,7 @@ def completed(*words):
         (["init", "--r"], ["--route"]),
     ],
 )
-def test_words(words, expected):
+def test_completions(words, expected):
     assert completed(*words) == expected
 
 

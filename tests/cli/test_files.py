@@ -296,7 +296,7 @@ def test_after_a_kill_files_beside_a_record_are_of_its_run(folder, monkeypatch, 
     assert states == {"old", "without a record", "new"}
 
 
-def test_a_table_without_a_record_is_told(tool):
+def test_a_replaced_table_without_a_record_is_reported(tool):
     tool("variance", "--no-plot")
     Path("figures/paper_variance.json").unlink()
     out = tool("variance", "--no-plot").out
@@ -320,7 +320,7 @@ files.write(Path(), {"a.csv": b"new a", "a.png": b"new png", "a.json": b"new jso
 """
 
 
-def test_a_killed_run_leaves_nothing_for_ever(folder):
+def test_the_next_run_removes_the_files_of_a_killed_run(folder):
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env=env, check=False)
     assert done.returncode == -signal.SIGKILL
@@ -375,7 +375,7 @@ def test_an_interrupt_among_the_renames_writes_all(tool, fake, monkeypatch, numb
     assert sorted(content("figures")) == names
 
 
-def test_an_interrupt_of_the_printing_does_not_deny_the_files(tool, fake, monkeypatch):
+def test_an_interrupt_while_printing_reports_the_written_files(tool, fake, monkeypatch):
     fake(lambda: None)
     real = command_line.click.format_filename
     monkeypatch.setattr(
@@ -387,7 +387,7 @@ def test_an_interrupt_of_the_printing_does_not_deny_the_files(tool, fake, monkey
     assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
 
 
-def test_a_full_disk_at_the_printing_does_not_deny_the_files(tool, fake, monkeypatch):
+def test_a_full_disk_while_printing_reports_the_written_files(tool, fake, monkeypatch):
     fake(lambda: None)
     monkeypatch.setattr(command_line.click, "format_filename", lambda path: disk_full())
     assert tool("fake", "--no-plot").err.endswith("space left on device; all files were written\n")
@@ -415,7 +415,7 @@ def test_threads_at_work_are_interrupted(tool, fake):
         (OSError(5, "Input/output error"), "Input/output error"),
     ],
 )
-def test_what_runs_out_is_one_line(tool, fake, error, words):
+def test_running_out_of_memory_or_threads_is_one_line(tool, fake, error, words):
     def fail() -> None:
         raise error
 
@@ -533,7 +533,7 @@ def test_an_input_is_never_overwritten(tool, command, which):
 # Runs that replace others.
 
 
-def test_other_options_are_said_to_replace(tool):
+def test_replaced_results_of_other_options_are_reported(tool):
     first = tool("variance", "--format", "png").out
     assert "replaced" not in first
     assert tool("variance", "--format", "png").out == first
@@ -572,7 +572,7 @@ def test_a_long_record_takes_little_more_memory_than_its_text():
 
 
 @pytest.mark.parametrize("text", ["", "[1]", '{"command": 7, "scenario": []}', "\x00"])
-def test_a_record_that_is_none_is_replaced(tool, text):
+def test_a_file_that_is_no_record_is_replaced(tool, text):
     Path("figures").mkdir()
     Path("figures/paper_variance.json").write_text(text)
     Path("figures/paper_variance.png").write_text("a figure of whatever")

@@ -200,7 +200,7 @@ def test_one_look_is_propagate(method):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9)
 
 
-def test_where_p_d_rounds_to_one_the_rest_is_still_known():
+def test_deviations_are_known_where_p_d_rounds_to_one():
     """Two looks at P_D = 1 − 2e-33 or so: in double precision nothing is left of 1 − P_D."""
     z, g = np.array([12.0, 11.0]), np.array([[0.3, 0.1], [0.2, 0.4]])
     by_aircraft = np.zeros((2, 6))
@@ -252,7 +252,7 @@ def test_an_undefined_gradient_is_undefined_from_there_on():
         assert np.isnan(found.std[3:]).all()
 
 
-def test_where_nothing_is_uncertain_not_even_the_rounding_is():
+def test_without_uncertainty_bounds_are_nominal_without_rounding():
     time, aircraft = flight(60)
     looks = lk.linearize_looks(MODEL, time, aircraft, RADAR)
     nothing = cu.cumulative_detection(looks, 0 * COV_AIRCRAFT, np.zeros((4, 4)), correlation_time=0)
@@ -263,7 +263,7 @@ def test_where_nothing_is_uncertain_not_even_the_rounding_is():
 
 @pytest.mark.parametrize("method", cu.METHODS)
 @pytest.mark.parametrize("seed", range(20))
-def test_what_has_happened_never_becomes_less_probable(method, seed):
+def test_cumulative_probabilities_never_decrease(method, seed):
     rng = np.random.default_rng(seed)
     looks = 60
     time = np.cumsum(rng.exponential(10, looks))
@@ -488,7 +488,7 @@ def test_radars_that_take_turns():
 # What is refused.
 
 
-def test_what_is_refused():
+def test_refusals():
     time, aircraft = flight(5)
     looks = lk.linearize_looks(MODEL, time, aircraft, RADAR)
     cov, radar = COV_AIRCRAFT, COV_RADAR["low"]

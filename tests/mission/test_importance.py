@@ -194,7 +194,7 @@ def test_the_same_bytes_for_any_number_of_workers(tmp_path):
 
 
 @pytest.mark.usefixtures("_fewer_draws")
-def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
+def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
     certain = {"position_m": 0, "attitude_deg": 0}
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
     cov = {level: 0.0 * c for level, c in s.cov_radar.items()}

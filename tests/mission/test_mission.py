@@ -192,7 +192,7 @@ def refused(words, *args, **options):
     assert "\n" not in str(error.value)
 
 
-def test_what_is_refused(tmp_path):
+def test_refusals(tmp_path):
     refused("needs times, which an orbit does not have", scenario(radar__scan_period_s=3))
     s = load(tmp_path)
     refused("one of importance, linear, probit for a mission, got 'form'", s, method="form")
@@ -287,7 +287,7 @@ def test_correlation_time_is_used(tmp_path):
     assert sigma[0] < 0.6 * sigma[1] < 0.6 * sigma[2]
 
 
-def test_draws_are_those_of_the_seed_alone(tmp_path):
+def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
     s = load(tmp_path, radar__scan_period_s=20)
     one, two, other = (
         mission(c, runs=3000, m_of_n=(2, 3), workers=w).table
@@ -438,14 +438,14 @@ def test_an_orbit_is_refused(tool):
     assert len(err.splitlines()) == 1
 
 
-def test_linear_says_that_its_band_leaves(tool):
+def test_a_linear_band_outside_zero_and_one_is_warned_of(tool):
     file = write(Path(), radar__scan_period_s=10, radar__constant=14)
     err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
     assert "Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] at" in err
     assert "band leaves" not in tool("mission", file, "--level", "high", "--no-plot").err
 
 
-def test_constants_set_to_zero_are_said(tool):
+def test_constants_set_to_zero_are_warned_of(tool):
     levels = {"wild": {"position_m": 1, "constant": 40}}  # of 50: one in ten is below zero
     file = write(Path(), uncertainty__radar=levels, analysis={"level": "wild"})
     code, _, err = tool("mission", file, "--runs", 500, "--no-plot")
@@ -457,7 +457,7 @@ def test_constants_set_to_zero_are_said(tool):
     assert f"the radar constant was drawn below zero and set to zero in {count} runs" in err
 
 
-def test_an_undefined_gradient_is_said(tool):
+def test_an_undefined_gradient_is_warned_of(tool):
     over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
     file = write(Path(), over, radar__scan_period_s=10)
     assert tool("mission", file).err == ""  # importance sampling takes no gradient

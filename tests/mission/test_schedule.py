@@ -212,7 +212,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("periods", CASES)
-def test_what_is_known_for_certain(tmp_path, periods):
+def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
     brute = Brute(periods, 0.0)
     found = mission(load(tmp_path, periods), m_of_n=(2, 3)).table
     assert found["time_s"].tolist() == brute.times
@@ -307,7 +307,7 @@ def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
 
 
 @pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
-def test_coins_start_as_many_tracks(tmp_path, tau):
+def test_drawn_detections_start_as_many_tracks(tmp_path, tau):
     """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
     periods = {"near": 4, "hill": 8, "far": 8}
     brute, runs = Brute(periods, tau), 10_000
@@ -413,7 +413,7 @@ def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
             assert said[event]["at_end"]["p"] == pytest.approx(one.summary[event]["at_end"]["p"])
 
 
-def test_draws_do_not_depend_on_who_draws(tmp_path):
+def test_draws_do_not_depend_on_the_number_of_workers(tmp_path):
     s = load(tmp_path, CASES[1], 25.0)
     options = {"runs": 9000, "m_of_n": (2, 3), "method": "linear"}
     one, two = (mission(s, **options, workers=w).table for w in (1, 2))
@@ -468,7 +468,7 @@ def test_report_and_record(tool, tmp_path):
         ),
     ],
 )
-def test_what_is_refused(tool, tmp_path, periods, options, words):
+def test_refusals(tool, tmp_path, periods, options, words):
     code, out, err = tool("mission", write(tmp_path, periods), *options)
     assert (code, out) == (2, "")
     assert words in err
@@ -476,7 +476,7 @@ def test_what_is_refused(tool, tmp_path, periods, options, words):
     assert not Path("figures").exists()
 
 
-def test_what_the_schedule_refuses(tmp_path):
+def test_a_mission_refuses_a_radar_without_a_period(tmp_path):
     with pytest.raises(InputError, match="'far' needs a scan_period_s"):
         mission(load(tmp_path, {"far": None, "near": 3}))
 
@@ -508,7 +508,7 @@ def test_the_route_of_the_corridor_is_what_its_script_makes():
     assert "SYNTHETIC" in made.splitlines()[0]
 
 
-def test_the_corridor_teaches_what_it_says(monkeypatch):
+def test_the_numbers_of_the_corridor_example(monkeypatch):
     s = rs.load_scenario(CONFIGS / "corridor.yaml")
     time = s.time_s
     assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6

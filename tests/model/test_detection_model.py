@@ -741,7 +741,7 @@ def test_singular_covariance_is_never_nan():
     assert np.all(guarded[:, 0] < 1e-13)
 
 
-def test_no_uncertainty_means_none():
+def test_no_uncertainty_is_a_deviation_of_zero():
     lin = PAPER.linearize(paper_aircraft(np.arange(5.0)), PAPER_RADAR)
     assert_array_equal(lin.std(np.zeros((6, 6)), np.zeros((4, 4))), np.zeros(5))
 
@@ -868,7 +868,7 @@ def test_radar_without_power_detects_noise(kind):
 @pytest.mark.parametrize(
     "rcs", [ConstantRCS(1.0), EllipsoidRCS(0.1, 0.2, 0.3), SpikeballRCS(4, 1, 1)]
 )
-def test_nothing_has_a_meaning_where_aircraft_and_radar_coincide(rcs):
+def test_results_are_nan_where_aircraft_and_radar_coincide(rcs):
     model = DetectionModel(rcs, 1e-4)
     lin = model.linearize(np.zeros(6), [0, 0, 0, 1.0])
     assert np.isnan(model.p_d(np.zeros(6), [0, 0, 0, 1.0]))

@@ -129,7 +129,7 @@ def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
         assert_allclose(fluctuating.p_d(np.array(snr), p_fa), mean, rtol=1e-10)
 
 
-def test_where_scipy_s_function_fails():
+def test_marcum_where_the_function_of_scipy_fails():
     """Q₁(5, 14), and a miss of 2e-91: what one would reach for has neither."""
     assert 1 - chndtr(14.0**2, 2, 5.0**2) == 0
     p_fa = float(mp.exp(-98))

@@ -134,7 +134,7 @@ def test_a_strong_steady_target_by_bessel_functions(number):
 
 
 @pytest.mark.parametrize("cls", [Marcum, Swerling1, Swerling3])
-def test_one_pulse_is_the_sum_too(cls):
+def test_closed_forms_of_one_pulse_agree_with_the_sum(cls):
     """The closed forms and the series of a single pulse agree with the sum."""
     snr = 10 ** np.linspace(-4, 3, 60)
     for p_fa in (1e-12, 1.7e-4, 0.5):
@@ -318,7 +318,7 @@ def test_any_shape_and_any_size(detector):
 # Print.
 
 
-def test_what_a_decibel_is_worth():
+def test_the_slope_of_p_d_per_decibel_grows_with_integration():
     """One pulse with the gain of integration in c_r has a σ that is 2.7 to 4.3 times too small."""
     slopes = []
     for number, expected in ((1, 0.076), (10, 0.202), (100, 0.327)):
@@ -357,7 +357,7 @@ def shnidman(p_d, p_fa, number, shape):
 
 
 @pytest.mark.parametrize(("p_d", "of_albersheim"), [(0.5, 0.2), (0.9, 0.3)])
-def test_albersheim_and_shnidman_within_what_they_state(p_d, of_albersheim):
+def test_albersheim_and_shnidman_within_their_stated_errors(p_d, of_albersheim):
     """0.2 and 0.5 dB.
 
     Albersheim's detector is linear, which at P_D 0.9 makes up to 0.1 dB more. At P_D 0.1 and P_fa
@@ -398,7 +398,7 @@ def test_required_snr():
         (lambda: Marcum(cfar=CellAveraging(2)).tails(1e-9), "more than 30 dB above noise"),
     ],
 )
-def test_what_does_not_go_together(make, says):
+def test_keys_of_a_detector_that_exclude_each_other(make, says):
     with pytest.raises(InputError, match=says):
         make()
 

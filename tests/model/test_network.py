@@ -160,7 +160,7 @@ def test_fusion_keeps_both_tails():
                 assert error < mpf("2e-15") * (2 + float(value) ** 2)
 
 
-def test_fusion_far_below_the_least_probability_there_is():
+def test_fusion_of_probabilities_below_the_least_float():
     # where a constant below zero leads: Φ(−60) is 1e-784
     z = np.array([[-60.0, -38.0], [-60.5, -45.0]])
     with mp.workdps(40):
@@ -296,7 +296,7 @@ def test_a_pose_that_no_radar_sees_has_nothing_uncertain(radars):
             assert_array_equal(std, 0)
 
 
-def test_draws_see_an_edge_that_a_gradient_cannot():
+def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
     # at a range within 1 m of the limit, with 100 m of uncertainty: seen in half of the draws
     reach = float(np.hypot(500e3, 3e3))
     nowhere = {"cov_aircraft": np.diag([10.0**2] * 3 + [1e-20] * 3), "runs": 4000}
@@ -329,7 +329,7 @@ def test_draws_see_an_edge_that_a_gradient_cannot():
 # What is refused.
 
 
-def test_networks_that_cannot_be():
+def test_refused_networks():
     first = Radar(RADAR_MODEL, "a")
     with pytest.raises(ValueError, match="one radar or more"):
         NetworkModel(())

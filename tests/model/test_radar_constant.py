@@ -340,7 +340,7 @@ def test_monte_carlo_draws_the_true_distribution(sampler):
     assert form.mean[0] == pytest.approx(mean, rel=1e-3)
 
 
-def test_first_order_does_not_know_of_logarithms():
+def test_only_form_depends_on_the_shape_of_the_constants_distribution():
     s = sheet_scenario()
     cov = s.cov_aircraft, s.cov_radar["sheet"]
     linear = s.model.linearize(s.aircraft, s.radar).std(*cov)

@@ -149,7 +149,7 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
-def test_of_one_radar_it_is_the_same_as_a_loss(method, limits):
+def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
     of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 1.5})))
     content = sheet_document(tolerances={"loss_db": 0})
@@ -194,7 +194,7 @@ def test_a_limit_matters_where_the_error_makes_the_radar_see():
     assert any(warned)
 
 
-def test_everything_is_read_and_read_back(tmp_path):
+def test_the_rcs_error_is_read_and_read_back(tmp_path):
     plain = {"position_m": 10, "attitude_deg": 1}
     given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})
     assert (given.rcs_db, given.rcs_std) == (1.5, 1.5)

@@ -80,7 +80,7 @@ def test_a_grid_is_exact_at_its_nodes():
         np.testing.assert_allclose(table.cross_section(body), table.rcs, rtol=1e-10)
 
 
-def test_between_the_nodes_it_is_the_tensor_product_of_splines():
+def test_between_the_nodes_a_grid_is_the_tensor_product_of_splines():
     """Scipy's splines one after the other, which the cells of the table know nothing of."""
     rng = np.random.default_rng(3)
     table = grid(rng)
@@ -97,7 +97,7 @@ def test_between_the_nodes_it_is_the_tensor_product_of_splines():
 
 
 @pytest.mark.parametrize("first", [-180, -179.5, -45.0, 0, 0.5])
-def test_it_goes_around_wherever_it_begins(first):
+def test_a_cut_is_periodic_wherever_it_begins(first):
     """The same values at the same directions, counted from another azimuth."""
     azimuth = np.arange(first, first + 360, 5.0) * DEG
 
@@ -154,7 +154,7 @@ def difference_step(table, edge):
     return table.linearize(direction(np.array(0.3), edge + np.array([-1e-7, 1e-7])))
 
 
-def test_beyond_its_elevations_it_goes_on_without_a_kink():
+def test_beyond_its_elevations_a_grid_is_constant_and_smooth():
     rng = np.random.default_rng(6)
     table = grid(rng)
     azimuth = rng.uniform(-np.pi, np.pi, 50)
@@ -184,7 +184,7 @@ def test_straight_above_and_below():
     assert np.isnan(nothing).all()
 
 
-def test_it_is_positive_everywhere_however_it_jumps():
+def test_a_table_with_jumps_is_positive_everywhere():
     rng = np.random.default_rng(8)
     values = np.where(rng.random((36, 13)) > 0.5, 1e-12, 1e12)
     table = rs.TableRCS(np.arange(36) * 10 * DEG, values, np.linspace(-60, 60, 13) * DEG)
@@ -335,7 +335,7 @@ def test_the_envelope_has_one_value_straight_above_and_below():
         assert np.max(abs(table.linearize(near)[1])) < 0.1
 
 
-def test_the_envelope_of_a_constant_is_it():
+def test_the_envelope_of_a_constant_is_the_constant():
     values = np.full((36, 7), 0.25)
     table = rs.TableRCS(np.arange(36) * 10 * DEG, values, np.linspace(-90, 90, 7) * DEG, 0.3)
     sigma, gradient = table.linearize(np.random.default_rng(0).normal(size=(200, 3)))
@@ -702,7 +702,7 @@ def test_the_script_makes_the_synthetic_table(here):
     np.testing.assert_allclose(*values, atol=0.0101)
 
 
-def test_what_the_table_scenario_says_of_itself():
+def test_the_numbers_in_the_comment_of_the_table_scenario():
     """The numbers in the comment of configs/table.yaml."""
     s = rs.load_scenario(CONFIGS / "table.yaml")
     budget = rs.budget(s)
@@ -762,7 +762,7 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     ],
     ids=lambda entry: entry["model"],
 )
-def test_the_figure(rcs):
+def test_layout_of_the_rcs_figure(rcs):
     from radar_sense.analyses.rcs import rcs as analysis
 
     figure = lay_out(analysis(scenario(aircraft__rcs=rcs)).plot())

@@ -140,7 +140,7 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(std, digits, delta):
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3, 4])
-def test_tolerance_makes_the_deviation_a_number_of_so_many_digits(digits):
+def test_tolerance_leaves_the_deviation_the_given_digits(digits):
     for std in 10 ** np.random.default_rng(1).uniform(-12, 2, 500):
         unit = 2 * Decimal(str(numerical_tolerance(std, digits)))
         assert unit == Decimal(10) ** unit.adjusted()
@@ -428,7 +428,7 @@ def test_a_method_without_a_result_is_refuted(monkeypatch):
 
 
 @pytest.mark.parametrize(("beta", "exaggerate"), [(3.0, 1.0), (2.0, 1.0), (2.0, 0.9)])
-def test_coverage_is_the_one_it_should_be(beta, exaggerate):
+def test_coverage_is_that_of_the_normal_distribution(beta, exaggerate):
     v = validate(gaussian(exaggerate=exaggerate, poses=10), digits=1, beta=beta)
     expected = 1 - 2 * ndtr(-beta * exaggerate)
     np.testing.assert_array_equal(v.coverage, v.inside / v.runs)
@@ -504,7 +504,7 @@ def test_whole_numbers_may_be_written_with_a_point():
         ({"method": "liner"}, "did you mean 'linear'"),
     ],
 )
-def test_what_is_not_allowed_is_told_in_one_line(wrong, says):
+def test_refusals_are_one_line(wrong, says):
     with pytest.raises(ScenarioError, match=says) as error:
         validate(gaussian(), **wrong)
     assert "\n" not in str(error.value)

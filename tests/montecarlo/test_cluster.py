@@ -102,7 +102,7 @@ def test_a_server_of_another_kind_gives_one_line(monkeypatch):
             pass
 
 
-def test_without_the_extra_it_says_what_to_install(monkeypatch):
+def test_without_the_extra_the_error_names_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(ScenarioError, match=r"pip install 'radar-sense\[dask\]'"), cluster("x"):
         pass
@@ -245,7 +245,7 @@ def test_an_interrupt_stays_one_and_closes_the_client(connected):
     assert before == [logging.getLogger(name).level for name in module.LOGGERS]
 
 
-def test_a_result_comes_back_in_order(connected):
+def test_every_result_belongs_to_its_call(connected):
     fake = connected(FakeClient(threads=2))
     with cluster(ADDRESS) as (executor, threads):
         assert threads == 2

@@ -79,7 +79,7 @@ METHOD_COUNTS = {"linear": (1, 0), "probit": (1, 1), "form": (19, 1)}
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_method(method, radars, count):
+def test_evaluations_of_a_method(method, radars, count):
     gradients, values = count(lambda s: propagate_scenario(s, method=method), problem(radars))
     more = EXPANSION if method == "form" else 0
     assert more + 1 <= gradients <= more + METHOD_COUNTS[method][0]
@@ -89,7 +89,7 @@ def test_a_method(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_one_bound(method, radars, count):
+def test_evaluations_of_one_bound(method, radars, count):
     def bound(s):
         cov = s.cov_aircraft, s.cov_radar[s.level]
         return upper_bound(s.model, s.aircraft, s.radar, *cov, method=method)
@@ -101,7 +101,7 @@ def test_one_bound(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_check(method, radars, count):
+def test_evaluations_of_a_check(method, radars, count):
     """No draws are needed on the paper's scenario, and FORM has checked it already."""
     s = problem(radars)
     found = propagate_scenario(s, method=method)
@@ -111,7 +111,7 @@ def test_a_check(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_budget(method, radars, count):
+def test_evaluations_of_a_budget(method, radars, count):
     """First order takes one gradient beside the total's; FORM takes one expansion beside it."""
     s = problem(radars)
     gradients, _ = count(lambda s: error_budget(s, method), s)
@@ -134,7 +134,7 @@ def once_checked(method):
 @pytest.mark.parametrize(
     "name", ["variance", "budget", "sensitivity", "montecarlo", "coverage_map"]
 )
-def test_an_analysis(name, method, radars, count):
+def test_evaluations_of_an_analysis(name, method, radars, count):
     """The radars of a network by themselves cost one propagation more, of one radar each."""
     s = problem(radars).with_analysis(runs=10)
     total, levels = once_checked(method), len(s.cov_radar)
@@ -162,7 +162,7 @@ def test_an_analysis(name, method, radars, count):
 
 
 @pytest.mark.parametrize("radars", RADARS)
-def test_an_analysis_without_a_method(radars, count):
+def test_evaluations_of_an_analysis_without_a_method(radars, count):
     """Comparing takes each method once, and each check once."""
     s = problem(radars).with_analysis(runs=10)
     gradients, values = count(analyses.compare, s)
@@ -175,7 +175,7 @@ def test_an_analysis_without_a_method(radars, count):
 
 @pytest.mark.parametrize("method", ["linear", "probit"])
 @pytest.mark.parametrize("name", ["mission", "corridor"])  # of one radar and of six
-def test_a_mission(name, method, count):
+def test_evaluations_of_a_mission(name, method, count):
     """A look takes three gradients at most, and a radar and pose take one."""
     s = load_scenario(f"configs/{name}.yaml")
     radars, poses = len(s.model.radars), len(s.aircraft)
@@ -192,7 +192,7 @@ RANGE_COUNTS = {"linear": 12, "probit": 260, "form": 900}
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_ranges(method, radars, count):
+def test_evaluations_of_ranges(method, radars, count):
     """Each ray is sampled once with values of P_D. The gradients are at the ends of the band."""
     s = problem(radars)
     bearings = 6
@@ -206,7 +206,7 @@ def test_ranges(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_report(method, radars, count, monkeypatch):
+def test_evaluations_of_a_report(method, radars, count, monkeypatch):
     """A report costs its analyses: variance, budget, two comparisons, a halved budget, a map."""
     monkeypatch.setattr(evidence, "DRAWS", 100)
     s = problem(radars)

@@ -167,7 +167,7 @@ def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     assert_array_equal(radar[:, 3], [100, 100, 0])
 
 
-def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
+def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
     models = [DetectionModel(RCS, p_fa) for p_fa in (1e-2, 1e-4, 1e-3)]
     net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
     radar = np.tile([0.0, 0, 0, 0, 0, 0, 0, 70, 0, 0, 0, 20], (7, 1))

@@ -440,7 +440,7 @@ def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, 
             assert found.std < 1e-9 * std
 
 
-def test_nothing_uncertain():
+def test_without_uncertainty_every_deviation_is_zero():
     for method in METHODS:
         found = propagate(MODEL, AIRCRAFT, RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR, method=method)
         assert_array_equal(found.std, 0.0)
@@ -451,7 +451,7 @@ def test_nothing_uncertain():
         assert found.converged.all()
 
 
-def test_nothing_that_matters_uncertain():
+def test_uncertainty_without_effect():
     """Attitude, with a cross section that is the same from everywhere."""
     model = DetectionModel(ConstantRCS(0.2), p_fa=1e-4)
     cov = independent(0, 0, 0, 0.3, 0.3, 0.3)
@@ -543,7 +543,7 @@ def misses(model, aircraft, radar, cov_aircraft, cov_radar):
         (SpikeballRCS(20, 0.18, 0.1), 60.0, 1.0, 5.0),
     ],
 )
-def test_where_form_is_wrong_it_says_so(rcs, constant, attitude_deg, constant_std):
+def test_form_warns_where_its_bounds_are_wrong(rcs, constant, attitude_deg, constant_std):
     """Large angles, kinks in reach: no bound off by 0.001 or σ by 2 % is trusted."""
     model = DetectionModel(rcs, p_fa=1.7e-4)
     angle = attitude_deg * DEGREE
@@ -580,7 +580,7 @@ def test_bounds_stay_within_0_and_1():
             assert np.all((found.mean[known] > 0) & (found.mean[known] < 1))
 
 
-def test_uncertainty_beyond_all_reason_is_warned_of():
+def test_huge_uncertainty_is_warned_of():
     """P_D is then nearly always 0 or 1 to any order, and does not show what becomes of z."""
     for method in METHODS:
         states = MODEL, AIRCRAFT[::30], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8
@@ -591,7 +591,7 @@ def test_uncertainty_beyond_all_reason_is_warned_of():
 
 
 @pytest.mark.parametrize("limit", [0, 1, 2])
-def test_what_has_not_settled_is_reported_and_not_returned(limit, monkeypatch):
+def test_values_that_have_not_converged_are_reported_and_not_returned(limit, monkeypatch):
     """One evaluation each is enough on the paper's scenario, but not with 5° of attitude."""
     cov_aircraft = independent(10, 10, 10, 5 * DEGREE, 5 * DEGREE, 5 * DEGREE)
 
@@ -616,7 +616,7 @@ def test_what_has_not_settled_is_reported_and_not_returned(limit, monkeypatch):
     assert on_paper("probit", "high").converged.all()
 
 
-def test_one_that_has_not_settled_leaves_its_neighbours_alone():
+def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
     """A spikeball has kinks; the poses whose extremes they are do not settle."""
     model = DetectionModel(SpikeballRCS(4, 0.18, 0.1), p_fa=1.7e-4)
     radar = np.array([0.0, 0.0, 0.0, 60.0])
@@ -694,7 +694,7 @@ def test_no_poses(method, shape):
     assert {value.shape for value in vars(found).values()} == {shape}
 
 
-def test_many_factors_at_once_are_those_one_by_one():
+def test_many_square_roots_at_once_are_those_one_by_one():
     rng = np.random.default_rng(6)
     partly = independent(3, 0, 2, 0)
     covariances = np.stack([COV_RADAR["low"], correlated(rng, [1, 2, 3, 4]), CERTAIN_RADAR, partly])

@@ -61,7 +61,7 @@ def alone_pair():
     return mixed_network(mixed_radars()[1:])
 
 
-def test_form_settles_where_one_radar_fades_and_the_others_do_not():
+def test_form_converges_where_one_radar_fades_and_the_others_do_not():
     """With a certain pose, and one uncertain c_r, quantiles are known: P_D grows with it."""
     s = mixed_network()
     cov = np.zeros((12, 12))
@@ -88,7 +88,7 @@ def test_form_settles_where_one_radar_fades_and_the_others_do_not():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_tolerances_beyond_all_reason_overflow_nothing(method):
+def test_huge_tolerances_overflow_nothing(method):
     s = mixed_network(mixed_radars({"loss_db": 20}, {"gain_dbi": 20}))
     assert nonlinear_in_scenario(s, propagate_scenario(s, method=method), method=method).all()
     three_sigma = value_function(mixed_network(), method)(["a_constant_loss_db"], 1e6)
@@ -170,7 +170,7 @@ def test_the_control_variate_knows_the_parts_of_every_radar():
         assert_allclose(linear.by_radar[:, i], (ahead - behind) / (2 * step), atol=1e-8)
 
 
-def test_doubts_say_of_whom():
+def test_distribution_warnings_name_the_radar():
     s = mixed_network()
     said = [w for w in analyses.variance(s).warnings if "c_r is not" in w]
     assert said == [

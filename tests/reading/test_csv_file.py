@@ -125,7 +125,7 @@ def test_a_comma_is_never_guessed(text, piece, tmp_path, monkeypatch):
     assert str(refused.value).startswith(f"a.csv:{NO_GUESS[text].replace('LIMIT', LIMIT)}")
 
 
-def test_another_file_is_not_shown(kind):
+def test_the_text_of_a_confidential_file_is_not_shown(kind):
     load, text = kind
     for secret in ("root:$6$abcdef:19000:0\n", "-----BEGIN KEY-----\nx\n", "hunter2, swordfish\n"):
         Path("secret").write_text(secret)
@@ -203,7 +203,7 @@ def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
         assert found == wanted
 
 
-def test_another_file_than_the_recorded_one_is_said_first(kind):
+def test_another_file_than_the_recorded_one_is_the_first_error(kind):
     load, text = kind
     config, file = scenario_with(load)
     record = rs.load_scenario(config).resolved()

@@ -198,7 +198,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_refused(tool, case):
+def test_refusals(tool, case):
     bad, says = BAD[case]
     Path("my.yaml").write_text(yaml_text(bad))
     code, out, err = tool("budget", "my.yaml", "--out", "out")

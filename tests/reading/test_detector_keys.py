@@ -61,7 +61,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("given", "says"), BAD)
-def test_what_is_refused(tool, given, says):
+def test_refusals(tool, given, says):
     name = write(yaml_text(document(radar__detector=given)))
     code, out, err = tool("check", name)
     assert_refused(code, out, err)

@@ -41,7 +41,7 @@ def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
 # What is read.
 
 
-def test_everything_that_can_be_said_of_a_radar_is_read():
+def test_every_key_of_a_radar_is_read():
     s = parsed_network(
         radar_entry("east", horizon=True, max_range_km=450.5, scan_period_s=10),
         radar_entry(
@@ -133,7 +133,7 @@ def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
     assert rs.Horizon().height(np.array([0.0, 1e5, -1e3])) == 1000
 
 
-def test_a_route_that_says_how_uncertain_the_aircraft_is_leaves_nothing_to_say(tmp_path):
+def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
     (tmp_path / "route.csv").write_text((CONFIGS / "path_route.csv").read_text())
     path = yaml.safe_load((CONFIGS / "path.yaml").read_text())
     geometry = {**path["geometry"], "file": "route.csv"}
@@ -192,7 +192,7 @@ def test_values_that_are_not_allowed(tool, key, value, allowed):
     assert line.startswith((key, "-"))
 
 
-def test_unknown_key_with_what_was_meant(tool):
+def test_unknown_key_with_a_suggestion(tool):
     path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", max_range_m=5))
     assert (path, line) == ("radars[2]", "max_range_m: 5")
     assert complaint.endswith("did you mean 'max_range_km'?")
@@ -294,7 +294,7 @@ def test_levels_that_differ(tool):
     )
 
 
-def test_uncertainty_of_radars_in_the_place_of_that_of_one(tool):
+def test_uncertainty_of_a_single_radar_beside_radars(tool):
     uncertainty = yaml.safe_load(default_text())["uncertainty"]
     path, complaint, _ = refused(tool, radar_entry("a"), uncertainty=uncertainty)
     assert path == "uncertainty.radar"

@@ -168,7 +168,7 @@ def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
         assert (one == drawn[:, pose]).all()
 
 
-def test_factors_do_not_depend_on_how_many_are_made_at_a_time(monkeypatch):
+def test_square_roots_do_not_depend_on_the_block_size(monkeypatch):
     rng = np.random.default_rng(1)
     root = rng.standard_normal((7, 6, 6))
     matrices = root @ np.swapaxes(root, -1, -2)
@@ -541,7 +541,7 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
 # What is written and said.
 
 
-def test_the_command_line_says_times(tool, tmp_path):
+def test_the_command_line_names_poses_by_time(tool, tmp_path):
     file = write_path(tmp_path, UNCERTAIN)
     done = tool("budget", file, "--target", 0.05, "--at", 1000)
     assert done.code == 0
@@ -564,13 +564,13 @@ def test_the_command_line_says_times(tool, tmp_path):
     assert tool("check", resolved).out == shown.out
 
 
-def test_the_record_of_a_coverage_says_when(tmp_path):
+def test_the_record_of_a_coverage_has_its_time(tmp_path):
     result = analyses.montecarlo(load(tmp_path).with_analysis(runs=20))
     assert result.summary["coverage_lowest"]["time_s"] in (0, 500, 1000, 1500)
     assert " s (95 % confidence" in result.report[1]
 
 
-def test_places_are_said_with_the_digits_they_need():
+def test_places_are_written_with_the_digits_they_need():
     values = np.array([0.1, 0.2, 0.1 + 0.2, 1e6 + 0.125, 2e6])
     when = axis.time(values)
     top = np.array([0, 0, 1.0, 0, 1])
@@ -620,7 +620,7 @@ def test_every_analysis_takes_a_path(tool, tmp_path, monkeypatch, name):
         assert "Time [s]" in "".join(axes.get_xlabel() for axes in figure.axes)
 
 
-def test_the_example_teaches_what_it_says():
+def test_the_numbers_of_the_path_example():
     s = rs.load_scenario(ROOT / "configs/path.yaml")
     result = analyses.budget(s)
     time, total = result.table["time_s"], result.table["three_sigma_total"]

@@ -210,7 +210,7 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned(load):
     np.testing.assert_array_equal(found.covariance, np.swapaxes(found.covariance, -1, -2))
 
 
-def test_what_should_be_no_variance_does_not_round_to_less(load):
+def test_a_variance_of_zero_does_not_round_below_zero(load):
     # Position is certain but for one direction, which is that of an axis of the origin's frame.
     rng = np.random.default_rng(8)
     place = np.array(ORIGIN) + rng.uniform(-1, 1, (200, 3)) * [0.3, 0.3, 1000]
@@ -398,7 +398,7 @@ def test_three_rows_and_two():
     np.testing.assert_allclose(two, [[0, 0, math.atan2(10, 100)]] * 2, rtol=1e-14)
 
 
-def test_who_hovers_keeps_the_last_course_and_is_level():
+def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
     position = np.stack([-north, north, -up], axis=-1)
@@ -562,7 +562,7 @@ def test_one_pose_stays_one_pose(load):
         (1.0, "leg", "must be one of legs, smooth, got 'leg'; did you mean 'legs'"),
     ],
 )
-def test_what_cannot_be_interpolated(load, step, method, says):
+def test_refused_interpolations(load, step, method, says):
     with pytest.raises(ScenarioError, match=re.escape(says)):
         resample(corner(load), step, method)
 

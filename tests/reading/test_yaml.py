@@ -184,7 +184,7 @@ READERS: dict[str, tuple[Callable[[Entry], object], list[str]]] = {
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_every_reader_refuses_what_people_write_there(reader):
+def test_every_reader_refuses_words_that_are_no_numbers(reader):
     read, good = READERS[reader]
     for text, shown in NO_NUMBER.items():
         entry = parse(f"a: 1\nkey: {text}\n", "my.yaml").entries()["key"]

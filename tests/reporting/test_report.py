@@ -216,7 +216,7 @@ def test_half_the_deviation_of_the_largest_source_of_the_paper():
 TOLERANCES = {"constant": {"gain_dbi": 1.0, "loss_db": 0.2}, "position_m": 1}
 
 
-def test_the_part_to_measure_and_shares_above_one_are_told():
+def test_the_part_to_measure_and_shares_above_one_are_reported():
     sheet = rs.load_scenario(ROOT / "configs/x_band_tracking.yaml").resolved()
     sheet["geometry"]["azimuth_deg"] = {"start": 10, "stop": 90, "step": 40}
     sheet["uncertainty"]["radar"] = {"data_sheet": TOLERANCES}
@@ -231,7 +231,7 @@ def test_the_part_to_measure_and_shares_above_one_are_told():
     assert interaction < -0.005
 
 
-def test_a_constant_p_d_is_told_once():
+def test_a_constant_p_d_is_one_number_in_the_report():
     sphere = scenario(aircraft__rcs={"model": "constant", "rcs_m2": 0.1})
     report = rs.variance(sphere).report
     assert report[0].startswith("P_D is 0.")
@@ -316,7 +316,7 @@ def test_tables_have_captions_and_scopes(page):
             assert region.attributes["aria-label"]
 
 
-def test_figures_say_what_is_seen(page):
+def test_figures_have_a_title_and_a_description(page):
     figures = list(page.all("svg"))
     assert len(figures) == 5
     for node in figures:
