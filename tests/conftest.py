@@ -1,4 +1,4 @@
-"""The command line in this process, because a new process takes a second to start."""
+"""Fixtures: the command line in this process (a new process takes a second), and a fake command."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from click.testing import CliRunner
 from radar_sense.analyses.contract import Result, analysis, silent
 from radar_sense.cli import ANALYSES, cli
 
-# One process a core runs the tests. More threads of the linear algebra in each would wait for each
-# other: a quarter of all CPU time. The library reads the variable when NumPy is imported.
+# One process a core runs the tests. Threads of the linear algebra would take a quarter of all CPU
+# time to wait for each other. The library reads the variable when NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over what stays to the end: modules and tests."""
+    """Take modules and tests, which stay to the end, out of the garbage collection."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)  # a twentieth of all CPU time

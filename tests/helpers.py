@@ -76,7 +76,7 @@ def lay_out(figure):
 
 
 def without_pixels(patch, then=lambda figure: figure):
-    """Draw figures, but write next to nothing of them: rendering takes longer than analyses.
+    """Draw figures, but write an empty picture: rendering takes longer than analyses.
 
     `then` is called with each figure.
     """
@@ -106,7 +106,7 @@ def legend_off_data(figure):
 
 
 def yaml_text(document):
-    """Return a document as YAML, whose 1e-06 PyYAML writes as 1.0e-06, a number to the reader."""
+    """Return a document as YAML. PyYAML writes 1e-06 as 1.0e-06, which YAML reads as a number."""
     return dump_yaml(document)
 
 
@@ -334,7 +334,7 @@ def few_draws(patch, draws=128, combinations=512, replicates=2):
     patch.setattr(sampling, "REPLICATES", replicates)
 
 
-#: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.
+#: Two radars with data sheets and one with a number as c_r, and their uncertainty at level sheet.
 MIXED_SEARCH = {
     "average_power_kw": 2.1,
     "aperture_m2": 2.874,
@@ -375,7 +375,7 @@ def _mixed_entry(name, data_sheet, std, position_m=20, **more):
 
 
 def mixed_radars(search_std=MIXED_SEARCH_STD, track_std=MIXED_TRACK_STD, **more):
-    """Radars of a document: two by their data sheets, one by a number."""
+    """Radars of a document: two have data sheets, one has a number as c_r."""
     return [
         _mixed_entry("a", {"surveillance": MIXED_SEARCH}, search_std, **more),
         _mixed_entry("b", {"tracking": MIXED_TRACK}, track_std, **more),
@@ -402,5 +402,5 @@ def mixed_document(several=None, sweep=(30, 90, 30), runs=500, aircraft=None, **
 
 
 def mixed_network(*args, **kwargs):
-    """Scenario with two radars by their data sheets and one by a number."""
+    """Scenario with two radars that have data sheets and one with a number as c_r."""
     return parse_scenario(yaml_text(mixed_document(*args, **kwargs)))

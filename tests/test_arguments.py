@@ -1,4 +1,4 @@
-"""Wrong arguments from Python raise at once an error of one line with the name of the argument."""
+"""Wrong arguments in Python raise an error of one line with the name of the argument, at once."""
 
 import re
 

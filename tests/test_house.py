@@ -1,4 +1,4 @@
-"""The house: which module may import which. The rule stands in the docstring of each folder."""
+"""The import rule: a module imports only from storeys below its own."""
 
 import ast
 from functools import cache

@@ -1,4 +1,4 @@
-"""A scenario made in Python, and the record that it leaves."""
+"""A scenario made in Python, and its record."""
 
 import dataclasses
 import json

@@ -85,7 +85,7 @@ def test_printed_rotation_gives_another_p_d():
 
 
 def test_printed_rotation_is_hidden_by_the_papers_scenario():
-    """Level and heading east it turns λ by 180°, and an ellipsoid looks the same from behind."""
+    """In level flight to the east λ is off by 180°. An ellipsoid is the same from behind."""
     aircraft = aircraft_at(45.0)
     printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
     p_d = p_d_of(printed, slant_range(aircraft, RADAR))

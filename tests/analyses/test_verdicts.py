@@ -146,7 +146,7 @@ def test_the_probability_anywhere(tmp_path, tau):
 
 @pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
 def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
-    """P_D is below 0.1 at both rows, at one range, and near 1 between them."""
+    """P_D is below 0.1 at both rows of the route, and near 1 between the rows."""
     s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
     assert propagate_scenario(s).upper.max() < 0.1
     result = analyses.variance(s, threshold=0.1)

@@ -77,7 +77,7 @@ def process(*args: object, **options: object) -> subprocess.CompletedProcess:
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out what takes most of the time of a command: pixels, and large blocks of draws."""
+    """Let commands write no pixels and draw small blocks, which take most of their time."""
     without_pixels(monkeypatch)
     small_batches(monkeypatch)
     few_draws(monkeypatch)
@@ -90,7 +90,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def examples(text: str) -> list[str]:
-    """Command lines in the examples of a help text, without the remark beside them."""
+    """Return the command lines in the examples of a help text, without the remarks."""
     assert "\nExample" in text or "\n  Example" in text
     lines = text.split("Example", 1)[1].splitlines()[1:]
     found = [re.split(r"\s{3,}", line.strip())[0] for line in lines if "radar-sense " in line]
@@ -555,7 +555,7 @@ def test_only_a_terminal_shows_progress_and_not_with_q(standard_error, command):
 
 @pytest.mark.parametrize("args", [["budget", "--no-plot"], ["--help"]])
 def test_a_closed_pipe_as_standard_output(tmp_path, args):
-    """A closed output, as in `radar-sense budget | head -0`."""
+    """As in `radar-sense budget | head -0`."""
     read, write = os.pipe()
     os.close(read)
     done = process(*args, cwd=tmp_path, stdout=write)

@@ -1,4 +1,4 @@
-"""Completion of a shell knows the commands, the options, and the words that options take."""
+"""Completion of commands, of options, and of the values of options."""
 
 import shlex
 from pathlib import Path

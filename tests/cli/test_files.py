@@ -156,7 +156,7 @@ def test_a_removal_that_fails_undoes_the_renames(folder, monkeypatch):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
-    """All files are new or all are old, and the exception tells which."""
+    """All files are new or all are old, according to the exception."""
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as the command line has it
     steps = Steps(monkeypatch, ("write", "sync", "link", "rename", "unlink", "lock"))
     setattr(steps, when, lambda: signal.raise_signal(number))
@@ -248,7 +248,7 @@ def test_leftovers_of_killed_runs_are_removed(folder, monkeypatch, locks):
 
 
 class KilledError(BaseException):
-    """The end of a process: nothing handles it, and no later step is done."""
+    """The end of a process: no handler catches it, and no later step is done."""
 
 
 class Process(Steps):

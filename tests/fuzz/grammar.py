@@ -121,7 +121,7 @@ class Case:
     Attributes:
         files: Content by name.
         args: The command line.
-        mutations: What was broken, in words.
+        mutations: The changes that broke the input, in words.
     """
 
     files: Mapping[str, bytes]
@@ -507,7 +507,7 @@ def _places(value: Any) -> list[tuple[list[Any], int]]:
 
 
 def mutate_tree(tree: Pairs, rng: random.Random) -> str:
-    """Break a place of a scenario, and return in words what was broken."""
+    """Break a place of a scenario, and return the change in words."""
     container, i = rng.choice(_places(tree))
     item = container[i]
     key, value = item if isinstance(item, tuple) else ("", item)

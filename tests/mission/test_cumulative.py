@@ -201,7 +201,7 @@ def test_one_look_is_propagate(method):
 
 
 def test_deviations_are_known_where_p_d_rounds_to_one():
-    """Two looks at P_D = 1 − 2e-33 or so: in double precision nothing is left of 1 − P_D."""
+    """Two looks at P_D = 1 − 2e-33: in double precision 1 − P_D is 0."""
     z, g = np.array([12.0, 11.0]), np.array([[0.3, 0.1], [0.2, 0.4]])
     by_aircraft = np.zeros((2, 6))
     by_aircraft[:, :2] = g
@@ -389,7 +389,7 @@ def test_draws_of_poses_have_the_covariance_that_was_asked_for():
 
 
 class Constant:
-    """A model that sees how often the radar constant is 0, and whether it is ever less."""
+    """A model whose P_D is 1 where the radar constant is 0; a constant below 0 is an error."""
 
     def p_d(self, aircraft, radar):
         assert radar[..., 3].min() >= 0
@@ -428,7 +428,7 @@ def test_draws_are_the_same_for_any_number_of_workers(workers):
      ("high", (0.015, 0.007), (0.06, 0.018))],
 )  # fmt: skip
 def test_the_probit_is_near_the_draws(level, of_detection, of_track):
-    """σ, in parts of it where it is above 0.001, and bounds; then how much worse linear is."""
+    """Errors of bounds, and relative errors of σ where σ is above 0.001; `linear` is worse."""
     time, aircraft = flight()
     looks = lk.linearize_looks(MODEL, time, aircraft, RADAR)
     cov_radar = COV_RADAR[level]
@@ -526,7 +526,7 @@ def test_refusals():
 
 
 def test_no_probability_of_a_track_exceeds_one():
-    """1 − P_D rounds apart from P_D, and so does the sum of all ways to a track."""
+    """P_D and 1 − P_D are rounded separately, as is the sum over all ways to a track."""
     rng = np.random.default_rng(5)
     p_d = rng.uniform(0.5, 1, (20_000, 12))
     groups = np.arange(12) % 3

@@ -1,4 +1,4 @@
-"""Missions and thresholds: the keys, the looks, the numbers against draws, and what is printed."""
+"""Missions of one radar: keys, looks, numbers against draws, and the report."""
 
 from __future__ import annotations
 
@@ -219,7 +219,7 @@ def test_the_limit_of_the_window_is_that_of_the_code():
 
 
 def brute_force(s, runs, seed):
-    """P_c and track probability by each look, every error of every look drawn from one Gaussian."""
+    """P_c and tracks of drawn missions, with all errors drawn from one joint Gaussian."""
     rng = np.random.default_rng(seed)
     time, looks = s.axis.values, len(s.axis)
     apart = abs(time[:, None] - time)

@@ -158,7 +158,7 @@ class Brute:
         return np.array(p), np.array(by_pose), by_radar
 
     def std_of(self, by_p):
-        """σ (K,) to first order of what has partials (K, L) for the looks' P_D."""
+        """σ (K,) to first order of quantities with partials (K, L) by the looks' P_D."""
         _, by_pose, by_radar = self.gradients()
         where = [self.times.index(t) for t, _ in self.looks]
         weights = by_pose * self.sigma[where]
@@ -185,14 +185,14 @@ class Brute:
                           if t == at and self.periods[i] == period], axis=0) for at in own],
                 axis=-1,
             )  # fmt: skip
-            # tested against the sum over all outcomes elsewhere
+            # `test_cumulative` tests this function against the sum over all outcomes
             chain = tracks.m_of_n(fused, 1 - fused, m, n)[0]
             latest = [sum(t <= at for t in own) - 1 for at in self.times]
             missed = missed * (1 - chain[..., latest])
         return 1 - missed
 
     def draws(self, runs, seed):
-        """P_D (runs, L) with errors drawn from one Gaussian of all of them."""
+        """P_D (runs, L) with all errors drawn from one joint Gaussian."""
         rng = np.random.default_rng(seed)
         values, vectors = np.linalg.eigh(self.rho)
         sqrt_rho = vectors * np.sqrt(np.maximum(values, 0))

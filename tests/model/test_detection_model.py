@@ -1,8 +1,8 @@
-"""The detection model: what it claims about P_D, its gradient and its uncertainty, claim by claim.
+"""The detection model: P_D, its gradient and its uncertainty.
 
 References, in order of independence: `oracle` (fifty digits, the formulas as the corrected paper
-has them), `chain_rule` (the paper's derivation of the gradient by λ and φ), scipy's rotations,
-central differences, pinned numbers, and what others have published.
+has them), `chain_rule` (the paper's derivation of the gradient by λ and φ), SciPy's rotations,
+central differences, pinned numbers, and published numbers.
 """
 
 import chain_rule
@@ -63,7 +63,7 @@ def random_poses(rng, count):
 
 
 def random_rcs(rng, kind):
-    """A model of that kind, and the tuple that the oracles know it by."""
+    """Return a model of a kind, and the tuple of the model for the oracles."""
     if kind == "constant":
         parameters = (10.0 ** rng.uniform(-3, 2),)
         return ConstantRCS(*parameters), (kind, *parameters)
@@ -83,7 +83,7 @@ def constant_for(snr, aircraft, radar, rcs):
 
 
 def inverse_north(p_d, p_fa):
-    """The signal-to-noise ratio at which North's P_D is this one."""
+    """Return the signal-to-noise ratio of a P_D by North's formula."""
     return (np.sqrt(-np.log(p_fa)) - erfcinv(2 * p_d)) ** 2 - 0.5
 
 
@@ -236,7 +236,7 @@ def test_small_p_fa_costs_no_more_than_the_conditioning():
 
 
 def test_slope_at_small_p_fa_costs_no_more_than_the_conditioning():
-    """Of exp(−z²)/√(S + ½); where it underflows (P_D is 1 there) no relative error is claimed."""
+    """The slope has the factor exp(−z²)/√(S + ½). No digits are claimed where it underflows."""
     rng = np.random.default_rng(5)
     for _ in range(1000):
         p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 2)
@@ -269,7 +269,7 @@ def test_small_p_fa_through_the_whole_model():
 
 
 def package_matrices(attitude):
-    """R_n^b (m, 3, 3), column by column: what becomes of the three unit vectors."""
+    """Return R_n^b (m, 3, 3): its columns are the turned unit vectors."""
     aircraft = np.hstack((np.zeros_like(attitude), attitude))
     turn = Attitude.from_state(aircraft)
     columns = [turn.to_body(Vector(*unit)) for unit in np.eye(3)]
@@ -364,7 +364,7 @@ def test_pinned_values_and_partials_at_45_degrees():
 
 
 def test_moving_both_changes_nothing():
-    """P_D knows only where the radar is relative to the aircraft."""
+    """P_D depends on the difference of the two positions only."""
     _, _, aircraft, radar = random_case(np.random.default_rng(12), "ellipsoid", 100)
     lin = PAPER.linearize(aircraft, radar)
     assert_array_equal(lin.jac_aircraft[:, :3], -lin.jac_radar[:, :3])
@@ -557,7 +557,7 @@ def test_inputs_are_left_alone():
     assert_array_equal(radar, before[1])
 
 
-# Errors: what cannot be meant is refused.
+# Refused arguments.
 
 
 @pytest.mark.parametrize(
@@ -635,8 +635,8 @@ def test_surveillance_radar_has_positive_parts():
 def test_gum_h2_resistance_and_reactance():
     """JCGM 100, H.2: three correlated inputs, three results, from the observations of table H.2.
 
-    From the rounded input uncertainties and correlations that it prints, u(R) would be 0.070. From
-    the observations every printed digit is met but one: u(X) is 0.2956, which it cuts to 0.295.
+    The rounded input uncertainties and correlations in print give u(R) = 0.070. The observations
+    give every printed digit but one: u(X) is 0.2956, printed as 0.295.
     """
     volts = [5.007, 4.994, 5.005, 4.990, 4.999]
     amperes = [19.663e-3, 19.639e-3, 19.640e-3, 19.685e-3, 19.678e-3]
@@ -723,7 +723,7 @@ def test_std_of_a_covariance_for_every_pose():
 
 
 def test_singular_covariance_is_never_nan():
-    """A direction without uncertainty rounds to just below zero as often as to just above it."""
+    """The variance along a direction without uncertainty rounds to below 0 in half of all cases."""
     rng = np.random.default_rng(19)
     raw, guarded = [], []
     for _ in range(500):
@@ -801,7 +801,7 @@ def test_spikeball_slope_at_the_nose_is_that_towards_larger_azimuth():
     ],
 )
 def test_straight_above_and_below_the_value_exists_and_the_gradient_does_not(rcs, sigma, height):
-    """Warnings are errors in this suite, so this shows as well that there is none."""
+    """Python warnings are errors in this suite, and there is none here."""
     model = DetectionModel(rcs, p_fa=1e-4)
     aircraft = [0.0, 0.0, height, 0.0, 0.0, 1.0]
     radar = [0.0, 0.0, 0.0, 1e-8 / sigma]  # S is 9
@@ -831,7 +831,7 @@ def test_one_singular_pose_leaves_its_neighbours_alone():
     found = partials(PAPER.linearize(aircraft, PAPER_RADAR))
     assert_array_equal(found[[0, 2]], expected[[0, 2]])
     assert np.all(np.isnan(found[1, :9]))
-    # A deviation that is not known must not read as none.
+    # An unknown deviation is NaN, not 0.
     std = PAPER.linearize(aircraft, PAPER_RADAR).std(np.eye(6), np.eye(4))
     assert_array_equal(np.isnan(std), [False, True, False])
 
@@ -851,7 +851,7 @@ def test_overwhelming_signal_is_certain_detection_with_no_slope(kind, snr):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_radar_without_power_detects_noise(kind):
-    """S = 0: nothing depends on where things are, but a first joule would still help."""
+    """At S = 0 only the partial by c_r differs from 0."""
     model, known_as, aircraft, radar = random_case(np.random.default_rng(21), kind, 20)
     radar[:, 3] = 0.0
     lin = model.linearize(aircraft, radar)

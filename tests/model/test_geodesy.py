@@ -1,4 +1,4 @@
-"""Latitude, longitude and height to a local frame: against what defines them, in fifty digits.
+"""Latitude, longitude and height to a local frame: against the definitions, in fifty digits.
 
 The oracle has no formula in common with the code. A geodetic position is, by its definition, a
 point of the ellipsoid plus its height along the ellipsoid's normal there; the point is found from
@@ -140,7 +140,7 @@ def random_attitudes(count, seed):
 
 
 def body_to_ned(attitude):
-    """SciPy's opinion: it turns axes, and composes turns, with quaternions."""
+    """Return SciPy's rotation, which is a quaternion."""
     return Rotation.from_euler("ZYX", np.asarray(attitude)[..., ::-1])
 
 

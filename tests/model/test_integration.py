@@ -299,7 +299,7 @@ def test_the_table_is_monotone_and_starts_at_p_fa(detector):
 
 @pytest.mark.parametrize("detector", TABLED, ids=str)
 def test_any_shape_and_any_size(detector):
-    """A NaN stays where it is; beyond the table values are those of the sum."""
+    """A NaN stays at its place. Beyond the table the values are those of the sum."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, HIGHEST, 1e20, 1e160, np.nan])
     for function in (detector.p_d, detector.linearize, detector.linearize_probit):
         found = np.array(function(snr, 1e-6))
@@ -358,10 +358,10 @@ def shnidman(p_d, p_fa, number, shape):
 
 @pytest.mark.parametrize(("p_d", "of_albersheim"), [(0.5, 0.2), (0.9, 0.3)])
 def test_albersheim_and_shnidman_within_their_stated_errors(p_d, of_albersheim):
-    """0.2 and 0.5 dB.
+    """The stated errors are 0.2 and 0.5 dB.
 
-    Albersheim's detector is linear, which at P_D 0.9 makes up to 0.1 dB more. At P_D 0.1 and P_fa
-    1e-3 his formula is off by 4 dB, and Shnidman's by 1 dB for Swerling 1.
+    Albersheim's detector is linear, which is worth up to 0.1 dB at P_D = 0.9. At P_D = 0.1 and
+    P_fa = 1e-3, Albersheim's formula is off by 4 dB, and Shnidman's by 1 dB for Swerling 1.
     """
     for number in (1, 10, 100):
         for p_fa in (1e-7, 1e-3):

@@ -1,4 +1,4 @@
-"""Networks: fused P_D and its partials, and what a radar does not see."""
+"""Networks: fused P_D and its partials, and targets beyond the limits of a radar."""
 
 import dataclasses
 

@@ -213,7 +213,7 @@ def test_covariance_is_that_of_first_order(kind):
 
 @pytest.mark.parametrize("kind", KEYS)
 def test_factors_are_those_of_the_formula(kind):
-    """A draw multiplies c_r by what the formula makes of the parameters drawn."""
+    """A draw multiplies c_r by the ratio of the formula at drawn and nominal parameters."""
     rng = np.random.default_rng(9)
     for _ in range(20):
         values = any_radar(kind, rng)

@@ -1,4 +1,4 @@
-"""The exact ellipsoid, and where the paper's formula leaves it."""
+"""The exact ellipsoid, and the error of the paper's formula."""
 
 import numpy as np
 import pytest
@@ -109,7 +109,7 @@ def test_the_papers_ellipsoid_jumps_straight_below_and_the_exact_one_does_not():
 
 
 def test_p_d_by_the_papers_ellipsoid_is_off_in_a_bank():
-    """Level flight does not notice; a bank of 30 deg is 0.1 of P_D off."""
+    """P_D is off by less than 3e-5 in level flight, and by 0.1 at a bank of 30 deg."""
     exact = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
     worst = {}
     for roll in (0, 10, 30):

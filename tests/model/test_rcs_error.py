@@ -172,7 +172,7 @@ def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
 
 
 def test_a_limit_matters_where_the_error_makes_the_radar_see():
-    """The limit is within reach of the pose, and P_D beside it from nothing to nearly 1."""
+    """The pose is near the limit, and P_D just within the limit is anything from 0 to 1."""
 
     def warns(s):
         moments = propagate_scenario(s, method="form")

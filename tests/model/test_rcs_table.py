@@ -81,7 +81,7 @@ def test_a_grid_is_exact_at_its_nodes():
 
 
 def test_between_the_nodes_a_grid_is_the_tensor_product_of_splines():
-    """Scipy's splines one after the other, which the cells of the table know nothing of."""
+    """The oracle applies SciPy's splines one after the other."""
     rng = np.random.default_rng(3)
     table = grid(rng)
     azimuth = rng.uniform(-np.pi, np.pi, 200)
@@ -646,7 +646,7 @@ def test_a_table_that_the_geometry_leaves_is_refused(here):
 
 
 def smooth(here):
-    """A table without anything narrow in it."""
+    """Return a scenario with a smooth table."""
     azimuth, elevation = np.meshgrid(np.arange(-180, 180, 5), np.arange(-90, 91, 15))
     level = -9 + 2 * np.cos(2 * azimuth * DEG) * np.cos(elevation * DEG) ** 2
     rows = [f"{a},{e},{v!r}" for a, e, v in zip(

@@ -109,7 +109,7 @@ def test_without_the_extra_the_error_names_the_package(monkeypatch):
 
 
 class Inner(Executor):
-    """An executor whose calls end at the command of the test."""
+    """An executor whose futures the test completes."""
 
     def __init__(self):
         self.futures = []

@@ -148,7 +148,7 @@ def test_a_part_moves_its_constant_and_nothing_else():
 
 
 @pytest.mark.parametrize("several", [1, 3])
-def test_indices_of_parts_do_not_have_the_place(several):
+def test_indices_of_parts_do_not_contain_the_position(several):
     """The positions have all of the variance, and the constants are nearly certain."""
     known = {"loss_db": 1e-6}
     far = [[1e6, 9e5, 0], [9e5, 1e6, 0], [0, 0, 25]]

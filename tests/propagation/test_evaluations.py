@@ -102,7 +102,7 @@ def test_evaluations_of_one_bound(method, radars, count):
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
 def test_evaluations_of_a_check(method, radars, count):
-    """No draws are needed on the paper's scenario, and FORM has checked it already."""
+    """No draws are needed on the paper's scenario. FORM is checked while it is computed."""
     s = problem(radars)
     found = propagate_scenario(s, method=method)
     gradients, values = count(lambda s: nonlinear_in_scenario(s, found, method=method), s)

@@ -1,4 +1,4 @@
-"""Propagation through networks: what radars share, and constants drawn below zero."""
+"""Propagation through networks: shared errors, and constants drawn below zero."""
 
 import dataclasses
 
@@ -86,7 +86,7 @@ def _body(aircraft):
 
 @pytest.mark.parametrize(("attitude_deg", "factor"), [(1.0, 1.7), (3.0, 2.66)])
 def test_independence_understates_the_variance(attitude_deg, factor):
-    """Three radars near each other, 3 % uncertain: every one sees the same wrong aspect."""
+    """Three radars near each other, 3 % uncertain, have the same error of the aspect."""
     scenario = paper_network(
         [(0, 0, 0), (1e4, -1e4, 0), (-1e4, 1e4, 0)],
         [70, 70, 70],

@@ -62,7 +62,7 @@ def alone_pair():
 
 
 def test_form_converges_where_one_radar_fades_and_the_others_do_not():
-    """With a certain pose, and one uncertain c_r, quantiles are known: P_D grows with it."""
+    """Only one c_r is uncertain. P_D grows with c_r, so its quantiles are known."""
     s = mixed_network()
     cov = np.zeros((12, 12))
     cov[3, 3] = s.cov_radar["sheet"][3, 3]
@@ -127,7 +127,7 @@ def test_each_radar_by_itself_has_its_parts():
 
 @pytest.mark.parametrize("sampler", ["random", "sobol"])
 def test_a_network_of_one_is_the_single_radar_bit_for_bit(sampler):
-    """What the command writes is compared in `test_radars`; this is what is beside it."""
+    """`test_network_commands` compares the files of the commands."""
     (of_a, *_) = mixed_radars()
     one = mixed_network([of_a])
     content = mixed_document()

@@ -1,4 +1,4 @@
-"""What holds for every CSV file: read once, refused in one line, nothing shown that is secret."""
+"""All CSV files: read once, refused in one line, and confidential text is not repeated."""
 
 import hashlib
 import os

@@ -1,4 +1,4 @@
-"""Radars by their data sheets: what a scenario may say of them, and what it may not."""
+"""Radars by their data sheets: allowed and refused keys of a scenario."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,6 @@
 """`radars:` in a scenario: several radars in place of one, as the command line takes them.
 
-A refusal is one line that names file, line, key path and what is allowed, as in `test_input`.
+A refusal is one line that names file, line, key path and the allowed values, as in `test_yaml`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
-    """Refuse a scenario; give the key path, the complaint, and the text of the line it names."""
+    """Insist on a refusal; return the key path, the message, and the text of the named line."""
     text = yaml_text(network_document(*radars, **changes))
     line, path, complaint = place(refusal(tool, text))
     return path, complaint, text.splitlines()[line - 1].strip()

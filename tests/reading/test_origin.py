@@ -1,7 +1,6 @@
 """Scenarios in latitude and longitude: the choice of the origin changes nothing.
 
-The oracle has its own WGS-84 formulas and plain loops. It works in earth-fixed coordinates, where
-there is no origin.
+The oracle has its own WGS-84 formulas and plain loops. Its earth-fixed coordinates have no origin.
 """
 
 import dataclasses

@@ -123,7 +123,7 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
 
 
 def single_pose(scenario, pose):
-    """A scenario of one pose, with its covariance as an orbit has it."""
+    """Return a scenario of one pose, with one covariance."""
     one = scenario.at_poses(slice(pose, pose + 1))
     return dataclasses.replace(one, cov_aircraft=one.cov_aircraft[0])
 
@@ -644,7 +644,7 @@ def test_the_numbers_of_the_path_example():
 
 
 def test_many_poses_go_through_in_parts(tmp_path):
-    """More poses than any block, with a covariance each: every one as it is alone."""
+    """σ of more poses than a block, each with its covariance, is that of the linearization."""
     count = 17_500
     time = np.arange(count)
     std = [10.0 + time % (7 + i) for i in range(6)]

@@ -1,7 +1,7 @@
-"""Route files, good and bad, and what is made of them.
+"""Route files, allowed and refused, and the routes that are read and interpolated.
 
-A refusal names file, line, column, value and what is allowed; nothing but a `ScenarioError` comes
-out of a bad file. Attitudes from the track are checked on paths whose attitude is known exactly.
+A refusal is a `ScenarioError` that names file, line, column, value and the allowed values.
+Attitudes from the track are checked on paths whose attitude is known exactly.
 """
 
 import math
@@ -85,7 +85,7 @@ def same(a, b):
         np.testing.assert_array_equal(x, y)
 
 
-# What a file says.
+# The content of a file.
 
 
 def test_a_route_has_times_states_and_distance(load):
@@ -756,11 +756,11 @@ def test_the_first_bad_covariance_is_named_among_good_ones(load):
             load({**columns, **triangle(covariance)})
 
 
-# Anything at all.
+# Random texts.
 
 
 def outcome(path, **options):
-    """A route that can be used, or a refusal in one line; never anything else."""
+    """Return a finite route, or None for a refusal in one line."""
     try:
         found = load_route(path, **options)
     except ScenarioError as error:

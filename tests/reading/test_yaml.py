@@ -1,6 +1,6 @@
-"""Scenarios, good and bad, as the command line takes them.
+"""Scenario files, allowed and refused, by way of the command line.
 
-A refusal is one line that names file, line, key path, value and what is allowed. The exit code is 2
+A refusal is one line that names file, line, key path, value and allowed values. The exit code is 2
 and nothing is written. The cases are made from the embedded scenario. `LINES` holds one key per
 line, so the line that an error must name is known here without the reader.
 """
@@ -65,7 +65,7 @@ def without(path: str) -> Lines:
 
 
 def replaced(changes: dict[str, str], lines: Lines = LINES) -> Lines:
-    """Give keys other values; what stood below them goes."""
+    """Give keys other values, and remove the keys below them."""
     return [
         (p, changes.get(p, v))
         for p, v in lines
@@ -89,7 +89,7 @@ def accepted(tool: Callable, lines: Lines) -> rs.Scenario:
 
 
 def only_warnings(err: str) -> bool:
-    """Return whether there is nothing but warnings, of a scenario that is hardly meant."""
+    """Return whether all lines are warnings."""
     return all(line.startswith("Warning: ") for line in err.splitlines())
 
 
@@ -142,7 +142,7 @@ def test_duplicate_key(tool, path):
     assert f"line {first}" in complaint
 
 
-#: What people (and their tools) write where a number belongs, and how a complaint quotes it.
+#: Words in the place of a number, and their quotation in the error.
 NO_NUMBER = {
     "yes": "'yes'",
     "12:30": "'12:30'",
@@ -167,7 +167,7 @@ NO_NUMBER = {
     "١٢": "'١٢'",
     "5 5": "'5 5'",
 }
-#: Names are free: these are as good as any, however YAML 1.1 would read them.
+#: Allowed names, which YAML 1.1 may read as other types.
 GOOD_NAMES = ["yes", "null", "nan", "abc", "'5'", "1_000", "1e999", "2001-01-01", "0x10"]
 
 
@@ -635,7 +635,7 @@ def test_names_are_text(tool, name):
 @pytest.mark.parametrize("key", ["name", "uncertainty.radar.medium"])
 @pytest.mark.parametrize("name", ["_x", "räder", "日本", "a" * 101, "a/b", "two words", "..", "~"])
 def test_names_that_are_refused(tool, key, name):
-    """They end up in names of files and columns, and in figures, whose font has no 日."""
+    """Names stand in file names, in columns and in figures, whose font has no 日."""
     text = default_text()
     text = text.replace("name: paper", f"name: {name}") if key == "name" else text
     text = text if key == "name" else text.replace("    medium:", f"    {name}:")
@@ -897,7 +897,7 @@ def test_check_quietly(tool):
     assert tool("check", "-q") == (0, "", "")
 
 
-# Anything at all.
+# Random texts.
 
 FEW_LINES = replaced({"geometry.azimuth_deg.step": "60"})
 EXTREME = ["0", "1e-20", "1e20", "-1e20", "1e-10", "1e10", "1", "-1", "2", "0.5", "90", "1e3"]
@@ -948,7 +948,7 @@ NUMBERS = [
 
 @st.composite
 def extreme(draw: st.DrawFn) -> bytes:
-    """Return the scenario with numbers at the ends of what is allowed."""
+    """Return the scenario with numbers at the ends of their limits."""
     chosen = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8, unique=True))
     number = st.sampled_from(EXTREME)
     tiny = st.sampled_from(["5e-324", "1e-300", "1e-20", "0.5", "0.9999999999999999"])
@@ -982,7 +982,7 @@ anything = partial(
 
 
 def refused_or_runs(tool: Callable, content: bytes) -> None:
-    """Insist on one line of complaint or, without a Python warning, on results."""
+    """Insist on one line of error, or on results without a Python warning."""
     write(content)
     code, out, err = tool("check", "my.yaml")
     if code:

@@ -1,4 +1,4 @@
-"""The report: one whole HTML page, that says what the analyses say, to every reader."""
+"""The report: one HTML page with the results of the analyses, accessible to every reader."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def printed(value: float) -> str:
 
 
 def test_half_the_deviation_of_the_largest_source_of_the_paper():
-    """By the numbers of the paper's budget: sources are independent, so their squares add up."""
+    """The sources of the paper are independent, so their variances add up."""
     answers = rs.report(scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 5}))
     table = answers.evidence.budget.table
     for name in ("radar_constant", "aircraft_orientation"):
@@ -427,7 +427,7 @@ def test_scenarios_in_which_something_has_no_answer(changes, monkeypatch):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_scenario_made_in_python():
-    """Its names may be anything; levels are not checked as those of a file are."""
+    """Names of levels in Python may hold any characters."""
     few = scenario(geometry__azimuth_deg=FEW)
     made = rs.Scenario(
         model=few.model,
@@ -443,7 +443,7 @@ def test_a_scenario_made_in_python():
 
 
 def test_the_report_has_no_physics():
-    """It words results; only `evidence` runs analyses."""
+    """No module of the report imports a model; only `evidence` runs analyses."""
     for path in (ROOT / "radar_sense/reporting").glob("*.py"):
         nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         homes = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
