@@ -122,7 +122,7 @@ def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     snr = constant * sigma / (BOLTZMANN * distance**4)
     p_d = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
 
-    # A_Pr as printed; A_Pa has the same three partials in common with it
+    # A_Pr as printed; A_Pa has the same partials by position, with the other sign
     slope = np.exp(-((np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5)) ** 2))
     slope = (slope / (2 * np.sqrt(np.pi) * np.sqrt(snr + 0.5)))[:, np.newaxis]
     per_sigma = (constant / (BOLTZMANN * distance**4))[:, np.newaxis]

@@ -47,20 +47,20 @@ def test_the_models_name_the_value_and_its_place(call, value):
     for component, name in enumerate(("north", "east", "down", "roll", "pitch", "yaw")):
         aircraft, radar = states()
         aircraft[17, component] = value
-        said = rf"^aircraft states must be finite, got {value:g} for {name} at pose 17 "
-        with pytest.raises(ValueError, match=said):
+        message = rf"^aircraft states must be finite, got {value:g} for {name} at pose 17 "
+        with pytest.raises(ValueError, match=message):
             getattr(model(), call)(aircraft, radar)
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             getattr(network(), call)(aircraft, np.tile(radar, 2))
         with pytest.raises(ValueError, match=rf"got {value:g} for {name}$"):
             getattr(model(), call)(aircraft[17], radar)
     for component, name in enumerate(("north", "east", "down", "constant")):
         aircraft, radar = states()
         radar[component] = value
-        said = f"^radar states must be finite, got {value:g} for {name}"
-        with pytest.raises(ValueError, match=said + "$"):
+        message = f"^radar states must be finite, got {value:g} for {name}"
+        with pytest.raises(ValueError, match=message + "$"):
             getattr(model(), call)(aircraft, radar)
-        with pytest.raises(ValueError, match=said + " of radar 2$"):
+        with pytest.raises(ValueError, match=message + " of radar 2$"):
             getattr(network(), call)(aircraft, np.concatenate([states()[1], radar]))
 
 
@@ -77,10 +77,14 @@ def test_the_ellipsoid_gives_nan_for_nan():
 def no_covariances(size):
     """Yield the problem and a matrix with it."""
     diagonal = np.eye(size)
-    for value, said in ((NAN, r"got nan for entry \[2\]\[2\]"), (INF, "got inf"), (-1, "negative")):
+    for value, message in (
+        (NAN, r"got nan for entry \[2\]\[2\]"),
+        (INF, "got inf"),
+        (-1, "negative"),
+    ):
         wrong = diagonal.copy()
         wrong[1, 1] = value
-        yield said, wrong
+        yield message, wrong
     wrong = diagonal.copy()
     wrong[0, 1] = 0.5
     yield "is not symmetric", wrong
@@ -136,37 +140,37 @@ def good_covariances():
 
 def test_no_covariance_is_an_error_everywhere():
     cov_aircraft, cov_radar = good_covariances()
-    for said, wrong in no_covariances(6):
+    for message, wrong in no_covariances(6):
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov, place in ((wrong, ""), (many, r" at pose 13 \(counted from 0\)")):
             for call in everything(*states(), cov, cov_radar):
-                with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{said}"):
+                with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{message}"):
                     call()
-    for said, wrong in no_covariances(4):
+    for message, wrong in no_covariances(4):
         for call in everything(*states(), cov_aircraft, wrong):
-            with pytest.raises(ValueError, match=f"^radar covariance .*{said}"):
+            with pytest.raises(ValueError, match=f"^radar covariance .*{message}"):
                 call()
 
 
 def test_no_covariance_makes_no_scenario():
     cov_aircraft, cov_radar = good_covariances()
     good = made(*states(), cov_aircraft, cov_radar)
-    for said, wrong in no_covariances(6):
-        said = said.removesuffix(r" for entry \[2\]\[2\]")
+    for message, wrong in no_covariances(6):
+        message = message.removesuffix(r" for entry \[2\]\[2\]")
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov in (wrong, many):
             place = r"\[13\]" if cov is many and np.isfinite(cov).all() else ""
-            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{said}"):
+            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 made(*states(), cov, cov_radar)
-            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{said}"):
+            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 dataclasses.replace(good, cov_aircraft=cov)
-    for said, wrong in no_covariances(4):
-        said = said.removesuffix(r" for entry \[2\]\[2\]")
-        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{said}"):
+    for message, wrong in no_covariances(4):
+        message = message.removesuffix(r" for entry \[2\]\[2\]")
+        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
             made(*states(), cov_aircraft, wrong)
-        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{said}"):
+        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
             dataclasses.replace(good, cov_radar={"medium": wrong})
 
 

@@ -42,7 +42,7 @@ def process(folder: Path, *args: str, shell: str = "", **environment: str | None
     return subprocess.run(command, cwd=folder, env=env, capture_output=True, check=False)
 
 
-#: What is set to what; None unsets.
+#: Environment variables and their values; None unsets.
 ENVIRONMENTS = {
     "a notebook's backend, warnings as errors, no home": {
         "MPLBACKEND": "module://matplotlib_inline.backend_inline",

@@ -86,8 +86,8 @@ def verdicts(text):
     return reader, [error.message[:100] for error in VALIDATOR.iter_errors(value)]
 
 
-#: Rules that a schema cannot express, by what the reader says. The reader refuses these files and
-#: an editor does not mark them.
+#: Rules that a schema cannot express, with errors of the reader. The reader refuses these files,
+#: and an editor does not mark them.
 NOT_EXPRESSED = {
     "numbers that depend on each other": (
         r"is not symmetric|is not positive semidefinite|has a negative variance"

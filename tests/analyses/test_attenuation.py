@@ -264,7 +264,7 @@ def test_the_attenuation_is_read_and_read_back():
 
 def test_refusals_name_the_key(tool):
     level = "uncertainty.radar.medium.attenuation_db_per_km"
-    for attenuation, std, path, said in (
+    for attenuation, std, path, message in (
         (-1, 0, "radar.attenuation_db_per_km", "not less than 0"),
         (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
         (0.1, 0.2, level, "at most"),
@@ -276,7 +276,7 @@ def test_refusals_name_the_key(tool):
         )
         _, key, complaint = place(refusal(tool, text))
         assert key == path
-        assert said in complaint
+        assert message in complaint
     with pytest.raises(ValueError, match="attenuation must be"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
     with pytest.raises(ValueError, match="attenuation_std"):

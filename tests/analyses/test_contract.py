@@ -89,7 +89,7 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         written = json.loads(record.read_text(encoding="utf-8"))
         assert written["analysis"] == name
         assert written["warnings"] == list(result.warnings)
-        # every column is declared with its meaning, and the record says both
+        # every column is declared with its meaning, and stands in the record
         assert list(written["columns"]) == list(result.table)
         for column in written["columns"].values():
             assert column["meaning"].isascii()
@@ -133,7 +133,7 @@ def test_options_of_an_analysis():
         rs.variance(scenario(), level="hi")
 
 
-# What is added from outside.
+# Additions from outside.
 
 
 def test_a_new_rcs_model(tool, monkeypatch):

@@ -78,7 +78,7 @@ def footer_off_all(figure):
     assert page.x0 <= box.x0 < box.x1 <= page.x1
     assert page.y0 <= box.y0
     for other in [*figure.axes, *figure.legends]:
-        # what is cut to the axes can have a larger box
+        # clipped artists can have a larger box
         assert not box.overlaps(other.get_tightbbox())
     assert footer.get_fontsize() == pytest.approx(5.5 * plotting.style_of(figure).scale)
 
@@ -302,7 +302,7 @@ def test_layout_of_detectors(p_fa, monkeypatch):
         assert inside.y0 < box.y0 < box.y1 < inside.y1
         assert not any(box.overlaps(other) for other in words[:i])
     assert len(top.lines) == 4 * len(boxes)
-    # told apart without colour: two solid lines of very different width, and dashes
+    # distinct without colour: two solid lines of different width, and dashes
     for axes in (top, bottom):
         lines = axes.lines[:4] if axes is top else axes.lines
         styles = {
@@ -362,7 +362,7 @@ def test_a_thinned_line_draws_the_same_pixels(order):
         "rising": np.linspace(-3, 5, 100_000),
         "falling": np.linspace(5, -3, 100_000),
         "there and back": 5 * np.sin(np.linspace(0, 20, 100_000)),
-        # nearly all of it in the first second: the rest must not go for that
+        # nearly all points lie in the first second
         "bunched": np.sort(rng.random(100_000) ** np.where(np.arange(100_000) % 99, 60, 1)),
     }[order]
     y = rng.standard_normal(x.size)

@@ -218,7 +218,7 @@ def test_range_is_the_horizontal_radius():
     assert at_radius / MODEL.snr(aircraft, RADAR) - 1 == pytest.approx(7.2e-5, abs=5e-7)
 
 
-# Axes: what a, b and c act along.
+# The axes of a, b and c.
 
 # Each as the formula's (along the wing, down, along the nose).
 AXES = {"formula": (A, B, C), "text": (C, B, A), "table": (B, C, A)}
@@ -272,7 +272,7 @@ def test_boltzmanns_constant():
     assert one * 1e24 * PAPERS_K - 1 == pytest.approx(-0.00047, abs=0.000005)
 
 
-# eq:lambda: the arctangent must know all four quadrants.
+# eq:lambda: the arctangent of all four quadrants.
 
 
 def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():

@@ -131,8 +131,8 @@ def test_a_network_reports_the_largest_three_sigma_of_each_radar_by_itself(metho
             for level in s.cov_radar if analyse is analyses.sensitivity else ["sheet"]:
                 one = single_radar_scenarios(s)[name].with_analysis(level=level)
                 most = 3 * propagate_scenario(one, method=method or "linear").std.max()
-                said = found[level][name] if analyse is analyses.sensitivity else found[name]
-                assert said["value"] == pytest.approx(most, rel=1e-12)
+                largest = found[level][name] if analyse is analyses.sensitivity else found[name]
+                assert largest["value"] == pytest.approx(most, rel=1e-12)
                 where = line.index(level) if analyse is analyses.sensitivity else 0
                 shown = re.search(r"(\d\.\d{4}) at \d+", line[where:])
                 assert float(shown[1]) == pytest.approx(most, abs=5.1e-5)

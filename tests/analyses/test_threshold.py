@@ -14,7 +14,7 @@ def test_margin_and_poses():
     np.testing.assert_allclose(found.margin, [0.4, 0.2, 0, -0.2, 0.1], atol=1e-15)
     np.testing.assert_array_equal(found.violated, [False, False, False, True, False])
     assert (found.first, found.worst, found.passed) == (3, 3, False)
-    # from 2, where it is reached, to 4, and then 2/3 of the way to 8
+    # from 2, where the limit is reached, to 4, and then 2/3 of the way to 8
     assert found.above == pytest.approx(2 + 4 * 2 / 3, rel=1e-14)
     assert found.total == 8
 

@@ -17,7 +17,7 @@ from radar_sense.montecarlo.exceedance import decide, exceeded_anywhere
 from radar_sense.propagation import exceedance_probability, propagate_scenario
 
 FEW = {"start": 45, "stop": 60, "step": 15}
-#: A straight flight past the radar: two rows far from it, where P_D is small.
+#: A straight flight past the radar: two rows far away, where P_D is small.
 PAST = "time_s,north_m,east_m,down_m\n0,-400000,120000,-9000\n3600,400000,120000,-9000\n"
 CONSTANT = {"model": "constant", "rcs_m2": 0.1}
 

@@ -39,7 +39,7 @@ MORE_RUNS = 100_000
 #: The NumPy transcriptions hold all draws at once, and some 0.4 kB a sample beside them.
 FEWER_RUNS = 6_000
 
-#: The RCS models: what the package calls them, what the peers do, what a scenario file does.
+#: The RCS models: class of the package, tuple of the peers, and keys of a scenario file.
 RCS = {
     "ellipsoid": (
         rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21),

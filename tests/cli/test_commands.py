@@ -183,7 +183,7 @@ def test_files_their_names_and_formats(tool, command):
     assert sorted(found) == sorted(f"{stem}.{kind}" for kind in (data(command), "json", *kinds))
     for name in found:
         assert str(Path("figures", name)) in out.splitlines()
-    assert out.isascii()  # also for a terminal that knows nothing else
+    assert out.isascii()  # for terminals without UTF-8
     warnings = read_record(f"figures/paper_{command}.json")["warnings"]
     assert [f"Warning: {w}" for w in warnings] == err.splitlines()
     assert found[f"{stem}.png"].startswith(b"\x89PNG\r\n\x1a\n")
@@ -429,7 +429,7 @@ def test_every_scenario_in_configs_runs(tool, monkeypatch, config, command):
             "radar_sense.reading.parse.load_scenario", lambda path: ten_poses(read(path))
         )
     if command == "map":
-        cells = grid(rs.load_scenario(config))  # a 40th of a side, whatever it is
+        cells = grid(rs.load_scenario(config))  # a 40th of a side
         options[1] = str(12.5 * (cells.north[1] - cells.north[0]) / 1e3)
     code, out, err = tool(command, config, *options)
     assert code == 0

@@ -157,7 +157,7 @@ def test_a_removal_that_fails_undoes_the_renames(folder, monkeypatch):
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
     """All files are new or all are old, according to the exception."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as the command line has it
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as in the command line
     steps = Steps(monkeypatch, ("write", "sync", "link", "rename", "unlink", "lock"))
     setattr(steps, when, lambda: signal.raise_signal(number))
     ends = []
@@ -188,7 +188,7 @@ def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
     assert "old" in ends
     assert "new" in ends
     steps.start(0)
-    # a whole run removes what an interrupt during the cleaning has left
+    # the next run removes temporary files that an interrupt has left
     files.write(folder, CONTENTS, "a.json")
     assert content(folder) == NEW
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -352,7 +352,7 @@ def test_files_are_replaced_and_follow_the_umask(folder, mask):
         assert stat.S_IMODE((folder / name).stat().st_mode) == 0o666 & ~mask
 
 
-# What the command line makes of that.
+# The command line.
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -242,7 +242,7 @@ def test_an_undefined_gradient_is_undefined_from_there_on():
             assert np.isfinite(found.std[:3]).all()
             assert np.isnan(found.std[3:]).all()
             assert np.isnan(found.upper[3:]).all()
-    # likewise where it is the radar alone that is not certain
+    # likewise with a certain pose and an uncertain radar
     certain = 0 * COV_AIRCRAFT, COV_RADAR["low"]
     for found in (
         cu.cumulative_detection(looks, *certain, correlation_time=9.0),
@@ -295,7 +295,7 @@ def test_m_of_n_is_the_sum_over_all_outcomes(m, n):
     expected = [enumerated(p_d[: k + 1], m_within_n(m, n)) for k in range(len(p_d))]
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-300)
     gradient = m_of_n_gradient(p_d, m, n)
-    # The probability is linear in every P_D, so that its partial is a difference.
+    # The probability is linear in every P_D: a partial is a difference.
     for j in range(len(p_d)):
         sure, never = p_d.copy(), p_d.copy()
         sure[j], never[j] = 1, 0
@@ -410,13 +410,13 @@ def test_constants_below_zero_are_set_to_zero_and_counted():
 @pytest.mark.parametrize("workers", [1, 3])
 def test_draws_are_the_same_for_any_number_of_workers(workers):
     time, aircraft = flight(40)
-    runs, said = 7000, []
+    runs, steps = 7000, []
     options = {"correlation_time": 30.0, "seed": 9, "m_of_n": (2, 3)}
     arguments = (MODEL, time, aircraft, RADAR, COV_AIRCRAFT, COV_RADAR["high"] * 60)
     one = draw_missions(*arguments, runs=runs, **options)
-    other = draw_missions(*arguments, runs=runs, workers=workers, progress=said.append, **options)
-    assert sum(said) == runs
-    assert len(said) > 1
+    other = draw_missions(*arguments, runs=runs, workers=workers, progress=steps.append, **options)
+    assert sum(steps) == runs
+    assert len(steps) > 1
     assert one.clipped == other.clipped > 0
     for a, b in zip(one.detection + one.track, other.detection + other.track, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -485,7 +485,7 @@ def test_radars_that_take_turns():
     assert np.max(abs(drawn.detection.std - better.std)) < 0.06 * better.std.max()
 
 
-# What is refused.
+# Refused arguments.
 
 
 def test_refusals():

@@ -64,7 +64,7 @@ def load(folder, names, tau, pose=800, **changes):
             "uncertainty": {"one": {"position_m": std, "constant": {"loss_db": decibels}}},
         })  # fmt: skip
     file = folder / "my.yaml"
-    for entry in content["radars"]:  # the power that makes c_r what it should be
+    for entry in content["radars"]:  # the power of the given c_r
         file.write_text(yaml.safe_dump(content, sort_keys=False))
         made = rs.load_scenario(file).radar.reshape(-1, 4)
         i = content["radars"].index(entry)
@@ -178,7 +178,7 @@ def test_nodes_between_which_bounds_are_interpolated_change_little(tmp_path, mon
     assert len(schedule.time) > 20
     for a, b in zip(every, some, strict=True):
         np.testing.assert_array_equal(a.p, b.p)
-        assert np.max(abs(a.upper - b.upper)) < 0.12  # one look raises it by 0.2
+        assert np.max(abs(a.upper - b.upper)) < 0.12  # one look raises the bound by 0.2
         assert a.upper[-1] == pytest.approx(b.upper[-1], abs=0.02)
 
 

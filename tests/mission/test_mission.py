@@ -147,7 +147,7 @@ def test_looks_of_a_scan(tmp_path, text):
     for i in range(3):
         expected = np.interp(time, s.time_s, s.aircraft[:, i])
         np.testing.assert_allclose(looks.aircraft[:, i], expected, rtol=1e-13, atol=1e-7)
-    # level and at small angles, so that yaw turns as a plain angle nearly does, through 180 degrees
+    # roll and pitch are small, so yaw is nearly linear in time, through 180 degrees
     yaw = np.interp(time, s.time_s, [80, 170, 190, 240])
     off = (np.rad2deg(looks.aircraft[:, 5]) - yaw + 180) % 360 - 180
     assert np.max(abs(off)) < 0.05
@@ -372,8 +372,8 @@ def test_report(tool):
     lines = out.splitlines()
     assert lines[0] == "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s"
     for p, name in (("cumulative_p_d", "cumulative P_D"), ("track_p_d", "track, 3 of 5")):
-        said = f"{name} at the end (medium, importance): {found[p][-1]:.4f}"
-        assert any(said in line for line in lines)
+        message = f"{name} at the end (medium, importance): {found[p][-1]:.4f}"
+        assert any(message in line for line in lines)
         event = {"cumulative_p_d": "detection", "track_p_d": "track"}[p]
         error = summary["largest_standard_error_of_bounds"][event]["value"]
         before = "track_" if event == "track" else ""

@@ -28,7 +28,7 @@ from radar_sense.montecarlo.sampler import Sampler
 CONFIGS = Path(__file__).parents[2] / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
-#: Straight and level at one heading, so that a pose between two is their weighted mean.
+#: Straight and level at one heading: a pose between two is their weighted mean.
 ROUTE = f"""{HEADER},{STD}
 10,200e3,-40e3,-8000,5,2,70,300,400,50,0.5,0.5,0.5
 50,200e3,0,-8000,5,2,70,500,400,50,0.5,0.5,1
@@ -52,11 +52,11 @@ DETECTORS = {"north": rs.North(), "swerling1": rs.Swerling1(), "marcum": rs.Marc
 
 def radar(name, period):
     place, constant, p_fa, detector, limits, std, std_constant = KINDS[name]
-    said = {} if period is None else {"scan_period_s": period}
+    scan_period = {} if period is None else {"scan_period_s": period}
     levels = {"one": {"position_m": std, "constant": std_constant}}
     return {
         "name": name, "position_m": place, "constant": constant, "p_fa": p_fa,
-        "detector": detector, **limits, **said, "uncertainty": levels,
+        "detector": detector, **limits, **scan_period, "uncertainty": levels,
     }  # fmt: skip
 
 
@@ -103,7 +103,7 @@ class Brute:
             [*(np.interp(at, TIME, PLACE[:, i]) for i in range(3)),
              *(np.full(len(at), math.radians(v)) for v in (5, 2, 70))]
         )  # fmt: skip
-        # the covariance is what is interpolated, not σ
+        # the covariance is interpolated, not σ
         self.sigma = np.sqrt(
             np.column_stack([np.interp(at, TIME, SIGMA[:, i] ** 2) for i in range(6)])
         ) * [1, 1, 1, *[math.pi / 180] * 3]
@@ -235,7 +235,7 @@ def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
         assert np.isnan(np.delete(shown, own)).all()
         ends = found[f"cumulative_p_d_{name}"]
         np.testing.assert_allclose(ends[own], 1 - np.cumprod(1 - p[mine]), rtol=1e-9, atol=1e-15)
-        for k, value in enumerate(ends):  # and stays as it was between its looks
+        for k, value in enumerate(ends):  # constant between the looks of the radar
             assert value == ends[max(o for o in own if o <= k)]
 
 
@@ -250,7 +250,7 @@ def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
     upper = np.minimum.accumulate((found["cumulative_p_d"] + 3 * expected)[::-1])[::-1]
     np.testing.assert_allclose(found["upper_3sigma"], upper, rtol=1e-7)
     by_p = []
-    for j in range(len(p)):  # linear in every P_D, so that a partial is a difference
+    for j in range(len(p)):  # the probability is linear in every P_D: a partial is a difference
         sure, never = p.copy(), p.copy()
         sure[j], never[j] = 1, 0
         by_p.append(brute.track(sure, 2, 3) - brute.track(never, 2, 3))
@@ -346,7 +346,7 @@ def test_a_network_of_one_is_the_single_radar(tmp_path, runs):
     content = yaml.safe_load((tmp_path / "my.yaml").read_text())
     (one,) = content.pop("radars")
     content["uncertainty"]["radar"] = one.pop("uncertainty")
-    del one["name"], one["horizon"]  # it is within the horizon all along
+    del one["name"], one["horizon"]  # all looks are within the horizon
     content["radar"] = one
     (tmp_path / "single.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     single = mission(rs.load_scenario(tmp_path / "single.yaml"), **options)
@@ -388,7 +388,7 @@ def test_times_that_differ_by_rounding_are_one(tmp_path):
     )
     looks = looks_of(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=route))
     np.testing.assert_allclose(looks.axis.values, 0.1 * np.arange(13), rtol=1e-12)
-    # however late it is on the clock, where floats are 2e-7 apart
+    # at 1.6e9 s, where floats are 2e-7 s apart
     late = route
     for t in ("\n0,", "\n0.3,", "\n1.2,"):
         late = late.replace(t, f"\n{1.6e9 + float(t[1:-1])!r},")
@@ -407,10 +407,12 @@ def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
             np.testing.assert_allclose(
                 together.table[f"{column}_{name}"][own], one.table[column], rtol=1e-9, atol=1e-15
             )
-        said = together.summary["radars"][name]
-        assert (said["scan_period_s"], said["looks"]) == (period, one.summary["looks"])
+        of_radar = together.summary["radars"][name]
+        assert (of_radar["scan_period_s"], of_radar["looks"]) == (period, one.summary["looks"])
         for event in ("detection", "track"):
-            assert said[event]["at_end"]["p"] == pytest.approx(one.summary[event]["at_end"]["p"])
+            assert of_radar[event]["at_end"]["p"] == pytest.approx(
+                one.summary[event]["at_end"]["p"]
+            )
 
 
 def test_draws_do_not_depend_on_the_number_of_workers(tmp_path):
@@ -437,12 +439,12 @@ def test_report_and_record(tool, tmp_path):
     radars = found["summary"]["radars"]
     assert list(radars) == ["near", "far"]
     at = lines.index("at the end by each radar alone, with 3-sigma bounds:")
-    for line, (name, said) in zip(lines[at + 1 :], radars.items(), strict=False):
-        ends = [said[event]["at_end"] for event in ("detection", "track")]
+    for line, (name, of_radar) in zip(lines[at + 1 :], radars.items(), strict=False):
+        ends = [of_radar[event]["at_end"] for event in ("detection", "track")]
         detection, track = (
             f"{e['p']:.4f} ({e['lower_3sigma']:.4f} to {e['upper_3sigma']:.4f})" for e in ends
         )
-        every = f"every {said['scan_period_s']:g} s"
+        every = f"every {of_radar['scan_period_s']:g} s"
         assert line == f"  {name:4}  {every}, detection {detection}, track {track}"
     assert found["summary"]["looks"] == 23
     Path("again.yaml").write_text(json.dumps(found["scenario"]))

@@ -664,7 +664,7 @@ def test_gum_h2_resistance_and_reactance():
     assert uncertainty[0] == pytest.approx(0.071, abs=0.0005)
     assert uncertainty[1] == pytest.approx(0.2956, abs=0.00005)
     assert uncertainty[2] == pytest.approx(0.236, abs=0.0005)
-    # Correlations of the results, which it prints too: var(R + X) = var R + var X + 2 cov(R, X).
+    # Correlations of the results, printed too: var(R + X) = var R + var X + 2 cov(R, X).
     for i, j, published in ((0, 1, -0.588), (0, 2, -0.485), (1, 2, 0.993)):
         both = variance_along(jacobian[i] + jacobian[j], covariance)
         shared = both - uncertainty[i] ** 2 - uncertainty[j] ** 2

@@ -195,7 +195,7 @@ def one_state(detector, snr, spread, p_fa=1.7e-4):
     return model, aircraft, radar, np.zeros((6, 6)), cov
 
 
-#: Largest error of bounds, of σ (relative) and of the mean, some 10 % above what was found.
+#: Largest error of bounds, of σ (relative) and of the mean, some 10 % above the measured one.
 ERRORS = {
     "form": (4e-7, 2e-5, 4e-7),
     "probit": (6.5e-3, 0.022, 7e-4),

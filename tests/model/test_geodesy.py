@@ -178,7 +178,7 @@ def test_level_flight_has_a_pitch_or_a_roll_in_the_frame_of_a_far_origin():
     turn = wgs84.turn_to_origin([0.0, angle, 0.0], [0.0, 0.0, 0.0])
     turned = wgs84.turned_attitude([0.0, 0.0, np.pi / 2], turn)
     np.testing.assert_allclose(turned, [0.0, -angle, np.pi / 2], atol=1e-15)
-    # To the north it leans out to the right instead.
+    # Flight to the north has a roll instead.
     turned = wgs84.turned_attitude([0.0, 0.0, 0.0], turn)
     np.testing.assert_allclose(turned, [angle, 0.0, 0.0], atol=1e-15)
 

@@ -380,7 +380,7 @@ def test_required_snr():
         required_snr(Marcum(), 1e-6, 1.0)
 
 
-# What is refused.
+# Refused arguments.
 
 
 @pytest.mark.parametrize(

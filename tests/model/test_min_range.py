@@ -143,10 +143,10 @@ def test_the_keys_are_read_and_read_back():
     ],
 )
 def test_refusals_name_the_key(tool, changes, path, complaint):
-    line, key, said = place(refusal(tool, text(several(**changes))))
+    line, key, message = place(refusal(tool, text(several(**changes))))
     assert line
     assert key == f"radars[1].{path}"
-    assert complaint in said
+    assert complaint in message
 
 
 def test_the_class_refuses_what_the_reader_refuses():

@@ -198,7 +198,7 @@ def test_states_broadcast():
     assert one.p_d.shape == ()
 
 
-# What a radar sees.
+# The limits of a radar.
 
 
 def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
@@ -231,7 +231,7 @@ def test_a_target_below_the_horizon_is_not_seen(round_earth):
             aircraft[:, 2] += farthest**2 / 2 / EARTH_RADIUS * side**2
         assert_array_equal(limited.visible(aircraft, radar), seen)
         assert np.all((NetworkModel((limited,)).p_d(aircraft, radar) > 0) == seen)
-    # the paper's orbit, 500 km out and 3 km high, is far below it
+    # the paper's orbit, 500 km out and 3 km high, is far below the horizon
     seen = limited.visible(PAPER.aircraft, np.array([0, 0, 0, 167.0]))
     assert np.all(seen == round_earth)  # where 3 km above the plane are 22 above the surface
 
@@ -326,7 +326,7 @@ def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
     )
 
 
-# What is refused.
+# Refused arguments.
 
 
 def test_refused_networks():

@@ -267,7 +267,7 @@ def within(rng, azimuth, elevation, width):
     """Azimuths and elevations within an angle of others, half of them at its very end."""
     angle = width * np.where(rng.random(len(azimuth)) < 0.5, 1.0, np.sqrt(rng.random(len(azimuth))))
     side = rng.uniform(-np.pi, np.pi, len(azimuth))
-    # spherical triangle: the pole, the direction, and the one beside it
+    # spherical triangle of the pole, the direction and the new direction
     sine = np.sin(elevation) * np.cos(angle) + np.cos(elevation) * np.sin(angle) * np.cos(side)
     over = np.arctan2(
         np.sin(side) * np.sin(angle) * np.cos(elevation), np.cos(angle) - np.sin(elevation) * sine
@@ -318,7 +318,7 @@ def test_the_envelope_is_not_loose():
     sigma = own_spline(plain)
     largest = np.max([sigma(*within(rng, azimuth, elevation, width)) for _ in range(60)], axis=0)
     found = table.cross_section(direction(azimuth, elevation))
-    # 1.0 dB; it was 3.5 dB, and up to 4.3 dB too low, with the table's nodes.
+    # Measured: 1.0 dB.
     assert np.mean(10 * np.log10(found / largest)) < 1.2
 
 
@@ -440,7 +440,7 @@ G = ["azimuth_deg,elevation_deg,rcs_m2"]
 BOX = [f"{a},{e},1" for a in range(-180, 180, 30) for e in (-10, 0, 10)]
 A = ["azimuth_deg,rcs_m2"]
 
-#: Rows of a file, the line that the error is to name, and what it is to say.
+#: Rows of a file, the line in the error, and words of the error.
 REFUSED = {
     "empty": ([], None, "is empty; the first line must name the columns: azimuth_deg,"),
     "only a header": (A, None, "has no rows below the names of its columns"),
@@ -501,13 +501,13 @@ REFUSED = {
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused_with_file_and_line(here, name):
-    rows, line, said = REFUSED[name]
+    rows, line, words = REFUSED[name]
     write(here / "bad.csv", *rows)
     with pytest.raises(rs.ScenarioError) as caught:
         rs.load_rcs_table("bad.csv")
     message = str(caught.value)
     assert message.startswith(f"bad.csv:{line}: " if line else "bad.csv: "), message
-    assert said in message
+    assert words in message
     assert "\n" not in message
 
 
@@ -538,7 +538,7 @@ def test_the_extremes_that_are_allowed(here):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "words"),
     [
         (([0, 1], [1, 1]), "gap|once around"),
         ((np.arange(4) * np.pi / 2, [1, 1, 1]), "shape"),
@@ -552,8 +552,8 @@ def test_the_extremes_that_are_allowed(here):
         ((np.arange(4) * np.pi / 2, [[1, 1], [2, 1], [1, 1], [1, 1]], [-np.pi / 2, 0]), "below"),
     ],
 )
-def test_bad_arrays_are_refused(arguments, said):
-    with pytest.raises(ValueError, match=said):
+def test_bad_arrays_are_refused(arguments, words):
+    with pytest.raises(ValueError, match=words):
         rs.TableRCS(*arguments)
 
 
@@ -605,7 +605,7 @@ def test_mirror_and_envelope_are_read(here):
 
 
 @pytest.mark.parametrize(
-    ("entry", "said"),
+    ("entry", "words"),
     [
         ({"file": "none.csv"}, r"aircraft.rcs.file: .*none.csv: cannot be read: No such file"),
         ({"file": ["t.csv"]}, r"aircraft.rcs.file: must be the name of a CSV file"),
@@ -619,10 +619,10 @@ def test_mirror_and_envelope_are_read(here):
         ({"sha256": "abc"}, "64 digits"),
     ],
 )
-def test_bad_entries_are_refused(here, entry, said):
+def test_bad_entries_are_refused(here, entry, words):
     path = in_folder(here, **entry)
     write(path.parent / "t.csv", *A, *full())
-    with pytest.raises(rs.ScenarioError, match=said) as caught:
+    with pytest.raises(rs.ScenarioError, match=words) as caught:
         rs.load_scenario(path)
     assert str(caught.value).startswith(f"{path}:")
 
@@ -688,7 +688,7 @@ def test_monte_carlo_agrees_with_form(here):
     assert np.all(mc.runs - inside < 30)
 
 
-# What is in the folder of scenarios, and the command.
+# The folder of scenarios, and the command.
 
 
 def test_the_script_makes_the_synthetic_table(here):
@@ -799,10 +799,10 @@ def test_draws_beyond_the_table_are_counted(here):
         draws = rng.multivariate_normal(pose, s.cov_aircraft, 20_000)
         x, y, z = np.moveaxis(body_vector(draws, s.radar), -1, 0)
         beyond.append(np.mean(np.arctan2(-z, np.hypot(x, y)) < -2 * DEG))
-    (said,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
-    count = float(said.split("about ")[1].split(" draws")[0].replace(",", ""))
+    (words,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
+    count = float(words.split("about ")[1].split(" draws")[0].replace(",", ""))
     assert count == pytest.approx(s.runs * sum(beyond), rel=0.05)
-    assert "5 of 5 poses" in said
+    assert "5 of 5 poses" in words
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
         assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)
     rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-10, 31, 2)]

@@ -126,7 +126,7 @@ def assert_same(one, other, poses=slice(None)):
         (0.0304, 2, 0.0005),
         (0.0304, 4, 0.000005),
         (0.1, 2, 0.005),
-        (0.0999, 2, 0.005),  # rounded it is 0.10: 10 · 10^-2
+        (0.0999, 2, 0.005),  # rounded to 0.10: 10 · 10^-2
         (0.0994, 2, 0.0005),  # 99 · 10^-3
         (0.96, 1, 0.5),
         (0.94, 1, 0.05),
@@ -343,7 +343,7 @@ def test_a_pose_does_not_depend_on_the_others():
     assert len(set(together.runs)) > 1
     fewer = s.at_poses(slice(3))
     assert_same(together, validate(fewer, digits=1, fraction=0.6), slice(0, 3))
-    # nor on when it stops: what more digits draw begins with what fewer have drawn
+    # more digits draw the same first batches
     longer = validate(fewer, digits=1, fraction=0.3)
     shorter = validate(fewer, digits=4, max_runs=2 * M)
     assert np.all(longer.runs >= shorter.runs)
@@ -395,7 +395,9 @@ def test_without_uncertainty_the_nominal_value_is_validated(method):
     assert v.verdict == "validated"
     np.testing.assert_array_equal(v.runs, 2 * M)
     np.testing.assert_array_equal(v.coverage, 1.0)
-    np.testing.assert_allclose(v.delta, 1e-13 * v.mc_mean, rtol=1e-9)  # that of the arithmetic
+    np.testing.assert_allclose(
+        v.delta, 1e-13 * v.mc_mean, rtol=1e-9
+    )  # the rounding of the arithmetic
     assert np.all(v.mc_std < 1e-15)
 
 

@@ -34,7 +34,7 @@ from radar_sense.propagation import propagate_scenario
 from radar_sense.reading.parse import load_scenario
 
 THREE = {"start": 15, "stop": 85, "step": 35}
-#: So uncertain a radar constant that it is often cut off at 0.
+#: An uncertain radar constant that is often cut off at 0.
 CUT = {"only": {"position_m": 100, "constant": 100}}
 #: Straight below the aircraft, a radar that is so weak, 13 km away, that P_D is 0.6.
 WEAK = {
@@ -109,7 +109,7 @@ def test_the_linear_model_is_normal_where_the_radar_constant_is_cut():
     error = 1 / np.sqrt(20_000)
     assert np.max(abs(unit.mean(axis=0))) < 4 * error
     assert np.max(abs(unit.std(axis=0) - 1)) < 4 * error / np.sqrt(2)
-    # the skewness of what is not cut
+    # without the cut the skewness is 0
     assert np.max(abs(np.mean(unit**3, axis=0))) < 4 * np.sqrt(15) * error
 
 
@@ -120,7 +120,7 @@ def test_the_draws_are_those_of_monte_carlo_whatever_the_runs():
         many, deviation = draw(sampler, linear, kind, 5, 5000)
         few, _ = draw(sampler, None, kind, 5, 4500)
         np.testing.assert_array_equal(many[:4500], few)
-        # On the same draws: what is left of P_D is small, and of second order.
+        # On the same draws the residual of P_D is of second order, and small.
         rest = many - sampler.model.p_d(s.aircraft, s.radar) - deviation
         assert np.all(rest.std(axis=0) < 0.2 * many.std(axis=0))
 

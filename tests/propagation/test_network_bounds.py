@@ -55,7 +55,7 @@ def test_two_radars_at_one_place_with_independent_constants_against_quadrature(s
     x, w = np.polynomial.hermite_e.hermegauss(80)
     w = w / w.sum()
     miss = 1 - north(80 + std * x[:, np.newaxis], ratio)
-    # the constants are independent, so that E (Q₁Q₂)ⁿ = (E Qⁿ)²
+    # the constants are independent: E (Q₁Q₂)ⁿ = (E Qⁿ)²
     first, second = w @ miss, w @ miss**2
     mean, variance = 1 - first**2, second**2 - first**4
     step = 1e-3
@@ -81,7 +81,7 @@ def _body(aircraft):
     return np.stack([-east, north_, -down], axis=-1)
 
 
-# What all radars share.
+# Errors that all radars share.
 
 
 @pytest.mark.parametrize(("attitude_deg", "factor"), [(1.0, 1.7), (3.0, 2.66)])
@@ -176,7 +176,7 @@ def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
     seen = np.ones((len(radar), 3), dtype=bool)
     z, by_aircraft, by_radar = net.extrapolated_probit(aircraft, radar, seen)
     exact = net.p_d(aircraft, np.maximum(radar, 0))
-    # as it is down to zero, smooth there, and falling by less than the first radar's noise alone
+    # exact down to a constant of zero; below, z falls, and by less than the first radar's noise
     noise = models[0].p_d(aircraft[0], np.zeros(4))
     assert_allclose(ndtr(z[:3]), exact[:3], rtol=1e-13)
     assert np.all(np.diff(z) <= 0)
@@ -200,7 +200,7 @@ def test_draws_and_bounds_where_a_constant_may_be_zero():
     )
     mc = monte_carlo(scenario, sampler="sobol")
     assert 0.006 * mc.runs < mc.clipped < 0.01 * mc.runs  # Φ(−2.4)
-    # no draw is below the first radar by itself by more than its own noise makes it
+    # the lower bound is above 5 sigma below P_D of the first radar alone
     first = propagate_scenario(single_radar_scenarios(scenario)["r0"])
     assert np.all(mc.lower > first.p_d - 5 * first.std)
     assert np.all(mc.lower < propagate_scenario(scenario).p_d)

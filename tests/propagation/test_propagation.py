@@ -276,7 +276,7 @@ def test_maximum_in_a_ball():
     assert_array_equal(form.ball_maximum(np.zeros((3, 1)), np.zeros((3, 1)), np.ones(1)), 0.0)
 
 
-# One uncertain state: quantiles are those of a function of one variable, moments are integrals.
+# One uncertain state: quantiles of a function of one variable, and moments by integrals.
 
 
 def space_of(*states):
@@ -435,7 +435,7 @@ def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, 
             assert found.converged
             assert found.std == pytest.approx(std, rel=0.02)
             assert found.mean == pytest.approx(mean, abs=0.01 * std)
-            # All of it on one side of the nominal.
+            # P_D is on one side of the nominal value.
             ends = sorted((farthest, p_d_at(0.0)))
             assert ends[1] - ends[0] > 7 * std
             assert_allclose([found.lower, found.upper], ends, rtol=0, atol=0.1 * std)

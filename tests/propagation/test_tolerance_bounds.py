@@ -172,8 +172,8 @@ def test_the_control_variate_knows_the_parts_of_every_radar():
 
 def test_distribution_warnings_name_the_radar():
     s = mixed_network()
-    said = [w for w in analyses.variance(s).warnings if "c_r is not" in w]
-    assert said == [
+    warnings = [w for w in analyses.variance(s).warnings if "c_r is not" in w]
+    assert warnings == [
         f"{name}: {shape_warning(s.tolerances_at_level[i], 'linear', log_normal=False)}"
         for i, name in enumerate("ab")
     ]

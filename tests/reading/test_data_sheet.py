@@ -23,7 +23,7 @@ from radar_sense.model.radar_constant import (
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.reading.parse import load_scenario, parse_scenario
 
-# What a scenario may say.
+# Allowed keys.
 
 
 @pytest.mark.parametrize("kind", TOLERANCES)

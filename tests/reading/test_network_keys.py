@@ -38,7 +38,7 @@ def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
     return path, complaint, text.splitlines()[line - 1].strip()
 
 
-# What is read.
+# Allowed keys.
 
 
 def test_every_key_of_a_radar_is_read():
@@ -92,12 +92,12 @@ def test_a_network_reads_back(tool, count):
     assert_array_equal(second.cov_radar["high"], first.cov_radar["high"])
     code, out, err = tool("check", write(text))
     assert (code, err) == (0, "")
-    said = [line for line in out.splitlines() if line.startswith("#")]
-    assert said[: count + 1] == [
+    comments = [line for line in out.splitlines() if line.startswith("#")]
+    assert comments[: count + 1] == [
         f"# 5 poses, {count} radar{'s' if count > 1 else ''}",
         *(f"# r{i}: c_r = 160 J m^2/K" for i in range(count)),
     ]
-    assert [line.split(": range ")[0] for line in said[-count:]] == [
+    assert [line.split(": range ")[0] for line in comments[-count:]] == [
         f"# r{i}" for i in range(count)
     ]
     assert yaml.safe_load(out) == first.resolved()
@@ -126,7 +126,7 @@ def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
     horizon = model.radars[0].horizon
     assert horizon == rs.Horizon(origin=(*np.deg2rad([46.0, 8.0]), 430.0))
     assert model.radars[1].horizon is None
-    # one kilometre up, and 100 km away, where the surface is d²/2R lower, with R that of the place
+    # one kilometre up, and 100 km away, where the surface is d²/2R lower
     up, away = horizon.height(np.array([[0.0, 0, -1e3], [0, 1e5, -1e3]]))
     assert up == pytest.approx(1430, abs=1e-6)
     assert away - up == pytest.approx(1e10 / (2 * EARTH_RADIUS), rel=5e-3)
@@ -148,7 +148,7 @@ def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
     assert np.all(found.table["sigma_pd"] > 0)
 
 
-# What is refused.
+# Refused keys.
 
 
 @pytest.mark.parametrize("key", ["name", "position_m", "p_fa", "constant", "uncertainty"])
@@ -264,7 +264,7 @@ def test_radar_beside_radars(tool):
     path, complaint, line = refused(tool, radar_entry("a"), radar=radar_entry("b"))
     assert path == "radar"
     assert complaint == "must be left out, or 'radars'; allowed is one or the other"
-    assert line == "name: b"  # where YAML says that a mapping begins
+    assert line == "name: b"  # the first line of the mapping
 
 
 def test_neither_radar_nor_radars(tool):

@@ -255,7 +255,7 @@ def test_latitude_and_longitude_are_about_the_origin(tmp_path):
     )
     place = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
     s = load(tmp_path, text, geometry__origin=place, radar__position_m=[0, 0, 0])
-    # the parallel curves to the north as seen from the middle of it, the level drops by d²/2R
+    # both ends of the parallel are 38.1 km from its middle, where the level has dropped by d²/2R
     assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
     assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
     assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
@@ -538,7 +538,7 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
             rs.parse_scenario(yaml.safe_dump(content))
 
 
-# What is written and said.
+# Files and reports.
 
 
 def test_the_command_line_names_poses_by_time(tool, tmp_path):

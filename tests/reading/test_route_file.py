@@ -188,7 +188,7 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned(load):
         origin=ORIGIN,
     )
     for i in range(count):
-        # The pose as the file has it, moved a little in each of its own six directions.
+        # The pose of the file, with a small error along each of its six components.
         axes = wgs84.ned_axes(ORIGIN) @ wgs84.ned_axes(place[i]).T
 
         def moved(by, i=i, axes=axes):
@@ -211,7 +211,7 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned(load):
 
 
 def test_a_variance_of_zero_does_not_round_below_zero(load):
-    # Position is certain but for one direction, which is that of an axis of the origin's frame.
+    # Position is uncertain along one axis of the origin's frame only.
     rng = np.random.default_rng(8)
     place = np.array(ORIGIN) + rng.uniform(-1, 1, (200, 3)) * [0.3, 0.3, 1000]
     axes = wgs84.turn_to_origin(place, ORIGIN)
@@ -472,7 +472,7 @@ def test_a_smooth_path_goes_through_its_samples_and_banks(load):
     inner = slice(12, -12)
     assert np.max(np.abs(found.aircraft[:, :3] - exact)[inner]) < 2e-3
     assert np.max(np.abs(wrapped(found.aircraft[:, 3:] - attitude))[inner]) < 1e-3
-    # On legs nobody banks, and chords of a circle lie inside of it.
+    # Legs have level wings, and chords of a circle lie inside the circle.
     legs = resample(path, 0.5)
     assert not legs.aircraft[:, 3].any()
     assert np.max(np.abs(legs.aircraft[:, :3] - exact)) == pytest.approx(400**2 / 8 / 4e3, rel=0.03)

@@ -603,7 +603,7 @@ def test_errors_of_a_real_process(tmp_path):
         assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
 
 
-# What is accepted.
+# Accepted texts.
 
 
 @pytest.mark.parametrize(
@@ -889,7 +889,7 @@ def test_check_prints_the_scenario_itself(tool, kind):
     assert (after.cov_aircraft == before.cov_aircraft).all()
     for level, covariance in before.cov_radar.items():
         assert (after.cov_radar[level] == covariance).all()
-    # One that any YAML reader takes the same way, names among it.
+    # Every YAML reader reads the names as text.
     assert yaml.safe_load(printed)["name"] == before.name
 
 

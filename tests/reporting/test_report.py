@@ -25,7 +25,7 @@ from radar_sense.reporting import elements, evidence, figure
 ROOT = Path(__file__).parents[2]
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 FEW = {"start": 30, "stop": 150, "step": 30}
-#: A file name that would be a tag, if it were not escaped.
+#: Without escapes this file name would be a tag.
 ROUTE = 'a <b onload="x">&amp;.csv'
 
 FLIGHT = """
@@ -135,7 +135,7 @@ def undrawn(monkeypatch) -> None:
 def flight(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flight")
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)  # names of files are relative to it
+        patch.chdir(folder)  # the base of relative file names
         read = rs.load_scenario(write_flight(folder))
         return rs.report(read, threshold=0.5, method="linear")
 
@@ -150,7 +150,7 @@ def page(html) -> Node:
     return Tree(html).root
 
 
-# What it says.
+# Content.
 
 
 def test_every_answer_and_every_warning_is_on_the_page(flight, page):
@@ -340,7 +340,7 @@ def test_nothing_is_fetched(page, html):
     assert "http" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"|http-equiv', "", html)
 
 
-# How it is written.
+# The command and its files.
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -473,10 +473,16 @@ def test_in_chromium(html, tmp_path):
         for scheme in ("light", "dark"):
             context = browser.new_context(java_script_enabled=False, color_scheme=scheme)
             page = context.new_page()
-            said: list[str] = []
+            console: list[str] = []
             requests: list[str] = []
-            page.on("console", lambda message, said=said: said.append(message.text))
-            page.on("pageerror", lambda error, said=said: said.append(str(error)))
+            page.on(
+                "console",
+                lambda message, console=console: console.append(message.text),
+            )
+            page.on(
+                "pageerror",
+                lambda error, console=console: console.append(str(error)),
+            )
             page.on("request", lambda request, urls=requests: urls.append(request.url))
             page.goto(path.as_uri())
             for width in (400, 1400):
@@ -490,7 +496,7 @@ def test_in_chromium(html, tmp_path):
                 assert all(box["width"] > 250 and box["height"] > 150 for box in boxes)
             page.keyboard.press("Tab")
             assert page.evaluate("() => document.activeElement.className") == "skip"
-            assert not said
+            assert not console
             assert [url for url in requests if not url.startswith("data:")] == [path.as_uri()]
         assert len(backgrounds) == 2
         printed = page.pdf(prefer_css_page_size=True)

@@ -88,7 +88,7 @@ def random_mission(number: int, folder: Path) -> tuple[rs.Scenario, tuple[int, i
         (folder / "mission.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
         return rs.load_scenario(folder / "mission.yaml")
 
-    # the power that makes the greatest P_D of a radar what is wanted
+    # the power that gives a radar the wanted greatest P_D
     for i, radar in enumerate(radars):
         wanted, low, high = 10 ** rng.uniform(-1.7, -0.3), -8.0, 8.0
         scenario = load()
