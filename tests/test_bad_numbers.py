@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -93,6 +94,20 @@ def no_covariances(size):
     yield "is not positive semidefinite", wrong
 
 
+def mission_draws(aircraft, radar, cov_aircraft, cov_radar):
+    """Draw a few missions of the poses."""
+    return mission_monte_carlo(
+        model(),
+        np.arange(POSES, dtype=float),
+        aircraft,
+        cov_aircraft,
+        Sampler.of_states(model(), aircraft, radar, cov_aircraft, cov_radar),
+        correlation_time=1,
+        runs=10,
+        seed=1,
+    )
+
+
 def everything(aircraft, radar, cov_aircraft, cov_radar):
     """Yield all computations from covariances to an uncertainty."""
     arguments = aircraft, radar, cov_aircraft, cov_radar
@@ -107,16 +122,7 @@ def everything(aircraft, radar, cov_aircraft, cov_radar):
             looks, *covariances, correlation_time=1, method=method
         )
     yield lambda: track_initiation(looks, 2, 3, *covariances, correlation_time=1)
-    yield lambda: mission_monte_carlo(
-        model(),
-        time,
-        aircraft,
-        cov_aircraft,
-        Sampler.of_states(model(), *arguments),
-        correlation_time=1,
-        runs=10,
-        seed=1,
-    )
+    yield lambda: mission_draws(*arguments)
     for method in METHODS:
         yield lambda method=method: rs.monte_carlo_states(
             model(), *arguments, runs=16, method=method
@@ -138,7 +144,7 @@ def good_covariances():
     return np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
 
 
-def test_no_covariance_is_an_error_everywhere():
+def test_a_matrix_that_is_no_covariance_is_an_error_of_every_computation():
     cov_aircraft, cov_radar = good_covariances()
     for message, wrong in no_covariances(6):
         many = np.tile(np.eye(6), (POSES, 1, 1))
@@ -153,7 +159,7 @@ def test_no_covariance_is_an_error_everywhere():
                 call()
 
 
-def test_no_covariance_makes_no_scenario():
+def test_a_matrix_that_is_no_covariance_makes_no_scenario():
     cov_aircraft, cov_radar = good_covariances()
     good = made(*states(), cov_aircraft, cov_radar)
     for message, wrong in no_covariances(6):
@@ -174,13 +180,16 @@ def test_no_covariance_makes_no_scenario():
             dataclasses.replace(good, cov_radar={"medium": wrong})
 
 
-def test_no_number_is_an_error_everywhere():
+def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():
     aircraft, radar = states()
     aircraft[17, 5] = NAN
-    calls = list(everything(aircraft, radar, *good_covariances()))
-    for call in (*calls[: len(METHODS)], *calls[-len(METHODS) - 1 :]):
-        with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
-            call()
+    wrong = aircraft, radar, *good_covariances()
+    for function in (rs.propagate, partial(rs.monte_carlo_states, runs=16)):
+        for method in METHODS:
+            with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
+                function(model(), *wrong, method=method)
+    with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
+        mission_draws(*wrong)
     with pytest.raises(rs.InputError, match=r"^aircraft must be finite, got nan"):
         made(aircraft, radar, *good_covariances())
     for value in (NAN, INF, -INF):

@@ -156,7 +156,10 @@ def test_a_removal_that_fails_undoes_the_renames(folder, monkeypatch):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
-    """All files are new or all are old, according to the exception."""
+    """InterruptedAfterWriting: all files are new. Another interrupt: all are old.
+
+    An interrupt while temporary files are removed may come after the renames.
+    """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as in the command line
     steps = Steps(monkeypatch, ("write", "sync", "link", "rename", "unlink", "lock"))
     setattr(steps, when, lambda: signal.raise_signal(number))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import re
 import runpy
 from pathlib import Path
 
@@ -521,8 +522,12 @@ def test_not_a_text_file(here, monkeypatch):
     (here / "a.csv").write_bytes(b"azimuth_deg,rcs_m2\n0,\xff\n")
     with pytest.raises(rs.ScenarioError, match=r"a\.csv:2: is not UTF-8 text: byte 0xff"):
         rs.load_rcs_table("a.csv")
-    for name in ("none.csv", ".", "a\0b"):
-        with pytest.raises(rs.ScenarioError, match=r"cannot be read|null|is a directory"):
+    for name, words in (
+        ("none.csv", "none.csv: cannot be read: No such file"),
+        (".", ".: is a directory, not an RCS table"),
+        ("a\0b", r"a\x00b: cannot be read: embedded null byte"),
+    ):
+        with pytest.raises(rs.ScenarioError, match=f"^{re.escape(words)}"):
             rs.load_rcs_table(name)
     smaller = dataclasses.replace(rcs_file.FORMAT, max_bytes=2**20)
     monkeypatch.setattr(rcs_file, "FORMAT", smaller)
@@ -540,13 +545,13 @@ def test_the_extremes_that_are_allowed(here):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (([0, 1], [1, 1]), "gap|once around"),
+        (([0, 1], [1, 1]), "once around; none from 57.2958 to 360 deg"),
         ((np.arange(4) * np.pi / 2, [1, 1, 1]), "shape"),
         ((np.arange(4) * np.pi / 2, [1, 1, 1, 0]), "rcs must be from"),
         ((np.arange(4) * np.pi / 2 - 4, [1, 1, 1, 1]), "between -pi and 2 pi"),
         (([[0, 1]], [1, 1]), "shape"),
         (([0, 1, np.nan, 3], [1] * 4), "finite"),
-        ((np.arange(4) * np.pi / 2, np.ones((4, 2)), [0, 2]), "pi/2|gap"),
+        ((np.arange(4) * np.pi / 2, np.ones((4, 2)), [0, 2]), "a gap in elevation, from 0 to"),
         ((np.arange(4) * np.pi / 2, np.ones(4), None, -1), "envelope"),
         ((np.arange(4) * np.pi / 2, np.ones(4), None, 1.6), "envelope in degrees"),
         ((np.arange(4) * np.pi / 2, [[1, 1], [2, 1], [1, 1], [1, 1]], [-np.pi / 2, 0]), "below"),

@@ -109,9 +109,9 @@ def test_missing_key(tool, path):
     above = parent(path)
     assert where == above
     assert f"'{path.split('.')[-1]}'" in complaint
-    # A mapping begins where its key stands or, in YAML's view, with its first entry.
-    begins = line_of(above, lines) if above else 1
-    assert line in (begins, begins + 1 if above else 1)
+    # In YAML a mapping begins with its first entry, or, without entries, at its key.
+    entries = [p for p, _ in lines if p.startswith(f"{above}.")]
+    assert line == (line_of(entries[0] if entries else above, lines) if above else 1)
 
 
 @pytest.mark.parametrize("path", OPTIONAL)
@@ -195,7 +195,7 @@ def test_every_reader_refuses_words_that_are_no_numbers(reader):
             read(entry)
         _, _, complaint = place(f"Error: {refused.value}")
         assert str(refused.value).startswith("my.yaml:2: key"), text
-        assert shown in complaint or f"'{shown}'" in complaint or text == "[[1]]", text
+        assert shown in complaint or f"'{shown}'" in complaint, text
         assert re.search("must be (a|one of|finite)", complaint), text
 
 
