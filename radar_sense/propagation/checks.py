@@ -125,12 +125,12 @@ class _Expansion(NamedTuple):
             np.einsum("ik,ik->k", along, np.einsum("ijk,jk->ik", second, along)),
             np.einsum("iik->k", product),
             np.maximum(np.einsum("ijk,jik->k", product, product), 0.0),
-            _trace_of_cube(product),
+            trace_of_cube(product),
             along,
         )
 
 
-def _trace_of_cube(matrices: FloatArray) -> FloatArray:
+def trace_of_cube(matrices: FloatArray) -> FloatArray:
     """Return tr A³ (k,) of matrices (n, n, k)."""
     if len(matrices) > MANY:
         each = np.ascontiguousarray(np.moveaxis(matrices, 2, 0))
