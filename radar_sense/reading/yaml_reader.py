@@ -219,7 +219,7 @@ class Entry:
             raise self.error(str(error)) from error
 
     def instance_of(self, kinds: type | Mapping[str, type]) -> Any:
-        """Read a mapping into a dataclass, or into the one of several that `type` names."""
+        """Read a mapping into a dataclass, which `type` names if there are several."""
         if isinstance(kinds, type):
             return self.instance(kinds)
         entries = self.entries()
