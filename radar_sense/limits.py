@@ -92,20 +92,17 @@ FORMATS = ("png", "pdf", "svg")
 STYLES = ("one-column", "two-columns", "slides")
 
 
-def parameter(
-    key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0, default: Any = MISSING
-) -> Any:
+def parameter(key: str, limit: Limit, *, default: Any = MISSING) -> Any:
     """Declare a dataclass field that a scenario file sets.
 
+    The docstring of the class has the meaning of the field.
+
     Args:
-        key: Key in the file, with the unit in the name.
-        limit: The numbers allowed, in the unit of the key.
-        meaning: What the number is, for the reference of the scenario file.
-        unit: SI value of 1 in the unit of the key.
+        key: Key in the file, with the SI unit in the name.
+        limit: The numbers allowed.
         default: Value of a missing key. Without a default the key is required.
     """
-    metadata = {"key": key, "limit": limit, "help": meaning, "unit": unit}
-    return field(default=default, metadata=metadata)
+    return field(default=default, metadata={"key": key, "limit": limit})
 
 
 def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
