@@ -134,12 +134,19 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
 
 
 def check_parameters(instance: Any) -> None:
-    """Make Python numbers of the fields declared with `parameter`.
+    """Make Python numbers of the fields declared with `parameter`, and check each `section`.
 
     Raises:
-        InputError: If a field is outside the limit.
+        InputError: If a number is outside the limit, or a section is of another class.
     """
     for f in fields(instance):
+        value = getattr(instance, f.name)
         if "limit" in f.metadata:
-            number = check_number(f.name, getattr(instance, f.name), f.metadata["limit"])
+            number = check_number(f.name, value, f.metadata["limit"])
             object.__setattr__(instance, f.name, number)  # the classes are frozen
+        elif "kinds" in f.metadata and value is not None:
+            kinds = f.metadata["kinds"]
+            classes = (kinds,) if isinstance(kinds, type) else tuple(kinds.values())
+            if not isinstance(value, classes):
+                allowed = ", ".join(cls.__name__ for cls in classes)
+                raise InputError(f"{f.name} must be {allowed} or None, got {value!r}")

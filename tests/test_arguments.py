@@ -41,6 +41,11 @@ WRONG = {
     "a must be a number greater than 0, got -1": lambda: rs.EllipsoidRCS(a=-1, b=1, c=1),
     "b must be a number greater than 0, got 'x'": lambda: rs.EllipsoidRCS(a=1, b="x", c=1),
     "c must be a number greater than 0, got nan": lambda: rs.EllipsoidRCS(a=1, b=1, c=np.nan),
+    "cfar must be CellAveraging, OrderedStatistics or None, got 'os'": lambda: rs.Marcum(cfar="os"),
+    "cfar must be CellAveraging, OrderedStatistics or None, got <class": lambda: rs.Swerling1(
+        cfar=rs.CellAveraging
+    ),
+    "binary must be BinaryIntegration or None, got (2, 3)": lambda: rs.Marcum(binary=(2, 3)),
     "lobes must be a whole number": lambda: rs.SpikeballRCS(lobes=2.5, amplitude=1, floor=1),
     "azimuth must be an array of numbers": lambda: rs.TableRCS("a", [1, 2]),
     "envelope must be a number": lambda: rs.TableRCS(ANGLES, np.ones(36), envelope="1"),
