@@ -250,18 +250,23 @@ def set_compass(axes: Any, names: Sequence[str], label: str, *, label_angle: flo
     axes.set_ylabel(label, labelpad=points(24))
 
 
-def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
-    """Add panels below each other that share the axis of the poses."""
+def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], FloatArray]:
+    """Add panels below each other that share the axis of the poses.
+
+    Returns:
+        The panels, and the coordinates of the poses (n,) in the unit of the figure.
+    """
     axes = panels(figure, count)
     shown = display_unit(axis)
+    coordinates = axis.values / shown.unit
     axes[-1].set_xlabel(shown.label)
     if len(axis) == 1:
-        axes[-1].set_xticks(axis.values / shown.unit)
+        axes[-1].set_xticks(coordinates)
     else:
         axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
     for ax in axes:
         ax.margins(x=0)
-    return axes
+    return axes, coordinates
 
 
 class DisplayUnit(NamedTuple):
@@ -288,11 +293,6 @@ def display_unit(axis: Axis) -> DisplayUnit:
         name, unit = ("km", 1e3) if float(np.ptp(axis.values)) >= 4e3 else ("m", 1.0)
         return DisplayUnit(f"Distance flown [{name}]", unit, _TENS)
     return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
-
-
-def pose_coordinates(axis: Axis) -> FloatArray:
-    """Return the coordinates of the poses (n,) in the unit of the figure."""
-    return axis.values / display_unit(axis).unit
 
 
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:

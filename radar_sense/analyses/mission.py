@@ -106,9 +106,9 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    table = result.table
     tracked = "track_p_d" in table
-    (top, *below) = plotting.pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
+    (top, *below), x = plotting.pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
     names = result.scenario.model.names
     line_styles = plotting.styles(plotting.BAND, plotting.LINES[0])
     radars = dict(zip(names if len(names) > 1 else (), line_styles, strict=False))

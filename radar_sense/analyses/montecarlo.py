@@ -41,9 +41,9 @@ def plot(result: Result, figure: Figure) -> None:
         return
     from radar_sense import plotting
 
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    table = result.table
     paths, p_d, label = result.arrays["sample_paths"], table["p_d"], _runs_label(result)
-    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
+    (top, bottom), x = plotting.pose_panels(figure, 2, result.scenario.axis)
     lower, upper = table["lower_3sigma"], table["upper_3sigma"]
     plotting.draw_sample_paths(top, x, paths, label)
     plotting.draw_line(top, x, p_d, ("black", "-"), label=r"nominal $\bar P_D$")

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from radar_sense.analyses import refinement
+from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses, distribution_warnings
 from radar_sense.errors import InputError
@@ -41,6 +42,16 @@ AUTOMATIC, FORM = "automatic", "form"
 #: P_D and its bound may differ from straight lines between poses by the smaller of
 #: RELATIVE_TOLERANCE · P_max and TOLERANCE.
 RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
+#: Columns of the test.
+COLUMNS = quantities(
+    {
+        "upper_<k>sigma": "With --threshold and --k: upper bound of P_D at <k> sigma.",
+        "margin": "With --threshold: P_MAX minus the upper bound of P_D.",
+        "violated": "With --threshold: 1 where the bound is above P_MAX, else 0.",
+        "not_known": "With --threshold: 1 where the test has no answer, else 0.",
+        "probability_above": "With --threshold: probability that P_D is above P_MAX.",
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
