@@ -604,7 +604,7 @@ def _computing_line(name: str) -> Iterator[None]:
             shown = True
             draw(line)
 
-    def hear(what: str, done: int, total: int) -> None:
+    def update(what: str, done: int, total: int) -> None:
         nonlocal line
         text = f"{name}: {done:,} of {total:,} {what}"
         with lock:
@@ -613,7 +613,7 @@ def _computing_line(name: str) -> Iterator[None]:
             else:
                 line = text
 
-    with _delayed(show), listening(hear):
+    with _delayed(show), listening(update):
         try:
             yield
         finally:

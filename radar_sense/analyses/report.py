@@ -150,7 +150,7 @@ def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, Fl
 
 
 def level_and_method(level: str, method: str) -> str:
-    """Return the level of radar uncertainty, and the method unless it is the default."""
+    """Return the level of radar uncertainty, and a method other than the default."""
     return level if method == "linear" else f"{level}, {method}"
 
 

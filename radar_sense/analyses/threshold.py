@@ -415,7 +415,7 @@ def _poses_lines(tested: _Tested) -> list[str]:
         ]
     geometry = scenario.provenance.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:
-        return [f"  tested every {geometry.step_s:g} s, as geometry.interpolate says"]
+        return [f"  tested every {geometry.step_s:g} s, the step of geometry.interpolate"]
     return []
 
 

@@ -142,7 +142,7 @@ def variance(
     Args:
         scenario: The scenario.
         method: Method of propagation. "automatic" is linear without a threshold. With a threshold
-            it is form, and draws where form is unreliable.
+            "automatic" is form, and draws where form is unreliable.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
 
@@ -235,7 +235,7 @@ def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
 
 
 def _draw_threshold(axes: Axes, x: FloatArray, result: Result) -> None:
-    """Mark the threshold of path planning, and where the bound is above it."""
+    """Draw the threshold, and shade the poses with a bound above the threshold."""
     from radar_sense import plotting
 
     test = result.summary["threshold"]
