@@ -187,7 +187,9 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     if covariance.shape[-2:] != (n, n):
         raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
     # An undefined partial of a certain component must not make the variance NaN.
-    jacobian = np.where(np.any(covariance != 0, axis=-1), jacobian, 0.0)
+    uncertain = np.any(covariance != 0, axis=-1)
+    if not uncertain.all():
+        jacobian = np.where(uncertain, jacobian, 0.0)
     variance: FloatArray
     if covariance.ndim == 2 and n > MANY:
         variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)

@@ -1,9 +1,9 @@
 """The paper's own derivation of the gradient, by λ and φ, as corrected: straight into NumPy.
 
-It shares no code with `radar_sense` and no idea either. The package carries a gradient with respect
-to the body-frame vector back through the rotations; this goes forward through λ, φ and the
-derivatives of whole rotation matrices, equation by equation. It serves as an oracle for many poses
-and as the plain transcription that benchmarks compare with.
+This module shares neither code nor method with `radar_sense`. The package carries a gradient by the
+body-frame vector back through the rotations. This module goes forward through λ, φ and the
+derivatives of whole rotation matrices, equation by equation. Tests use the module as an oracle for
+many poses, and benchmarks as the plain transcription.
 
 Aircraft states are (m, 6), radar states (m, 4) or (1, 4). An RCS is a tuple: ("constant", σ),
 ("ellipsoid", a, b, c), ("spikeball", n, A, σ_min).
@@ -87,7 +87,7 @@ def p_d(aircraft, radar, rcs, p_fa):
 def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     """P_D (m), A_Pa (m, 6) and A_Pr (m, 4) of `eq:pd_partial_long`.
 
-    `rcs_partials` is there for tests that put a misprint in its place.
+    Tests put misprinted partials in the place of `rcs_partials`.
     """
     position, constant = radar[:, :3], radar[:, 3]
     (roll, pitch, yaw), (d_roll, d_pitch, d_yaw) = elementary_turns(aircraft)
@@ -122,7 +122,7 @@ def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     snr = constant * sigma / (BOLTZMANN * distance**4)
     p_d = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
 
-    # A_Pr as printed; A_Pa has the same three partials in common with it
+    # A_Pr as printed; A_Pa has the same partials by position, with the other sign
     slope = np.exp(-((np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5)) ** 2))
     slope = (slope / (2 * np.sqrt(np.pi) * np.sqrt(snr + 0.5)))[:, np.newaxis]
     per_sigma = (constant / (BOLTZMANN * distance**4))[:, np.newaxis]

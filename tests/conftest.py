@@ -1,9 +1,10 @@
-"""The command line in this process, because a new process takes a second to start."""
+"""Fixtures: the command line in this process (a new process takes a second), and a fake command."""
 
 from __future__ import annotations
 
 import gc
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
@@ -11,15 +12,16 @@ from typing import NamedTuple
 import pytest
 from click.testing import CliRunner
 
-from radar_sense.cli import cli
+from radar_sense.analyses.contract import Result, analysis, silent
+from radar_sense.cli import ANALYSES, cli
 
-# One process a core runs the tests. More threads of the linear algebra in each would wait for each
-# other: a quarter of all CPU time. The library reads the variable when NumPy is imported.
+# One process a core runs the tests. Threads of the linear algebra would take a quarter of all CPU
+# time to wait for each other. The library reads the variable when NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_collection_finish() -> None:
-    """Let the garbage collector pass over what stays to the end: modules and tests."""
+    """Take modules and tests, which stay to the end, out of the garbage collection."""
     gc.collect()
     gc.freeze()
     gc.set_threshold(20_000, 20, 20)  # a twentieth of all CPU time
@@ -46,3 +48,36 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outco
         return Outcome(result.exit_code, result.stdout, result.stderr)
 
     return run
+
+
+@pytest.fixture
+def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
+    """Let the command `fake` compute by calling a function.
+
+    With `has_progress`, the analysis takes the keyword `progress` and hands it to the function.
+    """
+
+    def register(function: Callable[..., object], *, has_progress: bool = False) -> None:
+        def result(scenario):
+            return Result(scenario, {"x": scenario.axis.values})
+
+        def plain(scenario):
+            """Fake."""
+            function()
+            return result(scenario)
+
+        def shown(scenario, *, progress=silent):
+            """Fake."""
+            function(progress)
+            return result(scenario)
+
+        module = type(sys)("fake_of_a_test")
+        module.fake = analysis(
+            plot=lambda result, figure: figure.subplots(),
+            examples=["radar-sense fake"],
+            name="fake",
+        )(shown if has_progress else plain)
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        monkeypatch.setitem(ANALYSES, "fake", (f"{module.__name__}:fake", "Fake."))
+
+    return register

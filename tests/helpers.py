@@ -1,7 +1,9 @@
 """Helpers of the tests: scenarios, networks, refusals and figures."""
 
 import copy
+import csv
 import dataclasses
+import json
 import re
 from collections.abc import Callable
 from functools import partial
@@ -74,7 +76,7 @@ def lay_out(figure):
 
 
 def without_pixels(patch, then=lambda figure: figure):
-    """Draw figures, but write next to nothing of them: rendering takes longer than analyses.
+    """Draw figures, but write an empty picture: rendering takes longer than analyses.
 
     `then` is called with each figure.
     """
@@ -104,7 +106,7 @@ def legend_off_data(figure):
 
 
 def yaml_text(document):
-    """Return a document as YAML, whose 1e-06 PyYAML writes as 1.0e-06, a number to the reader."""
+    """Return a document as YAML. PyYAML writes 1e-06 as 1.0e-06, which YAML reads as a number."""
     return dump_yaml(document)
 
 
@@ -158,6 +160,35 @@ def place(error: str, name: str = "my.yaml") -> tuple[int, str, str]:
     match = re.fullmatch(rf"Error: {re.escape(name)}:(\d+): (?:([\w.\[\]-]+): )?(.*)", error)
     assert match, error
     return int(match[1]), match[2] or "", match[3]
+
+
+def read_table(path):
+    """Return the columns of a CSV file by name."""
+    with Path(path).open(newline="") as file:
+        rows = list(csv.reader(file))
+    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
+
+
+def read_record(path):
+    """Return a JSON record; NaN and infinity, which Python would read, are refused."""
+
+    def refuse(word):
+        raise ValueError(f"{word} is not JSON")
+
+    return json.loads(Path(path).read_text(encoding="utf-8"), parse_constant=refuse)
+
+
+def mission(scenario, *, m_of_n=None, **options):
+    """Call the analysis with m and n as a pair."""
+    from radar_sense import analyses
+
+    m, n = m_of_n or (None, None)
+    return analyses.mission(scenario, m=m, n=n, **options)
+
+
+def dashes(line):
+    """Return the dash pattern of a line, for which Matplotlib has no public name."""
+    return str(line._unscaled_dash_pattern)
 
 
 # A radar by its data sheet.
@@ -303,7 +334,7 @@ def few_draws(patch, draws=128, combinations=512, replicates=2):
     patch.setattr(sampling, "REPLICATES", replicates)
 
 
-#: Two radars by their data sheets and one by a number, and how uncertain they are at level sheet.
+#: Two radars with data sheets and one with a number as c_r, and their uncertainty at level sheet.
 MIXED_SEARCH = {
     "average_power_kw": 2.1,
     "aperture_m2": 2.874,
@@ -329,11 +360,11 @@ MIXED_POSITIONS = {"a": [0, 0, -15], "b": [8e3, -5e3, 0], "c": [-5e3, 8e3, -40]}
 MIXED_NUMBER = (0.0045, 0.0004)  # c_r of the third, and its standard deviation
 
 
-def _mixed_entry(name, makeup, std, position_m=20, **more):
+def _mixed_entry(name, data_sheet, std, position_m=20, **more):
     return {
         "name": name,
         "position_m": MIXED_POSITIONS[name],
-        **makeup,
+        **data_sheet,
         "p_fa": MIXED_P_FA,
         **more,
         "uncertainty": {
@@ -344,7 +375,7 @@ def _mixed_entry(name, makeup, std, position_m=20, **more):
 
 
 def mixed_radars(search_std=MIXED_SEARCH_STD, track_std=MIXED_TRACK_STD, **more):
-    """Radars of a document: two by their data sheets, one by a number."""
+    """Radars of a document: two have data sheets, one has a number as c_r."""
     return [
         _mixed_entry("a", {"surveillance": MIXED_SEARCH}, search_std, **more),
         _mixed_entry("b", {"tracking": MIXED_TRACK}, track_std, **more),
@@ -371,5 +402,5 @@ def mixed_document(several=None, sweep=(30, 90, 30), runs=500, aircraft=None, **
 
 
 def mixed_network(*args, **kwargs):
-    """Scenario with two radars by their data sheets and one by a number."""
+    """Scenario with two radars that have data sheets and one with a number as c_r."""
     return parse_scenario(yaml_text(mixed_document(*args, **kwargs)))

@@ -1,12 +1,10 @@
-"""The whole detection model in fifty digits, written a second time.
+"""The whole detection model in fifty digits, written a second time without `radar_sense`.
 
-Nothing here comes from `radar_sense`. The formulas are those of the paper where they are right,
-and those of the notes on it where they are not: the explicit matrix of `eq:DCM_zyx` transposed,
-λ and φ as arctangents, and every inner derivative replaced by a difference quotient. What the two
-have in common is the model and nothing of its derivation.
+The formulas are the paper's, corrected where the paper has a misprint: the explicit matrix of
+`eq:DCM_zyx` transposed, and λ and φ as arctangents. Inner derivatives are difference quotients.
 
 An RCS is a tuple here: ("constant", σ), ("ellipsoid", a, b, c), ("spikeball", n, A, σ_min).
-States are sequences of floats, taken as the exact numbers that they are.
+States are sequences of floats, taken as exact numbers.
 """
 
 from functools import wraps
@@ -104,7 +102,7 @@ def partials(aircraft, radar, rcs, p_fa):
     """∂P_D of the six aircraft and then the four radar states, by central differences.
 
     At 80 digits and a relative step of 1e-25 the truncation error is of order 1e-50 and the
-    rounding error of order 1e-55: exact as far as a float can tell.
+    rounding error of order 1e-55: exact to double precision.
     """
     with mp.workdps(80):
         states = [mpf(state) for state in (*aircraft, *radar)]
@@ -123,7 +121,7 @@ def partials(aircraft, radar, rcs, p_fa):
 
 @_precisely
 def marcum(snr, p_fa):
-    """P_D and 1 − P_D of a steady target; the lesser, but for very large P_fa, by a sum.
+    """P_D and 1 − P_D of a steady target; the lesser is a sum, except at very large P_fa.
 
     The output of the square-law detector is a mixture of gamma distributions, so P_D is P(I ≤ J)
     for Poisson variables I of mean −ln P_fa and J of mean S. No Bessel function is in it.
@@ -170,7 +168,7 @@ def swerling3(snr, p_fa):
 # N pulses: the signal's count against the noise's, both summed term by term.
 
 
-def _counts(mean, shape):
+def counts(mean, shape):
     """Yield the probabilities of 0, 1, ...: Poisson without a shape, or negative binomial."""
     p = mp.exp(-mean) if shape is None else (1 + mean / shape) ** (-shape)
     k = 0
@@ -185,7 +183,7 @@ def _counts(mean, shape):
 
 
 def threshold(pulses, reference, p_fa, guess):
-    """T of a fixed threshold by the incomplete gamma function, of CFAR by that of beta."""
+    """T of a fixed threshold by the incomplete gamma function, of CFAR by the incomplete beta."""
     if reference is None:
         return mp.findroot(lambda t: mp.log(mp.gammainc(pulses, t, regularized=True) / p_fa), guess)
     return mp.findroot(
@@ -200,8 +198,8 @@ def pulses(snr, number, shape, reference, t):
     """P_D and 1 − P_D of N pulses, each without cancellation in its lesser tail."""
     mean, least = number * mpf(snr), mpf(10) ** (8 - mp.dps)
     weights, noise = [], []
-    most, signal = mpf(0), _counts(mean, shape)
-    for j, p in enumerate(_counts(t, reference)):
+    most, signal = mpf(0), counts(mean, shape)
+    for j, p in enumerate(counts(t, reference)):
         noise.append(p)
         if j >= number:
             weights.append(next(signal))

@@ -1,4 +1,4 @@
-"""Wrong arguments from Python raise at once an error of one line with the name of the argument."""
+"""Wrong arguments in Python raise an error of one line with the name of the argument, at once."""
 
 import re
 
@@ -95,7 +95,7 @@ def test_numbers_in_arrays_without_axes_are_numbers():
             rs.ConstantRCS(wrong)
 
 
-def test_whatever_has_arrays_has_a_short_repr():
+def test_objects_with_arrays_have_a_short_repr():
     table = rs.TableRCS(ANGLES, np.ones(36))
     moments = propagated()
     lin = MODEL.linearize(PAPER.aircraft, PAPER.radar)

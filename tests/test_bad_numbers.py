@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -34,8 +35,8 @@ def model():
 
 
 def network():
-    stations = tuple(Radar(model(), name=name) for name in ("one", "two"))
-    return NetworkModel(stations)
+    radars = tuple(Radar(model(), name=name) for name in ("one", "two"))
+    return NetworkModel(radars)
 
 
 CALLS = ("snr", "p_d", "linearize", "linearize_probit")
@@ -47,20 +48,20 @@ def test_the_models_name_the_value_and_its_place(call, value):
     for component, name in enumerate(("north", "east", "down", "roll", "pitch", "yaw")):
         aircraft, radar = states()
         aircraft[17, component] = value
-        said = rf"^aircraft states must be finite, got {value:g} for {name} at pose 17 "
-        with pytest.raises(ValueError, match=said):
+        message = rf"^aircraft states must be finite, got {value:g} for {name} at pose 17 "
+        with pytest.raises(ValueError, match=message):
             getattr(model(), call)(aircraft, radar)
-        with pytest.raises(ValueError, match=said):
+        with pytest.raises(ValueError, match=message):
             getattr(network(), call)(aircraft, np.tile(radar, 2))
         with pytest.raises(ValueError, match=rf"got {value:g} for {name}$"):
             getattr(model(), call)(aircraft[17], radar)
     for component, name in enumerate(("north", "east", "down", "constant")):
         aircraft, radar = states()
         radar[component] = value
-        said = f"^radar states must be finite, got {value:g} for {name}"
-        with pytest.raises(ValueError, match=said + "$"):
+        message = f"^radar states must be finite, got {value:g} for {name}"
+        with pytest.raises(ValueError, match=message + "$"):
             getattr(model(), call)(aircraft, radar)
-        with pytest.raises(ValueError, match=said + " of radar 2$"):
+        with pytest.raises(ValueError, match=message + " of radar 2$"):
             getattr(network(), call)(aircraft, np.concatenate([states()[1], radar]))
 
 
@@ -77,16 +78,34 @@ def test_the_ellipsoid_gives_nan_for_nan():
 def no_covariances(size):
     """Yield the problem and a matrix with it."""
     diagonal = np.eye(size)
-    for value, said in ((NAN, r"got nan for entry \[2\]\[2\]"), (INF, "got inf"), (-1, "negative")):
+    for value, message in (
+        (NAN, r"got nan for entry \[2\]\[2\]"),
+        (INF, "got inf"),
+        (-1, "negative"),
+    ):
         wrong = diagonal.copy()
         wrong[1, 1] = value
-        yield said, wrong
+        yield message, wrong
     wrong = diagonal.copy()
     wrong[0, 1] = 0.5
     yield "is not symmetric", wrong
     wrong = diagonal.copy()
     wrong[0, 1] = wrong[1, 0] = 2.0
     yield "is not positive semidefinite", wrong
+
+
+def mission_draws(aircraft, radar, cov_aircraft, cov_radar):
+    """Draw a few missions of the poses."""
+    return mission_monte_carlo(
+        model(),
+        np.arange(POSES, dtype=float),
+        aircraft,
+        cov_aircraft,
+        Sampler.of_states(model(), aircraft, radar, cov_aircraft, cov_radar),
+        correlation_time=1,
+        runs=10,
+        seed=1,
+    )
 
 
 def everything(aircraft, radar, cov_aircraft, cov_radar):
@@ -103,16 +122,7 @@ def everything(aircraft, radar, cov_aircraft, cov_radar):
             looks, *covariances, correlation_time=1, method=method
         )
     yield lambda: track_initiation(looks, 2, 3, *covariances, correlation_time=1)
-    yield lambda: mission_monte_carlo(
-        model(),
-        time,
-        aircraft,
-        cov_aircraft,
-        Sampler.of_states(model(), *arguments),
-        correlation_time=1,
-        runs=10,
-        seed=1,
-    )
+    yield lambda: mission_draws(*arguments)
     for method in METHODS:
         yield lambda method=method: rs.monte_carlo_states(
             model(), *arguments, runs=16, method=method
@@ -134,47 +144,50 @@ def good_covariances():
     return np.diag([10.0, 10, 10, 0.01, 0.01, 0.01]) ** 2, np.diag([10.0, 10, 10, 1]) ** 2
 
 
-def test_no_covariance_is_an_error_everywhere():
+def test_a_matrix_that_is_no_covariance_is_an_error_of_every_computation():
     cov_aircraft, cov_radar = good_covariances()
-    for said, wrong in no_covariances(6):
+    for message, wrong in no_covariances(6):
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov, place in ((wrong, ""), (many, r" at pose 13 \(counted from 0\)")):
             for call in everything(*states(), cov, cov_radar):
-                with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{said}"):
+                with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{message}"):
                     call()
-    for said, wrong in no_covariances(4):
+    for message, wrong in no_covariances(4):
         for call in everything(*states(), cov_aircraft, wrong):
-            with pytest.raises(ValueError, match=f"^radar covariance .*{said}"):
+            with pytest.raises(ValueError, match=f"^radar covariance .*{message}"):
                 call()
 
 
-def test_no_covariance_makes_no_scenario():
+def test_a_matrix_that_is_no_covariance_makes_no_scenario():
     cov_aircraft, cov_radar = good_covariances()
     good = made(*states(), cov_aircraft, cov_radar)
-    for said, wrong in no_covariances(6):
+    for message, wrong in no_covariances(6):
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov in (wrong, many):
             place = r"\[13\]" if cov is many else ""
-            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{said}"):
+            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 made(*states(), cov, cov_radar)
-            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{said}"):
+            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 dataclasses.replace(good, cov_aircraft=cov)
-    for said, wrong in no_covariances(4):
-        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{said}"):
+    for message, wrong in no_covariances(4):
+        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
             made(*states(), cov_aircraft, wrong)
-        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{said}"):
+        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
             dataclasses.replace(good, cov_radar={"medium": wrong})
 
 
-def test_no_number_is_an_error_everywhere():
+def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():
     aircraft, radar = states()
     aircraft[17, 5] = NAN
-    calls = list(everything(aircraft, radar, *good_covariances()))
-    for call in (*calls[: len(METHODS)], *calls[-len(METHODS) - 1 :]):
-        with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
-            call()
+    wrong = aircraft, radar, *good_covariances()
+    for function in (rs.propagate, partial(rs.monte_carlo_states, runs=16)):
+        for method in METHODS:
+            with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
+                function(model(), *wrong, method=method)
+    with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
+        mission_draws(*wrong)
     with pytest.raises(rs.InputError, match=r"^aircraft must be finite, got nan"):
         made(aircraft, radar, *good_covariances())
     for value in (NAN, INF, -INF):
@@ -185,7 +198,7 @@ def test_no_number_is_an_error_everywhere():
                 made(states()[0], wrong, *good_covariances())
 
 
-def test_what_rounding_does_is_no_error():
+def test_rounded_covariances_are_accepted():
     rng = np.random.default_rng(1)
     for _ in range(200):
         units = 10.0 ** rng.uniform(-6, 6, 6)

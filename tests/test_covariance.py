@@ -20,15 +20,15 @@ def random_covariance(rng, size, rank):
 
 
 @pytest.mark.parametrize("size", [1, 4, 6])
-def test_factors_give_the_covariance_back(size):
+def test_a_square_root_gives_the_covariance_back(size):
     rng = np.random.default_rng(size)
     for rank in range(1, size + 1):
         for _ in range(50):
             covariance = random_covariance(rng, size, rank)
             assert problem(covariance) is None
-            root = square_root(covariance)
+            sqrt_cov = square_root(covariance)
             scale = np.sqrt(np.outer(np.diagonal(covariance), np.diagonal(covariance)))
-            assert np.max(abs(root @ root.T - covariance) / scale) < 1e-14 * size**2
+            assert np.max(abs(sqrt_cov @ sqrt_cov.T - covariance) / scale) < 1e-14 * size**2
 
 
 def test_independent_components_have_the_diagonal_square_root():
@@ -39,9 +39,9 @@ def test_independent_components_have_the_diagonal_square_root():
 def test_a_component_without_variance_stays_certain():
     covariance = np.array([[4.0, 0.0, 1.0], [0.0, 0.0, 0.0], [1.0, 0.0, 9.0]])
     assert problem(covariance) is None
-    root = square_root(covariance)
-    np.testing.assert_allclose(root @ root.T, covariance, atol=1e-14)
-    assert not root[1].any()
+    sqrt_cov = square_root(covariance)
+    np.testing.assert_allclose(sqrt_cov @ sqrt_cov.T, covariance, atol=1e-14)
+    assert not sqrt_cov[1].any()
 
 
 @pytest.mark.parametrize(
@@ -57,12 +57,12 @@ def test_a_component_without_variance_stays_certain():
         ([[1e12, 2.0], [2.0, 1e-12]], "not positive semidefinite"),
     ],
 )
-def test_what_is_not_a_covariance(matrix, says):
+def test_matrices_that_are_no_covariances(matrix, says):
     assert says in problem(np.array(matrix, dtype=float))
 
 
 @pytest.mark.parametrize("size", [2, 6])
-def test_the_first_bad_one_of_many_is_the_one_that_is_bad_alone(size):
+def test_the_first_bad_matrix_of_many_has_the_problem_that_it_has_by_itself(size):
     rng = np.random.default_rng(size)
     good = [random_covariance(rng, size, rank) for rank in rng.integers(1, size + 1, 30)]
     good += [np.zeros((size, size)), np.eye(size)]
@@ -81,16 +81,18 @@ def test_the_first_bad_one_of_many_is_the_one_that_is_bad_alone(size):
 
 @pytest.mark.parametrize("per_pose", [False, True])
 @pytest.mark.parametrize("coupled", [False, True])
-def test_draws_are_the_factor_times_the_normals(coupled, per_pose):
+def test_draws_are_the_square_root_times_the_normals(coupled, per_pose):
     """Draws may overwrite the normals only if the caller allows it."""
     rng = np.random.default_rng(3)
-    root = rng.standard_normal((5, 6, 6) if per_pose else (6, 6)) * (1 if coupled else np.eye(6))
-    mean, white = rng.standard_normal((5, 6)), rng.standard_normal((7, 5, 6))
-    expected = mean + (root @ white[..., np.newaxis])[..., 0]
-    before = white.copy()
-    np.testing.assert_allclose(draws(mean, root, white), expected, rtol=1e-13, atol=1e-13)
-    np.testing.assert_array_equal(white, before)
-    drawn = draws(mean, root, white, overwrite=True)
+    sqrt_cov = rng.standard_normal((5, 6, 6) if per_pose else (6, 6)) * (
+        1 if coupled else np.eye(6)
+    )
+    mean, normals = rng.standard_normal((5, 6)), rng.standard_normal((7, 5, 6))
+    expected = mean + (sqrt_cov @ normals[..., np.newaxis])[..., 0]
+    before = normals.copy()
+    np.testing.assert_allclose(draws(mean, sqrt_cov, normals), expected, rtol=1e-13, atol=1e-13)
+    np.testing.assert_array_equal(normals, before)
+    drawn = draws(mean, sqrt_cov, normals, overwrite=True)
     np.testing.assert_allclose(drawn, expected, rtol=1e-13, atol=1e-13)
 
 
@@ -99,9 +101,9 @@ def test_rounding_is_forgiven():
     assert problem(covariance * (1 + 1e-13 * np.random.default_rng(8).uniform(size=(6, 6)))) is None
 
 
-def test_only_leaves_one_block():
+def test_keep_components_leaves_one_block():
     covariance = np.arange(1.0, 33.0).reshape(2, 4, 4)
-    alone = keep_components(covariance, slice(0, 3))
-    np.testing.assert_array_equal(alone[:, :3, :3], covariance[:, :3, :3])
-    assert not alone[:, 3].any()
-    assert not alone[:, :, 3].any()
+    kept = keep_components(covariance, slice(0, 3))
+    np.testing.assert_array_equal(kept[:, :3, :3], covariance[:, :3, :3])
+    assert not kept[:, 3].any()
+    assert not kept[:, :, 3].any()

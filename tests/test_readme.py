@@ -44,5 +44,5 @@ def test_files_linked_exist():
 
 
 def test_every_command_is_named():
-    for command in cli.commands:
+    for command in cli.list_commands(None):
         assert f"radar-sense {command}" in README or f"| `{command}` |" in README

@@ -1,4 +1,4 @@
-"""A scenario made in Python, and the record that it leaves."""
+"""A scenario made in Python, and its record."""
 
 import dataclasses
 import json
@@ -105,7 +105,7 @@ def test_the_shortest_decimal_is_chosen():
         assert in_unit(number * 1e3, 1e3) == number
 
 
-def test_the_record_is_that_of_what_was_replaced():
+def test_the_record_follows_dataclasses_replace():
     s = rs.load_scenario(ROOT / "configs/paper.yaml")
     plain = s.resolved()
 

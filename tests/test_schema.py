@@ -11,7 +11,7 @@ from typing import ClassVar
 import jsonschema
 import pytest
 import yaml
-from fuzz.grammar import _Scenario, mutate_tree, render
+from fuzz.grammar import RandomScenario, mutate_tree, render
 from helpers import PAPER, SURVEILLANCE, document
 
 from radar_sense import keys
@@ -86,8 +86,8 @@ def verdicts(text):
     return reader, [error.message[:100] for error in VALIDATOR.iter_errors(value)]
 
 
-#: Rules that a schema cannot express, by what the reader says. The reader refuses these files and
-#: an editor does not mark them.
+#: Rules that a schema cannot express, with errors of the reader. The reader refuses these files,
+#: and an editor does not mark them.
 NOT_EXPRESSED = {
     "numbers that depend on each other": (
         r"is not symmetric|is not positive semidefinite|has a negative variance"
@@ -123,7 +123,7 @@ def test_the_schema_accepts_the_files_of_the_project(config):
     assert [error.message for error in VALIDATOR.iter_errors(value)] == []
 
 
-def test_the_schema_is_one():
+def test_the_schema_is_valid():
     jsonschema.Draft7Validator.check_schema(SCHEMA)
     assert SCHEMA["$schema"] == "http://json-schema.org/draft-07/schema#"
 
@@ -134,7 +134,7 @@ def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
     counts = collections.Counter()
     for number in range(120):
         rng = random.Random(f"schema {number}")
-        scenario = _Scenario(rng)
+        scenario = RandomScenario(rng)
         tree = scenario.make()
         if number % 3:
             mutate_tree(tree, rng)
@@ -254,7 +254,7 @@ OF_NETWORK = [
 
 
 @pytest.mark.parametrize("path", ["of the paper", "of a network"])
-def test_mistakes_are_marked_and_refused(path):
+def test_mistakes_fail_the_schema_and_are_refused(path):
     of, mistakes = (PAPER, MISTAKES) if path == "of the paper" else (NETWORK, OF_NETWORK)
     for mistake in mistakes:
         text = yaml.safe_dump(document(of, **mistake), sort_keys=False)

@@ -297,7 +297,7 @@ class Marcum(PulseDetector):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         q = _marcum(snr, p_fa)
-        return _probit(q.upper, np.log(q.bessel * q.total) - q.decay, q.slope / q.total)
+        return probit_of_tail(q.upper, np.log(q.bessel * q.total) - q.decay, q.slope / q.total)
 
 
 @detector("swerling1")
@@ -334,7 +334,7 @@ class Swerling1(PulseDetector):
         u = -math.log(p_fa) / (1.0 + snr)
         upper = u < math.log(2.0)
         odds = np.where(upper, np.expm1(np.where(upper, u, 1.0)), 1.0)  # (1 − P_D)/P_D
-        return _probit(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
+        return probit_of_tail(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
 
 
 @detector("swerling2")
@@ -395,7 +395,7 @@ class Swerling3(PulseDetector):
         missed = gammainc(2.0, u) * np.exp(np.minimum(u, 2.0)) / u + 1.0 / (1.0 + s)
         tail = np.where(upper, missed, detected / u)
         rate = (1.0 + 0.5 * u * s) / (1.0 + s) / tail / (1.0 + s)
-        return _probit(upper, np.log(tail) + np.log(u) - u, rate)
+        return probit_of_tail(upper, np.log(tail) + np.log(u) - u, rate)
 
 
 @detector("swerling4")
@@ -438,7 +438,7 @@ def _table(detector: PulseDetector, p_fa: float) -> ProbitTable:
     tails = detector.tails(p_fa)
 
     def exact(snr: FloatArray) -> tuple[FloatArray, FloatArray]:
-        return _probit(*tails.tail(snr))
+        return probit_of_tail(*tails.tail(snr))
 
     # P_D doubles on the scale of 1/rate.
     return ProbitTable.of(exact, 3.0 * float(tails.tail(np.zeros(1)).rate[0]))
@@ -495,7 +495,7 @@ def _marcum(snr: FloatArray, p_fa: float) -> _Marcum:
     )
 
 
-def _probit(
+def probit_of_tail(
     upper: NDArray[np.bool_], log_tail: FloatArray, rate: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return z (...) and dz/dS (...) from one tail of P_D.

@@ -20,7 +20,7 @@ from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
 #: Below this speed over ground [m/s] an aircraft hovers: a drift does not show the heading.
 HOVER = 0.1
 #: Poses turned at a time. The matrices of all poses would not fit into memory.
-_BLOCK = 2**14
+BLOCK = 2**14
 #: Nearer than this [rad] to straight up or down, errors of yaw and roll grow more than 500-fold.
 _STEEP = 0.002
 #: Columns of a route file that hold the attitude, for errors.
@@ -216,5 +216,5 @@ def covariance_in_frame(
 
 def slices(count: int) -> Iterator[slice]:
     """Yield slices that together are `count` poses, a block at a time."""
-    for start in range(0, count, _BLOCK):
-        yield slice(start, start + _BLOCK)
+    for start in range(0, count, BLOCK):
+        yield slice(start, start + BLOCK)

@@ -65,11 +65,11 @@ class Random:
         radar = generator.standard_normal((self.runs, self.radar))
         # Component first in memory, as P_D is computed component by component.
         aircraft = np.empty((len(AIRCRAFT), self.runs, self.poses))
-        _fill_with_normals(generator, aircraft)
+        fill_with_normals(generator, aircraft)
         return radar, np.moveaxis(aircraft, 0, -1)
 
 
-def _fill_with_normals(generator: np.random.Generator, values: FloatArray) -> None:
+def fill_with_normals(generator: np.random.Generator, values: FloatArray) -> None:
     """Fill an array (2k, ...) with independent unit normals, made in pairs.
 
     With u and v uniform in [0, 1), r = √(−2 ln(1 − u)) and t = tan πv, a pair is (G. E. P. Box and

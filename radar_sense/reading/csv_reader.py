@@ -34,7 +34,8 @@ from radar_sense.reading.text_file import (
 )
 from radar_sense.states import FloatArray
 
-_READ_BYTES = 2**22
+#: Bytes of a file that are read at a time.
+READ_BYTES = 2**22
 _MAX_LINE_BYTES = 2**16
 _PLAIN_BYTES = b"0123456789+-.eE, \t\n"
 #: A row of these bytes has empty cells only.
@@ -244,7 +245,7 @@ def _read(
 def _pieces(file: TextFile) -> Iterator[tuple[int, bytes]]:
     """Return whole lines, some megabytes at a time, with the number of the first."""
     line, rest = 1, b""
-    while data := file.read(_READ_BYTES):
+    while data := file.read(READ_BYTES):
         data = rest + data
         if line == 1:
             data = data.removeprefix(b"\xef\xbb\xbf")  # a byte order mark

@@ -37,14 +37,14 @@ from radar_sense.model.rcs_table import (
 from radar_sense.reading.csv_reader import Block, Column, Format, Header, read_csv
 from radar_sense.states import FloatArray
 
-_COLUMNS = {
+COLUMNS = {
     "azimuth_deg": Column(Limit(at_least=-180, at_most=360)),
     "elevation_deg": Column(Limit(at_least=-90, at_most=90)),
     "rcs_m2": Column(Limit(at_least=SMALLEST, at_most=LARGEST)),
     "rcs_dbsm": Column(Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))),
     "std_db": Column(STD_DB),
 }
-_FORMAT = Format("an RCS table", _COLUMNS, ", ".join(_COLUMNS), 50 * 2**20, MAX_NODES)
+FORMAT = Format("an RCS table", COLUMNS, ", ".join(COLUMNS), 50 * 2**20, MAX_NODES)
 
 
 def load_rcs_table(
@@ -88,7 +88,7 @@ def read_rcs_table(
         lines.append(block.line_numbers())
 
     table = read_csv(
-        path, _FORMAT, check_header=_check_header, check_block=keep_lines, sha256=sha256
+        path, FORMAT, check_header=_check_header, check_block=keep_lines, sha256=sha256
     )
     columns = dict(zip(table.header.names, np.concatenate(table.blocks).T.copy(), strict=True))
     where, file = np.concatenate(lines), _File(str(path))

@@ -51,11 +51,14 @@ from radar_sense.states import AIRCRAFT, POSITION, FloatArray
 #: A million rows of 28 numbers with 17 digits each are 0.7 GB.
 MAX_BYTES = 2**30
 _NED = AIRCRAFT[POSITION]
-_GEODETIC = ("latitude_deg", "longitude_deg", "altitude_m")
+#: Columns of a position on the earth.
+GEODETIC = ("latitude_deg", "longitude_deg", "altitude_m")
 _UNITS = ("m",) * 3 + ("deg",) * 3
-_STD = tuple(f"std_{name}_{unit}" for name, unit in zip(AIRCRAFT, _UNITS, strict=True))
+#: Columns of standard deviations.
+STD = tuple(f"std_{name}_{unit}" for name, unit in zip(AIRCRAFT, _UNITS, strict=True))
 _UPPER = tuple((i, j) for i in range(6) for j in range(i, 6))
-_COV = tuple(
+#: Columns of the upper triangle of a covariance.
+COV = tuple(
     f"cov_{AIRCRAFT[i]}_{AIRCRAFT[j]}_"
     + (f"{_UNITS[i]}2" if _UNITS[i] == _UNITS[j] else f"{_UNITS[i]}_{_UNITS[j]}")
     for i, j in _UPPER
@@ -83,7 +86,7 @@ def _within(low: float, high: float, unit: float = 1.0) -> Column:
     return Column(Limit(at_least=low, at_most=high), unit)
 
 
-_COLUMNS: dict[str, Column] = {
+COLUMNS: dict[str, Column] = {
     "time_s": _within(-1e12, 1e12),
     "speed_m_s": _within(1e-3, 1e5),
     **{f"{axis}_m": _within(-_FAR, _FAR) for axis in _NED},
@@ -94,15 +97,15 @@ _COLUMNS: dict[str, Column] = {
     "roll_deg": _within(-_TURN, _TURN, DEG),
     "pitch_deg": _within(-90.0, 90.0, DEG),
     "yaw_deg": _within(-_TURN, _TURN, DEG),
-    **{name: _within(0.0, most) for name, most in zip(_STD, _STD_LIMITS, strict=True)},
+    **{name: _within(0.0, most) for name, most in zip(STD, _STD_LIMITS, strict=True)},
     **{
         name: _within(
             0.0 if i == j else -_STD_LIMITS[i] * _STD_LIMITS[j], _STD_LIMITS[i] * _STD_LIMITS[j]
         )
-        for name, (i, j) in zip(_COV, _UPPER, strict=True)
+        for name, (i, j) in zip(COV, _UPPER, strict=True)
     },
 }
-_FORMAT = Format("a route file", _COLUMNS, _ALLOWED, MAX_BYTES, MAX_ROWS)
+FORMAT = Format("a route file", COLUMNS, _ALLOWED, MAX_BYTES, MAX_ROWS)
 
 
 def load_route(
@@ -174,7 +177,7 @@ def read_route(
         raise InputError(f"{source}: icao24 is for files of ADS-B state vectors only")
     checks = _Checks(max_gap_s, conventions.speed_m_s)
     table = read_csv(
-        path, _FORMAT, check_header=checks.header, check_block=checks.block, sha256=sha256
+        path, FORMAT, check_header=checks.header, check_block=checks.block, sha256=sha256
     )
     layout = checks.layout
     if layout.geodetic and origin is None:
@@ -353,7 +356,7 @@ class _Layout:
 
     def units(self, columns: Sequence[int]) -> FloatArray:
         """Return the SI value of the units of some columns."""
-        return np.array([_COLUMNS[self.names[column]].unit for column in columns])
+        return np.array([COLUMNS[self.names[column]].unit for column in columns])
 
 
 class _Checks:
@@ -451,12 +454,12 @@ def _layout(header: Header, speed: float | None) -> _Layout:
         if len(present) > 1:
             raise header.error(f"has {' and '.join(present)}; allowed is one of them")
         ned.append(present[0] if present else f"{axis}_m")
-    geodetic = bool(set(_GEODETIC) & set(names))
+    geodetic = bool(set(GEODETIC) & set(names))
     if geodetic and set(ned) & set(names):
         raise header.error(
             "has north, east, down beside latitude, longitude, altitude; allowed is one or other"
         )
-    position = _GEODETIC if geodetic else tuple(ned)
+    position = GEODETIC if geodetic else tuple(ned)
     has_times, has_speeds = "time_s" in names, "speed_m_s" in names
     if has_times and (has_speeds or speed is not None):
         raise header.error(f"has time_s; {_UNUSED_SPEED}")
@@ -469,14 +472,14 @@ def _layout(header: Header, speed: float | None) -> _Layout:
         names=names,
         time=names.index(moment) if moment in names else None,
         has_times=has_times,
-        position=indices(position, f"required are {', '.join(_GEODETIC)}, or north, east, down"),
+        position=indices(position, f"required are {', '.join(GEODETIC)}, or north, east, down"),
         geodetic=geodetic,
         attitude=optional(ATTITUDE_COLUMNS),
-        std=optional(_STD),
-        cov=optional(_COV),
+        std=optional(STD),
+        cov=optional(COV),
     )
     if layout.std and layout.cov:
-        raise header.error(f"has {_STD[0]} beside {_COV[0]}; allowed is one or other")
+        raise header.error(f"has {STD[0]} beside {COV[0]}; allowed is one or other")
     return layout
 
 

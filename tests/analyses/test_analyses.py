@@ -61,7 +61,7 @@ def test_variance_table_holds_the_chain():
     assert table["rcs_m2"][0] == pytest.approx(np.pi * (0.15 * 0.13 / 0.21) ** 2, rel=1e-4)
 
 
-def test_correlated_sources_are_said_not_to_add_up():
+def test_correlated_sources_are_warned_of():
     result = analyses.budget(load_scenario("configs/covariance.yaml"))
     gap = result.table["three_sigma_total"] ** 2 - sum(
         result.table[f"three_sigma_{source}"] ** 2 for source in SOURCES
@@ -72,7 +72,7 @@ def test_correlated_sources_are_said_not_to_add_up():
     assert not any("correlated" in warning for warning in independent.warnings)
 
 
-def test_a_band_outside_zero_and_one_is_said_to_be():
+def test_a_band_outside_zero_and_one_is_warned_of():
     s = load_scenario()
     assert analyses.variance(s.with_analysis(level="low")).warnings == ()
     outside, unreliable = analyses.variance(s.with_analysis(level="high")).warnings
@@ -88,12 +88,12 @@ def test_a_band_outside_zero_and_one_is_said_to_be():
     assert (over.min(), over.max()) == (67.5, 112.5)
 
 
-def test_a_vanishing_gradient_is_not_a_confident_zero():
+def test_a_vanishing_gradient_is_warned_of():
     (warning,) = analyses.budget(load_scenario().with_analysis(level="high")).warnings[2:]
     assert "the gradient vanishes for aircraft_orientation at 0, 180 deg:" in warning
 
 
-def test_an_undefined_linearization_is_said_to_be():
+def test_an_undefined_linearization_is_warned_of():
     s = scenario(
         **(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}),
     )
@@ -116,7 +116,7 @@ def test_negative_constants_are_reported():
     assert any(f"set to zero in {count} runs" in warning for warning in result.warnings)
 
 
-def test_inconsistent_coverage_is_a_number():
+def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     s = load_scenario().with_analysis(level="high", runs=5000)
     result = analyses.montecarlo(s)
     assert any("fewer than 99.73 % of the draws" in warning for warning in result.warnings)
@@ -197,7 +197,7 @@ def test_validate_without_any_result():
     assert not any("nan" in line for line in result.report)
 
 
-def test_validate_names_the_pose_that_is_worst_for_what_is_allowed():
+def test_validate_names_the_pose_with_the_largest_error_per_tolerance():
     """At 90 deg yaw has little effect: σ and δ are small, and σ to first order is 0."""
     certain = {"only": {"position_m": 0, "constant": 0}}
     s = scenario(

@@ -130,7 +130,7 @@ def test_the_distribution_is_that_of_plain_draws(names, rcs_db):
     assert without.std[0] < 0.96 * std
 
 
-def test_the_budget_has_it_as_a_source_of_each_radar():
+def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
     one = scenario(
         radar__attenuation_db_per_km=0.01,
         uncertainty__radar__medium={
@@ -222,7 +222,7 @@ def test_a_mission_has_the_attenuation_of_each_radar(tmp_path, monkeypatch):
     assert first["mc_std"][-1] == pytest.approx(p_c.std(), rel=0.05)
 
 
-def test_maps_and_every_method_have_it():
+def test_maps_and_every_method_have_the_attenuation():
     certain, uncertain = parsed(("one",), uncertain=False), parsed(("one",))
     cells = {"north_km": (20, 90), "east_km": (0, 60), "step_km": 10.0}
     plane = analyses.coverage_map(certain, **cells).table
@@ -240,7 +240,7 @@ def test_maps_and_every_method_have_it():
         certain.aircraft, certain.radar), rtol=1e-12)  # fmt: skip
 
 
-def test_it_is_read_and_read_back():
+def test_the_attenuation_is_read_and_read_back():
     s = parsed(rcs_db=1.5)
     assert_allclose([m.attenuation for m in s.model.models], [5e-5, 1e-4, 0], rtol=1e-15)
     assert_allclose(s.attenuation_std["one"], [1e-5, 1.5e-5, 0], rtol=1e-15)
@@ -264,7 +264,7 @@ def test_it_is_read_and_read_back():
 
 def test_refusals_name_the_key(tool):
     level = "uncertainty.radar.medium.attenuation_db_per_km"
-    for attenuation, std, path, said in (
+    for attenuation, std, path, message in (
         (-1, 0, "radar.attenuation_db_per_km", "not less than 0"),
         (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
         (0.1, 0.2, level, "at most"),
@@ -276,7 +276,7 @@ def test_refusals_name_the_key(tool):
         )
         _, key, complaint = place(refusal(tool, text))
         assert key == path
-        assert said in complaint
+        assert message in complaint
     with pytest.raises(ValueError, match="attenuation must be"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
     with pytest.raises(ValueError, match="attenuation_std"):
@@ -285,7 +285,7 @@ def test_refusals_name_the_key(tool):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(np.ones(6), np.array([0, 0, 0, 1, 0, np.inf]))
 
 
-def test_the_detection_range_has_it():
+def test_the_detection_range_has_the_attenuation():
     s = parsed(("one",), rcs_db=1.0)
     table = analyses.detection_range(s, p_d=(0.5,), step_deg=90).table
     needed = np.log(P_FA) / np.log(0.5) - 1

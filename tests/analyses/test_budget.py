@@ -89,7 +89,7 @@ def test_sobol_indices_are_refused_under_correlation():
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("target", [0.03, 0.07, 0.085])
-def test_what_is_allowed_reaches_the_target(method, target):
+def test_required_accuracies_reach_the_target(method, target):
     s = scenario(geometry__azimuth_deg=FEW)
     for source, found in required_accuracies(s, target, method=method).items():
         if found.factor is None:
@@ -149,7 +149,7 @@ def test_required_accuracies_keep_correlations():
     assert 3 * linear.std(s.cov_aircraft, cov).max() == pytest.approx(0.15, rel=1e-6)
 
 
-def test_the_budget_answers_on_the_terminal():
+def test_the_report_of_a_budget_has_the_required_accuracies():
     result = analyses.budget(load_scenario(), target=0.05)
     text = "\n".join(result.report)
     assert "aircraft_orientation not enough alone: 0.0728 remains at 45.5 deg" in text
@@ -164,7 +164,7 @@ def test_the_budget_answers_on_the_terminal():
         analyses.budget(load_scenario(), method="linaer")
 
 
-def test_a_named_method_adds_columns():
+def test_methods_other_than_linear_add_columns():
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(runs=256)
     plain = list(analyses.budget(s).table)
     for method in [*METHODS, "montecarlo"]:
@@ -190,14 +190,14 @@ def test_tiny_targets_are_reached(method):
     assert any("less than a millionth" in line for line in analyses.budget(s, target=1e-9).report)
 
 
-def test_where_a_method_has_no_answer_none_is_made_up():
+def test_factors_beyond_the_values_of_a_method_are_not_known():
     s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
     for source, found in required_accuracies(s, 1.5, method="form").items():
         # a constant that is nothing or huge makes P_D 0 or 1, and 3σ of that is not above 1.5
         assert found.known == (source == "radar_constant")
         assert found.factor > 5
         assert found.residual <= 1.5
-    # Form does not settle where two lobes meet.
+    # Form does not converge where two lobes meet.
     spiky = load_scenario("configs/spikeball.yaml").at_poses(slice(0, None, 60))
     result = analyses.budget(spiky, method="form", target=0.02)
     for found in result.summary["target"]["required_accuracy"].values():
@@ -206,7 +206,7 @@ def test_where_a_method_has_no_answer_none_is_made_up():
     assert sum("this method has no value" in line for line in result.report) == 5
 
 
-def test_undefined_gradients_of_what_is_certain_do_not_matter():
+def test_undefined_gradients_of_certain_states_do_not_matter():
     """With the radar straight below λ is undefined, but P_D depends on c_r in a known way."""
     s = scenario(
         **OVERHEAD,
@@ -219,7 +219,7 @@ def test_undefined_gradients_of_what_is_certain_do_not_matter():
     assert form.std[0] == pytest.approx(linear.std[0], rel=0.01)
 
 
-def test_what_has_no_value_dominates_nothing():
+def test_a_source_without_a_value_is_not_dominant():
     """`form` has no value for the orientation at -90 deg, or for a total that did not converge."""
     for name in ("covariance", "spikeball"):
         s = rs.load_scenario(f"configs/{name}.yaml")

@@ -2,11 +2,10 @@
 everywhere.
 """
 
-import ast
 import dataclasses
-import inspect
 import json
 import sys
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
@@ -19,7 +18,9 @@ import radar_sense as rs
 from radar_sense import cli as command_line
 from radar_sense.analyses.contract import OPTIONS, Analysis, Option, Result, analysis
 from radar_sense.limits import POSITIVE, parameter
+from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, North
+from radar_sense.model.network import NetworkModel
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS, Method
 from radar_sense.propagation.linear import linear
@@ -50,6 +51,20 @@ def inputs(name: str):
     yield network.at_poses(slice(0, None, 120))
 
 
+@contextmanager
+def no_physics():
+    """Let every model fail: a figure, a table and a record are made from the result alone."""
+
+    def forbidden(*args, **options):
+        pytest.fail("the model is evaluated after the analysis")
+
+    with pytest.MonkeyPatch.context() as patch:
+        for cls in (DetectionModel, NetworkModel):
+            for name in ("p_d", "snr", "linearize", "linearize_probit"):
+                patch.setattr(cls, name, forbidden)
+        yield
+
+
 @pytest.mark.parametrize("name", ALL)
 def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     # Pixels of each figure are drawn by the tests of the command line.
@@ -68,12 +83,13 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         assert all(isinstance(line, str) and line.isascii() and "\n" not in line for line in lines)
         assert len(repr(result)) < 400
         assert "<pre>" in result._repr_html_()
-        table, figure, record = result.save(tmp_path, ["png"])
+        with no_physics():
+            table, figure, record = result.save(tmp_path, ["png"])
         assert table.stem == figure.stem == record.stem == f"{s.name}_{name}"
         written = json.loads(record.read_text(encoding="utf-8"))
         assert written["analysis"] == name
         assert written["warnings"] == list(result.warnings)
-        # every column is declared with its meaning, and the record says both
+        # every column is declared with its meaning, and stands in the record
         assert list(written["columns"]) == list(result.table)
         for column in written["columns"].values():
             assert column["meaning"].isascii()
@@ -89,20 +105,11 @@ def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
     s = next(inputs(name))
     Path("my.yaml").write_text(json.dumps(s.resolved()), encoding="utf-8")
     options = [f"--{key.replace('_', '-')}={v}" for key, v in SHORT.get(name, {}).items()]
-    assert tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code in (0, 3)
-    again = rs.load_scenario("my.yaml")
-    table, *_ = ALL[name](again, **SHORT.get(name, {})).save("notebook", [])
+    code = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code
+    result = ALL[name](rs.load_scenario("my.yaml"), **SHORT.get(name, {}))
+    assert code == (0 if result.passed else 3)
+    table, *_ = result.save("notebook", [])
     assert table.read_bytes() == Path("shell", table.name).read_bytes()
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_a_figure_is_drawn_from_the_result_alone(name):
-    """`plot` does not use the model: its source names no physics and reads no file."""
-    source = inspect.getsource(ALL[name].plot)
-    names = {node.attr for node in ast.walk(ast.parse(source)) if isinstance(node, ast.Attribute)}
-    assert not names & {"model", "p_d", "snr", "linearize", "cross_section", "resolved"} - {"model"}
-    assert "propagate" not in source
-    assert "load_" not in source
 
 
 def test_the_list_of_commands_agrees_with_the_analyses():
@@ -126,7 +133,7 @@ def test_options_of_an_analysis():
         rs.variance(scenario(), level="hi")
 
 
-# What is added from outside.
+# Additions from outside.
 
 
 def test_a_new_rcs_model(tool, monkeypatch):
@@ -209,10 +216,9 @@ def test_a_new_method_of_propagation(tool, monkeypatch):
     )
     assert "wide" in tool("variance", "--method", "wie").err
     sheet = rs.load_scenario(ROOT / "configs/s_band_surveillance.yaml").at_poses(slice(0, 3))
-    gaussian = [w for w in rs.variance(sheet).warnings if "c_r is not Gaussian" in w]
-    assert len(gaussian) == len(
-        [w for w in rs.variance(sheet, method="wide").warnings if "Gauss" in w]
-    )
+    for method in ("linear", "wide"):
+        assumed = f"c_r is not Gaussian, the assumption of {method}"
+        assert sum(assumed in w for w in rs.variance(sheet, method=method).warnings) == 1
 
 
 def test_a_new_analysis(tool, monkeypatch):

@@ -203,7 +203,7 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     # 20 000 headings miss the peak of a lobe by 1.6e-4 rad at most
     assert np.all(found >= expected - 1e-6)
     np.testing.assert_allclose(found, expected, atol=1e-3)
-    # it is P_D at the heading that is named, and not less than at any other
+    # the value is P_D at the named heading, and not less than at any other
     aircraft = area.states_in(
         cells, (slice(None), slice(None)), area.pose_in_cells(s, None, None), None
     )
@@ -313,7 +313,7 @@ def test_summary_and_report():
     assert set(result.table) == {"north_m", "east_m", "p_d"}
 
 
-def test_what_a_bound_cannot_be_is_said():
+def test_a_map_warns_of_bounds_above_one_and_of_unreliable_bounds():
     s = scenario().with_analysis(level="high")
     linear = coverage_map(s, **SMALL, upper=True)
     assert any("exceeds 1" in w for w in linear.warnings)
@@ -386,7 +386,7 @@ def test_the_same_map_is_the_same_bytes(monkeypatch):
         ("--level medum", "did you mean 'medium'"),
     ],
 )
-def test_what_is_refused(tool, args, words):
+def test_refusals(tool, args, words):
     code, out, err = tool("map", *args.split())
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1
@@ -426,7 +426,7 @@ def test_figure(changes, upper):
     (image,) = axes.images
     low, high = axes.get_xlim()
     assert low <= s.radar[1] / 1e3 <= high
-    # what is north is up, and what is east to the right
+    # north is up, and east to the right
     cells = area.grid(s, step_km=step_km)
     assert image.get_extent()[0] == pytest.approx(
         (cells.east[0] - 0.5 * (cells.east[1] - cells.east[0])) / 1e3

@@ -7,7 +7,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from helpers import document, lay_out, legend_off_data, scenario, small_batches, yaml_text
+from helpers import dashes, document, lay_out, legend_off_data, scenario, small_batches, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
@@ -78,7 +78,7 @@ def footer_off_all(figure):
     assert page.x0 <= box.x0 < box.x1 <= page.x1
     assert page.y0 <= box.y0
     for other in [*figure.axes, *figure.legends]:
-        # what is cut to the axes can have a larger box
+        # clipped artists can have a larger box
         assert not box.overlaps(other.get_tightbbox())
     assert footer.get_fontsize() == pytest.approx(5.5 * plotting.style_of(figure).scale)
 
@@ -175,7 +175,7 @@ def test_many_lines_are_told_apart(of, style):
     figure = lay_out(result.plot(style))
     (axes,) = figure.axes
     pairs = [
-        (line.get_color(), str(line._unscaled_dash_pattern))
+        (line.get_color(), dashes(line))
         for line in axes.lines
         if line.get_color() not in ("black", plotting.BAND[0] if of == "radars" else "")
     ]
@@ -302,12 +302,11 @@ def test_layout_of_detectors(p_fa, monkeypatch):
         assert inside.y0 < box.y0 < box.y1 < inside.y1
         assert not any(box.overlaps(other) for other in words[:i])
     assert len(top.lines) == 4 * len(boxes)
-    # told apart without colour: two solid lines of very different width, and dashes
+    # distinct without colour: two solid lines of different width, and dashes
     for axes in (top, bottom):
         lines = axes.lines[:4] if axes is top else axes.lines
         styles = {
-            (str(line._unscaled_dash_pattern), line.get_linewidth(), line.get_color() == "black")
-            for line in lines
+            (dashes(line), line.get_linewidth(), line.get_color() == "black") for line in lines
         }
         assert len(styles) == len(lines)
 
@@ -317,8 +316,7 @@ def test_lines_differ_in_dashes_and_not_only_in_colour(analysis):
     (axes,) = ALL[analysis](load_scenario()).plot().axes
     colours = [line.get_color() for line in axes.lines]
     styles = [
-        (str(line._unscaled_dash_pattern), colour == "black")
-        for line, colour in zip(axes.lines, colours, strict=True)
+        (dashes(line), colour == "black") for line, colour in zip(axes.lines, colours, strict=True)
     ]
     assert len(axes.lines) == (5 if analysis == "budget" else 3)
     assert len(set(styles)) == len(styles)
@@ -364,7 +362,7 @@ def test_a_thinned_line_draws_the_same_pixels(order):
         "rising": np.linspace(-3, 5, 100_000),
         "falling": np.linspace(5, -3, 100_000),
         "there and back": 5 * np.sin(np.linspace(0, 20, 100_000)),
-        # nearly all of it in the first second: the rest must not go for that
+        # nearly all points lie in the first second
         "bunched": np.sort(rng.random(100_000) ** np.where(np.arange(100_000) % 99, 60, 1)),
     }[order]
     y = rng.standard_normal(x.size)

@@ -80,7 +80,7 @@ def test_every_command(tool, command):
 
 
 def test_networks_and_missions():
-    """One radar of a network integrates: its P_D alone changes, and the mission follows."""
+    """If one radar of a network integrates, only its P_D changes. A mission has the new P_D."""
     plain = rs.load_scenario(ROOT / "configs/network.yaml").at_poses(slice(0, None, 40))
     radars = list(plain.model.radars)
     model = radars[0].model

@@ -1,4 +1,4 @@
-"""Maps as GeoJSON and KML: what is read back lies where P_D has the value of its contour."""
+"""Maps as GeoJSON and KML: at each point of a contour P_D has the value of the contour."""
 
 import json
 from pathlib import Path

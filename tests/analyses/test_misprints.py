@@ -85,7 +85,7 @@ def test_printed_rotation_gives_another_p_d():
 
 
 def test_printed_rotation_is_hidden_by_the_papers_scenario():
-    """Level and heading east it turns λ by 180°, and an ellipsoid looks the same from behind."""
+    """In level flight to the east λ is off by 180°. An ellipsoid is the same from behind."""
     aircraft = aircraft_at(45.0)
     printed = MODEL.rcs.cross_section(printed_matrix(*aircraft[3:]) @ (RADAR - aircraft[:4])[:3])
     p_d = p_d_of(printed, slant_range(aircraft, RADAR))
@@ -218,7 +218,7 @@ def test_range_is_the_horizontal_radius():
     assert at_radius / MODEL.snr(aircraft, RADAR) - 1 == pytest.approx(7.2e-5, abs=5e-7)
 
 
-# Axes: what a, b and c act along.
+# The axes of a, b and c.
 
 # Each as the formula's (along the wing, down, along the nose).
 AXES = {"formula": (A, B, C), "text": (C, B, A), "table": (B, C, A)}
@@ -272,7 +272,7 @@ def test_boltzmanns_constant():
     assert one * 1e24 * PAPERS_K - 1 == pytest.approx(-0.00047, abs=0.000005)
 
 
-# eq:lambda: the arctangent must know all four quadrants.
+# eq:lambda: the arctangent of all four quadrants.
 
 
 def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():

@@ -17,7 +17,7 @@ from radar_sense.analyses.rcs import rcs
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-# What is done with it.
+# Commands.
 
 
 def test_a_level_is_one_of_the_radars(tool):

@@ -1,4 +1,4 @@
-"""What `check` tells a person: against plain loops over the poses."""
+"""The summary lines of `check`, against plain loops over the poses."""
 
 import math
 

@@ -32,7 +32,7 @@ def geodetic(folder, lat=46.5, lon=9.0, alt=9000):
     return of_route(folder, text, geometry=path)
 
 
-def test_what_is_meant_is_not_warned_of(tmp_path):
+def test_ordinary_scenarios_have_no_warning(tmp_path):
     assert plausibility_warnings(scenario()) == ()
     assert of_route(tmp_path, ROUTE) == ()
     assert geodetic(tmp_path) == ()
@@ -113,12 +113,12 @@ def twelve_radars():
     return parse_scenario(yaml.safe_dump({**changed, "radars": several}, sort_keys=False))
 
 
-def test_twelve_radars_alike_are_warned_of_once():
+def test_twelve_equal_radars_are_warned_of_once():
     """Equal warnings of several radars become one line."""
     warnings = analyses.budget(twelve_radars()).warnings
     assert len(warnings) == len(set(warnings)) <= 4
     (distribution,) = [w for w in warnings if "c_r is not Gaussian" in w]
-    said = "r00, r01, r02 and 9 more: c_r is not Gaussian, the assumption of linear:"
-    assert distribution.startswith(said)
+    message = "r00, r01, r02 and 9 more: c_r is not Gaussian, the assumption of linear:"
+    assert distribution.startswith(message)
     (vanishing,) = [w for w in warnings if "gradient vanishes" in w]
     assert "13 sources at some poses, listed in the record" in vanishing

@@ -118,7 +118,7 @@ def test_a_limit_comes_first():
     assert any("limit of the radar comes first" in line for line in result.report)
 
 
-def test_no_range_and_no_end_of_it_are_said():
+def test_no_range_and_the_end_of_the_search_are_reported():
     certain = {"medium": {"position_m": 100, "constant": 0}}
     weak = scenario(radar__constant=1e-12, uncertainty__radar=certain)
     weak = detection_range(weak, method="form", p_d=0.9, **QUICK)
@@ -141,7 +141,7 @@ def test_bearings_are_no_poses_and_rounding_is_zero():
 
 
 @pytest.mark.parametrize("down_km", [None, -3, 0, 3])
-def test_a_height_below_the_ground_is_told(down_km):
+def test_a_height_below_the_ground_is_warned_of(down_km):
     warnings = detection_range(scenario(), down_km=down_km, **QUICK).warnings
     options = {"north_km": (10, 20), "east_km": (10, 20), "step_km": 10, "down_km": down_km}
     of_map = rs.analyses.coverage_map(scenario(), **options).warnings

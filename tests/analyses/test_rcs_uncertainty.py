@@ -1,7 +1,6 @@
 """An uncertain RCS in every analysis, against plain loops that share no code with the package.
 
-All radars and all looks have one factor: a network of several radars, or a mission of many looks,
-must not draw it for each of them.
+One factor holds for all radars and all looks. A network or a mission draws this factor once.
 """
 
 from __future__ import annotations
@@ -189,7 +188,7 @@ ANALYSES = {
 
 
 @pytest.mark.parametrize("name", ANALYSES)
-def test_every_analysis_sees_it(name):
+def test_every_analysis_depends_on_the_rcs_error(name):
     content = network()
     content["analysis"]["runs"] = 128
     s = rs.parse_scenario(yaml_text(content))
@@ -207,7 +206,7 @@ def test_the_control_variate_is_the_linear_method():
 
 
 def flight(folder, names, tau, periods=(8,), decibels=DECIBELS):
-    """Scenario of a flight past radars that look every 8 s, or every radar with its own period."""
+    """Scenario of a flight past radars with one period, or with several periods in turn."""
     rows = ["0,60e3,-40e3", "60,55e3,0", "120,60e3,40e3"]
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
     (folder / "route.csv").write_text("\n".join([header, *(f"{r},-6e3,0,0,90" for r in rows)]))

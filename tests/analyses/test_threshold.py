@@ -14,7 +14,7 @@ def test_margin_and_poses():
     np.testing.assert_allclose(found.margin, [0.4, 0.2, 0, -0.2, 0.1], atol=1e-15)
     np.testing.assert_array_equal(found.violated, [False, False, False, True, False])
     assert (found.first, found.worst, found.passed) == (3, 3, False)
-    # from 2, where it is reached, to 4, and then 2/3 of the way to 8
+    # from 2, where the limit is reached, to 4, and then 2/3 of the way to 8
     assert found.above == pytest.approx(2 + 4 * 2 / 3, rel=1e-14)
     assert found.total == 8
 
@@ -41,7 +41,7 @@ def test_time_above_is_that_of_the_broken_line():
 
 
 @pytest.mark.parametrize("unknown", [np.nan, np.inf])
-def test_what_is_not_known_does_not_hold(unknown):
+def test_a_pose_without_a_bound_is_not_known(unknown):
     found = threshold_test([0.1, unknown, 0.1, 0.1], 0.5, [0, 1, 3, 7])
     np.testing.assert_array_equal(found.unknown, [False, True, False, False])
     assert not found.violated.any()

@@ -1,12 +1,10 @@
 """`variance --threshold`: columns, report, record and refused options."""
 
-import csv
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import lay_out, scenario, write_path
+from helpers import lay_out, read_record, read_table, scenario, write_path
 from scipy.special import erfc
 
 import radar_sense as rs
@@ -31,25 +29,15 @@ def write(folder, text=UNCERTAIN, **changes):
     return write_path(folder, text, "my.yaml", **{"name": "flight", **changes})
 
 
-def columns(path):
-    with Path(path).open(newline="") as file:
-        rows = list(csv.reader(file))
-    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
-
-
-def record(path):
-    return json.loads(Path(path).read_text())
-
-
 @pytest.mark.parametrize(
     ("method", "k"), [*((method, 3) for method in METHODS), ("linear", 2), ("form", 0.5)]
 )
 def test_threshold_columns(tool, method, k):
     args = ["variance", write(Path()), "--method", method, "--no-plot"]
     assert tool(*args).code == 0
-    before = columns("figures/flight_variance.csv")
+    before = read_table("figures/flight_variance.csv")
     assert tool(*args, "--threshold", 0.5, "--k", k).code == 3
-    found = columns("figures/flight_variance.csv")
+    found = read_table("figures/flight_variance.csv")
     bound = f"upper_{k:g}sigma"
     extra = ["margin", "violated", "not_known", "probability_above"]
     names = [name for name in before if name not in PLACES]
@@ -75,12 +63,12 @@ def test_threshold_report_and_record(tool):
     filled = {"step_s": 100}  # the table then has the poses of the test
     file = write(Path(), geometry__axis="distance", geometry__interpolate=filled)
     assert tool("variance", file, "--no-plot", "--method", "form").code == 0
-    upper = columns("figures/flight_variance.csv")["upper_3sigma"]
+    upper = read_table("figures/flight_variance.csv")["upper_3sigma"]
     p_max = 0.5 * (np.sort(upper)[7] + np.sort(upper)[8])
     code, out, _ = tool("variance", file, "--threshold", p_max)
     assert code == 3
-    found = columns("figures/flight_variance.csv")
-    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    found = read_table("figures/flight_variance.csv")
+    test = read_record("figures/flight_variance.json")["summary"]["threshold"]
     # time, though the table is laid out along the distance
     dense = np.linspace(100, 1500, 200_001)
     share = np.mean(np.interp(dense, np.arange(100, 1501, 100), upper) > p_max)
@@ -99,7 +87,7 @@ def test_threshold_report_and_record(tool):
     assert code == 0
     assert "holds at every pose" in out
     assert "first at" not in out
-    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    test = read_record("figures/flight_variance.json")["summary"]["threshold"]
     assert (test["passed"], test["above_s"], test["first_violation"]) == (True, 0, None)
 
 
@@ -108,7 +96,7 @@ def test_threshold_on_the_orbit_of_the_paper(tool):
     Path("paper.yaml").write_text(default_text().replace("step: 0.5", "step: 6"))
     args = ("variance", "paper.yaml", "--level", "high", "--threshold", 1, "--no-plot")
     assert tool(*args, "--method", "linear").code == 3
-    test = record("figures/paper_variance.json")["summary"]["threshold"]
+    test = read_record("figures/paper_variance.json")["summary"]["threshold"]
     assert set(test) >= {"above_deg", "total_deg"}
     assert test["total_deg"] == 180
     assert test["verdict"] == "not known"
@@ -116,7 +104,7 @@ def test_threshold_on_the_orbit_of_the_paper(tool):
     assert tool(*args).code == 0
     # by probit too, but its check warns at 78 to 102 deg
     assert tool(*args, "--method", "probit").code == 3
-    assert record("figures/paper_variance.json")["summary"]["threshold"]["above_deg"] == 0
+    assert read_record("figures/paper_variance.json")["summary"]["threshold"]["above_deg"] == 0
 
 
 @pytest.mark.parametrize(("p_max", "share"), [(0.1, 1.0), (0.99, 0.0)])
@@ -131,7 +119,7 @@ def test_no_bound_is_not_known(tool):
     code, out, _ = tool("variance", write(Path(), over), "--threshold", 1, "--method", "probit")
     assert code == 3
     assert "no bound at 10 s: counted as above it" in out
-    test = record("figures/flight_variance.json")["summary"]["threshold"]
+    test = read_record("figures/flight_variance.json")["summary"]["threshold"]
     assert (test["poses_without_bound"], test["poses_not_known"] >= 1) == (1, True)
     assert test["verdict"] == "not known"
     assert test["worst_margin"] == {"value": None, "time_s": 10}

@@ -25,20 +25,20 @@ from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.reading.parse import load_scenario, parse_scenario
 from radar_sense.states import SOURCES
 
-# Where c_r is not what a method takes it for.
+# Methods whose assumption on the distribution of c_r is wrong.
 
 
-def test_doubt_says_what_the_distribution_is():
+def test_the_distribution_warning_has_the_moments_of_the_constant():
     decibel = [Tolerance("loss_db", 8, 1.0, -1, decibels=True)]
-    said = shape_warning(decibel, "linear", log_normal=False)
+    message = shape_warning(decibel, "linear", log_normal=False)
     s = math.log(10) / 10
     growth = math.exp(s * s)
     mean, std = math.sqrt(growth), math.sqrt(growth * (growth - 1))
     skewness = (growth + 2) * math.sqrt(growth - 1)
-    assert f"mean {mean:.1%} of nominal (Gaussian: 100.0%)" in said
-    assert f"sigma {std:.1%} ({s:.1%})" in said
-    assert f"skewness {skewness:.2f} (0.00)" in said
-    # a tolerance in decibels is what probit and form assume
+    assert f"mean {mean:.1%} of nominal (Gaussian: 100.0%)" in message
+    assert f"sigma {std:.1%} ({s:.1%})" in message
+    assert f"skewness {skewness:.2f} (0.00)" in message
+    # probit and form assume a tolerance in decibels
     assert shape_warning(decibel, "probit", log_normal=True) is None
     assert shape_warning(decibel, "form", log_normal=True) is None
     assert (
@@ -59,14 +59,14 @@ def test_doubt_says_what_the_distribution_is():
 @pytest.mark.parametrize(
     "analyse", [analyses.variance, analyses.budget, analyses.montecarlo, analyses.sensitivity]
 )
-def test_every_analysis_says_so(analyse):
-    said = "c_r is not Gaussian, the assumption of linear"
-    warnings = [w for w in analyse(sheet_scenario()).warnings if said in w]
+def test_every_analysis_warns_that_the_constant_is_not_gaussian(analyse):
+    message = "c_r is not Gaussian, the assumption of linear"
+    warnings = [w for w in analyse(sheet_scenario()).warnings if message in w]
     assert len(warnings) == 1
     assert warnings[0].startswith("sheet: ") == (analyse is analyses.sensitivity)
     plain = sheet_scenario(level="number")
     if analyse is not analyses.sensitivity:
-        assert not [w for w in analyse(plain).warnings if said in w]
+        assert not [w for w in analyse(plain).warnings if message in w]
 
 
 # The budget.
@@ -113,7 +113,7 @@ def test_indices_of_parts_by_monte_carlo():
         )
     of_sources = [errors[source][0] for source in SOURCES]
     assert errors["interaction"][0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)
-    # what a part brings about alone, and averaged over the others, are not quite the same
+    # the variance of a part alone differs a little from its mean over the other parts
     together = sum(share[0] for share in shares.values())
     whole = found.shares()["radar_constant"][0]
     assert 0.9 * whole < together < whole + 0.02
@@ -153,7 +153,7 @@ def test_budget_shows_the_parts(tool):
     )
 
 
-def test_budget_says_what_to_measure_better():
+def test_the_budget_names_the_part_to_measure_better():
     s = sheet_scenario()
     result = analyses.budget(s)
     line = next(line for line in result.report if "measure better" in line)
@@ -173,7 +173,7 @@ def test_budget_says_what_to_measure_better():
 @pytest.mark.parametrize("method", ["linear", "probit"])
 def test_how_much_a_part_must_be_reduced(method):
     s = sheet_scenario()
-    # as small as it gets with half of the loss's deviation, so that 0.5 is the answer
+    # the 3 sigma with half of the loss's deviation: the factor is 0.5
     half = sheet_scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
     target = 3 * propagate_scenario(half, method=method).std.max()
     allowed = required_accuracies(s, target, method=method)

@@ -102,7 +102,7 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
     for name in ("b", "a_constant_average_power_kw", "a_constant_temperature_k",
                  "a_constant_loss_db", "b_constant_gain_dbi"):  # fmt: skip
         del rest[name]
-    # of the radar that it is a part of there is the rest, not the whole
+    # the residual counts the rest of the same radar, not the whole radar
     assert max(rest, key=lambda n: rest[n][0]) == "b_position"
     assert allowed["b_constant_gain_dbi"].residual_from == "b_position"
     both = three_sigma(["a_constant_loss_db", "b_constant_gain_dbi"], 0.0) ** 2 / 9
@@ -147,12 +147,12 @@ def test_the_figure_shows_the_parts():
     assert labels["a loss_db"].get_color() == labels["a"].get_color() != labels["b"].get_color()
 
 
-def test_check_says_how_every_constant_is_distributed(tool):
+def test_check_shows_the_distribution_of_every_constant(tool):
     write(yaml_text(mixed_document()))
     code, out, _ = tool("check", "my.yaml")
     assert code == 0
-    said = [line for line in out.splitlines() if "has mean" in line]
-    assert [line[:21] for line in said] == ["# a, sheet: c_r has m", "# b, sheet: c_r has m"]
+    message = [line for line in out.splitlines() if "has mean" in line]
+    assert [line[:21] for line in message] == ["# a, sheet: c_r has m", "# b, sheet: c_r has m"]
     assert parse_scenario(out).tolerances == mixed_network().tolerances
 
 

@@ -17,7 +17,7 @@ from radar_sense.montecarlo.exceedance import decide, exceeded_anywhere
 from radar_sense.propagation import exceedance_probability, propagate_scenario
 
 FEW = {"start": 45, "stop": 60, "step": 15}
-#: A straight flight past the radar: two rows far from it, where P_D is small.
+#: A straight flight past the radar: two rows far away, where P_D is small.
 PAST = "time_s,north_m,east_m,down_m\n0,-400000,120000,-9000\n3600,400000,120000,-9000\n"
 CONSTANT = {"model": "constant", "rcs_m2": 0.1}
 
@@ -74,7 +74,7 @@ def test_the_bound_and_the_probability_agree(method):
         np.testing.assert_allclose(found, tail, rtol=0.02)
 
 
-def test_nothing_uncertain_is_certain():
+def test_without_uncertainty_the_probability_is_zero_or_one():
     s = scenario(
         uncertainty={
             "aircraft": {"position_m": 0, "attitude_deg": 0},
@@ -145,8 +145,8 @@ def test_the_probability_anywhere(tmp_path, tau):
 
 
 @pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
-def test_waypoints_are_looked_at_in_between(tmp_path, rcs):
-    """P_D is below 0.1 at both rows, at one range, and near 1 between them."""
+def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
+    """P_D is below 0.1 at both rows of the route, and near 1 between the rows."""
     s = past(tmp_path, **({} if rcs == "ellipsoid" else {"aircraft__rcs": CONSTANT}))
     assert propagate_scenario(s).upper.max() < 0.1
     result = analyses.variance(s, threshold=0.1)

@@ -1,8 +1,7 @@
 """`make bench`: how fast the package is, each figure as a ratio to a peer run beside it.
 
-Ours and the peer's calls take turns in one process, and medians are compared. Before anything is
-timed the results are compared: a peer that computes something else is not a peer. Nothing here
-fails where a ratio is missed; it is said in the last column.
+Calls of the package and of the peer take turns in one process, and medians are compared. Results
+are compared first: a peer computes the same. A missed ratio is named in the last column.
 """
 
 import os
@@ -40,7 +39,7 @@ MORE_RUNS = 100_000
 #: The NumPy transcriptions hold all draws at once, and some 0.4 kB a sample beside them.
 FEWER_RUNS = 6_000
 
-#: The RCS models: what the package calls them, what the peers do, what a scenario file does.
+#: The RCS models: class of the package, tuple of the peers, and keys of a scenario file.
 RCS = {
     "ellipsoid": (
         rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21),
@@ -101,8 +100,8 @@ def row(what, times, count, unit, *, faster=None, longer=None):
         times: Ours and the peer's [s].
         count: What the times are divided by.
         unit: Unit of the outcome, "ns" or "ms".
-        faster: How many times as fast as the peer we want to be, or
-        longer: how many times the peer's time we may take at most.
+        faster: Wanted speed, as a multiple of the peer's; or
+        longer: longest time, as a multiple of the peer's.
     """
     scale = {"ns": 1e9, "ms": 1e3}[unit] / count
     ours, peer = times
@@ -124,8 +123,8 @@ def row(what, times, count, unit, *, faster=None, longer=None):
 def interleaved(*functions, rounds=5, clock=time.process_time):
     """Median CPU time [s], or time by another clock, of each of some functions that take turns.
 
-    Each is called twice in its turn, and the second call is timed: what it costs in a loop, not
-    what it costs to get back the memory that another one has given to the system in between.
+    Each function is called twice in its turn, and the second call is timed. The first call gets
+    back the memory that another function has released.
     """
     times = [[] for _ in functions]
     for _ in range(rounds):
@@ -246,7 +245,7 @@ def alike(mc, theirs):
 
 
 def propagation():
-    """Each method beside the gradient that it rests on."""
+    """Each method beside its gradient."""
     case = scenario()
     aircraft = np.tile(case.aircraft, (60, 1))
     aircraft[:, :3] += np.random.default_rng(3).normal(0.0, 100.0, (len(aircraft), 3))
@@ -391,7 +390,7 @@ def door():
 
 
 def run(*arguments, code=0):
-    """Run Python and insist on its exit code; what has been compiled once stays so, as usual."""
+    """Run Python and insist on its exit code; compiled modules are kept."""
     usual = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     done = subprocess.run(
         [sys.executable, *arguments], cwd=ROOT, env=usual, capture_output=True, check=False

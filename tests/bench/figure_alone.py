@@ -1,4 +1,4 @@
-"""What `radar-sense budget` cannot do without: NumPy, SciPy's special functions, and one figure.
+"""The least work of `radar-sense budget`: NumPy, SciPy's special functions, and one figure.
 
 The figure has the size, the number of lines and the resolution of the figure of `budget`.
 """

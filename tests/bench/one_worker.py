@@ -1,4 +1,4 @@
-"""Print how long so many runs of the default scenario take with one worker [s]."""
+"""Print the time of a number of runs of the default scenario with one worker [s]."""
 
 import sys
 import time

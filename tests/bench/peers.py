@@ -1,7 +1,7 @@
-"""What the package is compared with: the same model, each written as its kind of programmer would.
+"""Peers of the benchmarks: the same model in plain NumPy, in Numba and in JAX.
 
 Nothing here uses the package. An RCS is a tuple as in `chain_rule`: ("constant", σ),
-("ellipsoid", a, b, c) or ("spikeball", n, A, σ_min). Numba and JAX are imported by what needs them.
+("ellipsoid", a, b, c) or ("spikeball", n, A, σ_min). Numba and JAX are imported where used.
 """
 
 import math
@@ -15,8 +15,8 @@ from scipy.special import erfc
 def jax_linearize(rcs, p_fa):
     """P_D and its ten partials by reverse-mode automatic differentiation, compiled over poses.
 
-    The model is written as kindly to JAX as we know: by direction cosines where the paper has λ and
-    φ, which saves it arctangents and sines of them. (With λ and φ it takes 1.4 times as long.)
+    The model has direction cosines where the paper has λ and φ. With λ and φ, JAX takes 1.4 times
+    as long.
     """
     # One thread even where processes cannot be pinned to one core; read when JAX is imported.
     os.environ.setdefault(

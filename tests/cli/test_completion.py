@@ -1,4 +1,4 @@
-"""Completion of a shell knows the commands, the options, and the words that options take."""
+"""Completion of commands, of options, and of the values of options."""
 
 import shlex
 from pathlib import Path
@@ -48,7 +48,7 @@ def completed(*words):
         (["init", "--r"], ["--route"]),
     ],
 )
-def test_words(words, expected):
+def test_completions(words, expected):
     assert completed(*words) == expected
 
 

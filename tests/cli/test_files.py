@@ -17,7 +17,6 @@ import pytest
 
 from radar_sense import cli as command_line
 from radar_sense import files
-from radar_sense.analyses.contract import Result, analysis
 
 ROOT = Path(__file__).parents[2]
 fcntl = pytest.importorskip("fcntl")
@@ -157,8 +156,11 @@ def test_a_removal_that_fails_undoes_the_renames(folder, monkeypatch):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("when", ["before", "after"])
 def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
-    """All files are new or all are old, and the exception tells which."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as the command line has it
+    """InterruptedAfterWriting: all files are new. Another interrupt: all are old.
+
+    An interrupt while temporary files are removed may come after the renames.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as in the command line
     steps = Steps(monkeypatch, ("write", "sync", "link", "rename", "unlink", "lock"))
     setattr(steps, when, lambda: signal.raise_signal(number))
     ends = []
@@ -189,7 +191,7 @@ def test_each_step_is_interrupted_once(folder, monkeypatch, when, number):
     assert "old" in ends
     assert "new" in ends
     steps.start(0)
-    # a whole run removes what an interrupt during the cleaning has left
+    # the next run removes temporary files that an interrupt has left
     files.write(folder, CONTENTS, "a.json")
     assert content(folder) == NEW
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
@@ -249,7 +251,7 @@ def test_leftovers_of_killed_runs_are_removed(folder, monkeypatch, locks):
 
 
 class KilledError(BaseException):
-    """The end of a process: nothing handles it, and no later step is done."""
+    """The end of a process: no handler catches it, and no later step is done."""
 
 
 class Process(Steps):
@@ -297,7 +299,7 @@ def test_after_a_kill_files_beside_a_record_are_of_its_run(folder, monkeypatch, 
     assert states == {"old", "without a record", "new"}
 
 
-def test_a_table_without_a_record_is_told(tool):
+def test_a_replaced_table_without_a_record_is_reported(tool):
     tool("variance", "--no-plot")
     Path("figures/paper_variance.json").unlink()
     out = tool("variance", "--no-plot").out
@@ -321,7 +323,7 @@ files.write(Path(), {"a.csv": b"new a", "a.png": b"new png", "a.json": b"new jso
 """
 
 
-def test_a_killed_run_leaves_nothing_for_ever(folder):
+def test_the_next_run_removes_the_files_of_a_killed_run(folder):
     env = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env=env, check=False)
     assert done.returncode == -signal.SIGKILL
@@ -353,30 +355,7 @@ def test_files_are_replaced_and_follow_the_umask(folder, mask):
         assert stat.S_IMODE((folder / name).stat().st_mode) == 0o666 & ~mask
 
 
-# What the command line makes of that.
-
-
-@pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], None]:
-    """Let the command `fake` compute by calling a function."""
-
-    def register(function: Callable[[], object]) -> None:
-        @analysis(
-            plot=lambda result, figure: figure.subplots(),
-            examples=["radar-sense fake"],
-            name="fake",
-        )
-        def computed(scenario):
-            """Fake."""
-            function()
-            return Result(scenario, {"x": scenario.axis.values})
-
-        module = type(sys)("fake_of_a_test")
-        module.fake = computed
-        monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(command_line.ANALYSES, "fake", (f"{module.__name__}:fake", "Fake."))
-
-    return register
+# The command line.
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -399,7 +378,7 @@ def test_an_interrupt_among_the_renames_writes_all(tool, fake, monkeypatch, numb
     assert sorted(content("figures")) == names
 
 
-def test_an_interrupt_of_the_printing_does_not_deny_the_files(tool, fake, monkeypatch):
+def test_an_interrupt_while_printing_reports_the_written_files(tool, fake, monkeypatch):
     fake(lambda: None)
     real = command_line.click.format_filename
     monkeypatch.setattr(
@@ -411,7 +390,7 @@ def test_an_interrupt_of_the_printing_does_not_deny_the_files(tool, fake, monkey
     assert sorted(content("figures")) == ["paper_fake.csv", "paper_fake.json"]
 
 
-def test_a_full_disk_at_the_printing_does_not_deny_the_files(tool, fake, monkeypatch):
+def test_a_full_disk_while_printing_reports_the_written_files(tool, fake, monkeypatch):
     fake(lambda: None)
     monkeypatch.setattr(command_line.click, "format_filename", lambda path: disk_full())
     assert tool("fake", "--no-plot").err.endswith("space left on device; all files were written\n")
@@ -439,7 +418,7 @@ def test_threads_at_work_are_interrupted(tool, fake):
         (OSError(5, "Input/output error"), "Input/output error"),
     ],
 )
-def test_what_runs_out_is_one_line(tool, fake, error, words):
+def test_running_out_of_memory_or_threads_is_one_line(tool, fake, error, words):
     def fail() -> None:
         raise error
 
@@ -557,7 +536,7 @@ def test_an_input_is_never_overwritten(tool, command, which):
 # Runs that replace others.
 
 
-def test_other_options_are_said_to_replace(tool):
+def test_replaced_results_of_other_options_are_reported(tool):
     first = tool("variance", "--format", "png").out
     assert "replaced" not in first
     assert tool("variance", "--format", "png").out == first
@@ -596,7 +575,7 @@ def test_a_long_record_takes_little_more_memory_than_its_text():
 
 
 @pytest.mark.parametrize("text", ["", "[1]", '{"command": 7, "scenario": []}', "\x00"])
-def test_a_record_that_is_none_is_replaced(tool, text):
+def test_a_file_that_is_no_record_is_replaced(tool, text):
     Path("figures").mkdir()
     Path("figures/paper_variance.json").write_text(text)
     Path("figures/paper_variance.png").write_text("a figure of whatever")

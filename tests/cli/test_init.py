@@ -52,7 +52,7 @@ def test_every_starter_runs(tool, kind):
     assert tool("check", "sub/my.yaml").code == 0
     command, *options = ANALYSES[kind]
     assert tool(command, "sub/my.yaml", *options, "--no-plot").code == 0
-    # nearly every line tells what it is, as somebody starts from it
+    # over a third of the lines have a comment
     lines = [line for line in text.splitlines() if line.strip()]
     assert sum("#" in line for line in lines) > len(lines) / 3
 

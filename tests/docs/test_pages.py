@@ -1,4 +1,4 @@
-"""What the pages of docs/ show is so: commands run, outputs are printed, links lead somewhere."""
+"""The pages of docs/: commands run and print the output shown, and links have targets."""
 
 import re
 import shlex

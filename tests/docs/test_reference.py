@@ -1,4 +1,4 @@
-"""The reference pages and the schema in the package are what the declarations make of them."""
+"""The reference pages and the schema in the package are made from the declarations."""
 
 import importlib.util
 import re

@@ -1,7 +1,7 @@
 """Random scenarios, routes, RCS tables and options, made from the declarations that readers use.
 
 A new key of a scenario file, a new column and a new option are fuzzed without a change here. Only a
-key that is a section of its own needs a rule in `_Scenario.rules`.
+key that is a section of its own needs a rule in `RandomScenario.rules`.
 
 Numbers are drawn from usual intervals, or from the whole interval that is declared. Mutations then
 break some of the inputs.
@@ -121,7 +121,7 @@ class Case:
     Attributes:
         files: Content by name.
         args: The command line.
-        mutations: What was broken, in words.
+        mutations: The changes that broke the input, in words.
     """
 
     files: Mapping[str, bytes]
@@ -169,7 +169,7 @@ def _ordinary(limit: Limit) -> tuple[float, float]:
     return max(least, low or 0.0), min(10.0, math.inf if high is None else high)
 
 
-class _Scenario:
+class RandomScenario:
     """Makes one scenario.
 
     Attributes:
@@ -407,13 +407,13 @@ def _numbers(rng: random.Random, low: float, high: float) -> str:
 def route(rng: random.Random, *, geodetic: bool, cov: bool) -> bytes:
     """Return a route file with some of the columns that the reader declares."""
     columns = [rng.choice(("time_s", "time_s", "time_s", "speed_m_s"))]
-    columns += route_file._GEODETIC if geodetic else [f"{a}_m" for a in ("north", "east", "down")]
+    columns += route_file.GEODETIC if geodetic else [f"{a}_m" for a in ("north", "east", "down")]
     if not geodetic and rng.random() < 0.2:
         columns[1:4] = [name.replace("_m", rng.choice(("_m", "_km"))) for name in columns[1:4]]
     if rng.random() < 0.6:
         columns += ["roll_deg", "pitch_deg", "yaw_deg"]
     if cov:
-        columns += rng.choice((route_file._STD, route_file._COV))
+        columns += rng.choice((route_file.STD, route_file.COV))
     if rng.random() < 0.3:
         rng.shuffle(columns)
     wild = rng.choice((0.0, 0.0, 0.0, 0.0, 0.05))
@@ -427,7 +427,7 @@ def route(rng: random.Random, *, geodetic: bool, cov: bool) -> bytes:
 
 def _route_cell(rng: random.Random, name: str, wild: float) -> str:
     if rng.random() < wild:
-        return number(rng, route_file._COLUMNS[name].limit, None, 1.0)
+        return number(rng, route_file.COLUMNS[name].limit, None, 1.0)
     if name.startswith("cov_"):
         first, second = name.split("_")[1:3]
         return repr(rng.uniform(0.01, 3)) if first == second else repr(rng.uniform(-1, 1) * 1e-3)
@@ -455,7 +455,7 @@ def rcs_table(rng: random.Random, *, mirror: bool) -> bytes:
     elevation: list[Any] = list(rng.choice(elevations))
     unit = rng.choice(("rcs_m2", "rcs_dbsm"))
     wild = rng.random() < 0.1
-    limit = rcs_file._COLUMNS[unit].limit
+    limit = rcs_file.COLUMNS[unit].limit
     end = {(a, e): repr(rng.uniform(0.01, 3)) for a in azimuth[:1] for e in elevation}
     pole = repr(rng.uniform(0.01, 3))
     lines = [",".join(["azimuth_deg", *(["elevation_deg"] if elevation != [None] else []), unit])]
@@ -507,7 +507,7 @@ def _places(value: Any) -> list[tuple[list[Any], int]]:
 
 
 def mutate_tree(tree: Pairs, rng: random.Random) -> str:
-    """Break a place of a scenario, and return in words what was broken."""
+    """Break a place of a scenario, and return the change in words."""
     container, i = rng.choice(_places(tree))
     item = container[i]
     key, value = item if isinstance(item, tuple) else ("", item)
@@ -638,7 +638,7 @@ _CHEAP: Mapping[str, tuple[str, ...]] = {
 _NEEDS = {"k": "threshold", "at": "threshold", "m": "n", "n": "m"}
 
 
-def options(command: Command, scenario: _Scenario) -> list[str]:
+def options(command: Command, scenario: RandomScenario) -> list[str]:
     """Return options of a command, with values that are allowed or are not."""
     rng, args = scenario.rng, []
     wrong = rng.choice((0.0, 0.0, 0.3))
@@ -663,7 +663,7 @@ def options(command: Command, scenario: _Scenario) -> list[str]:
     return args
 
 
-def _option_value(option: Option, scenario: _Scenario, wrong: float) -> str:
+def _option_value(option: Option, scenario: RandomScenario, wrong: float) -> str:
     rng = scenario.rng
     if option.limit is None:
         words = option.choices or (scenario.levels if option.name == "level" else ("r0", "r1"))
@@ -696,7 +696,7 @@ def case(rng: random.Random, *, analyses: float, slow: float = 0.0) -> Case:
         analyses: Probability that a command other than `check` runs.
         slow: Probability that the command takes long, draws a figure, or connects to a cluster.
     """
-    scenario = _Scenario(rng)
+    scenario = RandomScenario(rng)
     tree = scenario.make()
     files = dict(scenario.files)
     mutations: list[str] = []
@@ -721,7 +721,7 @@ def case(rng: random.Random, *, analyses: float, slow: float = 0.0) -> Case:
     return Case(files, tuple(args), tuple(mutations))
 
 
-def command(scenario: _Scenario, *, slow: bool) -> list[str]:
+def command(scenario: RandomScenario, *, slow: bool) -> list[str]:
     """Return a command other than `check`, with its options."""
     rng, commands = scenario.rng, ANALYSES + SLOW if slow else ANALYSES
     if not scenario.path and rng.random() < 0.9:

@@ -1,4 +1,4 @@
-"""What holds for the command line whatever its input is; broken properties are `BrokenError`."""
+"""Properties of the command line that hold for every input; a broken one is a `BrokenError`."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ compose = yaml.compose
 def fast_yaml(monkeypatch):
     """Parse YAML in C, which takes a tenth of the time.
 
-    The package's own parser has the last word on errors: the parser in C accepts some tabs more.
-    `make fuzz` uses the package's own parser only.
+    A text that the parser in C refuses is parsed again by the package's own parser, which accepts
+    fewer tabs. `make fuzz` uses the package's own parser only.
     """
     if not hasattr(yaml, "CSafeLoader"):
         pytest.skip("PyYAML is without libyaml")

@@ -200,8 +200,8 @@ def test_one_look_is_propagate(method):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9)
 
 
-def test_where_p_d_rounds_to_one_the_rest_is_still_known():
-    """Two looks at P_D = 1 − 2e-33 or so: in double precision nothing is left of 1 − P_D."""
+def test_deviations_are_known_where_p_d_rounds_to_one():
+    """Two looks at P_D = 1 − 2e-33: in double precision 1 − P_D is 0."""
     z, g = np.array([12.0, 11.0]), np.array([[0.3, 0.1], [0.2, 0.4]])
     by_aircraft = np.zeros((2, 6))
     by_aircraft[:, :2] = g
@@ -242,7 +242,7 @@ def test_an_undefined_gradient_is_undefined_from_there_on():
             assert np.isfinite(found.std[:3]).all()
             assert np.isnan(found.std[3:]).all()
             assert np.isnan(found.upper[3:]).all()
-    # likewise where it is the radar alone that is not certain
+    # likewise with a certain pose and an uncertain radar
     certain = 0 * COV_AIRCRAFT, COV_RADAR["low"]
     for found in (
         cu.cumulative_detection(looks, *certain, correlation_time=9.0),
@@ -252,7 +252,7 @@ def test_an_undefined_gradient_is_undefined_from_there_on():
         assert np.isnan(found.std[3:]).all()
 
 
-def test_where_nothing_is_uncertain_not_even_the_rounding_is():
+def test_without_uncertainty_bounds_are_nominal_without_rounding():
     time, aircraft = flight(60)
     looks = lk.linearize_looks(MODEL, time, aircraft, RADAR)
     nothing = cu.cumulative_detection(looks, 0 * COV_AIRCRAFT, np.zeros((4, 4)), correlation_time=0)
@@ -263,7 +263,7 @@ def test_where_nothing_is_uncertain_not_even_the_rounding_is():
 
 @pytest.mark.parametrize("method", cu.METHODS)
 @pytest.mark.parametrize("seed", range(20))
-def test_what_has_happened_never_becomes_less_probable(method, seed):
+def test_cumulative_probabilities_never_decrease(method, seed):
     rng = np.random.default_rng(seed)
     looks = 60
     time = np.cumsum(rng.exponential(10, looks))
@@ -295,7 +295,7 @@ def test_m_of_n_is_the_sum_over_all_outcomes(m, n):
     expected = [enumerated(p_d[: k + 1], m_within_n(m, n)) for k in range(len(p_d))]
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-300)
     gradient = m_of_n_gradient(p_d, m, n)
-    # The probability is linear in every P_D, so that its partial is a difference.
+    # The probability is linear in every P_D: a partial is a difference.
     for j in range(len(p_d)):
         sure, never = p_d.copy(), p_d.copy()
         sure[j], never[j] = 1, 0
@@ -389,7 +389,7 @@ def test_draws_of_poses_have_the_covariance_that_was_asked_for():
 
 
 class Constant:
-    """A model that sees how often the radar constant is 0, and whether it is ever less."""
+    """A model whose P_D is 1 where the radar constant is 0; a constant below 0 is an error."""
 
     def p_d(self, aircraft, radar):
         assert radar[..., 3].min() >= 0
@@ -410,13 +410,13 @@ def test_constants_below_zero_are_set_to_zero_and_counted():
 @pytest.mark.parametrize("workers", [1, 3])
 def test_draws_are_the_same_for_any_number_of_workers(workers):
     time, aircraft = flight(40)
-    runs, said = 7000, []
+    runs, steps = 7000, []
     options = {"correlation_time": 30.0, "seed": 9, "m_of_n": (2, 3)}
     arguments = (MODEL, time, aircraft, RADAR, COV_AIRCRAFT, COV_RADAR["high"] * 60)
     one = draw_missions(*arguments, runs=runs, **options)
-    other = draw_missions(*arguments, runs=runs, workers=workers, progress=said.append, **options)
-    assert sum(said) == runs
-    assert len(said) > 1
+    other = draw_missions(*arguments, runs=runs, workers=workers, progress=steps.append, **options)
+    assert sum(steps) == runs
+    assert len(steps) > 1
     assert one.clipped == other.clipped > 0
     for a, b in zip(one.detection + one.track, other.detection + other.track, strict=True):
         np.testing.assert_array_equal(a, b)
@@ -428,7 +428,7 @@ def test_draws_are_the_same_for_any_number_of_workers(workers):
      ("high", (0.015, 0.007), (0.06, 0.018))],
 )  # fmt: skip
 def test_the_probit_is_near_the_draws(level, of_detection, of_track):
-    """σ, in parts of it where it is above 0.001, and bounds; then how much worse linear is."""
+    """Errors of bounds, and relative errors of σ where σ is above 0.001; `linear` is worse."""
     time, aircraft = flight()
     looks = lk.linearize_looks(MODEL, time, aircraft, RADAR)
     cov_radar = COV_RADAR[level]
@@ -485,10 +485,10 @@ def test_radars_that_take_turns():
     assert np.max(abs(drawn.detection.std - better.std)) < 0.06 * better.std.max()
 
 
-# What is refused.
+# Refused arguments.
 
 
-def test_what_is_refused():
+def test_refusals():
     time, aircraft = flight(5)
     looks = lk.linearize_looks(MODEL, time, aircraft, RADAR)
     cov, radar = COV_AIRCRAFT, COV_RADAR["low"]
@@ -526,7 +526,7 @@ def test_what_is_refused():
 
 
 def test_no_probability_of_a_track_exceeds_one():
-    """1 − P_D rounds apart from P_D, and so does the sum of all ways to a track."""
+    """P_D and 1 − P_D are rounded separately, as is the sum over all ways to a track."""
     rng = np.random.default_rng(5)
     p_d = rng.uniform(0.5, 1, (20_000, 12))
     groups = np.arange(12) % 3

@@ -9,7 +9,7 @@ from contextlib import nullcontext
 import numpy as np
 import pytest
 import yaml
-from helpers import document
+from helpers import document, mission
 from scipy.special import ndtr
 
 import radar_sense as rs
@@ -24,13 +24,6 @@ from radar_sense.mission.importance.quantiles import (
     weighted_statistics,
 )
 from radar_sense.mission.importance.sampling import importance_sampling
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
 0,60e3,-40e3,-6000,0,0,90
@@ -61,17 +54,17 @@ def load(folder, names, tau, pose=800, **changes):
     content["radars"] = []
     for name in names:
         place, _, period, std, decibels = RADARS[name]
-        makeup = {
+        data_sheet = {
             "peak_power_kw": 1.0, "gain_dbi": 40, "frequency_ghz": 9, "pulse_width_us": 10,
             "temperature_k": 290, "loss_db": 8, "noise_figure_db": 5,
         }  # fmt: skip
         content["radars"].append({
-            "name": name, "position_m": list(place), "tracking": makeup, "p_fa": P_FA,
+            "name": name, "position_m": list(place), "tracking": data_sheet, "p_fa": P_FA,
             "detector": "swerling1", "scan_period_s": period,
             "uncertainty": {"one": {"position_m": std, "constant": {"loss_db": decibels}}},
         })  # fmt: skip
     file = folder / "my.yaml"
-    for entry in content["radars"]:  # the power that makes c_r what it should be
+    for entry in content["radars"]:  # the power of the given c_r
         file.write_text(yaml.safe_dump(content, sort_keys=False))
         made = rs.load_scenario(file).radar.reshape(-1, 4)
         i = content["radars"].index(entry)
@@ -185,7 +178,7 @@ def test_nodes_between_which_bounds_are_interpolated_change_little(tmp_path, mon
     assert len(schedule.time) > 20
     for a, b in zip(every, some, strict=True):
         np.testing.assert_array_equal(a.p, b.p)
-        assert np.max(abs(a.upper - b.upper)) < 0.12  # one look raises it by 0.2
+        assert np.max(abs(a.upper - b.upper)) < 0.12  # one look raises the bound by 0.2
         assert a.upper[-1] == pytest.approx(b.upper[-1], abs=0.02)
 
 
@@ -201,7 +194,7 @@ def test_the_same_bytes_for_any_number_of_workers(tmp_path):
 
 
 @pytest.mark.usefixtures("_fewer_draws")
-def test_where_nothing_is_uncertain_bounds_are_the_nominal_value(tmp_path):
+def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
     certain = {"position_m": 0, "attitude_deg": 0}
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
     cov = {level: 0.0 * c for level, c in s.cov_radar.items()}

@@ -1,8 +1,7 @@
-"""Missions and thresholds: the keys, the looks, the numbers against draws, and what is printed."""
+"""Missions of one radar: keys, looks, numbers against draws, and the report."""
 
 from __future__ import annotations
 
-import csv
 import json
 import math
 from pathlib import Path
@@ -10,7 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import few_draws, lay_out, legend_off_data, scenario, without_pixels, write_path
+from helpers import (
+    few_draws,
+    lay_out,
+    legend_off_data,
+    mission,
+    read_record,
+    read_table,
+    scenario,
+    without_pixels,
+    write_path,
+)
 
 import radar_sense as rs
 from radar_sense import limits
@@ -20,13 +29,6 @@ from radar_sense.mission import tracks
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
@@ -62,19 +64,6 @@ def load(folder, text=ROUTE, **changes):
 
 def looks_of(s):
     return with_schedule(s)[0]
-
-
-def columns(path):
-    with Path(path).open(newline="") as file:
-        rows = list(csv.reader(file))
-    return dict(zip(rows[0], np.array(rows[1:], dtype=float).T, strict=True))
-
-
-def record(path):
-    def refuse(word):
-        raise ValueError(f"{word} is not JSON")
-
-    return json.loads(Path(path).read_text(), parse_constant=refuse)
 
 
 # The keys.
@@ -158,7 +147,7 @@ def test_looks_of_a_scan(tmp_path, text):
     for i in range(3):
         expected = np.interp(time, s.time_s, s.aircraft[:, i])
         np.testing.assert_allclose(looks.aircraft[:, i], expected, rtol=1e-13, atol=1e-7)
-    # level and at small angles, so that yaw turns as a plain angle nearly does, through 180 degrees
+    # roll and pitch are small, so yaw is nearly linear in time, through 180 degrees
     yaw = np.interp(time, s.time_s, [80, 170, 190, 240])
     off = (np.rad2deg(looks.aircraft[:, 5]) - yaw + 180) % 360 - 180
     assert np.max(abs(off)) < 0.05
@@ -203,7 +192,7 @@ def refused(words, *args, **options):
     assert "\n" not in str(error.value)
 
 
-def test_what_is_refused(tmp_path):
+def test_refusals(tmp_path):
     refused("needs times, which an orbit does not have", scenario(radar__scan_period_s=3))
     s = load(tmp_path)
     refused("one of importance, linear, probit for a mission, got 'form'", s, method="form")
@@ -230,7 +219,7 @@ def test_the_limit_of_the_window_is_that_of_the_code():
 
 
 def brute_force(s, runs, seed):
-    """P_c and track probability by each look, every error of every look drawn from one Gaussian."""
+    """P_c and tracks of drawn missions, with all errors drawn from one joint Gaussian."""
     rng = np.random.default_rng(seed)
     time, looks = s.axis.values, len(s.axis)
     apart = abs(time[:, None] - time)
@@ -298,7 +287,7 @@ def test_correlation_time_is_used(tmp_path):
     assert sigma[0] < 0.6 * sigma[1] < 0.6 * sigma[2]
 
 
-def test_draws_are_those_of_the_seed_alone(tmp_path):
+def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
     s = load(tmp_path, radar__scan_period_s=20)
     one, two, other = (
         mission(c, runs=3000, m_of_n=(2, 3), workers=w).table
@@ -345,7 +334,7 @@ def test_columns(tool, monkeypatch, options, method):
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
     assert out.isascii()
-    found = columns("figures/flight_mission.csv")
+    found = read_table("figures/flight_mission.csv")
     drawn = ["mc_mean", "mc_std", "mc_lower", "mc_upper"] if "runs" in options else []
     expected = ["time_s", "p_d", "cumulative_p_d", "sigma_cumulative"]
     expected += ["lower_3sigma", "upper_3sigma", *drawn]
@@ -363,7 +352,7 @@ def test_columns(tool, monkeypatch, options, method):
     assert sorted(p.name for p in Path("figures").iterdir()) == [
         "flight_mission.csv", "flight_mission.json", "flight_mission.png",
     ]  # fmt: skip
-    summary = record("figures/flight_mission.json")["summary"]
+    summary = read_record("figures/flight_mission.json")["summary"]
     assert summary["looks"] == 4
     assert summary["detection"]["at_end"]["p"] == found["cumulative_p_d"][-1]
     assert (summary["monte_carlo"] is None) == ("runs" not in options)
@@ -377,14 +366,14 @@ def test_report(tool):
     code, out, _ = tool("mission", file, "--m", 3, "--n", 5, "--runs", 100, "--no-plot")
     assert code == 0
     found, summary = (
-        columns("figures/flight_mission.csv"),
-        record("figures/flight_mission.json")["summary"],
+        read_table("figures/flight_mission.csv"),
+        read_record("figures/flight_mission.json")["summary"],
     )
     lines = out.splitlines()
     assert lines[0] == "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s"
     for p, name in (("cumulative_p_d", "cumulative P_D"), ("track_p_d", "track, 3 of 5")):
-        said = f"{name} at the end (medium, importance): {found[p][-1]:.4f}"
-        assert any(said in line for line in lines)
+        message = f"{name} at the end (medium, importance): {found[p][-1]:.4f}"
+        assert any(message in line for line in lines)
         event = {"cumulative_p_d": "detection", "track_p_d": "track"}[p]
         error = summary["largest_standard_error_of_bounds"][event]["value"]
         before = "track_" if event == "track" else ""
@@ -414,7 +403,7 @@ def test_the_record_makes_the_same_mission_again(tool):
     assert (
         tool("mission", file, "--no-plot", "--runs", 20, "--seed", 3, "--level", "high").code == 0
     )
-    found = record("figures/flight_mission.json")
+    found = read_record("figures/flight_mission.json")
     Path("again.yaml").write_text(json.dumps(found["scenario"]))
     assert tool("mission", "again.yaml", "--no-plot", "--runs", 20, "--out", "again").code == 0
     name = "flight_mission.csv"
@@ -449,26 +438,26 @@ def test_an_orbit_is_refused(tool):
     assert len(err.splitlines()) == 1
 
 
-def test_linear_says_that_its_band_leaves(tool):
+def test_a_linear_band_outside_zero_and_one_is_warned_of(tool):
     file = write(Path(), radar__scan_period_s=10, radar__constant=14)
     err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
     assert "Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] at" in err
     assert "band leaves" not in tool("mission", file, "--level", "high", "--no-plot").err
 
 
-def test_constants_set_to_zero_are_said(tool):
+def test_constants_set_to_zero_are_warned_of(tool):
     levels = {"wild": {"position_m": 1, "constant": 40}}  # of 50: one in ten is below zero
     file = write(Path(), uncertainty__radar=levels, analysis={"level": "wild"})
     code, _, err = tool("mission", file, "--runs", 500, "--no-plot")
     assert code == 0
-    count = record("figures/flight_mission.json")["summary"]["monte_carlo"][
+    count = read_record("figures/flight_mission.json")["summary"]["monte_carlo"][
         "radar_constants_set_to_zero"
     ]
     assert 25 < count < 90
     assert f"the radar constant was drawn below zero and set to zero in {count} runs" in err
 
 
-def test_an_undefined_gradient_is_said(tool):
+def test_an_undefined_gradient_is_warned_of(tool):
     over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
     file = write(Path(), over, radar__scan_period_s=10)
     assert tool("mission", file).err == ""  # importance sampling takes no gradient
@@ -477,7 +466,8 @@ def test_an_undefined_gradient_is_said(tool):
     assert err.rstrip().endswith("use --method importance")
     assert "the uncertainty is undefined at 10 to 20 s; the radar is straight above" in err
     assert "its uncertainty is undefined" in out
-    assert record("figures/flight_mission.json")["summary"]["detection"]["at_end"]["sigma"] is None
+    summary = read_record("figures/flight_mission.json")["summary"]
+    assert summary["detection"]["at_end"]["sigma"] is None
 
 
 @pytest.mark.parametrize(  # every pair of two values
@@ -499,6 +489,3 @@ def test_layout(tmp_path, runs, m_of_n, period):
     for axes in figure.axes:
         assert axes.get_ylabel()
     assert "Time" in figure.axes[-1].get_xlabel()
-
-
-# The threshold.

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, few_draws, lay_out, legend_off_data
+from helpers import document, few_draws, lay_out, legend_off_data, mission
 
 import radar_sense as rs
 from radar_sense.analyses.mission import with_schedule
@@ -25,17 +25,10 @@ from radar_sense.mission import looks as lk
 from radar_sense.model import geodesy as wgs84
 from radar_sense.montecarlo.sampler import Sampler
 
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
-
 CONFIGS = Path(__file__).parents[2] / "configs"
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
-#: Straight and level at one heading, so that a pose between two is their weighted mean.
+#: Straight and level at one heading: a pose between two is their weighted mean.
 ROUTE = f"""{HEADER},{STD}
 10,200e3,-40e3,-8000,5,2,70,300,400,50,0.5,0.5,0.5
 50,200e3,0,-8000,5,2,70,500,400,50,0.5,0.5,1
@@ -59,11 +52,11 @@ DETECTORS = {"north": rs.North(), "swerling1": rs.Swerling1(), "marcum": rs.Marc
 
 def radar(name, period):
     place, constant, p_fa, detector, limits, std, std_constant = KINDS[name]
-    said = {} if period is None else {"scan_period_s": period}
+    scan_period = {} if period is None else {"scan_period_s": period}
     levels = {"one": {"position_m": std, "constant": std_constant}}
     return {
         "name": name, "position_m": place, "constant": constant, "p_fa": p_fa,
-        "detector": detector, **limits, **said, "uncertainty": levels,
+        "detector": detector, **limits, **scan_period, "uncertainty": levels,
     }  # fmt: skip
 
 
@@ -110,7 +103,7 @@ class Brute:
             [*(np.interp(at, TIME, PLACE[:, i]) for i in range(3)),
              *(np.full(len(at), math.radians(v)) for v in (5, 2, 70))]
         )  # fmt: skip
-        # the covariance is what is interpolated, not σ
+        # the covariance is interpolated, not σ
         self.sigma = np.sqrt(
             np.column_stack([np.interp(at, TIME, SIGMA[:, i] ** 2) for i in range(6)])
         ) * [1, 1, 1, *[math.pi / 180] * 3]
@@ -165,7 +158,7 @@ class Brute:
         return np.array(p), np.array(by_pose), by_radar
 
     def std_of(self, by_p):
-        """σ (K,) to first order of what has partials (K, L) for the looks' P_D."""
+        """σ (K,) to first order of quantities with partials (K, L) by the looks' P_D."""
         _, by_pose, by_radar = self.gradients()
         where = [self.times.index(t) for t, _ in self.looks]
         weights = by_pose * self.sigma[where]
@@ -192,19 +185,19 @@ class Brute:
                           if t == at and self.periods[i] == period], axis=0) for at in own],
                 axis=-1,
             )  # fmt: skip
-            # tested against the sum over all outcomes elsewhere
+            # `test_cumulative` tests this function against the sum over all outcomes
             chain = tracks.m_of_n(fused, 1 - fused, m, n)[0]
             latest = [sum(t <= at for t in own) - 1 for at in self.times]
             missed = missed * (1 - chain[..., latest])
         return 1 - missed
 
     def draws(self, runs, seed):
-        """P_D (runs, L) with errors drawn from one Gaussian of all of them."""
+        """P_D (runs, L) with all errors drawn from one joint Gaussian."""
         rng = np.random.default_rng(seed)
         values, vectors = np.linalg.eigh(self.rho)
-        root = vectors * np.sqrt(np.maximum(values, 0))
-        white = rng.standard_normal((runs, len(self.times), 6))
-        poses = self.poses + np.einsum("kj,rjc->rkc", root, white) * self.sigma
+        sqrt_rho = vectors * np.sqrt(np.maximum(values, 0))
+        normals = rng.standard_normal((runs, len(self.times), 6))
+        poses = self.poses + np.einsum("kj,rjc->rkc", sqrt_rho, normals) * self.sigma
         states = self.states + rng.standard_normal((runs, *self.states.shape)) * self.std
         return self.p_d(poses, states)
 
@@ -219,7 +212,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("periods", CASES)
-def test_what_is_known_for_certain(tmp_path, periods):
+def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
     brute = Brute(periods, 0.0)
     found = mission(load(tmp_path, periods), m_of_n=(2, 3)).table
     assert found["time_s"].tolist() == brute.times
@@ -242,7 +235,7 @@ def test_what_is_known_for_certain(tmp_path, periods):
         assert np.isnan(np.delete(shown, own)).all()
         ends = found[f"cumulative_p_d_{name}"]
         np.testing.assert_allclose(ends[own], 1 - np.cumprod(1 - p[mine]), rtol=1e-9, atol=1e-15)
-        for k, value in enumerate(ends):  # and stays as it was between its looks
+        for k, value in enumerate(ends):  # constant between the looks of the radar
             assert value == ends[max(o for o in own if o <= k)]
 
 
@@ -257,7 +250,7 @@ def test_deviations_are_the_sums_over_all_pairs(tmp_path, periods, tau):
     upper = np.minimum.accumulate((found["cumulative_p_d"] + 3 * expected)[::-1])[::-1]
     np.testing.assert_allclose(found["upper_3sigma"], upper, rtol=1e-7)
     by_p = []
-    for j in range(len(p)):  # linear in every P_D, so that a partial is a difference
+    for j in range(len(p)):  # the probability is linear in every P_D: a partial is a difference
         sure, never = p.copy(), p.copy()
         sure[j], never[j] = 1, 0
         by_p.append(brute.track(sure, 2, 3) - brute.track(never, 2, 3))
@@ -314,7 +307,7 @@ def test_the_probit_is_near_the_draws(tmp_path, periods, tau):
 
 
 @pytest.mark.parametrize("tau", [0.0, 25.0, math.inf])
-def test_coins_start_as_many_tracks(tmp_path, tau):
+def test_drawn_detections_start_as_many_tracks(tmp_path, tau):
     """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
     periods = {"near": 4, "hill": 8, "far": 8}
     brute, runs = Brute(periods, tau), 10_000
@@ -353,7 +346,7 @@ def test_a_network_of_one_is_the_single_radar(tmp_path, runs):
     content = yaml.safe_load((tmp_path / "my.yaml").read_text())
     (one,) = content.pop("radars")
     content["uncertainty"]["radar"] = one.pop("uncertainty")
-    del one["name"], one["horizon"]  # it is within the horizon all along
+    del one["name"], one["horizon"]  # all looks are within the horizon
     content["radar"] = one
     (tmp_path / "single.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     single = mission(rs.load_scenario(tmp_path / "single.yaml"), **options)
@@ -395,7 +388,7 @@ def test_times_that_differ_by_rounding_are_one(tmp_path):
     )
     looks = looks_of(load(tmp_path, {"far": 0.1, "hill": 0.3, "near": 0.2}, route=route))
     np.testing.assert_allclose(looks.axis.values, 0.1 * np.arange(13), rtol=1e-12)
-    # however late it is on the clock, where floats are 2e-7 apart
+    # at 1.6e9 s, where floats are 2e-7 s apart
     late = route
     for t in ("\n0,", "\n0.3,", "\n1.2,"):
         late = late.replace(t, f"\n{1.6e9 + float(t[1:-1])!r},")
@@ -414,13 +407,15 @@ def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
             np.testing.assert_allclose(
                 together.table[f"{column}_{name}"][own], one.table[column], rtol=1e-9, atol=1e-15
             )
-        said = together.summary["radars"][name]
-        assert (said["scan_period_s"], said["looks"]) == (period, one.summary["looks"])
+        of_radar = together.summary["radars"][name]
+        assert (of_radar["scan_period_s"], of_radar["looks"]) == (period, one.summary["looks"])
         for event in ("detection", "track"):
-            assert said[event]["at_end"]["p"] == pytest.approx(one.summary[event]["at_end"]["p"])
+            assert of_radar[event]["at_end"]["p"] == pytest.approx(
+                one.summary[event]["at_end"]["p"]
+            )
 
 
-def test_draws_do_not_depend_on_who_draws(tmp_path):
+def test_draws_do_not_depend_on_the_number_of_workers(tmp_path):
     s = load(tmp_path, CASES[1], 25.0)
     options = {"runs": 9000, "m_of_n": (2, 3), "method": "linear"}
     one, two = (mission(s, **options, workers=w).table for w in (1, 2))
@@ -444,12 +439,12 @@ def test_report_and_record(tool, tmp_path):
     radars = found["summary"]["radars"]
     assert list(radars) == ["near", "far"]
     at = lines.index("at the end by each radar alone, with 3-sigma bounds:")
-    for line, (name, said) in zip(lines[at + 1 :], radars.items(), strict=False):
-        ends = [said[event]["at_end"] for event in ("detection", "track")]
+    for line, (name, of_radar) in zip(lines[at + 1 :], radars.items(), strict=False):
+        ends = [of_radar[event]["at_end"] for event in ("detection", "track")]
         detection, track = (
             f"{e['p']:.4f} ({e['lower_3sigma']:.4f} to {e['upper_3sigma']:.4f})" for e in ends
         )
-        every = f"every {said['scan_period_s']:g} s"
+        every = f"every {of_radar['scan_period_s']:g} s"
         assert line == f"  {name:4}  {every}, detection {detection}, track {track}"
     assert found["summary"]["looks"] == 23
     Path("again.yaml").write_text(json.dumps(found["scenario"]))
@@ -475,7 +470,7 @@ def test_report_and_record(tool, tmp_path):
         ),
     ],
 )
-def test_what_is_refused(tool, tmp_path, periods, options, words):
+def test_refusals(tool, tmp_path, periods, options, words):
     code, out, err = tool("mission", write(tmp_path, periods), *options)
     assert (code, out) == (2, "")
     assert words in err
@@ -483,7 +478,7 @@ def test_what_is_refused(tool, tmp_path, periods, options, words):
     assert not Path("figures").exists()
 
 
-def test_what_the_schedule_refuses(tmp_path):
+def test_a_mission_refuses_a_radar_without_a_period(tmp_path):
     with pytest.raises(InputError, match="'far' needs a scan_period_s"):
         mission(load(tmp_path, {"far": None, "near": 3}))
 
@@ -515,7 +510,7 @@ def test_the_route_of_the_corridor_is_what_its_script_makes():
     assert "SYNTHETIC" in made.splitlines()[0]
 
 
-def test_the_corridor_teaches_what_it_says(monkeypatch):
+def test_the_numbers_of_the_corridor_example(monkeypatch):
     s = rs.load_scenario(CONFIGS / "corridor.yaml")
     time = s.time_s
     assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6
@@ -571,21 +566,3 @@ def test_the_corridor_teaches_what_it_says(monkeypatch):
     assert reaches["earliest_s"] == pytest.approx(888, abs=6)  # one look
     assert reaches["latest_s"] == pytest.approx(1065, abs=12)
     assert found["at_end"]["p"] == pytest.approx(0.998, abs=5e-4)
-
-
-def test_looks_between_places_keep_their_altitude(tmp_path):
-    """A straight line between poses 600 km apart is 7 km below the flight."""
-    (tmp_path / "far.csv").write_text(
-        "time_s,latitude_deg,longitude_deg,altitude_m\n0,33,-154,9000\n2600,35,-148,9000\n"
-    )
-    content = yaml.safe_load((CONFIGS / "corridor.yaml").read_text())
-    content["geometry"] = {
-        "type": "path", "file": "far.csv", "origin": content["geometry"]["origin"],
-    }  # fmt: skip
-    content["uncertainty"]["aircraft"] = {"position_m": 10, "attitude_deg": 1}
-    for one in content["radars"]:
-        one["p_fa"] = float(one["p_fa"])  # PyYAML wants a sign in the exponent
-    (tmp_path / "far.yaml").write_text(yaml.safe_dump(content))
-    looks = looks_of(rs.load_scenario(tmp_path / "far.yaml"))
-    place = wgs84.geodetic_from_ned(looks.aircraft[:, :3], looks.origin)
-    np.testing.assert_allclose(place[:, 2], 9000, atol=1e-3)

@@ -55,7 +55,7 @@ def random_cases(rng, count):
 
 
 def slope(tails, snr, p_fa, which):
-    """|d tail/dS| by a central difference that is exact as far as a float can tell."""
+    """Return |d tail/dS| by a central difference that is exact to double precision."""
     snr = mpf(snr)
     step = (snr + mpf("1e-3")) * mpf("1e-15")
     low = snr - step if snr > step else snr
@@ -90,7 +90,7 @@ def test_value_slope_and_probit_in_both_tails(detector):
 
 @pytest.mark.parametrize("detector", EXACT)
 def test_the_complement_keeps_its_digits_where_p_d_rounds_to_one(detector):
-    """And P_D its own down to 1e-200."""
+    """P_D keeps its digits down to 1e-200."""
     snr = {Marcum: 700.0, Swerling1: 1e18, Swerling3: 1e12}[detector]
     assert detector().p_d(np.array(snr), 1e-6) == 1.0
     z, _ = detector().linearize_probit(np.array(snr), 1e-6)
@@ -129,8 +129,8 @@ def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
         assert_allclose(fluctuating.p_d(np.array(snr), p_fa), mean, rtol=1e-10)
 
 
-def test_where_scipy_s_function_fails():
-    """Q₁(5, 14), and a miss of 2e-91: what one would reach for has neither."""
+def test_marcum_where_the_function_of_scipy_fails():
+    """SciPy's noncentral chi-square gives 0 for Q₁(5, 14) and for a miss of 2e-91."""
     assert 1 - chndtr(14.0**2, 2, 5.0**2) == 0
     p_fa = float(mp.exp(-98))
     assert_allclose(Marcum().p_d(np.array(12.5), p_fa), 1.8991679014e-19, rtol=1e-10)
@@ -141,7 +141,7 @@ def test_where_scipy_s_function_fails():
 
 @pytest.mark.parametrize("detector", [North, *EXACT])
 def test_any_shape_and_any_size(detector):
-    """No Python warning either, and a NaN stays where it is."""
+    """There is no Python warning, and a NaN stays at its place."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, 1e20, 1e100, 1e160, np.nan])
     functions = (detector().p_d, detector().linearize, detector().linearize_probit)
     for p_fa in (5e-324, 1e-17, 1.7e-4, 0.5, 0.9, 1 - 2.0**-53):
@@ -184,7 +184,7 @@ def test_detectors_that_a_scenario_can_name():
 
 
 def one_state(detector, snr, spread, p_fa=1.7e-4):
-    """A model and poses whose S is normal, from c_r alone: mean `snr`, deviation `spread` of it."""
+    """Return a model and poses with a normal S: mean `snr`, relative deviation `spread`."""
     model = DetectionModel(ConstantRCS(1.0), p_fa, detector)
     aircraft = np.array([100e3, 0, 0, 0, 0, 0])
     per_joule = model.snr(aircraft, np.array([0, 0, 0, 1.0]))
@@ -195,7 +195,7 @@ def one_state(detector, snr, spread, p_fa=1.7e-4):
     return model, aircraft, radar, np.zeros((6, 6)), cov
 
 
-#: Largest error of bounds, of σ (relative) and of the mean, some 10 % above what was found.
+#: Largest error of bounds, of σ (relative) and of the mean, some 10 % above the measured one.
 ERRORS = {
     "form": (4e-7, 2e-5, 4e-7),
     "probit": (6.5e-3, 0.022, 7e-4),
@@ -206,7 +206,7 @@ ERRORS = {
 @pytest.mark.parametrize("method", ERRORS)
 @pytest.mark.parametrize("detector", [North, *EXACT])
 def test_methods_of_propagation(detector, method):
-    """S normal: bounds are P_D at its quantiles; moments by a fine sum over it."""
+    """S is normal. Exact bounds are P_D at quantiles of S, exact moments a fine sum over S."""
     snr, spread, p_fa = np.array([1.0, 4.0, 9.0, 20.0]), 0.05, 1.7e-4
     u = np.linspace(-8, 8, 4001)
     weight = np.exp(-0.5 * u * u) / np.exp(-0.5 * u * u).sum()

@@ -1,4 +1,4 @@
-"""Latitude, longitude and height to a local frame: against what defines them, in fifty digits.
+"""Latitude, longitude and height to a local frame: against the definitions, in fifty digits.
 
 The oracle has no formula in common with the code. A geodetic position is, by its definition, a
 point of the ellipsoid plus its height along the ellipsoid's normal there; the point is found from
@@ -39,14 +39,14 @@ def places(count, seed=0, low=-1e4, high=1e5):
     )
 
 
-def test_the_constants_that_follow_are_those_published():
+def test_derived_constants_are_the_published_ones():
     # NIMA TR8350.2, table 3.3
     assert round(wgs84.SEMI_MINOR, 4) == 6356752.3142
     assert round(wgs84.ECCENTRICITY_2, 14) == 6.69437999014e-3
     assert round(wgs84.SECOND_ECCENTRICITY_2, 14) == 6.73949674228e-3
 
 
-def test_ecef_is_what_the_definition_says():
+def test_ecef_follows_the_definition():
     edges = [[0, 0, 0], [np.pi / 2, 0, 0], [-np.pi / 2, 1, 50], [0, np.pi, 1e8], [1e-9, -2, -1e4]]
     for place in [*edges, *places(300), *places(100, 1, 1e5, 1e8)]:
         far = wgs84.SEMI_MAJOR + abs(place[2])
@@ -140,7 +140,7 @@ def random_attitudes(count, seed):
 
 
 def body_to_ned(attitude):
-    """SciPy's opinion: it turns axes, and composes turns, with quaternions."""
+    """Return SciPy's rotation, which is a quaternion."""
     return Rotation.from_euler("ZYX", np.asarray(attitude)[..., ::-1])
 
 
@@ -156,7 +156,7 @@ def test_body_axes_and_back():
 
 @pytest.mark.parametrize("away", [0.0, 1e-300, 1e-16, 1e-12, 1e-8, 1e-4])
 @pytest.mark.parametrize("sign", [-1, 1])
-def test_straight_up_and_down_the_angles_still_say_the_attitude(sign, away):
+def test_euler_angles_straight_up_and_down_keep_the_attitude(sign, away):
     attitude = random_attitudes(200, 6)
     attitude[:, 1] = sign * (np.pi / 2 - away)
     axes = wgs84.body_axes(attitude)
@@ -173,17 +173,17 @@ def test_an_attitude_turned_is_the_same_attitude_in_space():
     assert np.max((body_to_ned(turned) * expected.inv()).magnitude()) < 3e-15
 
 
-def test_level_flight_to_the_east_points_down_to_who_is_behind():
+def test_level_flight_has_a_pitch_or_a_roll_in_the_frame_of_a_far_origin():
     angle = np.radians(4.5)  # 500 km along the equator
     turn = wgs84.turn_to_origin([0.0, angle, 0.0], [0.0, 0.0, 0.0])
     turned = wgs84.turned_attitude([0.0, 0.0, np.pi / 2], turn)
     np.testing.assert_allclose(turned, [0.0, -angle, np.pi / 2], atol=1e-15)
-    # To the north it leans out to the right instead.
+    # Flight to the north has a roll instead.
     turned = wgs84.turned_attitude([0.0, 0.0, 0.0], turn)
     np.testing.assert_allclose(turned, [angle, 0.0, 0.0], atol=1e-15)
 
 
-def test_errors_of_attitude_turn_as_differences_do():
+def test_errors_of_attitude_turn_as_differences():
     attitude = random_attitudes(300, 9)
     turn = wgs84.turn_to_origin(places(300, 10), [0.9, -0.4, 0.0])
     turned = wgs84.turned_attitude(attitude, turn)

@@ -19,7 +19,7 @@ from radar_sense.model.detectors import (
     Swerling2,
     Swerling3,
     Swerling4,
-    _probit,
+    probit_of_tail,
     required_snr,
 )
 from radar_sense.model.integration import PulseSum
@@ -37,7 +37,7 @@ SHAPES = {
 
 def exact(detector, snr, p_fa):
     """z and dz/dS without the table."""
-    return _probit(*detector.tails(p_fa).tail(np.atleast_1d(np.asarray(snr, dtype=float))))
+    return probit_of_tail(*detector.tails(p_fa).tail(np.atleast_1d(np.asarray(snr, dtype=float))))
 
 
 def agrees(z, by_snr, tails, snr, case):
@@ -68,7 +68,7 @@ def test_value_and_slope_in_both_tails(cls, cells):
         detector = cls(pulses=number, cfar=cells and CellAveraging(cells))
         pulses = PulseSum.of(number, detector.shape, number * (cells or math.inf), p_fa)
         grid = 10 ** np.linspace(-4, 6, 400)
-        z, _ = _probit(*pulses.tail(grid))
+        z, _ = probit_of_tail(*pulses.tail(grid))
         for target in (rng.uniform(z[0], 0), rng.uniform(0, 9))[: 1 + (number < 30)]:
             snr = float(np.interp(target, z, grid))
             with mp.workdps(40):
@@ -134,7 +134,7 @@ def test_a_strong_steady_target_by_bessel_functions(number):
 
 
 @pytest.mark.parametrize("cls", [Marcum, Swerling1, Swerling3])
-def test_one_pulse_is_the_sum_too(cls):
+def test_closed_forms_of_one_pulse_agree_with_the_sum(cls):
     """The closed forms and the series of a single pulse agree with the sum."""
     snr = 10 ** np.linspace(-4, 3, 60)
     for p_fa in (1e-12, 1.7e-4, 0.5):
@@ -150,7 +150,7 @@ def test_thresholds_keep_p_fa(number, p_fa):
     """SciPy's inverse of the incomplete gamma function is off by 4e-13 of P_fa here."""
     t = PulseSum.of(number, 1.0, math.inf, p_fa).threshold
     with mp.workdps(30):
-        noise = oracle._counts(mpf(t), None)
+        noise = oracle.counts(mpf(t), None)
         false = sum(next(noise) for _ in range(number))
         assert abs(false / mpf(p_fa) - 1) < mpf("5e-14")
 
@@ -299,7 +299,7 @@ def test_the_table_is_monotone_and_starts_at_p_fa(detector):
 
 @pytest.mark.parametrize("detector", TABLED, ids=str)
 def test_any_shape_and_any_size(detector):
-    """A NaN stays where it is; beyond the table values are those of the sum."""
+    """A NaN stays at its place. Beyond the table the values are those of the sum."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, HIGHEST, 1e20, 1e160, np.nan])
     for function in (detector.p_d, detector.linearize, detector.linearize_probit):
         found = np.array(function(snr, 1e-6))
@@ -318,7 +318,7 @@ def test_any_shape_and_any_size(detector):
 # Print.
 
 
-def test_what_a_decibel_is_worth():
+def test_the_slope_of_p_d_per_decibel_grows_with_integration():
     """One pulse with the gain of integration in c_r has a σ that is 2.7 to 4.3 times too small."""
     slopes = []
     for number, expected in ((1, 0.076), (10, 0.202), (100, 0.327)):
@@ -357,11 +357,11 @@ def shnidman(p_d, p_fa, number, shape):
 
 
 @pytest.mark.parametrize(("p_d", "of_albersheim"), [(0.5, 0.2), (0.9, 0.3)])
-def test_albersheim_and_shnidman_within_what_they_state(p_d, of_albersheim):
-    """0.2 and 0.5 dB.
+def test_albersheim_and_shnidman_within_their_stated_errors(p_d, of_albersheim):
+    """The stated errors are 0.2 and 0.5 dB.
 
-    Albersheim's detector is linear, which at P_D 0.9 makes up to 0.1 dB more. At P_D 0.1 and P_fa
-    1e-3 his formula is off by 4 dB, and Shnidman's by 1 dB for Swerling 1.
+    Albersheim's detector is linear, which is worth up to 0.1 dB at P_D = 0.9. At P_D = 0.1 and
+    P_fa = 1e-3, Albersheim's formula is off by 4 dB, and Shnidman's by 1 dB for Swerling 1.
     """
     for number in (1, 10, 100):
         for p_fa in (1e-7, 1e-3):
@@ -380,7 +380,7 @@ def test_required_snr():
         required_snr(Marcum(), 1e-6, 1.0)
 
 
-# What is refused.
+# Refused arguments.
 
 
 @pytest.mark.parametrize(
@@ -398,7 +398,7 @@ def test_required_snr():
         (lambda: Marcum(cfar=CellAveraging(2)).tails(1e-9), "more than 30 dB above noise"),
     ],
 )
-def test_what_does_not_go_together(make, says):
+def test_keys_of_a_detector_that_exclude_each_other(make, says):
     with pytest.raises(InputError, match=says):
         make()
 

@@ -75,7 +75,7 @@ def test_a_blind_radar_leaves_the_network_to_the_others():
 
 
 @pytest.mark.parametrize("offset", [-1.0, 1.0])
-def test_draws_see_the_edge_and_methods_warn_of_it(offset):
+def test_draws_depend_on_the_minimum_range_and_methods_warn_of_it(offset):
     reach = float(np.hypot(500e3, 3e3))
     edge = paper_network([(0, 0, 0)], [100], min_range=reach + offset)
     edge = dataclasses.replace(edge, cov_aircraft=np.diag([10.0**2] * 3 + [1e-20] * 3), runs=4000)
@@ -143,10 +143,10 @@ def test_the_keys_are_read_and_read_back():
     ],
 )
 def test_refusals_name_the_key(tool, changes, path, complaint):
-    line, key, said = place(refusal(tool, text(several(**changes))))
+    line, key, message = place(refusal(tool, text(several(**changes))))
     assert line
     assert key == f"radars[1].{path}"
-    assert complaint in said
+    assert complaint in message
 
 
 def test_the_class_refuses_what_the_reader_refuses():

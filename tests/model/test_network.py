@@ -1,4 +1,4 @@
-"""Networks: fused P_D and its partials, and what a radar does not see."""
+"""Networks: fused P_D and its partials, and targets beyond the limits of a radar."""
 
 import dataclasses
 
@@ -160,7 +160,7 @@ def test_fusion_keeps_both_tails():
                 assert error < mpf("2e-15") * (2 + float(value) ** 2)
 
 
-def test_fusion_far_below_the_least_probability_there_is():
+def test_fusion_of_probabilities_below_the_least_float():
     # where a constant below zero leads: Φ(−60) is 1e-784
     z = np.array([[-60.0, -38.0], [-60.5, -45.0]])
     with mp.workdps(40):
@@ -198,7 +198,7 @@ def test_states_broadcast():
     assert one.p_d.shape == ()
 
 
-# What a radar sees.
+# The limits of a radar.
 
 
 def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
@@ -214,12 +214,12 @@ def test_the_horizon_is_412_kilometres_for_ten_kilometres_of_height():
         assert_allclose(horizon_range(np.array(0.0), np.array(height)), exact, rtol=1e-3)
 
 
-@pytest.mark.parametrize("curved", [False, True])
-def test_a_target_below_the_horizon_is_not_seen(curved):
+@pytest.mark.parametrize("round_earth", [False, True])
+def test_a_target_below_the_horizon_is_not_seen(round_earth):
     # where the ellipsoid's radius of curvature to the north is the mean radius of the earth
     sine = np.sqrt(1 - (SEMI_MAJOR * (1 - ECCENTRICITY_2) / EARTH_RADIUS) ** (2 / 3))
     place = (float(np.arcsin(sine / np.sqrt(ECCENTRICITY_2))), 0.0, 0.0)
-    station = Radar(RADAR_MODEL, horizon=Horizon(place if curved else None))
+    limited = Radar(RADAR_MODEL, horizon=Horizon(place if round_earth else None))
     radar = np.array([0, 0, -10.0, 167])
     height = np.array([50.0, 1e3, 3e3])
     farthest = horizon_range(np.array(10.0), height)
@@ -227,20 +227,20 @@ def test_a_target_below_the_horizon_is_not_seen(curved):
         aircraft = np.zeros((3, 6))
         aircraft[:, 0] = side * farthest
         aircraft[:, 2] = -height
-        if curved:  # the same heights above a surface that falls away
+        if round_earth:  # the same heights above a surface that falls away
             aircraft[:, 2] += farthest**2 / 2 / EARTH_RADIUS * side**2
-        assert_array_equal(station.visible(aircraft, radar), seen)
-        assert np.all((NetworkModel((station,)).p_d(aircraft, radar) > 0) == seen)
-    # the paper's orbit, 500 km out and 3 km high, is far below it
-    seen = station.visible(PAPER.aircraft, np.array([0, 0, 0, 167.0]))
-    assert np.all(seen == curved)  # where 3 km above the plane are 22 above the surface
+        assert_array_equal(limited.visible(aircraft, radar), seen)
+        assert np.all((NetworkModel((limited,)).p_d(aircraft, radar) > 0) == seen)
+    # the paper's orbit, 500 km out and 3 km high, is far below the horizon
+    seen = limited.visible(PAPER.aircraft, np.array([0, 0, 0, 167.0]))
+    assert np.all(seen == round_earth)  # where 3 km above the plane are 22 above the surface
 
 
 def test_a_radar_sees_as_far_as_its_maximum_range_and_no_farther():
-    station = Radar(RADAR_MODEL, max_range=5e3)
+    limited = Radar(RADAR_MODEL, max_range=5e3)
     aircraft = np.zeros((3, 6))
     aircraft[:, 0], aircraft[:, 2] = 3e3, [-4e3, -4e3 - 1e-6, -3.9e3]  # slant: 3, 4, 5
-    assert_array_equal(station.visible(aircraft, np.array([0, 0, 0, 1.0])), [True, False, True])
+    assert_array_equal(limited.visible(aircraft, np.array([0, 0, 0, 1.0])), [True, False, True])
 
 
 def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
@@ -296,7 +296,7 @@ def test_a_pose_that_no_radar_sees_has_nothing_uncertain(radars):
             assert_array_equal(std, 0)
 
 
-def test_draws_see_an_edge_that_a_gradient_cannot():
+def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
     # at a range within 1 m of the limit, with 100 m of uncertainty: seen in half of the draws
     reach = float(np.hypot(500e3, 3e3))
     nowhere = {"cov_aircraft": np.diag([10.0**2] * 3 + [1e-20] * 3), "runs": 4000}
@@ -326,11 +326,11 @@ def test_draws_see_an_edge_that_a_gradient_cannot():
     )
 
 
-# What is refused.
+# Refused arguments.
 
 
-def test_networks_that_cannot_be():
-    station = Radar(RADAR_MODEL, "a")
+def test_refused_networks():
+    first = Radar(RADAR_MODEL, "a")
     with pytest.raises(ValueError, match="one radar or more"):
         NetworkModel(())
     for names in (
@@ -341,14 +341,14 @@ def test_networks_that_cannot_be():
         ("b", "aircraft"),
     ):
         with pytest.raises(ValueError, match="would mean two things"):
-            NetworkModel(tuple(dataclasses.replace(station, name=name) for name in names))
+            NetworkModel(tuple(dataclasses.replace(first, name=name) for name in names))
     other = Radar(DetectionModel(ConstantRCS(1.0), 1e-4), "b")
     with pytest.raises(ValueError, match="RCS"):
-        NetworkModel((station, other))
+        NetworkModel((first, other))
     for limit in (0, -1, np.nan):
         with pytest.raises(ValueError, match="max_range"):
             Radar(RADAR_MODEL, max_range=limit)
-    net = NetworkModel((station, dataclasses.replace(station, name="b")))
+    net = NetworkModel((first, dataclasses.replace(first, name="b")))
     for method in (net.p_d, net.snr, net.linearize, net.linearize_probit, net.visible):
         with pytest.raises(ValueError, match=r"radar states must have shape \(..., 8\)"):
             method(PAPER.aircraft, np.zeros(4))

@@ -213,7 +213,7 @@ def test_covariance_is_that_of_first_order(kind):
 
 @pytest.mark.parametrize("kind", KEYS)
 def test_factors_are_those_of_the_formula(kind):
-    """A draw multiplies c_r by what the formula makes of the parameters drawn."""
+    """A draw multiplies c_r by the ratio of the formula at drawn and nominal parameters."""
     rng = np.random.default_rng(9)
     for _ in range(20):
         values = any_radar(kind, rng)
@@ -222,12 +222,12 @@ def test_factors_are_those_of_the_formula(kind):
             for key, value in values.items()
         }
         parts = parts_of(kind, values, std)
-        white = rng.standard_normal(len(parts))
+        normals = rng.standard_normal(len(parts))
         moved = dict(values)
-        for part, u in zip(parts, white, strict=True):
+        for part, u in zip(parts, normals, strict=True):
             moved[part.key] = mpf(values[part.key]) + mpf(std[part.key]) * mpf(u)
         exact = exactly(kind, moved) / exactly(kind, values)
-        assert factors(parts, white) == pytest.approx(float(exact), rel=1e-12)
+        assert factors(parts, normals) == pytest.approx(float(exact), rel=1e-12)
 
 
 EVERY_PART = [
@@ -269,9 +269,9 @@ def test_draws_have_the_moments(kind):
     s = sheet_scenario(kind)
     sampler = Sampler.of(s)
     runs = 400_000
-    white = np.random.default_rng(3).standard_normal((runs, sampler.radar_normals))
+    normals = np.random.default_rng(3).standard_normal((runs, sampler.radar_normals))
     assert sampler.radar_normals == 3 + len(TOLERANCES[kind])
-    radar, zero = sampler.draw_radar(white)
+    radar, zero = sampler.draw_radar(normals)
     drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances_at_level[0])
     assert not zero.any()
     # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
@@ -288,9 +288,9 @@ def test_draws_have_the_moments(kind):
 
 def test_a_power_below_zero_is_no_power():
     sampler = Sampler.of(sheet_scenario(tolerances={"average_power_kw": 6, "loss_db": 1}))
-    white = np.zeros((4, 5))
-    white[:, 3] = [-3, -1.7, -1.6, 0]  # 10 + 6 u kW
-    radar, zero = sampler.draw_radar(white)
+    normals = np.zeros((4, 5))
+    normals[:, 3] = [-3, -1.7, -1.6, 0]  # 10 + 6 u kW
+    radar, zero = sampler.draw_radar(normals)
     assert zero.tolist() == [True, True, False, False]
     np.testing.assert_allclose(radar[:, 3] / radar[3, 3], [0, 0, 0.04, 1], rtol=1e-12, atol=0)
 
@@ -304,9 +304,9 @@ def test_a_divisor_never_comes_near_zero():
 def test_radar_positions_stay_as_they_were_drawn():
     """Parts take the place of c_r's unit normal; the first three remain the position's."""
     sampler = Sampler.of(sheet_scenario())
-    white = np.random.default_rng(1).standard_normal((50, sampler.radar_normals))
-    radar, _ = sampler.draw_radar(white)
-    np.testing.assert_allclose(radar[:, :3], 100 * white[:, :3], rtol=1e-14)
+    normals = np.random.default_rng(1).standard_normal((50, sampler.radar_normals))
+    radar, _ = sampler.draw_radar(normals)
+    np.testing.assert_allclose(radar[:, :3], 100 * normals[:, :3], rtol=1e-14)
 
 
 @pytest.mark.parametrize("sampler", ["random", "sobol"])
@@ -340,7 +340,7 @@ def test_monte_carlo_draws_the_true_distribution(sampler):
     assert form.mean[0] == pytest.approx(mean, rel=1e-3)
 
 
-def test_first_order_does_not_know_of_logarithms():
+def test_only_form_depends_on_the_shape_of_the_constants_distribution():
     s = sheet_scenario()
     cov = s.cov_aircraft, s.cov_radar["sheet"]
     linear = s.model.linearize(s.aircraft, s.radar).std(*cov)

@@ -1,4 +1,4 @@
-"""The exact ellipsoid, and where the paper's formula leaves it."""
+"""The exact ellipsoid, and the error of the paper's formula."""
 
 import numpy as np
 import pytest
@@ -60,7 +60,7 @@ def test_against_fifty_digits():
 
 
 @pytest.mark.parametrize(("axis", "name"), [(0, "x"), (1, "y"), (2, "z")])
-def test_along_an_axis_it_is_the_curvature_there(axis, name):
+def test_along_an_axis_the_rcs_follows_the_curvature(axis, name):
     """At the end of a semi-axis s the principal radii are the squares of the others over s."""
     axes = {"x": C, "y": A, "z": B}
     others = [value for key, value in axes.items() if key != name]
@@ -71,13 +71,13 @@ def test_along_an_axis_it_is_the_curvature_there(axis, name):
         assert np.all(gradient == 0)
 
 
-def test_a_sphere_is_one():
+def test_equal_axes_are_a_sphere():
     sigma, gradient = rs.ExactEllipsoidRCS(0.3, 0.3, 0.3).linearize(np.array([1.0, 2.0, 3.0]))
     assert sigma == pytest.approx(np.pi * 0.09, rel=1e-15)
     assert np.all(gradient == 0)
 
 
-def test_the_papers_is_it_at_the_horizon_and_abeam():
+def test_the_papers_ellipsoid_is_exact_at_elevation_zero_and_abeam():
     azimuth = np.linspace(-180, 180, 73)
     for directed in (
         directions(azimuth, np.zeros(73)),
@@ -92,7 +92,7 @@ def test_the_papers_is_it_at_the_horizon_and_abeam():
     ("azimuth", "decibels", "elevation"),
     [(0, 0.1, 7.83), (0, 1.0, 24.83), (0, 3.0, 43.48), (45, 0.1, 9.63), (45, 1.0, 30.69)],
 )
-def test_where_the_papers_leaves_it(azimuth, decibels, elevation):
+def test_where_the_papers_ellipsoid_is_off(azimuth, decibels, elevation):
     """The elevations that the documentation names, rounded to 0.01 deg."""
     for sign in (1, -1):
         around = sign * (elevation + np.array([-0.01, 0.01]))
@@ -101,15 +101,15 @@ def test_where_the_papers_leaves_it(azimuth, decibels, elevation):
         assert ratio[0] < decibels < ratio[1]
 
 
-def test_the_papers_jumps_straight_below_and_this_does_not():
+def test_the_papers_ellipsoid_jumps_straight_below_and_the_exact_one_does_not():
     nearly = np.array([[1e-9, 0, 1], [0, 1e-9, 1]])
     off = 10 * np.log10(PAPER.cross_section(nearly))
     assert off[1] - off[0] == pytest.approx(40 * np.log10(C / B), abs=1e-9)  # 8.33 dB
     np.testing.assert_allclose(EXACT.cross_section(nearly), np.pi * (C * A / B) ** 2, rtol=1e-14)
 
 
-def test_where_that_matters_for_p_d():
-    """Level flight does not notice; a bank of 30 deg is 0.1 of P_D off."""
+def test_p_d_by_the_papers_ellipsoid_is_off_in_a_bank():
+    """P_D is off by less than 3e-5 in level flight, and by 0.1 at a bank of 30 deg."""
     exact = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
     worst = {}
     for roll in (0, 10, 30):
@@ -125,7 +125,7 @@ def test_where_that_matters_for_p_d():
     assert worst[30] == pytest.approx(0.100, abs=5e-4)
 
 
-def test_it_is_smooth_over_the_top():
+def test_the_exact_ellipsoid_is_smooth_straight_above():
     """Along a great circle through the zenith, value and gradient go on."""
     angle = np.deg2rad(90 + np.array([-1e-6, 0, 1e-6]))
     directed = np.stack([np.cos(angle), 0.3 * np.cos(angle), -np.sin(angle)], axis=-1)
@@ -140,7 +140,7 @@ def test_axes_are_positive(wrong):
         rs.ExactEllipsoidRCS(1, wrong, 1)
 
 
-def test_in_a_scenario():
+def test_the_exact_ellipsoid_in_a_scenario():
     entry = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
     s = scenario(aircraft__rcs=entry)
     assert s.model.rcs == EXACT

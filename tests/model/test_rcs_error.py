@@ -134,7 +134,7 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
     moments = propagate_scenario(s)
     assert moments.p_d[0] == pytest.approx(0.5, abs=1e-9)
     assert moments.std[0] == pytest.approx(sigma, abs=5e-5)
-    # P_D grows with the factor alone, so that bounds by form are P_D at 3 dB more or less
+    # only the factor is uncertain: bounds by form are P_D at ±3 dB
     ends = propagate_scenario(s, method="form")
     for value, decibels in ((ends.lower, -3.0), (ends.upper, 3.0)):
         at = model.p_d(aircraft, np.array([0, 0, 0, low * 10 ** (decibels / 10)]))
@@ -149,7 +149,7 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
-def test_of_one_radar_it_is_the_same_as_a_loss(method, limits):
+def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
     of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 1.5})))
     content = sheet_document(tolerances={"loss_db": 0})
@@ -172,7 +172,7 @@ def test_of_one_radar_it_is_the_same_as_a_loss(method, limits):
 
 
 def test_a_limit_matters_where_the_error_makes_the_radar_see():
-    """The limit is within reach of the pose, and P_D beside it from nothing to nearly 1."""
+    """The pose is near the limit, and P_D just within the limit is anything from 0 to 1."""
 
     def warns(s):
         moments = propagate_scenario(s, method="form")
@@ -194,7 +194,7 @@ def test_a_limit_matters_where_the_error_makes_the_radar_see():
     assert any(warned)
 
 
-def test_everything_is_read_and_read_back(tmp_path):
+def test_the_rcs_error_is_read_and_read_back(tmp_path):
     plain = {"position_m": 10, "attitude_deg": 1}
     given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})
     assert (given.rcs_db, given.rcs_std) == (1.5, 1.5)
@@ -255,20 +255,20 @@ def test_a_table_has_a_standard_deviation_by_aspect(tmp_path):
 
 def test_refusals_name_the_key_or_the_line(tool):
     aircraft = {"position_m": 10, "attitude_deg": 1}
-    for wrong, said in ((-1, "not less than 0"), (21, "not greater than 20"), ("x", "a number")):
+    for wrong, message in ((-1, "not less than 0"), (21, "not greater than 20"), ("x", "a number")):
         text = yaml_text(document(uncertainty__aircraft={**aircraft, "rcs_db": wrong}))
         _, path, complaint = place(refusal(tool, text))
         assert path == "uncertainty.aircraft.rcs_db"
-        assert said in complaint
+        assert message in complaint
     given = {"model": "table", "file": "rcs.csv", "mirror": True}
-    for std, changes, said in (
+    for std, changes, message in (
         (smooth_std, {**aircraft, "rcs_db": 1}, "rcs_db: must be left out, or the column std_db"),
         (lambda a, e: 0, aircraft, "rcs.csv:2: std_db: must be"),
         (lambda a, e: 1 + a / 180, aircraft, "got 1.5 and 1 dB"),
     ):
         write(table_text(std), "rcs.csv")
         text = yaml_text(document(aircraft__rcs=given, uncertainty__aircraft=changes))
-        assert said in refusal(tool, text)
+        assert message in refusal(tool, text)
 
 
 def test_the_classes_refuse_what_the_reader_refuses():

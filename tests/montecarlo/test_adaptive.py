@@ -126,7 +126,7 @@ def assert_same(one, other, poses=slice(None)):
         (0.0304, 2, 0.0005),
         (0.0304, 4, 0.000005),
         (0.1, 2, 0.005),
-        (0.0999, 2, 0.005),  # rounded it is 0.10: 10 · 10^-2
+        (0.0999, 2, 0.005),  # rounded to 0.10: 10 · 10^-2
         (0.0994, 2, 0.0005),  # 99 · 10^-3
         (0.96, 1, 0.5),
         (0.94, 1, 0.05),
@@ -140,7 +140,7 @@ def test_tolerance_is_half_a_unit_of_the_last_digit(std, digits, delta):
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3, 4])
-def test_tolerance_makes_the_deviation_a_number_of_so_many_digits(digits):
+def test_tolerance_leaves_the_deviation_the_given_digits(digits):
     for std in 10 ** np.random.default_rng(1).uniform(-12, 2, 500):
         unit = 2 * Decimal(str(numerical_tolerance(std, digits)))
         assert unit == Decimal(10) ** unit.adjusted()
@@ -343,7 +343,7 @@ def test_a_pose_does_not_depend_on_the_others():
     assert len(set(together.runs)) > 1
     fewer = s.at_poses(slice(3))
     assert_same(together, validate(fewer, digits=1, fraction=0.6), slice(0, 3))
-    # nor on when it stops: what more digits draw begins with what fewer have drawn
+    # more digits draw the same first batches
     longer = validate(fewer, digits=1, fraction=0.3)
     shorter = validate(fewer, digits=4, max_runs=2 * M)
     assert np.all(longer.runs >= shorter.runs)
@@ -395,7 +395,9 @@ def test_without_uncertainty_the_nominal_value_is_validated(method):
     assert v.verdict == "validated"
     np.testing.assert_array_equal(v.runs, 2 * M)
     np.testing.assert_array_equal(v.coverage, 1.0)
-    np.testing.assert_allclose(v.delta, 1e-13 * v.mc_mean, rtol=1e-9)  # that of the arithmetic
+    np.testing.assert_allclose(
+        v.delta, 1e-13 * v.mc_mean, rtol=1e-9
+    )  # the rounding of the arithmetic
     assert np.all(v.mc_std < 1e-15)
 
 
@@ -428,7 +430,7 @@ def test_a_method_without_a_result_is_refuted(monkeypatch):
 
 
 @pytest.mark.parametrize(("beta", "exaggerate"), [(3.0, 1.0), (2.0, 1.0), (2.0, 0.9)])
-def test_coverage_is_the_one_it_should_be(beta, exaggerate):
+def test_coverage_is_that_of_the_normal_distribution(beta, exaggerate):
     v = validate(gaussian(exaggerate=exaggerate, poses=10), digits=1, beta=beta)
     expected = 1 - 2 * ndtr(-beta * exaggerate)
     np.testing.assert_array_equal(v.coverage, v.inside / v.runs)
@@ -504,7 +506,7 @@ def test_whole_numbers_may_be_written_with_a_point():
         ({"method": "liner"}, "did you mean 'linear'"),
     ],
 )
-def test_what_is_not_allowed_is_told_in_one_line(wrong, says):
+def test_refusals_are_one_line(wrong, says):
     with pytest.raises(ScenarioError, match=says) as error:
         validate(gaussian(), **wrong)
     assert "\n" not in str(error.value)

@@ -8,7 +8,7 @@ from pathlib import Path
 import chain_rule
 import numpy as np
 import pytest
-from helpers import OVERHEAD, lay_out, legend_off_data, scenario, single
+from helpers import OVERHEAD, dashes, lay_out, legend_off_data, scenario, single
 
 from radar_sense.analyses.convergence import (
     ESTIMATORS,
@@ -34,7 +34,7 @@ from radar_sense.propagation import propagate_scenario
 from radar_sense.reading.parse import load_scenario
 
 THREE = {"start": 15, "stop": 85, "step": 35}
-#: So uncertain a radar constant that it is often cut off at 0.
+#: An uncertain radar constant that is often cut off at 0.
 CUT = {"only": {"position_m": 100, "constant": 100}}
 #: Straight below the aircraft, a radar that is so weak, 13 km away, that P_D is 0.6.
 WEAK = {
@@ -109,7 +109,7 @@ def test_the_linear_model_is_normal_where_the_radar_constant_is_cut():
     error = 1 / np.sqrt(20_000)
     assert np.max(abs(unit.mean(axis=0))) < 4 * error
     assert np.max(abs(unit.std(axis=0) - 1)) < 4 * error / np.sqrt(2)
-    # the skewness of what is not cut
+    # without the cut the skewness is 0
     assert np.max(abs(np.mean(unit**3, axis=0))) < 4 * np.sqrt(15) * error
 
 
@@ -120,7 +120,7 @@ def test_the_draws_are_those_of_monte_carlo_whatever_the_runs():
         many, deviation = draw(sampler, linear, kind, 5, 5000)
         few, _ = draw(sampler, None, kind, 5, 4500)
         np.testing.assert_array_equal(many[:4500], few)
-        # On the same draws: what is left of P_D is small, and of second order.
+        # On the same draws the residual of P_D is of second order, and small.
         rest = many - sampler.model.p_d(s.aircraft, s.radar) - deviation
         assert np.all(rest.std(axis=0) < 0.2 * many.std(axis=0))
 
@@ -191,7 +191,7 @@ def test_the_controlled_mean_and_variance_are_unbiased(kind, runs, times, level)
     assert np.all(error < np.array([[0.01], [0.04]]) * [true[1], true[1] ** 2] / 4.5)
 
 
-def test_the_control_takes_off_the_error_what_is_correlated():
+def test_the_control_variate_removes_the_correlated_error():
     """The control reduces the error of the mean by std(P − L)/std(P).
 
     The factor is √(1 − ρ²) if the slope of P on L is 1.
@@ -255,7 +255,7 @@ def test_sobol_points_and_control_are_better(measured):
         assert plainly > both * last["sobol_control", statistic]
 
 
-def test_the_reference_is_much_better_than_what_it_judges(measured):
+def test_the_reference_is_four_times_better_than_every_estimate(measured):
     for statistic in STATISTICS:
         least = min(measured.error(e, statistic)[-1] for e in ESTIMATORS)
         assert measured.reference_rms(statistic) < least / 4
@@ -374,7 +374,7 @@ def test_runs_beyond_the_limit(runs):
 
 
 @pytest.mark.usefixtures("_small_blocks")
-def test_no_gradient_no_control():
+def test_without_a_gradient_the_control_columns_are_nan():
     result = convergence(scenario(**WEAK), runs=64)
     for name, column in result.table.items():
         assert np.isnan(column).all() == name.endswith("control")
@@ -385,7 +385,7 @@ def test_no_gradient_no_control():
 
 
 @pytest.mark.usefixtures("_small_blocks")
-def test_no_uncertainty_no_error():
+def test_without_uncertainty_all_errors_are_nan():
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     (warning,) = result.warnings
@@ -393,7 +393,7 @@ def test_no_uncertainty_no_error():
 
 
 @pytest.mark.usefixtures("_small_blocks")
-def test_poses_without_are_left_out():
+def test_poses_without_a_gradient_are_left_out():
     """The radar is straight below one of three poses; the gradient is undefined there."""
     sweep = {"start": -1e-3, "stop": 1e-3, "step": 1e-3}
     result = convergence(scenario(**WEAK | {"geometry__azimuth_deg": sweep}), runs=64)
@@ -432,13 +432,13 @@ def test_layout(changes, runs):
         assert axes.get_yscale() == ("linear" if changes is NOTHING else "log")
         lines = axes.lines[: len(ESTIMATORS)]
         assert len({line.get_marker() for line in lines}) == len(ESTIMATORS)  # tells them in grey
-        assert len({str(line._unscaled_dash_pattern) for line in lines}) == len(ESTIMATORS)
+        assert len({dashes(line) for line in lines}) == len(ESTIMATORS)
         for text in axes.texts:
             assert axes.get_window_extent().contains(*text.get_window_extent().min)
             assert axes.get_window_extent().contains(*text.get_window_extent().max)
 
 
-def test_the_slopes_are_what_they_say(small):
+def test_the_guide_lines_have_their_slopes(small):
     figure = small.plot()
     for axes, powers in zip(figure.axes, ([-0.5, -1], [-0.5, -1], [-0.5]), strict=True):
         guides = axes.lines[len(ESTIMATORS) :]

@@ -350,7 +350,7 @@ def test_more_than_fits_into_memory_is_refused_before_anything_is_computed(monke
         monte_carlo(load_scenario(), runs=10**9)
 
 
-def test_what_runs_out_is_one_line_with_what_to_reduce(monkeypatch):
+def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):
     s = scenario(geometry__azimuth_deg=FEW)
 
     def no_memory(*_):

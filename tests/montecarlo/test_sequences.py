@@ -177,8 +177,8 @@ def test_random_normals_are_normal_far_into_the_tails_and_independent_in_pairs()
         expected = 2 * len(normals) * ndtr(-4.0)  # 33
         assert abs(np.sum(abs(normals[:, i]) > 4) - expected) < 4 * np.sqrt(expected)
     # of two normals that are merely uncorrelated, the squares need not be
-    for white in (normals, normals**2, abs(normals) > 2):
-        correlation = np.corrcoef(white, rowvar=False) - np.eye(6)
+    for values in (normals, normals**2, abs(normals) > 2):
+        correlation = np.corrcoef(values, rowvar=False) - np.eye(6)
         assert np.max(abs(correlation)) < 5 / np.sqrt(len(normals))
 
 
@@ -189,7 +189,7 @@ def test_the_ends_of_the_uniform_interval_are_finite_random_normals():
             out[...] = np.array(np.meshgrid(ends, ends))
 
     pair = np.empty((2, 6, 6))
-    sampling._fill_with_normals(Ends(), pair)
+    sampling.fill_with_normals(Ends(), pair)
     assert np.all(np.isfinite(pair))
     radius = np.sqrt(-2 * np.log1p(-np.array([0.0, 2.0**-53, 0.25, 0.5, 0.75, 1.0 - 2.0**-53])))
     np.testing.assert_allclose(np.hypot(*pair), np.tile(radius, (6, 1)), rtol=1e-15, atol=1e-300)

@@ -48,7 +48,7 @@ def test_indices_known_in_closed_form(samples):
     np.testing.assert_allclose(found.variance, [17.25, 1, 0, 2], rtol=10 / np.sqrt(samples))
 
 
-def test_standard_errors_of_indices_are_what_they_say():
+def test_standard_errors_of_indices_are_the_spread_over_seeds():
     indices = [
         sobol_indices(several_outputs, GROUPS, outputs=4, samples=256, seed=seed)
         for seed in range(100)

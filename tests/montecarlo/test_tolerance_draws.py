@@ -11,6 +11,7 @@ from helpers import (
     MIXED_P_FA,
     MIXED_POSITIONS,
     MIXED_RANGE,
+    mission,
     mixed_document,
     mixed_network,
     mixed_radars,
@@ -19,7 +20,6 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 
-import radar_sense as rs
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler, columns, normals
@@ -27,13 +27,6 @@ from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.reading.parse import parse_scenario
-
-
-def mission(scenario, *, m_of_n=None, **options):
-    """Call the analysis with m and n as a pair."""
-    m, n = m_of_n or (None, None)
-    return rs.analyses.mission(scenario, m=m, n=n, **options)
-
 
 # Draws.
 
@@ -83,7 +76,7 @@ def test_a_network_drawn_by_hand(azimuth):
     assert_allclose([form.lower[0], form.upper[0]], ends, atol=near)
     assert form.std[0] == pytest.approx(drawn.std(), rel=0.03)
     assert form.mean[0] == pytest.approx(drawn.mean(), abs=0.025 * drawn.std() + 4.5 * noise)
-    # what it would be with Gaussian constants is not the same
+    # the band for Gaussian constants is another one
     linear = propagate_scenario(s)
     assert max(abs(linear.lower[0] - ends[0]), abs(linear.upper[0] - ends[1])) > 2 * near
 
@@ -155,7 +148,7 @@ def test_a_part_moves_its_constant_and_nothing_else():
 
 
 @pytest.mark.parametrize("several", [1, 3])
-def test_indices_of_parts_do_not_have_the_place(several):
+def test_indices_of_parts_do_not_contain_the_position(several):
     """The positions have all of the variance, and the constants are nearly certain."""
     known = {"loss_db": 1e-6}
     far = [[1e6, 9e5, 0], [9e5, 1e6, 0], [0, 0, 25]]
@@ -169,11 +162,11 @@ def test_a_power_below_zero_is_counted_once_a_run():
     s = mixed_network(
         mixed_radars({"average_power_kw": 0.7}, {"peak_power_kw": 400, "gain_dbi": 2})
     )
-    white = np.zeros((5, 13))
-    white[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
-    white[[0, 2], 3] = -3.5
-    white[[0, 1], 7] = -5.5
-    radar, negative = Sampler.of(s).draw_radar(white)
+    errors = np.zeros((5, 13))
+    errors[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
+    errors[[0, 2], 3] = -3.5
+    errors[[0, 1], 7] = -5.5
+    radar, negative = Sampler.of(s).draw_radar(errors)
     assert_array_equal(negative, [True, True, True, False, False])
     assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
     assert_array_equal(radar[:, 7] == 0, [True, True, False, False, False])

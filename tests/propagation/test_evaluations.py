@@ -14,9 +14,12 @@ from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.propagation import (
     METHODS,
+    exceedance_probability,
     nonlinear_in_scenario,
     propagate_scenario,
+    std_function,
     upper_bound,
+    upper_bound_in_scenario,
 )
 from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
 from radar_sense.reading.parse import load_scenario
@@ -68,6 +71,19 @@ def count(monkeypatch):
     return run
 
 
+@pytest.fixture
+def half_blind():
+    """Six radars, of which one sees all poses, two see some and three see none."""
+    s = problem(6)
+    away = np.hypot(*(s.aircraft[:, i, None] - s.radar[i::4] for i in (0, 1)))
+    limits = [math.inf, *np.median(away, axis=0)[1:3], *[1.0] * 3]
+    radars = zip(s.model.radars, limits, strict=True)
+    return dataclasses.replace(
+        s,
+        model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars)),
+    )
+
+
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
 #: Gradients of each radar in a check: one along each of its axes, and one.
@@ -80,7 +96,7 @@ METHOD_COUNTS = {"linear": (1, 0), "probit": (1, 1), "form": (19, 1)}
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_method(method, radars, count):
+def test_evaluations_of_a_method(method, radars, count):
     gradients, values = count(lambda s: propagate_scenario(s, method=method), problem(radars))
     more = EXPANSION if method == "form" else 0
     assert more + 1 <= gradients <= more + METHOD_COUNTS[method][0]
@@ -90,7 +106,7 @@ def test_a_method(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_one_bound(method, radars, count):
+def test_evaluations_of_one_bound(method, radars, count):
     def bound(s):
         cov = s.cov_aircraft, s.cov_radar[s.level]
         return upper_bound(s.model, s.aircraft, s.radar, *cov, method=method)
@@ -102,8 +118,8 @@ def test_one_bound(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_check(method, radars, count):
-    """No draws are needed on the paper's scenario, and FORM has checked it already."""
+def test_evaluations_of_a_check(method, radars, count):
+    """No draws are needed on the paper's scenario. FORM is checked while it is computed."""
     s = problem(radars)
     found = propagate_scenario(s, method=method)
     gradients, values = count(lambda s: nonlinear_in_scenario(s, found, method=method), s)
@@ -112,7 +128,7 @@ def test_a_check(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_budget(method, radars, count):
+def test_evaluations_of_a_budget(method, radars, count):
     """First order takes one gradient beside the total's; FORM takes one expansion beside it."""
     s = problem(radars)
     gradients, _ = count(lambda s: error_budget(s, method), s)
@@ -121,6 +137,38 @@ def test_a_budget(method, radars, count):
         assert gradients <= 2 * EXPANSION + 19 * (1 + sources)
     else:
         assert gradients == 2
+
+
+def test_radars_that_do_not_see_a_pose_cost_form_nothing(half_blind, count):
+    s = half_blind
+    share = s.model.visible(s.aircraft, s.radar).mean()
+    assert 1 / 6 < share < 1 / 2
+    gradients, _ = count(lambda s: propagate_scenario(s, method="form"), s)
+    assert EXPANSION < gradients / share <= EXPANSION + METHOD_COUNTS["form"][0]
+
+
+def test_form_of_the_radars_that_see_a_pose(half_blind):
+    """The moments are those of a network of these radars alone, each pose with its own."""
+    s = half_blind
+    moments, upper = propagate_scenario(s, method="form"), upper_bound_in_scenario(s, method="form")
+    above = exceedance_probability(s, 0.3, method="form")
+    std = std_function(s, method="form")(s.cov_aircraft, 2.0 * s.cov_shared)
+    for i, seen in enumerate(s.model.visible(s.aircraft, s.radar)):
+        places = np.flatnonzero(np.repeat(seen, 4))
+        alone = dataclasses.replace(
+            s.at_poses(np.array([i])),
+            model=NetworkModel(tuple(np.array(s.model.radars, dtype=object)[seen])),
+            radar=s.radar[places],
+            cov_radar={s.level: s.cov_radar[s.level][np.ix_(places, places)]},
+        )
+        expected = propagate_scenario(alone, method="form")
+        for name in ("p_d", "mean", "std", "lower", "upper"):
+            assert getattr(moments, name)[i] == pytest.approx(getattr(expected, name)[0], rel=1e-9)
+        assert upper[i] == pytest.approx(expected.upper[0], rel=1e-6)
+        assert above[i] == pytest.approx(exceedance_probability(alone, 0.3, method="form")[0])
+        double = std_function(alone, method="form")(alone.cov_aircraft, 2.0 * alone.cov_shared)
+        assert std[i] == pytest.approx(double[0], rel=1e-9)
+        assert std[i] > moments.std[i]
 
 
 def once_checked(method):
@@ -135,7 +183,7 @@ def once_checked(method):
 @pytest.mark.parametrize(
     "name", ["variance", "budget", "sensitivity", "montecarlo", "coverage_map"]
 )
-def test_an_analysis(name, method, radars, count):
+def test_evaluations_of_an_analysis(name, method, radars, count):
     """The radars of a network by themselves cost one propagation more, of one radar each."""
     s = problem(radars).with_analysis(runs=10)
     total, levels = once_checked(method), len(s.cov_radar)
@@ -163,7 +211,7 @@ def test_an_analysis(name, method, radars, count):
 
 
 @pytest.mark.parametrize("radars", RADARS)
-def test_an_analysis_without_a_method(radars, count):
+def test_evaluations_of_an_analysis_without_a_method(radars, count):
     """Comparing takes each method once, and each check once."""
     s = problem(radars).with_analysis(runs=10)
     gradients, values = count(analyses.compare, s)
@@ -176,7 +224,7 @@ def test_an_analysis_without_a_method(radars, count):
 
 @pytest.mark.parametrize("method", ["linear", "probit"])
 @pytest.mark.parametrize("name", ["mission", "corridor"])  # of one radar and of six
-def test_a_mission(name, method, count):
+def test_evaluations_of_a_mission(name, method, count):
     """A look takes three gradients at most, and a radar and pose take one."""
     s = load_scenario(f"configs/{name}.yaml")
     radars, poses = len(s.model.radars), len(s.aircraft)
@@ -193,7 +241,7 @@ RANGE_COUNTS = {"linear": 12, "probit": 260, "form": 900}
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_ranges(method, radars, count):
+def test_evaluations_of_ranges(method, radars, count):
     """Each ray is sampled once with values of P_D. The gradients are at the ends of the band."""
     s = problem(radars)
     bearings = 6
@@ -207,7 +255,7 @@ def test_ranges(method, radars, count):
 
 @pytest.mark.parametrize("radars", RADARS)
 @pytest.mark.parametrize("method", METHODS)
-def test_a_report(method, radars, count, monkeypatch):
+def test_evaluations_of_a_report(method, radars, count, monkeypatch):
     """A report costs its analyses: variance, budget, two comparisons, a halved budget, a map."""
     monkeypatch.setattr(evidence, "DRAWS", 100)
     s = problem(radars)
@@ -226,7 +274,10 @@ def test_a_report(method, radars, count, monkeypatch):
 @pytest.mark.parametrize("sides", [1, 2])
 @pytest.mark.parametrize("size", [12, 13, 16])  # without and with errors of RCS and attenuations
 def test_derivatives_of_a_network_as_from_evaluations_of_all_radars(size, sides, monkeypatch):
-    """A radar is evaluated only where its state, or the aircraft, is not the nominal one."""
+    """Radars are evaluated only where their states, or the aircraft's, differ from nominal.
+
+    The derivatives are the same as if every radar was evaluated at every point.
+    """
     rng = np.random.default_rng(size)
     rcs = EllipsoidRCS(0.15, 0.13, 0.21)
     radars = [Radar(DetectionModel(rcs, 1e-4, attenuation=1e-5), name=n) for n in "abc"]
@@ -240,7 +291,8 @@ def test_derivatives_of_a_network_as_from_evaluations_of_all_radars(size, sides,
     model = NetworkModel(tuple(radars))
     _, uncertain = uncertain_states(model, aircraft, states, cov_aircraft, cov)
     few = RelativeProbit(uncertain).derivatives(sides=sides)
-    monkeypatch.setattr(RelativeProbit, "_moved", lambda self, along: None)
+    evaluate = RelativeProbit.__call__
+    monkeypatch.setattr(RelativeProbit, "__call__", lambda self, error, **_: evaluate(self, error))
     every = RelativeProbit(uncertain).derivatives(sides=sides)
     for one, other in zip(few, every, strict=True):
         assert np.any(other != 0)

@@ -1,4 +1,4 @@
-"""Propagation through networks: what radars share, and constants drawn below zero."""
+"""Propagation through networks: shared errors, and constants drawn below zero."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import (
     propagate_scenario,
 )
-from radar_sense.propagation.checks import _trace_of_cube
+from radar_sense.propagation.checks import trace_of_cube
 from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
 from radar_sense.reading.parse import load_scenario
 from radar_sense.scenario import single_radar_scenarios
@@ -55,7 +55,7 @@ def test_two_radars_at_one_place_with_independent_constants_against_quadrature(s
     x, w = np.polynomial.hermite_e.hermegauss(80)
     w = w / w.sum()
     miss = 1 - north(80 + std * x[:, np.newaxis], ratio)
-    # the constants are independent, so that E (Q₁Q₂)ⁿ = (E Qⁿ)²
+    # the constants are independent: E (Q₁Q₂)ⁿ = (E Qⁿ)²
     first, second = w @ miss, w @ miss**2
     mean, variance = 1 - first**2, second**2 - first**4
     step = 1e-3
@@ -81,12 +81,12 @@ def _body(aircraft):
     return np.stack([-east, north_, -down], axis=-1)
 
 
-# What all radars share.
+# Errors that all radars share.
 
 
 @pytest.mark.parametrize(("attitude_deg", "factor"), [(1.0, 1.7), (3.0, 2.66)])
 def test_independence_understates_the_variance(attitude_deg, factor):
-    """Three radars near each other, 3 % uncertain: every one sees the same wrong aspect."""
+    """Three radars near each other, 3 % uncertain, have the same error of the aspect."""
     scenario = paper_network(
         [(0, 0, 0), (1e4, -1e4, 0), (-1e4, 1e4, 0)],
         [70, 70, 70],
@@ -113,8 +113,8 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     radar, _ = sampler.draw_radar(rng.standard_normal((scenario.runs, 12)))
     miss = 1.0
     for i, s in enumerate(single_radar_scenarios(scenario).values()):
-        white = rng.standard_normal((scenario.runs, 1, 6))
-        drawn = Sampler.of(s).draw_p_d(white, radar[:, 4 * i : 4 * i + 4])[:, 0]
+        normals = rng.standard_normal((scenario.runs, 1, 6))
+        drawn = Sampler.of(s).draw_p_d(normals, radar[:, 4 * i : 4 * i + 4])[:, 0]
         miss = miss * (1 - drawn)
     assert_allclose(joint / apart, factor, rtol=0.02)
     assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
@@ -158,16 +158,16 @@ def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
     cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
     sampler = Sampler.of(dataclasses.replace(scenario, cov_radar={"medium": cov}))
-    white = np.zeros((3, 8))
-    white[:, 7] = 0, -0.25, -1
-    white[2, 3] = -200
-    radar, negative = sampler.draw_radar(white)
+    normals = np.zeros((3, 8))
+    normals[:, 7] = 0, -0.25, -1
+    normals[2, 3] = -200
+    radar, negative = sampler.draw_radar(normals)
     assert_array_equal(negative, [False, False, True])
     assert_array_equal(radar[:, 7], [1, 0.5, 0])
     assert_array_equal(radar[:, 3], [100, 100, 0])
 
 
-def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
+def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
     models = [DetectionModel(RCS, p_fa) for p_fa in (1e-2, 1e-4, 1e-3)]
     net = NetworkModel(tuple(Radar(model, f"r{i}") for i, model in enumerate(models)))
     radar = np.tile([0.0, 0, 0, 0, 0, 0, 0, 70, 0, 0, 0, 20], (7, 1))
@@ -176,7 +176,7 @@ def test_below_zero_fused_p_d_goes_on_within_what_noise_can_add():
     seen = np.ones((len(radar), 3), dtype=bool)
     z, by_aircraft, by_radar = net.extrapolated_probit(aircraft, radar, seen)
     exact = net.p_d(aircraft, np.maximum(radar, 0))
-    # as it is down to zero, smooth there, and falling by less than the first radar's noise alone
+    # exact down to a constant of zero; below, z falls, and by less than the first radar's noise
     noise = models[0].p_d(aircraft[0], np.zeros(4))
     assert_allclose(ndtr(z[:3]), exact[:3], rtol=1e-13)
     assert np.all(np.diff(z) <= 0)
@@ -200,7 +200,7 @@ def test_draws_and_bounds_where_a_constant_may_be_zero():
     )
     mc = monte_carlo(scenario, sampler="sobol")
     assert 0.006 * mc.runs < mc.clipped < 0.01 * mc.runs  # Φ(−2.4)
-    # no draw is below the first radar by itself by more than its own noise makes it
+    # the lower bound is above 5 sigma below P_D of the first radar alone
     first = propagate_scenario(single_radar_scenarios(scenario)["r0"])
     assert np.all(mc.lower > first.p_d - 5 * first.std)
     assert np.all(mc.lower < propagate_scenario(scenario).p_d)
@@ -245,4 +245,4 @@ def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
 def test_the_trace_of_the_cube_of_a_matrix(n):
     matrices = np.random.default_rng(n).normal(size=(n, n, 4))
     cubes = [np.linalg.matrix_power(matrices[..., i], 3) for i in range(4)]
-    assert_allclose(_trace_of_cube(matrices), np.trace(cubes, axis1=1, axis2=2), rtol=1e-9)
+    assert_allclose(trace_of_cube(matrices), np.trace(cubes, axis1=1, axis2=2), rtol=1e-9)

@@ -61,8 +61,8 @@ def alone_pair():
     return mixed_network(mixed_radars()[1:])
 
 
-def test_form_settles_where_one_radar_fades_and_the_others_do_not():
-    """With a certain pose, and one uncertain c_r, quantiles are known: P_D grows with it."""
+def test_form_converges_where_one_radar_fades_and_the_others_do_not():
+    """Only one c_r is uncertain. P_D grows with c_r, so its quantiles are known."""
     s = mixed_network()
     cov = np.zeros((12, 12))
     cov[3, 3] = s.cov_radar["sheet"][3, 3]
@@ -88,7 +88,7 @@ def test_form_settles_where_one_radar_fades_and_the_others_do_not():
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_tolerances_beyond_all_reason_overflow_nothing(method):
+def test_huge_tolerances_overflow_nothing(method):
     s = mixed_network(mixed_radars({"loss_db": 20}, {"gain_dbi": 20}))
     assert nonlinear_in_scenario(s, propagate_scenario(s, method=method), method=method).all()
     three_sigma = value_function(mixed_network(), method)(["a_constant_loss_db"], 1e6)
@@ -127,7 +127,7 @@ def test_each_radar_by_itself_has_its_parts():
 
 @pytest.mark.parametrize("sampler", ["random", "sobol"])
 def test_a_network_of_one_is_the_single_radar_bit_for_bit(sampler):
-    """What the command writes is compared in `test_radars`; this is what is beside it."""
+    """`test_network_commands` compares the files of the commands."""
     (of_a, *_) = mixed_radars()
     one = mixed_network([of_a])
     content = mixed_document()
@@ -170,10 +170,10 @@ def test_the_control_variate_knows_the_parts_of_every_radar():
         assert_allclose(linear.by_radar[:, i], (ahead - behind) / (2 * step), atol=1e-8)
 
 
-def test_doubts_say_of_whom():
+def test_distribution_warnings_name_the_radar():
     s = mixed_network()
-    said = [w for w in analyses.variance(s).warnings if "c_r is not" in w]
-    assert said == [
+    warnings = [w for w in analyses.variance(s).warnings if "c_r is not" in w]
+    assert warnings == [
         f"{name}: {shape_warning(s.tolerances_at_level[i], 'linear', log_normal=False)}"
         for i, name in enumerate("ab")
     ]

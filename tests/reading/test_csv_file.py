@@ -1,4 +1,4 @@
-"""What holds for every CSV file: read once, refused in one line, nothing shown that is secret."""
+"""All CSV files: read once, refused in one line, and confidential text is not repeated."""
 
 import hashlib
 import os
@@ -15,6 +15,7 @@ import radar_sense as rs
 from radar_sense.errors import InputError
 from radar_sense.reading import csv_reader
 from radar_sense.reading.route_file import load_route
+from radar_sense.reading.text_file import TextFile
 
 ROUTE = "time_s,north_m,east_m,down_m\n" + "".join(f"{i},{100 * i},0,-1000\n" for i in range(9))
 TABLE = "azimuth_deg,rcs_m2\n" + "".join(f"{a},0.5\n" for a in range(-180, 180, 30))
@@ -86,7 +87,7 @@ def test_a_spreadsheet_writes_the_same_numbers(kind, spreadsheet, piece, monkeyp
     Path("a.csv").write_text(text)
     expected = load("a.csv")
     Path("a.csv").write_text(SPREADSHEETS[spreadsheet](text), encoding="utf-8", newline="")
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", piece)
+    monkeypatch.setattr(csv_reader, "READ_BYTES", piece)
     same(load("a.csv"), expected)
 
 
@@ -117,14 +118,14 @@ NO_GUESS = {
 @pytest.mark.parametrize("text", NO_GUESS)
 def test_a_comma_is_never_guessed(text, piece, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", piece)
+    monkeypatch.setattr(csv_reader, "READ_BYTES", piece)
     Path("a.csv").write_text(text)
     with pytest.raises(InputError) as refused:
         rs.load_rcs_table("a.csv")
     assert str(refused.value).startswith(f"a.csv:{NO_GUESS[text].replace('LIMIT', LIMIT)}")
 
 
-def test_another_file_is_not_shown(kind):
+def test_the_text_of_a_confidential_file_is_not_shown(kind):
     load, text = kind
     for secret in ("root:$6$abcdef:19000:0\n", "-----BEGIN KEY-----\nx\n", "hunter2, swordfish\n"):
         Path("secret").write_text(secret)
@@ -167,8 +168,8 @@ def digest_of(scenario):
     return (block if "sha256" in block else resolved["geometry"])["sha256"]
 
 
-def test_the_digest_is_that_of_the_bytes_that_were_used(kind, monkeypatch):
-    """The file is replaced while it is read, at every moment that there is."""
+def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
+    """The file is replaced before each of the first five reads."""
     load, text = kind
     config, file = scenario_with(load)
     other = text.replace("-180,0.5", "-180,0.25").replace("0,-1000", "5,-1000")
@@ -179,20 +180,20 @@ def test_the_digest_is_that_of_the_bytes_that_were_used(kind, monkeypatch):
         scenario = rs.load_scenario(config)
         numbers[hashlib.sha256(content.encode()).hexdigest()] = scenario
         assert digest_of(scenario) in numbers
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", 16)
-    original = csv_reader._numbers
+    monkeypatch.setattr(csv_reader, "READ_BYTES", 16)
+    read = TextFile.read
     for moment in range(5):
         file.write_text(text)
         calls = []
 
-        def replaced(block, layout, calls=calls, moment=moment):
-            calls.append(block)
+        def replaced(self, size, calls=calls, moment=moment):
+            calls.append(size)
             if len(calls) == moment + 1:
                 Path("new.csv").write_text(other)
                 shutil.move("new.csv", file)  # a new file under the old name
-            return original(block, layout)
+            return read(self, size)
 
-        monkeypatch.setattr(csv_reader, "_numbers", replaced)
+        monkeypatch.setattr(TextFile, "read", replaced)
         scenario = rs.load_scenario(config)
         assert file.read_text() == other
         expected = numbers[digest_of(scenario)]
@@ -202,7 +203,7 @@ def test_the_digest_is_that_of_the_bytes_that_were_used(kind, monkeypatch):
         assert found == wanted
 
 
-def test_another_file_than_the_recorded_one_is_said_first(kind):
+def test_another_file_than_the_recorded_one_is_the_first_error(kind):
     load, text = kind
     config, file = scenario_with(load)
     record = rs.load_scenario(config).resolved()

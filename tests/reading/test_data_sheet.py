@@ -1,4 +1,4 @@
-"""Radars by their data sheets: what a scenario may say of them, and what it may not."""
+"""Radars by their data sheets: allowed and refused keys of a scenario."""
 
 import re
 from pathlib import Path
@@ -23,7 +23,7 @@ from radar_sense.model.radar_constant import (
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.reading.parse import load_scenario, parse_scenario
 
-# What a scenario may say.
+# Allowed keys.
 
 
 @pytest.mark.parametrize("kind", TOLERANCES)
@@ -198,7 +198,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("case", BAD)
-def test_what_is_refused(tool, case):
+def test_refusals(tool, case):
     bad, says = BAD[case]
     Path("my.yaml").write_text(yaml_text(bad))
     code, out, err = tool("budget", "my.yaml", "--out", "out")

@@ -61,7 +61,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("given", "says"), BAD)
-def test_what_is_refused(tool, given, says):
+def test_refusals(tool, given, says):
     name = write(yaml_text(document(radar__detector=given)))
     code, out, err = tool("check", name)
     assert_refused(code, out, err)
@@ -120,7 +120,7 @@ def test_engagement_zone():
 
 
 def test_airport_surveillance():
-    """Its tolerances count 1.5 times as much as with one pulse that has the gain in c_r."""
+    """σ is 1.5 times the σ of one pulse with the gain of integration in c_r."""
     s = rs.load_scenario("configs/airport_surveillance.yaml")
     model = single(s)
     assert model.detector == rs.Swerling3(pulses=18, cfar=rs.CellAveraging(16))

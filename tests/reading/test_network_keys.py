@@ -1,6 +1,6 @@
 """`radars:` in a scenario: several radars in place of one, as the command line takes them.
 
-A refusal is one line that names file, line, key path and what is allowed, as in `test_input`.
+A refusal is one line that names file, line, key path and the allowed values, as in `test_yaml`.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def refused(tool, *radars: object, **changes: object) -> tuple[str, str, str]:
-    """Refuse a scenario; give the key path, the complaint, and the text of the line it names."""
+    """Insist on a refusal; return the key path, the message, and the text of the named line."""
     text = yaml_text(network_document(*radars, **changes))
     line, path, complaint = place(refusal(tool, text))
     return path, complaint, text.splitlines()[line - 1].strip()
 
 
-# What is read.
+# Allowed keys.
 
 
-def test_everything_that_can_be_said_of_a_radar_is_read():
+def test_every_key_of_a_radar_is_read():
     s = parsed_network(
         radar_entry("east", horizon=True, max_range_km=450.5, scan_period_s=10),
         radar_entry(
@@ -92,12 +92,12 @@ def test_a_network_reads_back(tool, count):
     assert_array_equal(second.cov_radar["high"], first.cov_radar["high"])
     code, out, err = tool("check", write(text))
     assert (code, err) == (0, "")
-    said = [line for line in out.splitlines() if line.startswith("#")]
-    assert said[: count + 1] == [
+    comments = [line for line in out.splitlines() if line.startswith("#")]
+    assert comments[: count + 1] == [
         f"# 5 poses, {count} radar{'s' if count > 1 else ''}",
         *(f"# r{i}: c_r = 160 J m^2/K" for i in range(count)),
     ]
-    assert [line.split(": range ")[0] for line in said[-count:]] == [
+    assert [line.split(": range ")[0] for line in comments[-count:]] == [
         f"# r{i}" for i in range(count)
     ]
     assert yaml.safe_load(out) == first.resolved()
@@ -126,14 +126,14 @@ def test_a_horizon_is_over_the_earth_that_the_geometry_means(tmp_path):
     horizon = model.radars[0].horizon
     assert horizon == rs.Horizon(origin=(*np.deg2rad([46.0, 8.0]), 430.0))
     assert model.radars[1].horizon is None
-    # one kilometre up, and 100 km away, where the surface is d²/2R lower, with R that of the place
+    # one kilometre up, and 100 km away, where the surface is d²/2R lower
     up, away = horizon.height(np.array([[0.0, 0, -1e3], [0, 1e5, -1e3]]))
     assert up == pytest.approx(1430, abs=1e-6)
     assert away - up == pytest.approx(1e10 / (2 * EARTH_RADIUS), rel=5e-3)
     assert rs.Horizon().height(np.array([0.0, 1e5, -1e3])) == 1000
 
 
-def test_a_route_that_says_how_uncertain_the_aircraft_is_leaves_nothing_to_say(tmp_path):
+def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
     (tmp_path / "route.csv").write_text((CONFIGS / "path_route.csv").read_text())
     path = yaml.safe_load((CONFIGS / "path.yaml").read_text())
     geometry = {**path["geometry"], "file": "route.csv"}
@@ -148,7 +148,7 @@ def test_a_route_that_says_how_uncertain_the_aircraft_is_leaves_nothing_to_say(t
     assert np.all(found.table["sigma_pd"] > 0)
 
 
-# What is refused.
+# Refused keys.
 
 
 @pytest.mark.parametrize("key", ["name", "position_m", "p_fa", "constant", "uncertainty"])
@@ -192,7 +192,7 @@ def test_values_that_are_not_allowed(tool, key, value, allowed):
     assert line.startswith((key, "-"))
 
 
-def test_unknown_key_with_what_was_meant(tool):
+def test_unknown_key_with_a_suggestion(tool):
     path, complaint, line = refused(tool, radar_entry("a"), radar_entry("b", max_range_m=5))
     assert (path, line) == ("radars[2]", "max_range_m: 5")
     assert complaint.endswith("did you mean 'max_range_km'?")
@@ -264,7 +264,7 @@ def test_radar_beside_radars(tool):
     path, complaint, line = refused(tool, radar_entry("a"), radar=radar_entry("b"))
     assert path == "radar"
     assert complaint == "must be left out, or 'radars'; allowed is one or the other"
-    assert line == "name: b"  # where YAML says that a mapping begins
+    assert line == "name: b"  # the first line of the mapping
 
 
 def test_neither_radar_nor_radars(tool):
@@ -294,7 +294,7 @@ def test_levels_that_differ(tool):
     )
 
 
-def test_uncertainty_of_radars_in_the_place_of_that_of_one(tool):
+def test_uncertainty_of_a_single_radar_beside_radars(tool):
     uncertainty = yaml.safe_load(default_text())["uncertainty"]
     path, complaint, _ = refused(tool, radar_entry("a"), uncertainty=uncertainty)
     assert path == "uncertainty.radar"

@@ -1,7 +1,6 @@
 """Scenarios in latitude and longitude: the choice of the origin changes nothing.
 
-The oracle has its own WGS-84 formulas and plain loops. It works in earth-fixed coordinates, where
-there is no origin.
+The oracle has its own WGS-84 formulas and plain loops. Its earth-fixed coordinates have no origin.
 """
 
 import dataclasses
@@ -102,7 +101,7 @@ def written(folder, radars, rows, origin, *, stds="", interpolate=None, **uncert
 AIRCRAFT = {"position_m": [900, 300, 50], "attitude_deg": [1.0, 2.0, 4.0]}
 
 
-def test_the_reported_case_sees_to_its_horizon(tmp_path):
+def test_a_radar_far_from_the_origin_sees_to_its_horizon(tmp_path):
     """A radar at 4.5 degrees of latitude and 100 m, an aircraft at 200 m: 99.5 km."""
     radar = (4.5, 0.0, 100.0)
     rows = [(10.0 * i, 3.5 + 0.01 * i, 0.0, 200.0) for i in range(201)]

@@ -122,8 +122,8 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
 # One covariance for each pose.
 
 
-def alone(scenario, pose):
-    """A scenario of one pose, with its covariance as an orbit has it."""
+def single_pose(scenario, pose):
+    """Return a scenario of one pose, with one covariance."""
     one = scenario.at_poses(slice(pose, pose + 1))
     return dataclasses.replace(one, cov_aircraft=one.cov_aircraft[0])
 
@@ -136,12 +136,12 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
         together = propagate_scenario(s, method=method)
         budget = error_budget(s, method)
         for pose in range(4):
-            one = propagate_scenario(alone(s, pose), method=method)
+            one = propagate_scenario(single_pose(s, pose), method=method)
             assert together.std[pose] == pytest.approx(one.std[0], rel=1e-9)
             assert together.upper[pose] == pytest.approx(one.upper[0], rel=1e-9)
-            for source, std in error_budget(alone(s, pose), method).alone.items():
+            for source, std in error_budget(single_pose(s, pose), method).alone.items():
                 assert budget.alone[source][pose] == pytest.approx(std[0], rel=1e-9, abs=1e-15)
-    stds = [propagate_scenario(alone(s, pose)).std[0] for pose in (0, 1, 2)]
+    stds = [propagate_scenario(single_pose(s, pose)).std[0] for pose in (0, 1, 2)]
     swapped = dataclasses.replace(s, cov_aircraft=s.cov_aircraft[::-1])
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
 
@@ -156,19 +156,19 @@ def test_standard_deviations_of_the_route_are_those_of_the_states(tmp_path):
 def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
     s = load(tmp_path, text)
     sampler = Sampler.of(s)
-    white = np.random.default_rng(3).standard_normal((40_000, 4, 6))
-    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, white)
+    normals = np.random.default_rng(3).standard_normal((40_000, 4, 6))
+    drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, normals)
     for pose in range(4):
         std = np.sqrt(np.diagonal(s.cov_aircraft[pose]))
         scale = np.where(std > 0, std, 1.0)
         found = np.cov((drawn[:, pose] - s.aircraft[pose]) / scale, rowvar=False)
         # a correlation of 40 000 draws has a standard error of 0.005, a variance of 0.007
         assert found == pytest.approx(s.cov_aircraft[pose] / np.outer(scale, scale), abs=0.035)
-        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], white[:, pose])
+        one = covariance.draws(s.aircraft[pose], sampler.sqrt_cov_aircraft[pose], normals[:, pose])
         assert (one == drawn[:, pose]).all()
 
 
-def test_factors_do_not_depend_on_how_many_are_made_at_a_time(monkeypatch):
+def test_square_roots_do_not_depend_on_the_block_size(monkeypatch):
     rng = np.random.default_rng(1)
     root = rng.standard_normal((7, 6, 6))
     matrices = root @ np.swapaxes(root, -1, -2)
@@ -215,8 +215,8 @@ def test_allowances_scale_every_covariance(tmp_path):
     top = float(np.max(3 * propagate_scenario(s).std))
     assert required_accuracies(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
     pose = s.at_poses(slice(2, 3))
-    alone_at = required_accuracies(s, 0.01, at=1000.0)
-    assert alone_at["all"].factor == pytest.approx(
+    at_pose = required_accuracies(s, 0.01, at=1000.0)
+    assert at_pose["all"].factor == pytest.approx(
         0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6
     )
 
@@ -255,7 +255,7 @@ def test_latitude_and_longitude_are_about_the_origin(tmp_path):
     )
     place = {"latitude_deg": 47, "longitude_deg": 8.5, "altitude_m": 400}
     s = load(tmp_path, text, geometry__origin=place, radar__position_m=[0, 0, 0])
-    # the parallel curves to the north as seen from the middle of it, the level drops by d²/2R
+    # both ends of the parallel are 38.1 km from its middle, where the level has dropped by d²/2R
     assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
     assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
     assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
@@ -486,6 +486,11 @@ REFUSED = [
         "geometry: the aircraft is on top of the radar at distance 9000 m",
     ),
     (f"{HEADER}\n0,9e3,0,0\n60,9e3,0,0\n", {}, "route.csv: the aircraft never moves"),
+    (  # 0.09 m/s there and back: a parabola has 0.18 m/s at its ends, straight legs do not
+        f"{HEADER}\n0,9000,0,0\n10,9000.9,0,0\n20,9000,0,0\n",
+        {"geometry__interpolate": {"step_s": 5}},
+        "geometry.interpolate: route: the aircraft never moves horizontally at 0.1 m/s or more",
+    ),
     (
         ROUTE,
         {
@@ -515,8 +520,8 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
 
 
 def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
-    smaller = dataclasses.replace(route_file._FORMAT, max_bytes=2**20)
-    monkeypatch.setattr(route_file, "_FORMAT", smaller)
+    smaller = dataclasses.replace(route_file.FORMAT, max_bytes=2**20)
+    monkeypatch.setattr(route_file, "FORMAT", smaller)
     file = write_path(tmp_path, ROUTE + "#" * 2**20)
     with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
         rs.load_scenario(file)
@@ -533,10 +538,10 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
             rs.parse_scenario(yaml.safe_dump(content))
 
 
-# What is written and said.
+# Files and reports.
 
 
-def test_the_command_line_says_times(tool, tmp_path):
+def test_the_command_line_names_poses_by_time(tool, tmp_path):
     file = write_path(tmp_path, UNCERTAIN)
     done = tool("budget", file, "--target", 0.05, "--at", 1000)
     assert done.code == 0
@@ -559,13 +564,13 @@ def test_the_command_line_says_times(tool, tmp_path):
     assert tool("check", resolved).out == shown.out
 
 
-def test_the_record_of_a_coverage_says_when(tmp_path):
+def test_the_record_of_a_coverage_has_its_time(tmp_path):
     result = analyses.montecarlo(load(tmp_path).with_analysis(runs=20))
     assert result.summary["coverage_lowest"]["time_s"] in (0, 500, 1000, 1500)
     assert " s (95 % confidence" in result.report[1]
 
 
-def test_places_are_said_with_the_digits_they_need():
+def test_places_are_written_with_the_digits_they_need():
     values = np.array([0.1, 0.2, 0.1 + 0.2, 1e6 + 0.125, 2e6])
     when = axis.time(values)
     top = np.array([0, 0, 1.0, 0, 1])
@@ -615,7 +620,7 @@ def test_every_analysis_takes_a_path(tool, tmp_path, monkeypatch, name):
         assert "Time [s]" in "".join(axes.get_xlabel() for axes in figure.axes)
 
 
-def test_the_example_teaches_what_it_says():
+def test_the_numbers_of_the_path_example():
     s = rs.load_scenario(ROOT / "configs/path.yaml")
     result = analyses.budget(s)
     time, total = result.table["time_s"], result.table["three_sigma_total"]
@@ -639,7 +644,7 @@ def test_the_example_teaches_what_it_says():
 
 
 def test_many_poses_go_through_in_parts(tmp_path):
-    """More poses than any block, with a covariance each: every one as it is alone."""
+    """σ of more poses than a block, each with its covariance, is that of the linearization."""
     count = 17_500
     time = np.arange(count)
     std = [10.0 + time % (7 + i) for i in range(6)]

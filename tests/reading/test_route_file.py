@@ -1,7 +1,7 @@
-"""Route files, good and bad, and what is made of them.
+"""Route files, allowed and refused, and the routes that are read and interpolated.
 
-A refusal names file, line, column, value and what is allowed; nothing but a `ScenarioError` comes
-out of a bad file. Attitudes from the track are checked on paths whose attitude is known exactly.
+A refusal is a `ScenarioError` that names file, line, column, value and the allowed values.
+Attitudes from the track are checked on paths whose attitude is known exactly.
 """
 
 import math
@@ -85,7 +85,7 @@ def same(a, b):
         np.testing.assert_array_equal(x, y)
 
 
-# What a file says.
+# The content of a file.
 
 
 def test_a_route_has_times_states_and_distance(load):
@@ -118,7 +118,7 @@ def test_a_route_has_times_states_and_distance(load):
 @pytest.mark.parametrize("piece", [7, 2**22])
 def test_the_same_route_written_otherwise(load, text, piece, monkeypatch):
     expected = load(SIMPLE)
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", piece)
+    monkeypatch.setattr(csv_reader, "READ_BYTES", piece)
     same(load(text), expected)
 
 
@@ -138,7 +138,7 @@ def test_attitude_and_standard_deviations(load):
 
 @pytest.mark.parametrize("rank", [1, 3, 6])
 def test_the_upper_triangle_is_a_covariance(load, rank, monkeypatch):
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", 5000)  # several pieces
+    monkeypatch.setattr(csv_reader, "READ_BYTES", 5000)  # several pieces
     rng = np.random.default_rng(rank)
     covariance = random_covariance(rng, 50, rank)
     path = ned(np.arange(50.0), rng.uniform(-1e5, 1e5, (50, 3)))
@@ -188,7 +188,7 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned(load):
         origin=ORIGIN,
     )
     for i in range(count):
-        # The pose as the file has it, moved a little in each of its own six directions.
+        # The pose of the file, with a small error along each of its six components.
         axes = wgs84.ned_axes(ORIGIN) @ wgs84.ned_axes(place[i]).T
 
         def moved(by, i=i, axes=axes):
@@ -210,8 +210,8 @@ def test_attitude_and_covariance_of_the_aircrafts_level_are_turned(load):
     np.testing.assert_array_equal(found.covariance, np.swapaxes(found.covariance, -1, -2))
 
 
-def test_what_should_be_no_variance_does_not_round_to_less(load):
-    # Position is certain but for one direction, which is that of an axis of the origin's frame.
+def test_a_variance_of_zero_does_not_round_below_zero(load):
+    # Position is uncertain along one axis of the origin's frame only.
     rng = np.random.default_rng(8)
     place = np.array(ORIGIN) + rng.uniform(-1, 1, (200, 3)) * [0.3, 0.3, 1000]
     axes = wgs84.turn_to_origin(place, ORIGIN)
@@ -232,7 +232,7 @@ def test_the_size_of_the_blocks_changes_nothing(load, monkeypatch):
     columns = {**geodetic(time, place), **triangle(random_covariance(rng, 50))}
     found = []
     for block in (7, 2**14):
-        monkeypatch.setattr(track, "_BLOCK", block)
+        monkeypatch.setattr(track, "BLOCK", block)
         path = load(columns, origin=ORIGIN)
         found += [path, resample(path, 0.5), resample(path, 0.5, "smooth")]
     for a, b in zip(found[:3], found[3:], strict=True):
@@ -398,7 +398,7 @@ def test_three_rows_and_two():
     np.testing.assert_allclose(two, [[0, 0, math.atan2(10, 100)]] * 2, rtol=1e-14)
 
 
-def test_who_hovers_keeps_the_last_course_and_is_level():
+def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
     north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
     up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
     position = np.stack([-north, north, -up], axis=-1)
@@ -472,7 +472,7 @@ def test_a_smooth_path_goes_through_its_samples_and_banks(load):
     inner = slice(12, -12)
     assert np.max(np.abs(found.aircraft[:, :3] - exact)[inner]) < 2e-3
     assert np.max(np.abs(wrapped(found.aircraft[:, 3:] - attitude))[inner]) < 1e-3
-    # On legs nobody banks, and chords of a circle lie inside of it.
+    # Legs have level wings, and chords of a circle lie inside the circle.
     legs = resample(path, 0.5)
     assert not legs.aircraft[:, 3].any()
     assert np.max(np.abs(legs.aircraft[:, :3] - exact)) == pytest.approx(400**2 / 8 / 4e3, rel=0.03)
@@ -562,7 +562,7 @@ def test_one_pose_stays_one_pose(load):
         (1.0, "leg", "must be one of legs, smooth, got 'leg'; did you mean 'legs'"),
     ],
 )
-def test_what_cannot_be_interpolated(load, step, method, says):
+def test_refused_interpolations(load, step, method, says):
     with pytest.raises(ScenarioError, match=re.escape(says)):
         resample(corner(load), step, method)
 
@@ -695,7 +695,7 @@ def test_bad_files_are_refused_with_their_line(load, name):
 
 
 def test_lines_are_counted_across_pieces(load, monkeypatch):
-    monkeypatch.setattr(csv_reader, "_READ_BYTES", 50)
+    monkeypatch.setattr(csv_reader, "READ_BYTES", 50)
     lines = [f"{i},{i * 100},0,0" for i in range(100)]
     assert len(load("\n".join([HEAD, *lines])).time_s) == 100
     for bad, says in (("x", "north_m"), ("7,0,0,0", "time_s"), ("80,1e9,0,0", "north_m")):
@@ -726,11 +726,11 @@ def test_an_origin_must_be_a_place_and_have_a_use(load):
 
 
 def test_too_many_rows_and_too_large_a_file(load, monkeypatch):
-    monkeypatch.setattr(route_file, "_FORMAT", replace(route_file._FORMAT, max_rows=3))
+    monkeypatch.setattr(route_file, "FORMAT", replace(route_file.FORMAT, max_rows=3))
     assert len(load(SIMPLE).time_s) == 3
     with pytest.raises(ScenarioError, match=r"^route\.csv:6: has more than 3 rows"):
         load("\n" + SIMPLE + "3,300,0,0\n")
-    monkeypatch.setattr(route_file, "_FORMAT", replace(route_file._FORMAT, max_bytes=2**20))
+    monkeypatch.setattr(route_file, "FORMAT", replace(route_file.FORMAT, max_bytes=2**20))
     with pytest.raises(ScenarioError, match="is larger than 1 MiB"):
         load(SIMPLE + "#\n" * 2**19)
 
@@ -756,11 +756,11 @@ def test_the_first_bad_covariance_is_named_among_good_ones(load):
             load({**columns, **triangle(covariance)})
 
 
-# Anything at all.
+# Random texts.
 
 
 def outcome(path, **options):
-    """A route that can be used, or a refusal in one line; never anything else."""
+    """Return a finite route, or None for a refusal in one line."""
     try:
         found = load_route(path, **options)
     except ScenarioError as error:

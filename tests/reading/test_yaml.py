@@ -1,8 +1,8 @@
-"""Scenarios, good and bad, as the command line takes them.
+"""Scenario files, allowed and refused, by way of the command line.
 
-A refusal is one line that names file, line, key path, value and what is allowed, exit code 2, and
-nothing written. The cases are made from the embedded scenario: `LINES` holds one key per line, so
-that the line a complaint should name is known here without asking the reader.
+A refusal is one line that names file, line, key path, value and allowed values. The exit code is 2
+and nothing is written. The cases are made from the embedded scenario. `LINES` holds one key per
+line, so the line that an error must name is known here without the reader.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def without(path: str) -> Lines:
 
 
 def replaced(changes: dict[str, str], lines: Lines = LINES) -> Lines:
-    """Give keys other values; what stood below them goes."""
+    """Give keys other values, and remove the keys below them."""
     return [
         (p, changes.get(p, v))
         for p, v in lines
@@ -89,7 +89,7 @@ def accepted(tool: Callable, lines: Lines) -> rs.Scenario:
 
 
 def only_warnings(err: str) -> bool:
-    """Return whether there is nothing but warnings, of a scenario that is hardly meant."""
+    """Return whether all lines are warnings."""
     return all(line.startswith("Warning: ") for line in err.splitlines())
 
 
@@ -109,9 +109,9 @@ def test_missing_key(tool, path):
     above = parent(path)
     assert where == above
     assert f"'{path.split('.')[-1]}'" in complaint
-    # A mapping begins where its key stands or, in YAML's view, with its first entry.
-    begins = line_of(above, lines) if above else 1
-    assert line in (begins, begins + 1 if above else 1)
+    # In YAML a mapping begins with its first entry, or, without entries, at its key.
+    entries = [p for p, _ in lines if p.startswith(f"{above}.")]
+    assert line == (line_of(entries[0] if entries else above, lines) if above else 1)
 
 
 @pytest.mark.parametrize("path", OPTIONAL)
@@ -142,7 +142,7 @@ def test_duplicate_key(tool, path):
     assert f"line {first}" in complaint
 
 
-#: What people (and their tools) write where a number belongs, and how a complaint quotes it.
+#: Words in the place of a number, and their quotation in the error.
 NO_NUMBER = {
     "yes": "'yes'",
     "12:30": "'12:30'",
@@ -167,7 +167,7 @@ NO_NUMBER = {
     "١٢": "'١٢'",
     "5 5": "'5 5'",
 }
-#: Names are free: these are as good as any, however YAML 1.1 would read them.
+#: Allowed names, which YAML 1.1 may read as other types.
 GOOD_NAMES = ["yes", "null", "nan", "abc", "'5'", "1_000", "1e999", "2001-01-01", "0x10"]
 
 
@@ -184,7 +184,7 @@ READERS: dict[str, tuple[Callable[[Entry], object], list[str]]] = {
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_every_reader_refuses_what_people_write_there(reader):
+def test_every_reader_refuses_words_that_are_no_numbers(reader):
     read, good = READERS[reader]
     for text, shown in NO_NUMBER.items():
         entry = parse(f"a: 1\nkey: {text}\n", "my.yaml").entries()["key"]
@@ -195,7 +195,7 @@ def test_every_reader_refuses_what_people_write_there(reader):
             read(entry)
         _, _, complaint = place(f"Error: {refused.value}")
         assert str(refused.value).startswith("my.yaml:2: key"), text
-        assert shown in complaint or f"'{shown}'" in complaint or text == "[[1]]", text
+        assert shown in complaint or f"'{shown}'" in complaint, text
         assert re.search("must be (a|one of|finite)", complaint), text
 
 
@@ -391,7 +391,7 @@ def test_surveillance_that_makes_an_impossible_constant(tool):
 @pytest.mark.parametrize(
     ("azimuth_from", "radar"),
     [
-        ("east", [5e5, 0, -3e3]),  # cos 90° is 6e-17, so the poses miss the radar by a hair
+        ("east", [5e5, 0, -3e3]),  # cos 90° is 6e-17, so the poses miss the radar by 3e-11 m
         ("east", [0, 5e5, -3e3]),
         ("north", [0, 5e5, -3e3]),
         ("east", [5e5 * math.sqrt(0.5), 5e5 * math.sqrt(0.5), -3e3]),
@@ -498,7 +498,7 @@ def test_matrix_inside_itself(tool):
 
 
 @pytest.mark.parametrize("unit", ["{a,", "- - - a\n", "'"])
-def test_a_file_as_large_as_allowed_is_refused_quickly(tool, unit):
+def test_nonsense_as_large_as_a_file_may_be_is_refused(tool, unit):
     head, body = ("{", "a,") if unit == "{a," else ("", unit)
     refusal(tool, (head + body * (MAX_BYTES // len(body)))[:MAX_BYTES])
 
@@ -572,17 +572,12 @@ def test_unknown_command(tool):
 
 
 @pytest.mark.parametrize("out", ["file", "file/below", "/proc/nope", "x" * 300])
-@pytest.mark.parametrize("command", ["variance", "montecarlo", "sensitivity", "budget"])
-def test_folder_that_cannot_be_written(tool, monkeypatch, command, out):
-    def too_late(*_: object, **__: object) -> None:
-        raise AssertionError("computed before looking whether the result can be written")
-
-    monkeypatch.setattr(f"radar_sense.analyses.{command}", too_late)
+def test_a_folder_that_cannot_be_written_is_refused_before_anything_is_computed(tool, fake, out):
+    fake(lambda: pytest.fail("computed"))
     Path("file").write_text("mine")
-    code, printed, err = tool(command, "--out", out)
+    code, printed, err = tool("fake", "--out", out)
     assert_refused(code, printed, err)
-    assert "--out" in err
-    assert out in err
+    assert err.startswith(f"Error: --out: cannot write to {out}: ")
     assert [p.name for p in Path().iterdir()] == ["file"]
     assert Path("file").read_text() == "mine"
 
@@ -608,7 +603,7 @@ def test_errors_of_a_real_process(tmp_path):
         assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
 
 
-# What is accepted.
+# Accepted texts.
 
 
 @pytest.mark.parametrize(
@@ -640,7 +635,7 @@ def test_names_are_text(tool, name):
 @pytest.mark.parametrize("key", ["name", "uncertainty.radar.medium"])
 @pytest.mark.parametrize("name", ["_x", "räder", "日本", "a" * 101, "a/b", "two words", "..", "~"])
 def test_names_that_are_refused(tool, key, name):
-    """They end up in names of files and columns, and in figures, whose font has no 日."""
+    """Names stand in file names, in columns and in figures, whose font has no 日."""
     text = default_text()
     text = text.replace("name: paper", f"name: {name}") if key == "name" else text
     text = text if key == "name" else text.replace("    medium:", f"    {name}:")
@@ -713,13 +708,14 @@ def test_every_seed_draws_differently(tool):
     assert len({draws(tool, "--seed", seed)[0] for seed in seeds}) == len(seeds)
 
 
-@pytest.mark.parametrize("digits", [308, 309, 400, 5000])
-def test_absurd_seed_is_used_or_refused(tool, digits):
-    write(yaml_text(replaced({**FEW, "analysis.seed": "9" * digits})))
-    for args in (["my.yaml"], ["--seed", "9" * digits]):
-        code, out, err = tool("montecarlo", *args, "--runs", "2", "--no-plot")
-        if code:
-            assert_refused(code, out, err)
+def test_a_seed_with_more_digits_than_a_float(tool):
+    seed = "9" * 400
+    write(yaml_text(replaced({**FEW, "analysis.seed": seed})))
+    assert draws(tool)[1] == int(seed)
+    # Python reads whole numbers of up to 4300 digits.
+    write(yaml_text(replaced({**FEW, "analysis.seed": "9" * 5000})))
+    for args in (["my.yaml"], ["--seed", "9" * 5000]):
+        assert_refused(*tool("montecarlo", *args, "--runs", "2", "--no-plot"))
 
 
 def test_single_pose_and_runs_as_float(tool):
@@ -893,7 +889,7 @@ def test_check_prints_the_scenario_itself(tool, kind):
     assert (after.cov_aircraft == before.cov_aircraft).all()
     for level, covariance in before.cov_radar.items():
         assert (after.cov_radar[level] == covariance).all()
-    # One that any YAML reader takes the same way, names among it.
+    # Every YAML reader reads the names as text.
     assert yaml.safe_load(printed)["name"] == before.name
 
 
@@ -901,7 +897,7 @@ def test_check_quietly(tool):
     assert tool("check", "-q") == (0, "", "")
 
 
-# Anything at all.
+# Random texts.
 
 FEW_LINES = replaced({"geometry.azimuth_deg.step": "60"})
 EXTREME = ["0", "1e-20", "1e20", "-1e20", "1e-10", "1e10", "1", "-1", "2", "0.5", "90", "1e3"]
@@ -952,7 +948,7 @@ NUMBERS = [
 
 @st.composite
 def extreme(draw: st.DrawFn) -> bytes:
-    """Return the scenario with numbers at the ends of what is allowed."""
+    """Return the scenario with numbers at the ends of their limits."""
     chosen = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8, unique=True))
     number = st.sampled_from(EXTREME)
     tiny = st.sampled_from(["5e-324", "1e-300", "1e-20", "0.5", "0.9999999999999999"])
@@ -986,7 +982,7 @@ anything = partial(
 
 
 def refused_or_runs(tool: Callable, content: bytes) -> None:
-    """Insist on one line of complaint or, without a Python warning, on results."""
+    """Insist on one line of error, or on results without a Python warning."""
     write(content)
     code, out, err = tool("check", "my.yaml")
     if code:

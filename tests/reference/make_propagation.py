@@ -1,4 +1,4 @@
-"""The distribution of P_D on the paper's scenario: writes propagation.npz, in some eight minutes.
+"""Write propagation.npz, the distribution of P_D on the paper's scenario, in some eight minutes.
 
     python tests/reference/make_propagation.py
 
@@ -12,7 +12,7 @@ S = c_r g with g = σ_r/(k R⁴), so c_r is integrated out in closed form (condi
     P(S < s) = E Φ((s/g − c)/σ_c), which Newton's method solves for s.
 
 By plain Monte Carlo in all ten dimensions at every fourth pose, from the model of the package:
-order statistics, which know nothing of all that.
+order statistics without these formulas.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def conditional_quantiles(g, std, start):
             if abs(step) < 1e-5 * quantiles[i]:
                 break
         else:
-            raise RuntimeError("a quantile has not settled")
+            raise RuntimeError("a quantile has not converged")
     return quantiles
 
 

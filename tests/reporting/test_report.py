@@ -1,4 +1,4 @@
-"""The report: one whole HTML page, that says what the analyses say, to every reader."""
+"""The report: one HTML page with the results of the analyses, accessible to every reader."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from radar_sense.reporting import elements, evidence, figure
 ROOT = Path(__file__).parents[2]
 VOID = {"meta", "br", "hr", "img", "link", "input"}
 FEW = {"start": 30, "stop": 150, "step": 30}
-#: A file name that would be a tag, if it were not escaped.
+#: Without escapes this file name would be a tag.
 ROUTE = 'a <b onload="x">&amp;.csv'
 
 FLIGHT = """
@@ -135,7 +135,7 @@ def undrawn(monkeypatch) -> None:
 def flight(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flight")
     with pytest.MonkeyPatch.context() as patch:
-        patch.chdir(folder)  # names of files are relative to it
+        patch.chdir(folder)  # the base of relative file names
         read = rs.load_scenario(write_flight(folder))
         return rs.report(read, threshold=0.5, method="linear")
 
@@ -150,7 +150,7 @@ def page(html) -> Node:
     return Tree(html).root
 
 
-# What it says.
+# Content.
 
 
 def test_every_answer_and_every_warning_is_on_the_page(flight, page):
@@ -202,7 +202,7 @@ def printed(value: float) -> str:
 
 
 def test_half_the_deviation_of_the_largest_source_of_the_paper():
-    """By the numbers of the paper's budget: sources are independent, so their squares add up."""
+    """The sources of the paper are independent, so their variances add up."""
     answers = rs.report(scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 5}))
     table = answers.evidence.budget.table
     for name in ("radar_constant", "aircraft_orientation"):
@@ -216,7 +216,7 @@ def test_half_the_deviation_of_the_largest_source_of_the_paper():
 TOLERANCES = {"constant": {"gain_dbi": 1.0, "loss_db": 0.2}, "position_m": 1}
 
 
-def test_the_part_to_measure_and_shares_above_one_are_told():
+def test_the_part_to_measure_and_shares_above_one_are_reported():
     sheet = rs.load_scenario(ROOT / "configs/x_band_tracking.yaml").resolved()
     sheet["geometry"]["azimuth_deg"] = {"start": 10, "stop": 90, "step": 40}
     sheet["uncertainty"]["radar"] = {"data_sheet": TOLERANCES}
@@ -245,7 +245,7 @@ def test_sources_without_uncertainty_are_in_the_order_of_the_budget():
     assert places == sorted(places)
 
 
-def test_a_constant_p_d_is_told_once():
+def test_a_constant_p_d_is_one_number_in_the_report():
     sphere = scenario(aircraft__rcs={"model": "constant", "rcs_m2": 0.1})
     report = rs.variance(sphere).report
     assert report[0].startswith("P_D is 0.")
@@ -330,7 +330,7 @@ def test_tables_have_captions_and_scopes(page):
             assert region.attributes["aria-label"]
 
 
-def test_figures_say_what_is_seen(page):
+def test_figures_have_a_title_and_a_description(page):
     figures = list(page.all("svg"))
     assert len(figures) == 5
     for node in figures:
@@ -354,7 +354,7 @@ def test_nothing_is_fetched(page, html):
     assert "http" not in re.sub(r'xmlns="http://www.w3.org/2000/svg"|http-equiv', "", html)
 
 
-# How it is written.
+# The command and its files.
 
 
 @pytest.mark.usefixtures("undrawn")
@@ -441,7 +441,7 @@ def test_scenarios_in_which_something_has_no_answer(changes, monkeypatch):
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_scenario_made_in_python():
-    """Its names may be anything; levels are not checked as those of a file are."""
+    """Names of levels in Python may hold any characters."""
     few = scenario(geometry__azimuth_deg=FEW)
     made = rs.Scenario(
         model=few.model,
@@ -457,7 +457,7 @@ def test_a_scenario_made_in_python():
 
 
 def test_the_report_has_no_physics():
-    """It words results; only `evidence` runs analyses."""
+    """No module of the report imports a model; only `evidence` runs analyses."""
     for path in (ROOT / "radar_sense/reporting").glob("*.py"):
         nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         homes = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}
@@ -487,10 +487,16 @@ def test_in_chromium(html, tmp_path):
         for scheme in ("light", "dark"):
             context = browser.new_context(java_script_enabled=False, color_scheme=scheme)
             page = context.new_page()
-            said: list[str] = []
+            console: list[str] = []
             requests: list[str] = []
-            page.on("console", lambda message, said=said: said.append(message.text))
-            page.on("pageerror", lambda error, said=said: said.append(str(error)))
+            page.on(
+                "console",
+                lambda message, console=console: console.append(message.text),
+            )
+            page.on(
+                "pageerror",
+                lambda error, console=console: console.append(str(error)),
+            )
             page.on("request", lambda request, urls=requests: urls.append(request.url))
             page.goto(path.as_uri())
             for width in (400, 1400):
@@ -504,7 +510,7 @@ def test_in_chromium(html, tmp_path):
                 assert all(box["width"] > 250 and box["height"] > 150 for box in boxes)
             page.keyboard.press("Tab")
             assert page.evaluate("() => document.activeElement.className") == "skip"
-            assert not said
+            assert not console
             assert [url for url in requests if not url.startswith("data:")] == [path.as_uri()]
         assert len(backgrounds) == 2
         printed = page.pdf(prefer_css_page_size=True)

@@ -36,7 +36,7 @@ SEED = 987_654
 
 
 def random_mission(number: int, folder: Path) -> tuple[rs.Scenario, tuple[int, int]]:
-    """A mission with one to eight radars known to kilometres and to 1 to 3 dB."""
+    """Return a mission of one to eight radars with errors of kilometres and of 1 to 3 dB."""
     rng = np.random.default_rng([2026, number])
     count = 1 + number % 8
     length, duration = rng.uniform(80e3, 250e3), rng.uniform(500, 1500)
@@ -88,7 +88,7 @@ def random_mission(number: int, folder: Path) -> tuple[rs.Scenario, tuple[int, i
         (folder / "mission.yaml").write_text(yaml.safe_dump(document, sort_keys=False))
         return rs.load_scenario(folder / "mission.yaml")
 
-    # the power that makes the greatest P_D of a radar what is wanted
+    # the power that gives a radar the wanted greatest P_D
     for i, radar in enumerate(radars):
         wanted, low, high = 10 ** rng.uniform(-1.7, -0.3), -8.0, 8.0
         scenario = load()

@@ -27,7 +27,7 @@ KINDS = ("constant", "ellipsoid", "spikeball", "table", "lobes")
 
 @dataclass(frozen=True)
 class Verdict:
-    """What draws show of a method at one pose."""
+    """The errors of a method at one pose, against draws."""
 
     kind: str
     error: float
