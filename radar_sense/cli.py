@@ -622,7 +622,7 @@ def _computing_line(name: str) -> Iterator[None]:
 
 
 @contextmanager
-def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None]]:
+def _progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
     """Show progress on standard error after PATIENCE seconds."""
     started = time.monotonic()
     lock = threading.Lock()

@@ -201,7 +201,7 @@ def _halved(
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return moments with the old moments by number in `row`, and new moments at −1."""
+    """Return moments with the old moments by number in `row`, and new moments where `row` is −1."""
     arrays = []
     for field in fields(Moments):
         values, added = getattr(old, field.name), getattr(new, field.name)
