@@ -26,7 +26,7 @@ from matplotlib.ticker import MaxNLocator as MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from radar_sense.axis import Axis
+from radar_sense.axis import Axis, runs_of
 from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
 
@@ -301,11 +301,7 @@ def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
     lefts, rights = np.concatenate([x[:1], middles]), np.concatenate([middles, x[-1:]])
     if len(x) == 1:
         lefts, rights = x - 0.5, x + 0.5
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [
-        (float(lefts[a]), float(rights[b - 1]))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    return [(float(lefts[first]), float(rights[last])) for first, last in runs_of(mask)]
 
 
 def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:
