@@ -87,7 +87,7 @@ def coordinate(scenario: Scenario) -> FloatArray:
 def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit: float) -> Refined:
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
-    A scenario that `can_refine` excludes is returned as it is.
+    A scenario that `can_refine` excludes is returned unchanged.
 
     Args:
         scenario: The scenario.
