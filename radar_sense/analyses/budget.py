@@ -6,10 +6,12 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from radar_sense.analyses import refinement
 from radar_sense.analyses.columns import AXIS, MEAN, quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.error_budget import (
@@ -17,6 +19,7 @@ from radar_sense.analyses.error_budget import (
     Budget,
     RequiredAccuracy,
     error_budget,
+    only_at,
     parts_of,
     required_accuracies,
     sources_of,
@@ -40,7 +43,7 @@ from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
-from radar_sense.propagation import METHODS, check_method
+from radar_sense.propagation import METHODS, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 
@@ -60,8 +63,8 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
+    table = result.table
     lines = result.summary["lines"]
     colours: dict[str, str] = {}
     for source, style in zip(lines["sources"], plotting.styles(), strict=False):
@@ -189,9 +192,10 @@ def budget(
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if goal is not None:
-        required = required_accuracies(scenario, goal.limit, k=goal.k, method=method, at=at)
-        inverse = {goal.name: _inverse_summary(goal, at, required, axis)}
-        inverse_report = _inverse_report(goal, at, required, axis)
+        poses = _poses_of(scenario, goal, method)
+        required = required_accuracies(poses.scenario, goal.limit, k=goal.k, method=method)
+        inverse = {goal.name: _inverse_summary(goal, poses, required)}
+        inverse_report = _inverse_report(goal, poses, required)
     by_itself = {} if method == MONTE_CARLO else largest_by_radar(scenario, method)
     vanishing = _vanishing(scenario, three_sigma, total) if method == "linear" else {}
     return Result(
@@ -322,10 +326,11 @@ def _rows(
 
 @dataclass(frozen=True)
 class _Goal:
-    """A limit of 3σ of P_D (k is None), or of P_D + kσ."""
+    """A limit of 3σ of P_D (k is None), or of P_D + kσ, at one place or at all (at is None)."""
 
     limit: float
     k: float | None
+    at: float | None
 
     @property
     def name(self) -> str:
@@ -363,11 +368,11 @@ def _goal(
     if target is not None:
         if k is not None:
             raise InputError("--k belongs to --threshold, which is not given")
-        return _Goal(target, None)
+        return _Goal(target, None, at)
     assert threshold is not None
     k = 3.0 if k is None else k
     check_threshold(threshold, k)
-    return _Goal(threshold, k)
+    return _Goal(threshold, k, at)
 
 
 def _lines(scenario: Scenario) -> dict[str, Any]:
@@ -496,13 +501,25 @@ def _percent(share: float, error: float | None) -> str:
     return f" {share:6.1%}" + ("" if error is None else f" +/- {error:.1%}")
 
 
+def _poses_of(scenario: Scenario, goal: _Goal, method: str) -> refinement.Refined:
+    """Return the pose at the place of a goal, or enough poses to resolve P_D."""
+    propagate = partial(propagate_scenario, method=method, beta=goal.k or 3.0)
+    if goal.at is not None:
+        scenario = only_at(scenario, goal.at)
+    return refinement.resolve(scenario, propagate, goal.limit)
+
+
 def _inverse_summary(
-    goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
+    goal: _Goal, poses: refinement.Refined, required: Mapping[str, RequiredAccuracy]
 ) -> dict[str, Any]:
+    axis = poses.scenario.axis
     limit = {"three_sigma": goal.limit} if goal.k is None else {"p_max": goal.limit, "k": goal.k}
     return {
         **limit,
-        f"at_{axis.unit}": at,
+        "poses": len(axis),
+        "poses_between_rows": poses.added,
+        "resolved": poses.resolved,
+        f"at_{axis.unit}": goal.at,
         "required_accuracy": {
             source: {
                 axis.key if key == "place" else key: value
@@ -514,12 +531,16 @@ def _inverse_summary(
 
 
 def _inverse_report(
-    goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
+    goal: _Goal, poses: refinement.Refined, required: Mapping[str, RequiredAccuracy]
 ) -> list[str]:
-    place = "at all poses" if at is None else f"at {axis.format(at)}"
+    axis = poses.scenario.axis
+    place = "at all poses" if goal.at is None else f"at {axis.format(goal.at)}"
+    if poses.added:
+        place += f" and at {poses.added} between them"
     lines = [
         f"to keep {goal} {place}, largest factor on the standard deviations of one source (others "
-        "unchanged), or of all:"
+        "unchanged), or of all:",
+        *([] if poses.resolved else [f"  {refinement.unresolved(poses)}"]),
     ]
     names = {source: _short(source) for source in required}
     names = {source: name if name == source else f"  {name}" for source, name in names.items()}

@@ -10,6 +10,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -187,7 +188,6 @@ def required_accuracies(
     *,
     k: float | None = None,
     method: str = "linear",
-    at: float | None = None,
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
@@ -198,18 +198,16 @@ def required_accuracies(
         limit: Limit of 3σ of P_D, or of its upper bound; positive.
         k: k of the upper bound at Φ(k), which is P_D + kσ by `linear`. None limits 3σ.
         method: Method of propagation.
-        at: Place on the scenario's axis of the only pose that counts; every pose if None.
 
     Returns:
         The accuracy required of each source, and of each part of a radar constant (`parts_of`).
         The other sources are unchanged. "all" scales all sources together.
-
-    Raises:
-        InputError: If there is no pose at that place.
     """
-    if at is not None:
-        scenario = _only_at(scenario, at)
-    budget = error_budget(scenario, method)
+
+    @cache
+    def budget_at(pose: int) -> Budget:
+        return error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
+
     at_all_poses = value_function(scenario, method, k)
     # If poses are above the limit, the factor depends on these poses alone.
     above = ~(at_all_poses((), 1.0) <= limit)
@@ -269,13 +267,16 @@ def required_accuracies(
             residual=float(residual[pose]),
             place=float(scenario.axis.values[pose]),
             residual_from=_residual_from(
-                scenario, budget, names, pose, None if k is None else limit
+                scenario.at_poses(slice(pose, pose + 1)),
+                budget_at(pose),
+                names,
+                None if k is None else limit,
             ),
             known=known,
         )
 
-    names = (*budget.alone, *parts_of(scenario))
-    return {**{name: required([name]) for name in names}, "all": required(list(budget.alone))}
+    whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
+    return {**{name: required([name]) for name in whole + parts}, "all": required(whole)}
 
 
 def value_function(
@@ -312,13 +313,11 @@ def value_function(
 
 
 def _residual_from(
-    scenario: Scenario, budget: Budget, names: Collection[str], pose: int, p_max: float | None
+    scenario: Scenario, budget: Budget, names: Collection[str], p_max: float | None
 ) -> str | None:
     """Return the largest of the other sources at a pose; "P_D itself" if P_D is above p_max."""
-    if p_max is not None:
-        p_d = scenario.model.p_d(scenario.aircraft[pose], scenario.radar)
-        if p_d > p_max:
-            return "P_D itself"
+    if p_max is not None and scenario.model.p_d(scenario.aircraft[0], scenario.radar) > p_max:
+        return "P_D itself"
     parts, others = parts_of(scenario), dict(budget.alone)
     # The source of a part is replaced by its parts and, in a network, by the radar's position.
     for part in [parts[name] for name in names if name in parts]:
@@ -327,12 +326,20 @@ def _residual_from(
         others.update({name: budget.parts[name] for name in siblings})
         if part.source != part.constant:
             others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
-    at_pose = {name: std[pose] for name, std in others.items() if name not in names}
+    at_pose = {name: std[0] for name, std in others.items() if name not in names}
     return max(at_pose, key=at_pose.__getitem__) if at_pose else None
 
 
-def _only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with only the pose at one place."""
+def only_at(scenario: Scenario, at: float) -> Scenario:
+    """Return the scenario with only the pose at one place.
+
+    Args:
+        scenario: The scenario.
+        at: Place on the scenario's axis.
+
+    Raises:
+        InputError: If there is no pose at that place.
+    """
     axis = scenario.axis
     pose = axis.find(at)
     if pose is None:
@@ -385,7 +392,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)
     parts, shown = parts_of(scenario), sources_of(scenario)
     cov_radar = scenario.cov_shared
-    # Every input needs a group. ε stands before the errors of attenuations, even of a certain RCS.
+    # Every input needs a group. With attenuations ε is an input, even if the RCS is certain.
     rcs = len(cov_radar) > len(scenario.radar)
     blocks_by_name = sources(
         scenario.model.names, rcs=rcs, attenuation=scenario.attenuation_uncertain

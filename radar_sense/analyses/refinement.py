@@ -32,6 +32,9 @@ LARGEST_MOVE = 0.1
 SHORTEST, SHORTEST_ARC = 0.2, 0.01
 #: Most poses of a refined path.
 MAX_POSES = 20_000
+#: P_D and its bound may differ from straight lines between poses by the smaller of
+#: RELATIVE_TOLERANCE · limit and TOLERANCE.
+RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,12 +46,14 @@ class Refined:
         moments: The moments of P_D (n,).
         rows: Numbers (m,) of the poses that are rows of the path, or azimuths of the orbit.
         resolved: Whether the poses resolve P_D.
+        tolerance: Tolerance of P_D and its bound between poses; None if no poses can be added.
     """
 
     scenario: Scenario
     moments: Moments
     rows: NDArray[np.intp]
     resolved: bool
+    tolerance: float | None
 
     @property
     def added(self) -> int:
@@ -77,6 +82,34 @@ def coordinate(scenario: Scenario) -> FloatArray:
     On a path the coordinate is the time, also if the axis of tables is the distance.
     """
     return scenario.axis.values if scenario.time_s is None else scenario.time_s
+
+
+def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit: float) -> Refined:
+    """Return a scenario with poses added to compare P_D and its bound with a limit.
+
+    A scenario that `can_refine` excludes is returned unchanged.
+
+    Args:
+        scenario: The scenario.
+        propagate: Returns the moments of a scenario.
+        limit: The limit, which sets the tolerance.
+    """
+    moments = propagate(scenario)
+    if not can_refine(scenario):
+        return unrefined(scenario, moments)
+    return refined(scenario, moments, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
+
+
+def unrefined(scenario: Scenario, moments: Moments) -> Refined:
+    """Return a scenario and its moments without poses between the rows."""
+    return Refined(scenario, moments, np.arange(len(moments.p_d)), True, None)
+
+
+def unresolved(path: Refined) -> str:
+    """Return the message about poses that do not resolve P_D, with the remedy."""
+    scenario = path.scenario
+    key = "geometry.azimuth_deg" if scenario.time_s is None else "geometry.interpolate"
+    return f"P_D is not resolved by {len(scenario.axis)} poses: choose steps with {key}"
 
 
 def refined(
@@ -123,6 +156,7 @@ def refined(
         moments,
         np.flatnonzero(row >= 0),
         len(place) < MAX_POSES,
+        tolerance,
     )
 
 
@@ -201,7 +235,7 @@ def _halved(
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return moments with the old moments by number in `row`, and new moments at −1."""
+    """Return moments with the old moments by number in `row`, and new moments where `row` is −1."""
     arrays = []
     for field in fields(Moments):
         values, added = getattr(old, field.name), getattr(new, field.name)

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from radar_sense.analyses import refinement
+from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses, distribution_warnings
 from radar_sense.errors import InputError
@@ -38,9 +39,16 @@ from radar_sense.states import FloatArray
 
 #: The default method of a threshold test: `FORM`, and draws where its bound is unreliable.
 AUTOMATIC, FORM = "automatic", "form"
-#: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · P_max and TOLERANCE.
-RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
+#: Columns of the test.
+COLUMNS = quantities(
+    {
+        "upper_<k>sigma": "With --threshold and --k: upper bound of P_D at <k> sigma.",
+        "margin": "With --threshold: P_MAX minus the upper bound of P_D.",
+        "violated": "With --threshold: 1 where the bound is above P_MAX, else 0.",
+        "not_known": "With --threshold: 1 where the test has no answer, else 0.",
+        "probability_above": "With --threshold: probability that P_D is above P_MAX.",
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +153,6 @@ class _Tested:
         drawn: Where draws decided (n,).
         undecided: Where draws did not decide (n,).
         anywhere: P(P_D > P_max) at any pose.
-        tolerance: Tolerance of P_D and its bound between poses; None if no poses were added.
     """
 
     path: refinement.Refined
@@ -154,7 +161,6 @@ class _Tested:
     drawn: NDArray[np.bool_]
     undecided: NDArray[np.bool_]
     anywhere: Anywhere
-    tolerance: float | None
 
 
 def require_threshold(
@@ -203,11 +209,7 @@ def _tested(
     def propagate(path_scenario: Scenario) -> Moments:
         return propagate_scenario(path_scenario, method=method, beta=k)
 
-    moments, tolerance = propagate(scenario), None
-    path = refinement.Refined(scenario, moments, np.arange(len(moments.p_d)), resolved=True)
-    if refinement.can_refine(scenario):
-        tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * p_max)
-        path = refinement.refined(scenario, moments, propagate, tolerance)
+    path = refinement.resolve(scenario, propagate, p_max)
     poses, moments = path.scenario, path.moments
     unreliable = ~np.isfinite(moments.upper)
     unreliable |= nonlinear_in_scenario(poses, moments, method=method, beta=k)
@@ -239,7 +241,6 @@ def _tested(
         drawn=drawn,
         undecided=undecided,
         anywhere=exceeded_anywhere(poses, p_max, probability),
-        tolerance=tolerance,
     )
 
 
@@ -264,7 +265,7 @@ def _summary(tested: _Tested, column: str, k: float) -> dict[str, Any]:
         "passed": test.passed,
         "poses": len(axis),
         "poses_between_rows": tested.path.added,
-        "tolerance_between_poses": tested.tolerance,
+        "tolerance_between_poses": tested.path.tolerance,
         "poses_violated": int(np.count_nonzero(test.violated)),
         "poses_not_known": int(np.count_nonzero(test.unknown)),
         "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
@@ -339,12 +340,7 @@ def _verdict(tested: _Tested) -> str:
 def _remedy(tested: _Tested, method: str) -> str:
     """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
-        on_orbit = tested.path.scenario.time_s is None
-        key = "geometry.azimuth_deg" if on_orbit else "geometry.interpolate"
-        return (
-            f"  P_D is not resolved by {len(tested.path.scenario.axis)} poses: "
-            f"choose steps with {key}"
-        )
+        return f"  {refinement.unresolved(tested.path)}"
     if tested.undecided.any():
         reason = "the tail is too thin for draws, or the bound too near to the threshold"
         return f"  draws do not decide there: {reason}"
@@ -396,15 +392,15 @@ def _correlation(scenario: Scenario) -> str:
 def _poses_lines(tested: _Tested) -> list[str]:
     """Return the number or the step of the poses tested on a path."""
     scenario = tested.path.scenario
-    if tested.tolerance is not None:
+    if tested.path.tolerance is not None:
         given = "the azimuths given" if scenario.time_s is None else "the rows of the path"
         return [
             f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {given}: "
-            f"P_D and bound are within {tested.tolerance:g} of straight lines"
+            f"P_D and bound are within {tested.path.tolerance:g} of straight lines"
         ]
     geometry = scenario.provenance.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:
-        return [f"  tested every {geometry.step_s:g} s, as geometry.interpolate says"]
+        return [f"  tested every {geometry.step_s:g} s, the step of geometry.interpolate"]
     return []
 
 
