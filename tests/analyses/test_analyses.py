@@ -9,6 +9,7 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.analyses.report import describe_poses as where
 from radar_sense.axis import azimuth
 from radar_sense.propagation import METHODS
@@ -168,11 +169,19 @@ def test_validate_answers_where_a_method_may_be_trusted():
         ([1, 1, 1], "at all 3 poses"),
         ([1, 0, 1], "at 0, 20 deg"),
         ([0, 1, 1], "at 10 to 20 deg"),
-        ([1, 0] * 6, "at 6 of 12 poses between 0 and 100 deg"),
+        ([1, 0] * 4, "at 0, 20, 40, 60 deg"),
+        ([1, 0] * 5, "at 5 of 10 poses between 0 and 80 deg"),
     ],
 )
 def test_poses_in_words(mask, says):
     assert where(np.array(mask, dtype=bool), azimuth(10.0 * np.arange(len(mask)))) == says
+
+
+@pytest.mark.parametrize(("count", "places"), [(3, "0, 10 and 20 deg"), (4, "4 poses")])
+def test_the_places_of_an_extreme_in_words(count, places):
+    along = azimuth(10.0 * np.arange(5))
+    top = peak(np.where(np.arange(5) < count, 0.25, 0.0), along)
+    assert describe_extreme(top, along) == f"0.2500 at {places}"
 
 
 def test_no_uncertainty_at_all():

@@ -267,7 +267,7 @@ def test_refusals_name_the_key(tool):
     for attenuation, std, path, message in (
         (-1, 0, "radar.attenuation_db_per_km", "not less than 0"),
         (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
-        (0.1, 0.2, level, "at most"),
+        (0.1, 0.1001, level, "must be at most the attenuation_db_per_km of the radar, 0.1, got"),
         (0.1, -1, level, "not less than 0"),
     ):
         medium = {"position_m": 100, "constant": 5, "attenuation_db_per_km": std}

@@ -254,6 +254,10 @@ def test_draws_decide_where_form_is_unreliable(tmp_path):
         test = analyses.variance(s, threshold=p_max).summary["threshold"]
         assert test["poses_decided_by_draws"] > 0
         assert test["verdict"] == ("holds" if p_max > upper.max() else "violated")
+    at_two = np.quantile(p_d, 1 - 0.5 * math.erfc(2 / math.sqrt(2)), axis=0).max()
+    between = 0.5 * (at_two + upper.max())
+    test = analyses.variance(s, threshold=between, k=2.0).summary["threshold"]
+    assert (test["verdict"], test["poses_decided_by_draws"] > 0) == ("holds", True)
     named = analyses.variance(s, threshold=upper.max() + 0.02, method="form")
     assert not named.passed
     assert named.summary["threshold"]["poses_decided_by_draws"] == 0

@@ -14,10 +14,12 @@ import pytest
 import yaml
 from helpers import document, lay_out, scenario
 from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.rcs import directions, pattern
+from radar_sense.analyses.report import table_warnings
 from radar_sense.model.geometry import body_vector
 from radar_sense.reading import rcs_file
 
@@ -789,6 +791,25 @@ def test_directions_straight_up_have_no_azimuth():
     assert np.all(up[:, 2] == -1)
 
 
+def share_below(pose, s, limit):
+    """Share of the draws with an elevation below a limit, to first order."""
+
+    def elevation(aircraft, radar):
+        x, y, z = body_vector(aircraft, radar)
+        return np.arctan2(-z, np.hypot(x, y))
+
+    variance = 0.0
+    for i, std in enumerate(np.sqrt(np.diag(s.cov_aircraft))):
+        step = 1e-4 * std * np.eye(6)[i]
+        slope = elevation(pose + step, s.radar) - elevation(pose - step, s.radar)
+        variance += (slope / 2e-4) ** 2
+    for i, std in enumerate(np.sqrt(np.diag(s.cov_radar[s.level]))):
+        step = 1e-4 * std * np.eye(4)[i]
+        slope = elevation(pose, s.radar + step) - elevation(pose, s.radar - step)
+        variance += (slope / 2e-4) ** 2
+    return ndtr((limit - elevation(pose, s.radar)) / np.sqrt(variance))
+
+
 def test_draws_beyond_the_table_are_counted(here):
     """Elevation is −0.74 deg, 1 deg is its deviation: 10.4 % of the draws are below −2 deg."""
     rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(-2, 31, 2)]
@@ -807,6 +828,10 @@ def test_draws_beyond_the_table_are_counted(here):
     (words,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
     count = float(words.split("about ")[1].split(" draws")[0].replace(",", ""))
     assert count == pytest.approx(s.runs * sum(beyond), rel=0.05)
+    # to first order, with every pose's sigma of the elevation by differences
+    exact = sum(share_below(pose, s, -2 * DEG) for pose in s.aircraft)
+    (line,) = table_warnings(s, runs=10**7)
+    assert f"about {10**7 * exact:,.0f}"[:10] == line[line.index("about ") :][:10]
     assert "5 of 5 poses" in words
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
         assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)
