@@ -1,5 +1,6 @@
 """The analyses: agreement of their tables, and their warnings."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.analyses.report import describe_poses as where
 from radar_sense.axis import azimuth
 from radar_sense.propagation import METHODS
+from radar_sense.propagation.linear import linear
 from radar_sense.reading.parse import load_scenario
 from radar_sense.states import SOURCES
 
@@ -68,7 +70,10 @@ def test_correlated_sources_are_warned_of():
         result.table[f"three_sigma_{source}"] ** 2 for source in SOURCES
     )
     assert np.max(abs(gap)) > 1e-3
-    assert any("correlated" in warning for warning in result.warnings)
+    total = result.table["three_sigma_total"]
+    by = np.max(abs(total - np.sqrt(total**2 - gap)))
+    (warning,) = [warning for warning in result.warnings if "correlated" in warning]
+    assert warning.endswith(f"differs from the root sum of squares by up to {by:.2g}")
     independent = analyses.budget(load_scenario())
     assert not any("correlated" in warning for warning in independent.warnings)
 
@@ -126,6 +131,24 @@ def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     assert low < lowest["value"] < high < 0.9973
     assert len(result.summary["coverage_confidence_95"]["lower"]) == 361
     assert result.summary["poses_inconsistent"] > 50
+    table = result.table
+    shift = np.max(abs(table["mc_mean"] - table["p_d"]))
+    assert result.summary["largest_mean_shift"]["value"] == shift > 0
+    assert shift != np.max(table["mc_mean"] - table["p_d"])
+
+
+def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
+    def wide(states, beta):
+        moments = linear(states, beta)
+        ends = {"lower": moments.lower - moments.std, "upper": moments.upper + moments.std}
+        return dataclasses.replace(moments, **ends)
+
+    method = dataclasses.replace(METHODS["linear"], moments=wide)
+    monkeypatch.setitem(METHODS, "wide", method)
+    s = scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 10})
+    result = analyses.montecarlo(s.with_analysis(runs=5000), method="wide")
+    words = "the wide band holds more than 99.73 % of the draws at all 2 poses"
+    assert any(warning.startswith(words) for warning in result.warnings)
 
 
 def test_compare_lays_all_methods_beside_the_draws():

@@ -162,8 +162,15 @@ def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
                     assert_allclose(budget.alone[name] ** 2, whole, rtol=1e-12)
             assert min(budget.finer[f"{name}_attenuation"][0] for name in ("one", "two")) > 0.002
             assert budget.finer["three_attenuation"][0] == 0
-        rows = [line for line in analyses.budget(s).report if line.startswith("    attenuation")]
-        assert len(rows) == 3
+        result = analyses.budget(s)
+        rows = [line.split() for line in result.report if line.startswith("    attenuation")]
+        total = result.table["three_sigma_total"][0]
+        shown = sorted(
+            (f"{three:.4f}", f"{(three / total) ** 2:.1%}")
+            for name in RADARS
+            for three in result.table[f"three_sigma_{name}_attenuation"]
+        )
+        assert sorted((three, share) for _, three, share in rows) == shown
 
 
 @pytest.mark.parametrize("names", [("one",), ("one", "two")])

@@ -432,9 +432,13 @@ def test_running_out_of_memory_or_threads_is_one_line(tool, fake, error, words):
     assert list(Path().iterdir()) == []
 
 
-def test_other_errors_are_not_hidden(tool, fake):
-    fake(lambda: {}["a bug"])
-    with pytest.raises(KeyError):
+@pytest.mark.parametrize("error", [KeyError("a bug"), RuntimeError("a bug")])
+def test_other_errors_are_not_hidden(tool, fake, error):
+    def fail() -> None:
+        raise error
+
+    fake(fail)
+    with pytest.raises(type(error), match="a bug"):
         tool("fake")
 
 
