@@ -1,7 +1,7 @@
 """How sure can you be of a radar's probability of detection?
 
-The public names stand in `__init__.pyi`, for type checkers as for Python. A name is loaded when it
-is first used, so that the command line can answer `--help` without loading NumPy and SciPy.
+The public names are in `__init__.pyi`, for type checkers and for Python. A module is imported at
+the first use of a name. The command line can therefore answer `--help` without NumPy and SciPy.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def __getattr__(name: str) -> Any:
         value: Any = import_module(f"{__name__}.{name}")
     else:
         value = getattr(import_module(homes[name]), name)
-    globals()[name] = value  # the next time Python finds the name by itself
+    globals()[name] = value  # the next use needs no call of this function
     return value
 
 

@@ -1,4 +1,4 @@
-"""The public names, each once; `__init__.py` finds them here when they are first used."""
+"""The public names, each once. `__init__.py` reads the modules of the names from this file."""
 
 from radar_sense import analyses as analyses
 from radar_sense.analyses.budget import budget as budget

@@ -18,10 +18,10 @@ class Axis:
         key: Column in tables, and name in records.
         name: Name in a sentence.
         unit: Unit of `values` and of the values that a user gives.
-        values: Coordinate of each pose (n,). It does not decrease along a path.
+        values: Coordinate of each pose (n,), which does not decrease along a path.
         digits: Format of a value in a sentence.
         tolerance: Largest distance of a pose from the value that a user gives.
-        places: What the values stand for, in the plural.
+        places: Name of the places of the values, in the plural.
     """
 
     key: str

@@ -92,8 +92,6 @@ REPORTS: dict[str, tuple[str, str]] = {
 MOST_THREADS = 8
 #: Seconds before a computation shows its progress.
 PATIENCE = 1.0
-#: Options that select from the scenario. They change the names of the files.
-OF_SCENARIO = ("level", "radar", "runs", "seed")
 #: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 
@@ -118,14 +116,14 @@ class Run:
 
 
 class Cli(click.Group):
-    """The group of commands, with every error in one line on standard error."""
+    """The group of commands. Every error is one line on standard error."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands."""
         return sorted({*ANALYSES, *REPORTS, *self.commands})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command. The command of an analysis is made from the analysis."""
+        """Return a command. Commands of analyses are made from the analyses."""
         if cmd_name not in {*ANALYSES, *REPORTS}:
             return super().get_command(ctx, cmd_name)
         return command_of(load(cmd_name))
@@ -211,7 +209,7 @@ def _sigterm_interrupts() -> Iterator[None]:
 
 
 class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
-    """A number within a limit; `1e6` is a whole one."""
+    """A number within a limit. `1e6` is a whole number."""
 
     name = "N"
 
@@ -362,9 +360,7 @@ def _run(
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
         scenario = _scenario(config)
-        selected = analysis.selected(
-            scenario, **{name: value for name, value in chosen.items() if name in OF_SCENARIO}
-        )
+        selected = analysis.selected(scenario, **chosen)
     if scenario.origin is None and set(formats) - set(FORMATS):
         raise BadInput(
             f"--format {' and '.join(sorted(set(formats) - set(FORMATS)))}: needs geometry.origin, "
@@ -420,7 +416,7 @@ def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
 
 @contextmanager
 def _plain_matplotlib() -> Iterator[None]:
-    """Load Matplotlib without the user's settings and without its messages."""
+    """Load Matplotlib without settings of the user, and without messages."""
     logger, level = logging.getLogger("matplotlib"), logging.getLogger("matplotlib").level
     settings = {"MPLBACKEND": "agg", "MATPLOTLIBRC": os.devnull}
     before = {name: os.environ.get(name) for name in settings}
@@ -439,10 +435,10 @@ def _plain_matplotlib() -> Iterator[None]:
 
 @cli.command(params=[_config(), _quiet()])
 def check(config: Path | None, quiet: bool) -> None:
-    """Read and validate a scenario and print it in full; compute nothing.
+    """Read, validate and print a scenario in full; compute nothing.
 
-    The output is a scenario file with every default filled in. Comments above it sum up the path,
-    and range and SNR of each radar.
+    The output is a scenario file with every default filled in. Comments at the top summarize the
+    radars and the path.
 
     \b
     Examples:
@@ -452,26 +448,10 @@ def check(config: Path | None, quiet: bool) -> None:
     from radar_sense.analyses.overview import overview
     from radar_sense.analyses.plausibility import plausibility_warnings
     from radar_sense.files import yaml_text
-    from radar_sense.model.radar_constant import describe
-    from radar_sense.states import CONSTANTS
 
     with _refusals():
         scenario = _scenario(config)
     if not quiet:
-        names = scenario.model.names
-        if names:
-            radars = "1 radar" if len(names) == 1 else f"{len(names)} radars"
-            click.echo(f"# {len(scenario.aircraft)} poses, {radars}")
-            for name, constant in zip(names, scenario.radar[CONSTANTS], strict=True):
-                click.echo(f"# {name}: c_r = {constant:g} J m^2/K")
-        else:
-            click.echo(f"# {len(scenario.aircraft)} poses, c_r = {scenario.radar[3]:g} J m^2/K")
-        of_whom = [f"{name}, " for name in names] if len(names) > 1 else [""]
-        for level, of_radars in scenario.tolerances.items():
-            constants = zip(of_whom, scenario.radar[CONSTANTS], of_radars, strict=True)
-            for who, constant, parts in constants:
-                if parts:
-                    click.echo(f"# {who}{level}: {describe(constant, parts)}")
         for line in overview(scenario):
             click.echo(f"# {line}")
         click.echo(yaml_text(scenario.resolved()), nl=False)
@@ -607,8 +587,8 @@ def _delayed(show: Callable[[], None]) -> Iterator[threading.Timer]:
 
 @contextmanager
 def _computing_line(name: str) -> Iterator[None]:
-    """Show on the terminal what an analysis is computing, and how much of it is done."""
-    from radar_sense.progress import heard_by
+    """Show the progress of an analysis on the terminal: the steps done, and all steps."""
+    from radar_sense.progress import listening
 
     line, shown = f"{name}: computing ...", False
     lock = threading.Lock()
@@ -633,7 +613,7 @@ def _computing_line(name: str) -> Iterator[None]:
             else:
                 line = text
 
-    with _delayed(show), heard_by(hear):
+    with _delayed(show), listening(hear):
         try:
             yield
         finally:

@@ -105,17 +105,23 @@ def checked(whose: str, covariance: ArrayLike) -> FloatArray:
     n, poses = matrices.shape[-1] if matrices.ndim else 0, matrices.shape[:-2]
     if matrices.shape[-2:] != (n, n):
         raise InputError(f"{whose} covariance must have shape (..., n, n), got {matrices.shape}")
-    flat = matrices.reshape(-1, n, n)
-    for start in range(0, len(flat), BLOCK):
-        wrong = _first_wrong(flat[start : start + BLOCK])
-        if wrong:
-            place = at_pose([int(i) for i in np.unravel_index(start + wrong[0], poses)])
-            raise InputError(f"{whose} covariance{place} {wrong[1]}")
+    wrong = first_wrong(matrices.reshape(-1, n, n))
+    if wrong:
+        place = at_pose([int(i) for i in np.unravel_index(wrong[0], poses)])
+        raise InputError(f"{whose} covariance{place} {wrong[1]}")
     return matrices
 
 
-def _first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
-    """Return the first matrix (k, n, n) that is not a finite covariance, and its problem."""
+def first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
+    """Return the first matrix (k, n, n) that is not a finite covariance, and the problem."""
+    for start in range(0, len(matrices), BLOCK):
+        wrong = _first_wrong_in_block(matrices[start : start + BLOCK])
+        if wrong:
+            return start + wrong[0], wrong[1]
+    return None
+
+
+def _first_wrong_in_block(matrices: FloatArray) -> tuple[int, str] | None:
     finite = np.isfinite(matrices)
     if not finite.all():
         index, i, j = np.argwhere(~finite)[0].tolist()
@@ -181,7 +187,9 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     if covariance.shape[-2:] != (n, n):
         raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
     # An undefined partial of a certain component must not make the variance NaN.
-    jacobian = np.where(np.any(covariance != 0, axis=-1), jacobian, 0.0)
+    uncertain = np.any(covariance != 0, axis=-1)
+    if not uncertain.all():
+        jacobian = np.where(uncertain, jacobian, 0.0)
     variance: FloatArray
     if covariance.ndim == 2 and n > MANY:
         variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)

@@ -29,7 +29,7 @@ def printable(text: str) -> str:
 
 
 def shorten(text: str) -> str:
-    """Return the text in quotes, with control characters escaped, and at most 40 letters of it."""
+    """Return at most 40 letters of the text in quotes, with control characters escaped."""
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
@@ -38,6 +38,6 @@ class ComputationError(RuntimeError):
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:
-    """Return a suggestion to append to an error, or nothing if no allowed word is close."""
+    """Return a suggestion to append to an error; "" if no allowed word is close."""
     close = difflib.get_close_matches(word, list(allowed), n=1)
     return f"; did you mean '{close[0]}'?" if close else ""

@@ -5,8 +5,9 @@ first rename. Ctrl-C and SIGTERM are delayed during the renames, and a failed re
 lock on the folder excludes other processes. Table and record are therefore of one run.
 
 SIGKILL can stop a run between two renames. The old record is therefore removed before the first
-rename, and the new record is renamed last. Files beside a record are always files of its run. Files
-without a record may be of two runs; the next run replaces them and says that the record is missing.
+rename, and the new record is renamed last. Files beside a record are always of one run. Files
+without a record may be of two runs. The next run replaces these files and reports the missing
+record.
 """
 
 from __future__ import annotations
@@ -100,7 +101,7 @@ def record(
     summary: Mapping[str, Any],
     columns: Mapping[str, Mapping[str, str]],
 ) -> bytes:
-    """Return the JSON record: the inputs of a result, its warnings, its summary, its columns."""
+    """Return the JSON record of a result: inputs, warnings, summary and columns."""
     content = {
         "analysis": analysis,
         "command": list(command),
@@ -120,7 +121,7 @@ def record(
 
 
 def holds(path: Path, content: bytes) -> bool:
-    """Return whether a file has this content; the file is read a part at a time."""
+    """Return whether a file has this content, reading a part at a time."""
     try:
         with path.open("rb") as file:
             place = 0
@@ -135,7 +136,7 @@ def holds(path: Path, content: bytes) -> bool:
 
 def yaml_text(document: Mapping[str, Any]) -> str:
     """Return a resolved scenario as the text of a scenario file."""
-    import yaml  # most commands do not need it
+    import yaml  # which most commands do not need
 
     # default_flow_style None writes lists of numbers on one line
     text: str = yaml.safe_dump(
@@ -154,13 +155,13 @@ def versions() -> Mapping[str, str]:
 
 
 def same_result(one: bytes, other: bytes) -> bool:
-    """Return whether two records have the same result, with any files."""
+    """Return whether two records have the same result, in any formats and folders."""
     first = _digest_of_result(one)
     return first is not None and first == _digest_of_result(other)
 
 
 def _digest_of_result(record: bytes) -> bytes | None:
-    """Return a digest of what a record says of its result; None if it says nothing."""
+    """Return a digest of the result in a record; None if the content is no record."""
     content = _parsed(record)
     if not content:
         return None
@@ -217,9 +218,7 @@ def _computed(command: Any) -> list[str]:
 
 
 def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:
-    """Check that files can be written.
-
-    The folder need not exist. `write` makes the folder.
+    """Check that files can be written. `write` makes a missing folder.
 
     Args:
         paths: The files, all in one folder.
@@ -254,8 +253,8 @@ def write(folder: Path, contents: Mapping[str, bytes | None], record: str | None
     Args:
         folder: The folder; made if it does not exist.
         contents: Content of each file by its name; None removes the file.
-        record: The file that is removed first and renamed last. Where the file is, all files are
-            of one run, even if a process was killed.
+        record: The file that is removed first and renamed last. If the file exists, all files are
+            of one run, even after a process was killed.
 
     Raises:
         OSError: If a file cannot be written. The folder is then as before.
@@ -276,7 +275,7 @@ def write(folder: Path, contents: Mapping[str, bytes | None], record: str | None
 
 
 def _replace_all(folder: Path, contents: Mapping[str, bytes | None], record: str | None) -> None:
-    """Rename the new files to their names; undo all renames if one of them fails."""
+    """Rename the new files to their names; undo all renames if a rename fails."""
     names = [*(name for name in contents if name != record), *([record] if record else [])]
     existing = [name for name in names if os.path.lexists(folder / name)]
     try:
@@ -312,7 +311,7 @@ def _temporary(folder: Path, name: str, ending: str) -> Path:
 
 
 def _write_new(path: Path, content: bytes) -> None:
-    # "x" is O_EXCL: it refuses an existing file or link.
+    # "x" is O_EXCL, which refuses an existing file or link.
     with path.open("xb") as file:
         file.write(content)
         file.flush()
@@ -363,9 +362,8 @@ def _interrupts_held() -> Iterator[None]:
 
     handlers = {}
     try:
-        if (
-            threading.current_thread() is threading.main_thread()
-        ):  # only the main thread receives signals
+        # Only the main thread receives signals.
+        if threading.current_thread() is threading.main_thread():
             for number in (signal.SIGINT, signal.SIGTERM):
                 if signal.getsignal(number) not in (signal.SIG_IGN, None):
                     handlers[number] = signal.signal(number, hold)

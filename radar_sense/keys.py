@@ -1,7 +1,7 @@
 """The keys of a scenario file: meaning, unit, limits and default of each key.
 
-The reader and `Scenario.resolved` use these declarations. Keys of the RCS models and of the data
-sheets are declared with the fields of their classes (`declared`).
+The reader and `Scenario.resolved` use these declarations. Keys of RCS models, detectors and data
+sheets are declared with the fields of their classes (`declared`, `declared_units`).
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class Key:
 
     @property
     def unit_name(self) -> str:
-        """The unit of a number, from the name or else from the help; "" if it has none."""
+        """The unit of a number, from the name or else from the help; "" without a unit."""
         brackets = _BRACKETS.search(self.help)
         if self.limit is None:
             return ""
@@ -146,7 +146,7 @@ def _fields(cls: Any) -> tuple[Field[Any], ...]:
 
 
 def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
-    """Return the keys of a data sheet, for each parameter the keys of its units."""
+    """Return the keys of a data sheet: for each parameter one key a unit."""
     return tuple(
         tuple(
             Key(
@@ -164,7 +164,7 @@ def declared_units(cls: Any) -> tuple[tuple[Key, ...], ...]:
 
 @functools.cache
 def _attribute_help(cls: Any, name: str) -> str:
-    """Return the text about an attribute in the docstring of a class or of its bases."""
+    """Return the text of an attribute in the docstrings of a class and its bases."""
     lines = [line for base in cls.__mro__ for line in (base.__doc__ or "").splitlines()]
     for i, line in enumerate(lines):
         if line.strip().startswith(f"{name}: "):
@@ -202,7 +202,7 @@ def shortest(value: float, guess: float, to_si: Callable[[float], float]) -> flo
             near.append(step)
     for digits in range(1, 18):
         if abs(float(f"{guess:.{digits}g}") - guess) > 1e-14 * abs(guess):
-            continue  # too far away to read back; saves time
+            continue  # a decimal so far away cannot read back as the value
         for number in near:
             decimal = float(f"{number:.{digits}g}")
             if to_si(decimal) == value:
@@ -256,7 +256,7 @@ DETECTOR = Key(
 )
 DETECTOR_MODEL = Key("model", "Name of the detector.", choices=DETECTORS)
 CFAR_TYPE = Key("type", "Kind of CFAR.", choices=CFARS)
-#: Keys of the word that tells the kind of a mapping of a detector.
+#: Keys of the word for the kind of a mapping, by the key of the mapping.
 TYPES = {"cfar": CFAR_TYPE}
 SCAN_PERIOD = Key(
     "scan_period_s",
@@ -394,7 +394,7 @@ ICAO24 = Key(
     allowed="6 digits 0 to 9 and a to f",
     default=None,
 )
-#: How a route file is to be read, if the file itself does not tell.
+#: Conventions of a route file that the file does not state.
 CONVENTIONS = (ALTITUDE_ABOVE, GEOID_HEIGHT, SPEED, ICAO24)
 PATH = (
     GEOMETRY_TYPE,

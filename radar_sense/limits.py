@@ -1,4 +1,4 @@
-"""The numbers that parameters may take, declared once for the classes and for the reader."""
+"""The limits of parameters, declared once for the classes and for the reader."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def parameter(
         limit: The numbers allowed, in the unit of the key.
         meaning: What the number is, for the reference of the scenario file.
         unit: SI value of 1 in the unit of the key.
-        default: Value of a key that is left out; without it the key must be there.
+        default: Value of a missing key. Without a default the key is required.
     """
     metadata = {"key": key, "limit": limit, "help": meaning, "unit": unit}
     return field(default=default, metadata=metadata)
@@ -113,13 +113,13 @@ def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
 
     Args:
         key: Key of the mapping in the file.
-        kinds: Dataclass of the field; or several by the name that the mapping gives as its `type`.
+        kinds: Dataclass of the field, or dataclasses by the `type` in the mapping.
     """
     return {"section": key, "kinds": kinds}
 
 
 def plain_number(value: Any) -> Any:
-    """Return the Python number in a NumPy scalar or an array without axes; else the value."""
+    """Return a NumPy scalar or an array without axes as a Python number; else the value."""
     return value.item() if getattr(value, "ndim", None) == 0 else value
 
 
@@ -140,7 +140,7 @@ def check_parameters(instance: Any) -> None:
     """Make Python numbers of the fields declared with `parameter`.
 
     Raises:
-        InputError: If a field is outside its limit.
+        InputError: If a field is outside the limit.
     """
     for f in fields(instance):
         if "limit" in f.metadata:

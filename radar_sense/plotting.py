@@ -91,7 +91,7 @@ _LEGEND_ROW = 0.16
 _FOOTER_ROW = 0.12
 #: Letters of the footer in a line of a figure that is one column wide.
 _FOOTER_LETTERS = 78
-#: More lines than this have their labels on the lines.
+#: Most lines in a legend. The labels of more lines are on the lines.
 MOST_IN_LEGEND = 6
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
 LINES: tuple[tuple[str, Any], ...] = (
@@ -104,6 +104,9 @@ LINES: tuple[tuple[str, Any], ...] = (
 )
 BAND = LINES[1]
 SAMPLE_PATH_COLOUR = "0.7"
+#: Names of the angles of `set_compass`: bearings, and azimuths in the body frame.
+BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
+ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
 #: Lines of more points than MOST_POINTS are thinned, because a million points take a minute and
 #: 10 MB. A page resolves COLUMNS columns.
 MOST_POINTS = 10_000
@@ -155,7 +158,7 @@ def draw(
 
 
 def points(size: float) -> float:
-    """Return a size in points in the scale of the style; inches likewise."""
+    """Return a size, in points or inches, in the scale of the style."""
     return size * float(mpl.rcParams["font.size"]) / _POINTS["font.size"]
 
 
@@ -192,7 +195,7 @@ def render(figure: Figure, kind: str) -> bytes:
 
 
 @contextmanager
-def apply_style(style: Style = STYLES[DEFAULT_STYLE]) -> Iterator[None]:
+def apply_style(style: Style) -> Iterator[None]:
     """Apply a style to Matplotlib's defaults, without the user's settings."""
     kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}
@@ -218,16 +221,33 @@ def contour_lines(
     return [np.asarray(line, dtype=float) for line in lines]
 
 
-def hex_colours(values: Sequence[float], name: str) -> list[str]:
-    """Return colours as #rrggbb of values from 0 to 1; values outside have the end colours."""
-    colours = mpl.colormaps[name](np.clip(values, 0.0, 1.0))
-    return [mpl.colors.to_hex(colour) for colour in colours]
+def hex_colour(value: float, name: str) -> str:
+    """Return the colour as #rrggbb of a value from 0 to 1; other values have the end colours."""
+    return mpl.colors.to_hex(mpl.colormaps[name](np.clip(value, 0.0, 1.0)))
 
 
 def panels(figure: Figure, count: int) -> list[Axes]:
     """Add panels below each other that share an axis."""
     set_height(figure, 0.6 + 1.7 * count)
     return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
+
+
+def set_compass(axes: Any, names: Sequence[str], label: str, *, label_angle: float) -> None:
+    """Turn polar axes to 0 at the top and clockwise angles.
+
+    Args:
+        axes: The polar axes.
+        names: Names of the angles 0, 45, ... 315 deg.
+        label: Label of the radius; "" for none.
+        label_angle: Angle of the numbers of the radius [deg].
+    """
+    axes.set_theta_zero_location("N")
+    axes.set_theta_direction(-1)
+    axes.set_rlabel_position(label_angle)
+    axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
+    axes.set_xticklabels(names)
+    axes.set_ylabel(label, labelpad=points(24))
 
 
 def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
@@ -245,7 +265,7 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
 
 
 class DisplayUnit(NamedTuple):
-    """The label of an axis, its unit in units of `Axis`, and the steps of its ticks."""
+    """The label of an axis, the unit in units of `Axis`, and the steps of the ticks."""
 
     label: str
     unit: float
@@ -260,7 +280,7 @@ _DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
 def display_unit(axis: Axis) -> DisplayUnit:
     """Choose the unit of an axis.
 
-    Time is in seconds, as in all sentences and tables. A distance is in km if it is long.
+    Time is in seconds, as in all sentences and tables. A long distance is in km.
     """
     if axis.key == "time_s":
         return DisplayUnit("Time [s]", 1.0, _SIXTIES)
@@ -375,9 +395,9 @@ def draw_fill(
 def thinned(x: FloatArray, y: FloatArray) -> NDArray[np.intp]:
     """Choose the points of a line that a page can show.
 
-    Up to MOST_POINTS points are all kept. Of more points, each run within one column keeps the
-    first, the last, the lowest and the highest. They draw the same pixels as all points (U. Jugel,
-    Z. Jerzak, G. Hackenbroich and V. Markl, "M4: a visualization-oriented time series data
+    Up to MOST_POINTS points are all kept. With more points, each run within one column keeps the
+    first, the last, the lowest and the highest. These points draw the same pixels as all points (U.
+    Jugel, Z. Jerzak, G. Hackenbroich and V. Markl, "M4: a visualization-oriented time series data
     aggregation", PVLDB 7(10), 2014).
 
     Args:
@@ -424,7 +444,7 @@ def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -
 
 
 def _widths(entries: Sequence[int], columns: int) -> list[int]:
-    """Return the widths of the columns of a legend. The first columns have the most rows."""
+    """Return the widths of the columns of a legend, with the most rows in the first columns."""
     short, longer = divmod(len(entries), columns)
     ends = list(itertools.accumulate([short + 1] * longer + [short] * (columns - longer)))
     return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
@@ -439,8 +459,8 @@ def draw_legend(
         figure: The figure.
         panels: Axes with the labels.
         title: Line above the labels.
-        on_lines: Lines of one panel. If there are many, their labels are on the lines. A line
-            without room for its label stays in the legend.
+        on_lines: Lines of one panel. The labels of more than MOST_IN_LEGEND lines are on the
+            lines. A line without room for a label stays in the legend.
     """
     if len(on_lines) > MOST_IN_LEGEND:
         figure.draw_without_rendering()
@@ -478,9 +498,10 @@ def draw_legend(
 
 
 def _label_lines(lines: Sequence[Line2D]) -> list[Line2D]:
-    """Write labels on lines of one panel that is laid out, and return the lines with room for it.
+    """Write labels on lines of a panel with a layout, and return the labelled lines.
 
-    A label is clear of all other lines and labels, as near to the peak of its line as possible.
+    A label is clear of all other lines and labels, as near to the peak of its line as possible. A
+    line without room for a label is not labelled.
     """
     axes = lines[0].axes
     assert isinstance(axes, Axes)
@@ -531,9 +552,9 @@ def _dense(path: FloatArray) -> FloatArray:
 
 
 def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:
-    """Write names beside points (n, 2) of a panel that is laid out.
+    """Write names beside points (n, 2) of a panel with a layout.
 
-    A name is to the right of its point, or where it is inside the axes and clear of the others.
+    A name is to the right of the point, or on the side with the least overlap of axes and names.
     """
     taken: list[Bbox] = []
     gap = points(4.5)

@@ -1,4 +1,4 @@
-"""Progress of a computation: reports of the computing code, and a listener that shows them."""
+"""Progress of a computation: the computing code reports steps, and a listener shows the steps."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
 
 
 def report(what: str, done: int, total: int) -> None:
-    """Report the steps done to the listener of this thread; do nothing without a listener."""
+    """Report the steps done to the listener of this thread, if there is one."""
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)
 
 
 @contextmanager
-def heard_by(listener: Listener) -> Iterator[None]:
-    """Send all reports of this thread to a listener within the context."""
+def listening(listener: Listener) -> Iterator[None]:
+    """Call a listener with all reports of this thread, within the context."""
     token = _listener.set(listener)
     try:
         yield

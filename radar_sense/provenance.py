@@ -1,7 +1,7 @@
 """The origin of the arrays of a scenario: files, orbits, places and data sheets.
 
-Each object keeps the arrays that were made from it. A record repeats the object only if the
-scenario still has these arrays.
+Each object keeps the arrays made from the file, orbit, place or data sheet. A record has the object
+only if the scenario still has these arrays.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ class Orbit:
 
 @dataclass(frozen=True)
 class Conventions:
-    """How a route file is to be read, if the file itself does not tell.
+    """Conventions of a route file that the file does not state.
 
     Attributes:
-        altitude_above: What the altitudes are above, "ellipsoid", "sea" or "pressure"; None for
-            the convention of the format.
+        altitude_above: Zero of the altitudes, "ellipsoid", "sea" or "pressure"; None for the
+            convention of the format.
         geoid_height_m: Height of the sea level above the ellipsoid [m], or None.
         speed_m_s: Speed between waypoints without times [m/s], or None.
         icao24: Address of the aircraft in ADS-B state vectors, or None.
@@ -61,7 +61,7 @@ class Path:
         step_s: Step of the interpolation [s]; None if the rows of the file are the poses.
         method: Interpolation in time.
         max_gap_s: Longest step of time allowed in the file [s], or None.
-        conventions: How the file was read.
+        conventions: Conventions of the file.
     """
 
     file: str
@@ -81,7 +81,7 @@ class TableFile:
         file: Name of the file, relative to the working folder if it is inside.
         sha256: Digest of the file.
         mirror: Whether the file has one half of a symmetric aircraft.
-        table: The table made from the file.
+        table: Table made from the file.
     """
 
     file: str
@@ -95,7 +95,7 @@ class StatedCovariance:
     """A covariance as a scenario file states it.
 
     Attributes:
-        stated: The covariance in SI units, in the frame of the file; None if a route file has it.
+        stated: The covariance in SI units, in the frame of the file; None for a route file.
         made: The covariance in the frame of the scenario.
     """
 

@@ -1,7 +1,7 @@
 """Blocks of a resolved scenario: from arrays in SI units to keys and numbers of a scenario file.
 
-A number is the shortest decimal that reads back as the same SI value. An array without a file is
-recorded by its length and digest. Such a record is true, but cannot be read back.
+A number is the shortest decimal that reads back as the same SI value. The record of an array
+without a file is the length and a digest, which cannot be read back.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Block = dict[str, Any]
 def radar_block(
     model: DetectionModel, state: FloatArray, source: RadarSource | None, scan_period: float | None
 ) -> Block:
-    """Return the keys of every radar.
+    """Return the keys that a single radar and the radars of a network have.
 
     Args:
         model: P_fa, detector and attenuation.
@@ -77,7 +77,10 @@ def limits_block(
         block[keys.MAX_RANGE.name] = in_unit(max_range, keys.MAX_RANGE.unit)
     if min_range:
         block[keys.MIN_RANGE.name] = in_unit(min_range, keys.MIN_RANGE.unit)
-    block["horizon"] = horizon == earth if horizon in (None, earth) else _fields(horizon)
+    if horizon is None or horizon == earth:
+        block["horizon"] = horizon is not None
+    else:
+        block["horizon"] = dataclasses.asdict(horizon)
     return block
 
 
@@ -91,8 +94,9 @@ def level_block(
 ) -> Block:
     """Return the uncertainty of one radar at one level.
 
-    Tolerances need the data sheet of the file. Without a data sheet they are under a key that no
-    scenario file has, because a standard deviation alone would describe another scenario.
+    Tolerances need the data sheet of the file. Without a data sheet the tolerances are under
+    `constant_tolerances`, a key that no scenario file has. A standard deviation alone would
+    describe another scenario.
     """
     stated = source.covariances.get(level) if source else None
     block = covariance_block(as_stated(covariance, stated), keys.COV_RADAR)
@@ -109,7 +113,7 @@ def level_block(
 
 
 def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
-    """Return the RCS model with its keys."""
+    """Return the RCS model with all keys."""
     if isinstance(rcs, TableRCS):
         block: Block = {"model": "table"}
         if source and source.table is rcs:
@@ -128,7 +132,7 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
 
 
 def detector_block(detector: Detector) -> str | Block:
-    """Return the name of a detector, or a mapping if any of its keys is not at its default."""
+    """Return the name of a detector, or a mapping unless all keys are at their defaults."""
     names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
     if not names:
         return repr(detector)
@@ -275,7 +279,7 @@ def _part(matrix: FloatArray, unit: float) -> Any:
 
 
 def as_stated(covariance: FloatArray, stated: StatedCovariance | None) -> Any:
-    """Return the covariance stated in the file, if it gives this covariance; else this one."""
+    """Return the covariance as the file states it; unchanged if the file has another covariance."""
     if stated is None or not np.array_equal(covariance, stated.made):
         return covariance
     return stated.stated
@@ -297,7 +301,3 @@ def is_as_made(aircraft: FloatArray, provenance: Provenance) -> bool:
 def _sheet(source: RadarSource | None, state: FloatArray) -> Any:
     sheet = source.data_sheet if source else None
     return sheet if sheet and sheet.constant == state[CONSTANT] else None
-
-
-def _fields(horizon: Horizon | None) -> Block:
-    return dataclasses.asdict(horizon) if horizon is not None else {}

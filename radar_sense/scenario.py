@@ -28,14 +28,11 @@ from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, size_of
 
-#: Covariances checked at a time.
-_BLOCK = 2**14
-
 
 class _Network:
-    """The field `Scenario.model`: set to a model of one radar or several, it is a network.
+    """The field `Scenario.model`, which turns a model of one radar or several into a network.
 
-    A descriptor lets type checkers accept both kinds and see a `NetworkModel`.
+    With a descriptor type checkers accept both kinds of models and find a `NetworkModel`.
     """
 
     def __get__(self, scenario: Scenario | None, owner: type[Scenario]) -> NetworkModel:
@@ -50,9 +47,9 @@ class _Network:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Scenario:
-    """A scenario, checked, in SI units and radians. Its arrays are read-only.
+    """A scenario, checked, in SI units and radians. All arrays are read-only.
 
-    `load_scenario` makes one from a file. In Python these are enough:
+    `load_scenario` reads a scenario from a file. In Python these fields are enough:
 
         Scenario(model=DetectionModel(...), aircraft=(n, 6), radar=(4,), cov_aircraft=(6, 6),
                  cov_radar={"medium": (4, 4)})
@@ -80,7 +77,7 @@ class Scenario:
         correlation_s: Correlation time [s] of the pose errors, a first-order Gauss–Markov process.
             0 gives independent errors at all poses, and infinity one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
-            frame; None unless the route is in latitude and longitude.
+            frame. None unless the route is in latitude and longitude.
         provenance: Files, orbit, places and data sheets that the arrays were made from.
     """
 
@@ -217,7 +214,7 @@ class Scenario:
 
     @property
     def scan_period_s(self) -> float | None:
-        """Time from look to look of the first radar [s]; None if it is not known."""
+        """Time from look to look of the first radar [s]; None if unknown."""
         return self.model.radars[0].scan_period
 
     @property
@@ -308,7 +305,7 @@ class Scenario:
     def at_states(self, aircraft: FloatArray) -> Scenario:
         """Return the scenario at other aircraft states (..., 6), one pose after the other.
 
-        All have the covariance of the first pose. The values are not checked.
+        All states have the covariance of the first pose. The values are not checked.
         """
         states = aircraft.reshape(-1, len(AIRCRAFT))
         return self._with(
@@ -345,7 +342,9 @@ class Scenario:
         cov_aircraft: FloatArray,
         time_s: FloatArray | None,
     ) -> Scenario:
-        """Return the scenario with other poses of the same path or orbit, which the record names.
+        """Return the scenario with other poses of the same path or orbit.
+
+        The record still has the path or the orbit.
 
         Args:
             axis: Axis of the poses (n,).
@@ -371,8 +370,8 @@ class Scenario:
     def resolved(self) -> dict[str, Any]:
         """Return the scenario with the keys and units of a scenario file, defaults filled in.
 
-        A scenario from a file reads back as the same scenario. For arrays without a file see
-        `record`.
+        A scenario from a file reads back as the same scenario. See `record` for arrays without a
+        file.
         """
         document: dict[str, Any] = {"name": self.name}
         uncertainty = {
@@ -477,8 +476,8 @@ def check_scenario(scenario: object) -> None:
 def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
     """Return the scenario of each radar of a network by name; {} for a single radar.
 
-    Each has the limits, the state and the covariance of that radar. Correlations with other radars
-    are left out.
+    The scenarios have the limits, the state and the covariance of the radar. Correlations with
+    other radars are left out.
     """
     model = scenario.model
     if len(model.radars) < 2:
@@ -550,22 +549,7 @@ def _check_covariance(name: str, matrix: FloatArray, size: int, count: int | Non
     if matrix.shape not in shapes:
         allowed = " or ".join(str(shape) for shape in shapes)
         raise InputError(f"{name} must have shape {allowed}, got {matrix.shape}")
-    if not np.isfinite(matrix).all():
-        raise InputError(f"{name} must be finite, got {matrix[~np.isfinite(matrix)][0]}")
-    if matrix.ndim == 2:
-        problem = covariance.problem(matrix)
-        if problem:
-            raise InputError(f"{name} {problem}")
-        return
-    for start in range(0, len(matrix), _BLOCK):
-        block = matrix[start : start + _BLOCK]
-        # `first_problem` is for symmetric matrices.
-        transposed = np.swapaxes(block, -1, -2)
-        asymmetric = np.flatnonzero((block != transposed).any(axis=(-2, -1)))
-        for pose in asymmetric:
-            problem = covariance.problem(block[pose])
-            if problem:
-                raise InputError(f"{name}[{start + pose}] {problem}")
-        first = covariance.first_problem(block)
-        if first:
-            raise InputError(f"{name}[{start + first[0]}] {first[1]}")
+    wrong = covariance.first_wrong(matrix.reshape(-1, size, size))
+    if wrong:
+        pose = f"[{wrong[0]}]" if matrix.ndim == 3 else ""
+        raise InputError(f"{name}{pose} {wrong[1]}")

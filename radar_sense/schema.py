@@ -1,8 +1,8 @@
 """The JSON Schema of a scenario file, for editors: generated from the declarations in `keys`.
 
-Names, units, limits, defaults and words come from `keys`. This file has the structure of a scenario
-file, and the keys that exclude or require each other. The schema has draft-07, which language
-servers support best.
+Names, units, limits, defaults and words come from `keys`. This module has the structure of a
+scenario file, and the keys that exclude or require each other. The schema is of draft-07, which
+language servers support best.
 
 A schema cannot express all checks of the reader. For example, the schema accepts a covariance that
 is not positive semidefinite. `tests/test_schema.py` lists these checks.
@@ -123,7 +123,7 @@ def allowed(key: Key) -> str:
 
 
 def default(key: Key) -> str:
-    """Return the default of a key as a scenario file has it, or nothing."""
+    """Return the default of a key as in a scenario file; "" without a default."""
     if key.required or key.default is None:
         return ""
     value = json.dumps(key.default) if isinstance(key.default, bool) else f"{key.default}"
@@ -135,7 +135,7 @@ def _sentence(words: str) -> str:
 
 
 def _value(key: Key) -> Schema:
-    """Return the schema of a number, of numbers, of a word or of text; of a section anything."""
+    """Return the schema of a number, numbers, a word or text; {} for a section."""
     if key.choices == YES_NO:
         return {"type": "boolean"}
     if key.choices:
@@ -152,7 +152,7 @@ def _value(key: Key) -> Schema:
 
 
 def _text(key: Key) -> Schema:
-    # YAML reads names such as 1 or true as numbers and booleans.
+    # YAML reads the name 1 as a number, and the name true as a boolean.
     return {"type": ["string", "number", "boolean"], "pattern": f"^(?:{key.pattern})$"}
 
 
@@ -190,7 +190,7 @@ def _mapping(
     Args:
         section: The keys.
         shapes: Schemas of the values that are not numbers, words or text.
-        required: The required keys; those declared as required if None.
+        required: The required keys; None for the keys declared as required.
     """
     shapes = shapes or {}
     if required is None:
@@ -232,7 +232,7 @@ def _one_of_several() -> Schema:
 
 
 def _detector() -> Schema:
-    """Return the schema of a detector: its name, or a mapping with the keys of its model."""
+    """Return the schema of a detector: a name, or a mapping with the keys of the model."""
     models = {name: _instance(cls, keys.DETECTOR_MODEL) for name, cls in DETECTORS.items()}
     return {"anyOf": [_value(keys.DETECTOR), _by_word(keys.DETECTOR_MODEL, models)]}
 
@@ -253,7 +253,7 @@ def _instance(cls: type, *words: Key) -> Schema:
 
 
 def _data_sheet(kind: str) -> Schema:
-    """Return the schema of a data sheet, with each parameter in one of its units."""
+    """Return the schema of a data sheet, with one unit a parameter."""
     parameters = keys.declared_units(RADARS[kind])
     names = [[key.name for key in units] for units in parameters if units[0].required]
     others = [keys.LOSSES_DB, *([keys.SEARCH_FACTOR] if kind == "surveillance" else [])]
@@ -276,7 +276,7 @@ def _data_sheet(kind: str) -> Schema:
 
 
 def _rcs() -> Schema:
-    """Return the schema of an RCS, with the keys of its model."""
+    """Return the schema of an RCS, with the keys of the model."""
     models = {
         name: keys.TABLE if name == "table" else (keys.RCS_MODEL, *keys.declared(cls))
         for name, cls in RCS_MODELS.items()
@@ -285,14 +285,14 @@ def _rcs() -> Schema:
 
 
 def _geometry() -> Schema:
-    """Return the schema of a geometry, with the keys of its type."""
+    """Return the schema of a geometry, with the keys of the type."""
     orbit = _mapping(keys.ORBIT, {"azimuth_deg": _mapping(keys.SWEEP)})
     shapes = {"origin": _mapping(keys.PLACE), "interpolate": _mapping(keys.INTERPOLATE)}
     return _by_word(keys.GEOMETRY_TYPE, {"orbit": orbit, "path": _mapping(keys.PATH, shapes)})
 
 
 def _by_word(key: Key, mappings: Mapping[str, Schema]) -> Schema:
-    """Return the schema of a mapping whose other keys depend on a word in it."""
+    """Return the schema of a mapping in which a word determines the other keys."""
     return {
         "type": "object",
         "properties": {key.name: {"description": describe(key), **_value(key)}},
@@ -319,7 +319,7 @@ def _covariance(
         parts: The keys of the parts.
         shapes: Schemas of parts that are more than numbers.
         besides: Further keys.
-        alone: Whether a mapping may have further keys only, and state no covariance.
+        alone: Whether a mapping may have further keys only, without a covariance.
     """
     whole = keys.COVARIANCE.name
     by_part = {key.name: _part(key) for key in parts}
@@ -411,7 +411,7 @@ def _one_of(names: Sequence[str]) -> Schema:
 
 
 def _at(name: str, value: Schema) -> Schema:
-    """Return the schema of a mapping that has a key whose value is of a schema."""
+    """Return the schema of a mapping with a key, from the schema of the value."""
     return {"properties": {name: value}, "required": [name]}
 
 
@@ -427,8 +427,8 @@ def _levels_of(kind: str) -> Schema:
     return {"$ref": f"#/definitions/levels_{kind}"}
 
 
-#: What a radar may have for its c_r.
+#: Keys that give the radar constant.
 CONSTANTS = (keys.CONSTANT.name, *RADARS)
-#: What stands beside the covariance of the pose, and is not a part of it.
+#: Keys beside the covariance of the pose.
 _OF_RCS = (keys.RCS_DB,)
 _GEODETIC = _with(keys.RADAR_PLACE.name)

@@ -1,9 +1,10 @@
 """The two state vectors: their components, in order, and the sources of uncertainty in them.
 
-Every array of states has its components on the last axis, in the order given here. The states of
+Every array of states has the components on the last axis, in the order given here. The states of
 several radars follow each other. The errors of further parameters come after the radars: ε of the
-RCS, and the error of ln α, the attenuation, of each radar. Like the radar states, these errors are
-the same at all poses. States have no further errors, ε alone, or ε and the error of each ln α.
+RCS, and the error of ln α of each radar, with the attenuation α. Like the radar states, these
+errors are the same at all poses. States have no further errors, ε alone, or ε and the error of each
+ln α.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 RADAR = ("north", "east", "down", "constant")
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
+DOWN, YAW = 2, 5
 CONSTANT = 3
 #: The errors of the RCS and of the attenuation in the state of one radar.
 RCS_ERROR, ATTENUATION_ERROR = len(RADAR), len(RADAR) + 1
@@ -53,8 +55,8 @@ def sources(
         radars: Names of the radars. Each of several radars is one source. The sources of a single
             radar are `SOURCES`.
         rcs: Whether the error of the RCS is a source.
-        attenuation: Whether the attenuation of a single radar is a source. Of several radars,
-            the attenuation of each is a part of its radar.
+        attenuation: Whether the attenuation of a single radar is a source. In a network the
+            attenuation is a part of the source of each radar.
     """
     sources = dict(SOURCES)
     if len(radars) > 1:
@@ -100,7 +102,7 @@ def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
     Args:
         radars: Numbers of the radars, from 0.
         count: Number of all radars, m.
-        size: Components of the states of all radars, one of `sizes_of`.
+        size: Number of components of the states of all radars, from `sizes_of`.
     """
     places = [len(RADAR) * i + component for i in radars for component in range(len(RADAR))]
     end = len(RADAR) * count
@@ -110,7 +112,7 @@ def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
 
 
 def sizes_of(count: int) -> tuple[int, int, int]:
-    """Return how many components states of m radars may have, without and with further errors."""
+    """Return the possible numbers of components of states of m radars with further errors."""
     return (
         size_of(count, rcs=False, attenuation=False),
         size_of(count, rcs=True, attenuation=False),
@@ -119,7 +121,7 @@ def sizes_of(count: int) -> tuple[int, int, int]:
 
 
 def size_of(count: int, *, rcs: bool, attenuation: bool) -> int:
-    """Return how many components the states of m radars have with these errors after them."""
+    """Return the number of components of the states of m radars with further errors."""
     if attenuation:
         return (len(RADAR) + 1) * count + 1
     return len(RADAR) * count + int(rcs)

@@ -163,17 +163,15 @@ def test_a_matrix_that_is_no_covariance_makes_no_scenario():
     cov_aircraft, cov_radar = good_covariances()
     good = made(*states(), cov_aircraft, cov_radar)
     for message, wrong in no_covariances(6):
-        message = message.removesuffix(r" for entry \[2\]\[2\]")
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov in (wrong, many):
-            place = r"\[13\]" if cov is many and np.isfinite(cov).all() else ""
+            place = r"\[13\]" if cov is many else ""
             with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 made(*states(), cov, cov_radar)
             with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 dataclasses.replace(good, cov_aircraft=cov)
     for message, wrong in no_covariances(4):
-        message = message.removesuffix(r" for entry \[2\]\[2\]")
         with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
             made(*states(), cov_aircraft, wrong)
         with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):

@@ -6,16 +6,20 @@ import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.columns import AXIS, MEAN, Column, quantity
+from radar_sense.analyses import refinement
+from radar_sense.analyses.columns import AXIS, MEAN, quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.error_budget import (
     MONTE_CARLO,
+    Budget,
     RequiredAccuracy,
     error_budget,
+    only_at,
     parts_of,
     required_accuracies,
     sources_of,
@@ -25,70 +29,60 @@ from radar_sense.analyses.report import (
     NAMED,
     describe_extreme,
     describe_poses,
-    distribution_warnings,
     largest_by_radar,
     level_and_method,
     mean_column,
+    method_warnings,
     peak,
     radar_lines,
     radar_summary,
     reached,
     table_warnings,
-    validity_warnings,
 )
 from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
-from radar_sense.propagation import METHODS, check_method
+from radar_sense.propagation import METHODS, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
-#: The gradient for a source counts as zero where its share of the total is below VANISHING times
+#: The gradient for a source counts as zero where the share of the source is below VANISHING times
 #: its largest share.
 VANISHING = 1e-3
 #: Sources that the paper does not have.
 FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)
-
-
-#: Part of the total by which half the deviation of a parameter must reduce the total.
+#: Half the deviation of a parameter must reduce the total by this part.
 LEAST_GAIN = 0.01
 
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        LINES,
-        draw_legend,
-        draw_line,
-        from_zero,
-        points,
-        pose_coordinates,
-        pose_panels,
-        styles,
-    )
+    from radar_sense import plotting
 
-    (axes,) = pose_panels(figure, 1, result.scenario.axis)
-    table, x = result.table, pose_coordinates(result.scenario.axis)
+    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
+    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
     lines = result.summary["lines"]
     colours: dict[str, str] = {}
-    for source, style in zip(lines["sources"], styles(), strict=False):
+    for source, style in zip(lines["sources"], plotting.styles(), strict=False):
         label, colours[source] = source.replace("_", " "), style[0]
-        draw_line(axes, x, table[f"three_sigma_{source}"], style, label=label)
+        plotting.draw_line(axes, x, table[f"three_sigma_{source}"], style, label=label)
     # Parts of radar constants are thin lines in the colour of their source.
-    for part, (_, dashes) in zip(lines["parts"], itertools.cycle(LINES), strict=False):
+    for part, (_, dashes) in zip(lines["parts"], itertools.cycle(plotting.LINES), strict=False):
         style = (colours[part["source"]], dashes)
-        draw_line(axes, x, table[f"three_sigma_{part['name']}"], style, label=part["label"])
-        axes.lines[-1].set_linewidth(points(0.6))
-    draw_line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
+        plotting.draw_line(
+            axes, x, table[f"three_sigma_{part['name']}"], style, label=part["label"]
+        )
+        axes.lines[-1].set_linewidth(plotting.points(0.6))
+    plotting.draw_line(axes, x, table["three_sigma_total"], ("black", "-"), label="total")
     if lines["several_radars"]:
-        axes.lines[-1].set(linewidth=points(2.2), zorder=1.8)
+        axes.lines[-1].set(linewidth=plotting.points(2.2), zorder=1.8)
     axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
-    from_zero(axes)
-    draw_legend(figure, axes, on_lines=axes.lines[: len(lines["sources"])])
+    plotting.from_zero(axes)
+    plotting.draw_legend(figure, axes, on_lines=axes.lines[: len(lines["sources"])])
 
 
 _METHOD = dataclasses.replace(
@@ -119,19 +113,25 @@ _AT = Option(
 
 _TABLE = (
     *AXIS,
-    Column("three_sigma_<source>", "3 sigma of P_D from <source> alone.", ""),
-    quantity("three_sigma_total", "3 sigma of P_D from all sources together."),
+    *quantities(
+        {
+            "three_sigma_<source>": "3 sigma of P_D from <source> alone.",
+            "three_sigma_total": "3 sigma of P_D from all sources together.",
+        }
+    ),
     MEAN,
-    Column("share_<source>", "Share of the variance of P_D from <source>; not by linear.", ""),
-    quantity(
-        "share_interaction", "Share of the variance from interactions of sources; not by linear."
+    *quantities(
+        {
+            "share_<source>": "Share of the variance of P_D from <source>; not by linear.",
+            "share_interaction": (
+                "Share of the variance from interactions of sources; not by linear."
+            ),
+            "total_index_<source>": (
+                "Total Sobol' index of <source>: its share and all its interactions; by montecarlo."
+            ),
+            "share_error_<source>": "Standard error of the share of <source>; by montecarlo.",
+        }
     ),
-    Column(
-        "total_index_<source>",
-        "Total Sobol' index of <source>: its share and all its interactions; by montecarlo.",
-        "",
-    ),
-    Column("share_error_<source>", "Standard error of the share of <source>; by montecarlo.", ""),
 )
 
 
@@ -177,120 +177,160 @@ def budget(
     goal = _goal(method, target, threshold, k, at)
     axis = scenario.axis
     contributions = error_budget(scenario, method)
-    three_sigma = {s: 3 * std for s, std in contributions.alone.items()}
-    total = 3 * contributions.std
-    shares = contributions.shares()
-    worst = peak(total, axis)
+    three_sigma, parts = _three_sigma(contributions.alone), _three_sigma(contributions.parts)
+    finer, total = _three_sigma(contributions.finer), 3 * contributions.std
+    shares, part_shares = contributions.shares(), contributions.part_shares()
     pose = int(np.argmax(reached(total)))  # the first of the poses that are equal to rounding
-    at_worst = {source: float(values[pose]) for source, values in three_sigma.items()}
-    ranked = sorted(at_worst, key=lambda source: np.nan_to_num(-at_worst[source], nan=np.inf))
-    known = np.isfinite(np.stack(list(three_sigma.values()))).all(axis=0) & np.isfinite(total)
-    dominant = np.argmax(np.stack(list(three_sigma.values())), axis=0)
-    dominates = {
-        source: place
-        for i, source in enumerate(three_sigma)
-        if (place := describe_poses((dominant == i) & known & (total > 0), axis))
-    }
-    finer = {source: 3 * std for source, std in contributions.finer.items()}
-    parts = {name: 3 * std for name, std in contributions.parts.items()}
+    at_worst = _at(three_sigma, pose)
+    ranked, parts_ranked = _ranked(at_worst), _ranked(_at(parts, pose))
+    dominates = _dominates(three_sigma, total, axis)
     gaps = {
         source: place
         for source, values in {**three_sigma, **finer, **parts, "total": total}.items()
         if (place := describe_poses(~np.isfinite(values), axis))
     }
-    errors = {s: float(v[pose]) for s, v in (contributions.share_error or {}).items()}
-    part_shares = {name: float(v[pose]) for name, v in contributions.part_shares().items()}
-    parts_ranked = sorted(parts, key=lambda name: np.nan_to_num(-parts[name][pose], nan=np.inf))
-    constant_parts = parts_of(scenario)
-    indented = {
-        name: f"  {name.removeprefix(part.source + '_')}" for name, part in constant_parts.items()
-    }
-    width = max(21, *(len(name) + 1 for name in (*ranked, *indented.values())))
-    rows = {s: [_row(s, at_worst[s], shares[s][pose], errors.get(s), width)] for s in ranked}
-    for name in parts_ranked:
-        share, error, three = part_shares[name], errors.get(name), float(parts[name][pose])
-        rows[constant_parts[name].source].append(_row(indented[name], three, share, error, width))
-    for radar in scenario.model.names:
-        of_attenuation = contributions.finer.get(f"{radar}_attenuation")
-        if of_attenuation is not None:
-            three = 3 * float(of_attenuation[pose])
-            share = (three / float(total[pose])) ** 2 if total[pose] > 0 else float("nan")
-            rows[radar].append(_row("  attenuation", three, share, None, width))
     inverse: dict[str, Any] = {}
     inverse_report: list[str] = []
     if goal is not None:
-        required = required_accuracies(scenario, goal.limit, k=goal.k, method=method, at=at)
-        inverse = {goal.name: _inverse_summary(goal, at, required, axis)}
-        inverse_report = _inverse_report(goal, at, required, axis)
+        poses = _poses_of(scenario, goal, method)
+        required = required_accuracies(poses.scenario, goal.limit, k=goal.k, method=method)
+        inverse = {goal.name: _inverse_summary(goal, poses, required)}
+        inverse_report = _inverse_report(goal, poses, required)
     by_itself = {} if method == MONTE_CARLO else largest_by_radar(scenario, method)
-    warnings = (
-        []
-        if contributions.moments is None
-        else [*validity_warnings(scenario, contributions.moments, method)]
-    )
-    if method != MONTE_CARLO:
-        warnings += distribution_warnings(scenario, method)
-    warnings += table_warnings(scenario)
     vanishing = _vanishing(scenario, three_sigma, total) if method == "linear" else {}
-    warnings += _vanishing_warnings(vanishing)
     return Result(
         scenario=scenario,
         method=method,
         table={
             axis.key: axis.values,
-            **{
-                f"three_sigma_{source}": values
-                for source, values in three_sigma.items()
-                if source not in FURTHER  # later columns, as the first ones are fixed
-            },
+            # The columns of the paper's sources and of the total are first, in a fixed order.
+            **_columns({s: v for s, v in three_sigma.items() if s not in FURTHER}),
             "three_sigma_total": total,
-            **{
-                f"three_sigma_{source}": values
-                for source, values in three_sigma.items()
-                if source in FURTHER
-            },
-            **{f"three_sigma_{source}": values for source, values in finer.items()},
+            **_columns({s: v for s, v in three_sigma.items() if s in FURTHER}),
+            **_columns(finer),
             **mean_column(contributions.mean, method),
             **({} if method == "linear" else {f"share_{s}": v for s, v in shares.items()}),
             **{f"total_index_{s}": v for s, v in (contributions.total_index or {}).items()},
             **{f"share_error_{s}": v for s, v in (contributions.share_error or {}).items()},
-            **{f"three_sigma_{name}": values for name, values in parts.items()},
+            **_columns(parts),
         },
         summary={
-            "largest_three_sigma_total": worst,
+            "largest_three_sigma_total": peak(total, axis),
             "at_largest": at_worst,
-            "shares_at_largest": {s: float(v[pose]) for s, v in shares.items()},
-            "dominant": ranked[0] if known[pose] else None,
+            "shares_at_largest": _at(shares, pose),
+            "dominant": ranked[0] if np.isfinite([*at_worst.values(), total[pose]]).all() else None,
             "dominates": dominates,
             **({"no_value": gaps} if gaps else {}),
             **({"gradient_vanishes": vanishing} if vanishing else {}),
             "lines": _lines(scenario),
             **radar_summary(by_itself),
-            **_parts_summary({name: float(v[pose]) for name, v in parts.items()}, part_shares),
+            **_parts_summary(_at(parts, pose), _at(part_shares, pose)),
             **inverse,
         },
         report=(
             f"3 sigma of P_D ({level_and_method(scenario.level, method)}) at {axis.at(pose)}, "
             "where the total is largest, and share of its variance:",
-            *(row for source in ranked for row in rows[source]),
-            *_interaction_row(shares["interaction"][pose], errors.get("interaction"), width),
-            _row("total", float(total[pose]), width=width),
+            *_rows(scenario, contributions, ranked, parts_ranked, pose),
             *(f"{source} dominates {place}" for source, place in dominates.items()),
             *(f"{source} has no value {place}" for source, place in gaps.items()),
             *_measure_better(scenario, method, parts_ranked, pose, float(total[pose])),
             *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),
             *inverse_report,
         ),
-        warnings=(*warnings, *_correlated(three_sigma, total, method)),
+        warnings=(
+            *(
+                table_warnings(scenario)
+                if contributions.moments is None
+                else method_warnings(scenario, contributions.moments, method)
+            ),
+            *_vanishing_warnings(vanishing),
+            *_correlated(three_sigma, total, method),
+        ),
     )
+
+
+def _three_sigma(std: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    return {name: 3 * values for name, values in std.items()}
+
+
+def _columns(three_sigma: Mapping[str, FloatArray]) -> dict[str, FloatArray]:
+    """Return the columns of 3σ by source."""
+    return {f"three_sigma_{source}": values for source, values in three_sigma.items()}
+
+
+def _at(values: Mapping[str, FloatArray], pose: int) -> dict[str, float]:
+    """Return the values at a pose by name."""
+    return {name: float(column[pose]) for name, column in values.items()}
+
+
+def _ranked(values: Mapping[str, float]) -> list[str]:
+    """Return names from the largest value to the smallest, NaN last."""
+    return sorted(values, key=lambda name: np.nan_to_num(-values[name], nan=np.inf))
+
+
+def _dominates(
+    three_sigma: Mapping[str, FloatArray], total: FloatArray, axis: Axis
+) -> dict[str, str]:
+    """Return the poses at which each source has the largest 3σ, in words."""
+    by_source = np.stack(list(three_sigma.values()))
+    known = np.isfinite(by_source).all(axis=0) & np.isfinite(total)
+    largest = np.argmax(by_source, axis=0)
+    return {
+        source: place
+        for i, source in enumerate(three_sigma)
+        if (place := describe_poses((largest == i) & known & (total > 0), axis))
+    }
+
+
+def _rows(
+    scenario: Scenario,
+    contributions: Budget,
+    ranked: Sequence[str],
+    parts_ranked: Sequence[str],
+    pose: int,
+) -> list[str]:
+    """Return the rows of sources, each above its parts, of the interaction, and of the total."""
+    three_sigma = {
+        name: 3 * float(std[pose])
+        for name, std in {
+            **contributions.alone,
+            **contributions.parts,
+            **contributions.finer,
+            "total": contributions.std,
+        }.items()
+    }
+    shares = {
+        **_at(contributions.shares(), pose),
+        **_at(contributions.part_shares(), pose),
+    }
+    errors = _at(contributions.share_error or {}, pose)
+    parts = parts_of(scenario)
+    labels = {name: f"  {name.removeprefix(part.source + '_')}" for name, part in parts.items()}
+    width = max(21, *(len(label) + 1 for label in (*ranked, *labels.values())))
+    rows = []
+    for source in ranked:
+        rows.append(_row(source, three_sigma[source], shares[source], errors.get(source), width))
+        rows += [
+            _row(labels[name], three_sigma[name], shares[name], errors.get(name), width)
+            for name in parts_ranked
+            if parts[name].source == source
+        ]
+        attenuation = three_sigma.get(f"{source}_attenuation")
+        if attenuation is not None:
+            total = three_sigma["total"]
+            share = (attenuation / total) ** 2 if total > 0 else float("nan")
+            rows.append(_row("  attenuation", attenuation, share, None, width))
+    rows += _interaction_row(shares["interaction"], errors.get("interaction"), width)
+    return [*rows, _row("total", three_sigma["total"], width=width)]
 
 
 @dataclass(frozen=True)
 class _Goal:
-    """A limit of 3σ of P_D (k is None), or of P_D + kσ."""
+    """A limit of 3σ of P_D (k is None), or of P_D + kσ, at one place or at all (at is None)."""
 
     limit: float
     k: float | None
+    at: float | None
 
     @property
     def name(self) -> str:
@@ -328,15 +368,15 @@ def _goal(
     if target is not None:
         if k is not None:
             raise InputError("--k belongs to --threshold, which is not given")
-        return _Goal(target, None)
+        return _Goal(target, None, at)
     assert threshold is not None
     k = 3.0 if k is None else k
     check_threshold(threshold, k)
-    return _Goal(threshold, k)
+    return _Goal(threshold, k, at)
 
 
 def _lines(scenario: Scenario) -> dict[str, Any]:
-    """Return the lines of the figure: sources, and parts of radar constants with their labels."""
+    """Return the names and labels of the lines of the figure: sources, and parts of constants."""
     names = scenario.model.names
     return {
         "sources": list(sources_of(scenario)),
@@ -357,9 +397,9 @@ def _lines(scenario: Scenario) -> dict[str, Any]:
 def _vanishing(
     scenario: Scenario, alone: Mapping[str, FloatArray], total: FloatArray
 ) -> dict[str, str]:
-    """Return the sources with a (nearly) vanishing gradient at some poses, and the poses."""
+    """Return the sources with a vanishing gradient at some poses, and these poses in words."""
     places = {}
-    # A radar that does not see the aircraft has no effect of second order.
+    # A radar that does not see the aircraft has no effect of second order either.
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
     for source, values in alone.items():
@@ -386,8 +426,8 @@ def _vanishing_warnings(places: Mapping[str, str]) -> tuple[str, ...]:
 
 def _correlated(alone: Mapping[str, FloatArray], total: FloatArray, method: str) -> tuple[str, ...]:
     """Return a warning if the contributions do not add up, because sources are correlated."""
-    if method != "linear":
-        return ()  # other methods report the interaction
+    if method != "linear":  # other methods report the interaction
+        return ()
     together = np.sqrt(np.sum([values**2 for values in alone.values()], axis=0))
     gap = np.nanmax(abs(total - together), initial=0)
     if gap <= 1e-9 * np.nanmax(total, initial=0):
@@ -430,7 +470,7 @@ def _short(part: str) -> str:
 def _measure_better(
     scenario: Scenario, method: str, ranked: Sequence[str], pose: int, total: float
 ) -> tuple[str, ...]:
-    """Return the part of a radar constant to measure first, and the total with half its σ."""
+    """Return advice on the part of a radar constant to measure first."""
     if not ranked or not total > 0:
         return ()
     several = "s" if len(scenario.tolerances_at_level) > 1 else ""
@@ -449,7 +489,7 @@ def _measure_better(
 
 
 def _interaction_row(share: float, error: float | None, width: int) -> tuple[str, ...]:
-    """Return the row of the interaction between sources, unless it is rounding."""
+    """Return the row of the interaction between sources; () for an interaction from rounding."""
     if not abs(share) > 1e-9:
         return ()
     return (f"  {'interaction':{width + 6}}{_percent(share, error)}",)
@@ -461,13 +501,25 @@ def _percent(share: float, error: float | None) -> str:
     return f" {share:6.1%}" + ("" if error is None else f" +/- {error:.1%}")
 
 
+def _poses_of(scenario: Scenario, goal: _Goal, method: str) -> refinement.Refined:
+    """Return the pose at the place of a goal, or enough poses to resolve P_D."""
+    propagate = partial(propagate_scenario, method=method, beta=goal.k or 3.0)
+    if goal.at is not None:
+        scenario = only_at(scenario, goal.at)
+    return refinement.resolve(scenario, propagate, goal.limit)
+
+
 def _inverse_summary(
-    goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
+    goal: _Goal, poses: refinement.Refined, required: Mapping[str, RequiredAccuracy]
 ) -> dict[str, Any]:
+    axis = poses.scenario.axis
     limit = {"three_sigma": goal.limit} if goal.k is None else {"p_max": goal.limit, "k": goal.k}
     return {
         **limit,
-        f"at_{axis.unit}": at,
+        "poses": len(axis),
+        "poses_between_rows": poses.added,
+        "resolved": poses.resolved,
+        f"at_{axis.unit}": goal.at,
         "required_accuracy": {
             source: {
                 axis.key if key == "place" else key: value
@@ -479,12 +531,16 @@ def _inverse_summary(
 
 
 def _inverse_report(
-    goal: _Goal, at: float | None, required: Mapping[str, RequiredAccuracy], axis: Axis
+    goal: _Goal, poses: refinement.Refined, required: Mapping[str, RequiredAccuracy]
 ) -> list[str]:
-    place = "at all poses" if at is None else f"at {axis.format(at)}"
+    axis = poses.scenario.axis
+    place = "at all poses" if goal.at is None else f"at {axis.format(goal.at)}"
+    if poses.added:
+        place += f" and at {poses.added} between them"
     lines = [
         f"to keep {goal} {place}, largest factor on the standard deviations of one source (others "
-        "unchanged), or of all:"
+        "unchanged), or of all:",
+        *([] if poses.resolved else [f"  {refinement.unresolved(poses)}"]),
     ]
     names = {source: _short(source) for source in required}
     names = {source: name if name == source else f"  {name}" for source, name in names.items()}

@@ -1,13 +1,13 @@
 """The columns of tables: name, unit and meaning, declared once for the record and the reference.
 
 Each analysis declares its columns with `@analysis(columns=...)`. A name may have a placeholder for
-a word, as in `three_sigma_<level>`. This file has the columns common to several analyses.
+a word, as in `three_sigma_<level>`. Columns of several analyses are in this file.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from radar_sense.keys import unit_name
@@ -47,6 +47,11 @@ def quantity(name: str, meaning: str) -> Column:
     return Column(name, meaning, unit_name(name.partition("_<")[0]))
 
 
+def quantities(meanings: Mapping[str, str]) -> tuple[Column, ...]:
+    """Return columns as `quantity` does, from their meanings by name."""
+    return tuple(quantity(name, meaning) for name, meaning in meanings.items())
+
+
 def of_radars(columns: Iterable[Column]) -> tuple[Column, ...]:
     """Return the columns of each radar of a network."""
     return tuple(
@@ -62,44 +67,58 @@ def find(columns: Sequence[Column], name: str) -> Column | None:
     return next((column for c in longest_first if (column := c.named(name))), None)
 
 
-AXIS = (
-    quantity("theta_r_deg", "Azimuth of the pose on an orbit."),
-    quantity("time_s", "Time of the pose on a path."),
-    quantity("distance_m", "Distance flown to the pose on a path."),
-    quantity("pose", "Number of the pose, from 0, of states given in Python."),
+AXIS = quantities(
+    {
+        "theta_r_deg": "Azimuth of the pose on an orbit.",
+        "time_s": "Time of the pose on a path.",
+        "distance_m": "Distance flown to the pose on a path.",
+        "pose": "Number of the pose, from 0, of states given in Python.",
+    }
 )
 P_D = quantity("p_d", "P_D at the nominal states, of all radars together.")
-LINK = (
-    quantity("range_m", "Slant range to the radar."),
-    quantity("rcs_m2", "Radar cross section towards the radar."),
-    quantity("snr_db", "Signal-to-noise ratio of a single pulse."),
+LINK = quantities(
+    {
+        "range_m": "Slant range to the radar.",
+        "rcs_m2": "Radar cross section towards the radar.",
+        "snr_db": "Signal-to-noise ratio of a single pulse.",
+    }
 )
 BAND = (
     P_D,
-    quantity("sigma_pd", "Standard deviation of P_D."),
-    quantity("lower_3sigma", "Lower 3-sigma bound of P_D."),
-    quantity("upper_3sigma", "Upper 3-sigma bound of P_D."),
+    *quantities(
+        {
+            "sigma_pd": "Standard deviation of P_D.",
+            "lower_3sigma": "Lower 3-sigma bound of P_D.",
+            "upper_3sigma": "Upper 3-sigma bound of P_D.",
+        }
+    ),
 )
 MEAN = quantity("mean_pd", "Mean of P_D; for linear the mean is p_d.")
-DRAWS = (
-    quantity("mc_mean", "Mean of the draws of P_D."),
-    quantity("mc_std", "Standard deviation of the draws of P_D."),
-    quantity("mc_lower", "Quantile of the draws at 0.00135, as -3 sigma of a normal distribution."),
-    quantity("mc_upper", "Quantile of the draws at 0.99865, as +3 sigma of a normal distribution."),
+DRAWS = quantities(
+    {
+        "mc_mean": "Mean of the draws of P_D.",
+        "mc_std": "Standard deviation of the draws of P_D.",
+        "mc_lower": "Quantile of the draws at 0.00135, as -3 sigma of a normal distribution.",
+        "mc_upper": "Quantile of the draws at 0.99865, as +3 sigma of a normal distribution.",
+    }
 )
 COVERAGE = quantity("coverage_3sigma", "Share of the draws within the 3-sigma band of the method.")
-PLACES = (
-    quantity("north_m", "North of the aircraft from the origin, on a path."),
-    quantity("east_m", "East of the aircraft from the origin, on a path."),
-    quantity("down_m", "Down of the aircraft from the origin, on a path."),
-    quantity("latitude_deg", "WGS-84 latitude of the aircraft, on a path with an origin."),
-    quantity("longitude_deg", "WGS-84 longitude of the aircraft, on a path with an origin."),
-    quantity("altitude_m", "Height of the aircraft above the ellipsoid, on a path with an origin."),
+PLACES = quantities(
+    {
+        "north_m": "North of the aircraft from the origin, on a path.",
+        "east_m": "East of the aircraft from the origin, on a path.",
+        "down_m": "Down of the aircraft from the origin, on a path.",
+        "latitude_deg": "WGS-84 latitude of the aircraft, on a path with an origin.",
+        "longitude_deg": "WGS-84 longitude of the aircraft, on a path with an origin.",
+        "altitude_m": "Height of the aircraft above the ellipsoid, on a path with an origin.",
+    }
 )
-OF_THRESHOLD = (
-    quantity("upper_<k>sigma", "With --threshold and --k: upper bound of P_D at <k> sigma."),
-    quantity("margin", "With --threshold: P_MAX minus the upper bound of P_D."),
-    quantity("violated", "With --threshold: 1 where the bound is above P_MAX, else 0."),
-    quantity("not_known", "With --threshold: 1 where the test has no answer, else 0."),
-    quantity("probability_above", "With --threshold: probability that P_D is above P_MAX."),
+OF_THRESHOLD = quantities(
+    {
+        "upper_<k>sigma": "With --threshold and --k: upper bound of P_D at <k> sigma.",
+        "margin": "With --threshold: P_MAX minus the upper bound of P_D.",
+        "violated": "With --threshold: 1 where the bound is above P_MAX, else 0.",
+        "not_known": "With --threshold: 1 where the test has no answer, else 0.",
+        "probability_above": "With --threshold: probability that P_D is above P_MAX.",
+    }
 )

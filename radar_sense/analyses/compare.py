@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from radar_sense.analyses.columns import AXIS, DRAWS, P_D, quantity
+from radar_sense.analyses.columns import AXIS, DRAWS, P_D, quantities
 from radar_sense.analyses.contract import Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     describe_extreme,
@@ -29,37 +29,34 @@ if TYPE_CHECKING:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        LINES,
-        draw_fill,
-        draw_legend,
-        draw_line,
-        pose_coordinates,
-        pose_panels,
-    )
+    from radar_sense import plotting
 
-    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
-    table, x = result.table, pose_coordinates(result.scenario.axis)
+    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
+    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
     ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
-    draw_fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
-    for method, style in zip(METHODS, LINES, strict=False):
+    plotting.draw_fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
+    for method, style in zip(METHODS, plotting.LINES, strict=False):
         for end, drawn in ends.items():
             label = method if end == "upper" else None
-            draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
-            draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
+            plotting.draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
+            plotting.draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
     top.set_ylabel(r"$3\,\sigma$ bounds of $P_D$")
     bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
-    draw_legend(figure, top)
+    plotting.draw_legend(figure, top)
 
 
 _TABLE = (
     *AXIS,
     P_D,
     *DRAWS,
-    quantity("mean_pd_<method>", "Mean of P_D by <method>."),
-    quantity("sigma_pd_<method>", "Standard deviation of P_D by <method>."),
-    quantity("lower_3sigma_<method>", "Lower 3-sigma bound of P_D by <method>."),
-    quantity("upper_3sigma_<method>", "Upper 3-sigma bound of P_D by <method>."),
+    *quantities(
+        {
+            "mean_pd_<method>": "Mean of P_D by <method>.",
+            "sigma_pd_<method>": "Standard deviation of P_D by <method>.",
+            "lower_3sigma_<method>": "Lower 3-sigma bound of P_D by <method>.",
+            "upper_3sigma_<method>": "Upper 3-sigma bound of P_D by <method>.",
+        }
+    ),
 )
 
 

@@ -3,8 +3,8 @@
     @analysis(plot=plot, options=["level", "radar"], examples=["radar-sense rcs"])
     def rcs(scenario, *, step_deg=1.0): ...
 
-`rcs` is then an `Analysis`. From Python it is called with a scenario; the command line makes a
-command of it.
+`rcs` is then an `Analysis`. Python code calls `rcs` with a scenario. The command line makes a
+command of each analysis.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class Progress(Protocol):
     def __call__(
         self, total: int, what: str
     ) -> AbstractContextManager[Callable[[int], None] | None]:
-        """Start to show progress; call the context's value with the number of new steps."""
+        """Start to show progress. Call the value of the context with the number of new steps."""
         ...
 
 
@@ -53,16 +53,16 @@ def silent(total: int, what: str) -> AbstractContextManager[None]:
 
 @dataclass(frozen=True)
 class Option:
-    """A keyword of an analysis, and an option of its command.
+    """A keyword of an analysis, which is an option of the command.
 
     Attributes:
         name: The keyword; `step_km` is --step-km on the command line.
-        help: The line in the command's help.
+        help: Line in the help of the command.
         limit: Limit of a number; None for a word.
         metavar: Placeholder of the value in the help.
         default: The default value.
         default_text: The default in words, if the value is None.
-        count: How many numbers the option takes.
+        count: Number of values of the option.
         choices: The words allowed, if they do not depend on the scenario.
         flag: Whether the option takes no value.
         multiple: Whether the option may be given several times.
@@ -165,7 +165,7 @@ class Result:
 
     @property
     def columns(self) -> dict[str, Column]:
-        """Unit and meaning of the columns of the table that the analysis declares, by name."""
+        """Declared columns of the table by name, each with unit and meaning."""
         declared = self.by.columns if self.by else ()
         columns = {name: find(declared, name) for name in self.table}
         return {name: column for name, column in columns.items() if column}
@@ -243,7 +243,7 @@ class Result:
         style: str = STYLES[0],
         command: Sequence[str] = (),
     ) -> Written:
-        """Do what `save` does, and return what was written, replaced and removed."""
+        """Write the files as `save` does. Return the files written, replaced and removed."""
         allowed = self.by.formats if self.by else FORMATS
         for name in formats:
             if name not in allowed:
@@ -331,7 +331,8 @@ class Written:
     Attributes:
         paths: The table, the figures, the record.
         removed: Figures of another result that had the same name.
-        replaced: The run whose files were replaced; None if its command was the same.
+        replaced: The run whose files were replaced, in words. None for the same command, or if
+            there were no files.
         figure_error: The error if the figure could not be drawn.
     """
 
@@ -354,9 +355,9 @@ class Command:
 
     Attributes:
         name: Name of the command.
-        run: Computes the result.
+        run: Function that computes the result.
         options: Options of the command.
-        examples: Commands for the help.
+        examples: Command lines for the help.
         endings: Endings of the files besides figures.
         has_figures: Whether the command writes figures as separate files.
     """
@@ -436,9 +437,9 @@ class Analysis(Command):
     """An analysis, called with a scenario.
 
     Attributes:
-        plot: Draws the figure of a result into an empty figure; reads the result only.
+        plot: Function that draws a result into an empty figure, from the result alone.
         columns: Columns that the table may have.
-        exports: Formats other than of figures, with the function that returns the file.
+        exports: Functions that return a file, by format. These are formats besides figures.
     """
 
     plot: Callable[[Result, Figure], None]
@@ -449,7 +450,7 @@ class Analysis(Command):
 
     @property
     def formats(self) -> tuple[str, ...]:
-        """Formats of figures, and those that only this analysis has."""
+        """Formats of figures, and formats that only this analysis has."""
         return (*FORMATS, *self.exports)
 
     def __call__(self, scenario: Scenario, **options: Any) -> Result:
@@ -474,11 +475,11 @@ def analysis(
     """Make an analysis of a function from a scenario to a result.
 
     Args:
-        plot: Draws the figure.
+        plot: Function that draws the figure.
         options: Names in `OPTIONS`, or options that only this analysis has.
-        examples: Commands for the help.
+        examples: Command lines for the help.
         columns: Columns that the table may have.
-        exports: Formats other than of figures.
+        exports: Functions that return a file, by format.
         name: Name of the command; the name of the function by default.
     """
 

@@ -2,8 +2,8 @@
 
 The errors of mean, standard deviation and 3σ quantiles are estimated from many independent
 repetitions, against a reference of many more runs. The unit is σ_pd. Random draws and Sobol' points
-each have a variant with the paper's linear model as a control variate (P. Glasserman, *Monte Carlo
-Methods in Financial Engineering*, 2003, section 4.1). On the same draws
+each have a variant with the paper's linear model L as a control variate (P. Glasserman, *Monte
+Carlo Methods in Financial Engineering*, 2003, section 4.1). On the same draws
 
     L = P̄_D + A_a (a − ā) + A_r (r − r̄),    r before c_r is cut off at 0,
 
@@ -13,12 +13,12 @@ known, and is subtracted from the statistics of P_D:
     mean        m_P − (m_L − P̄_D)
     variance    s_P² − (s_L² − σ_L²)
     quantile    the order statistic of P_D whose rank is the number of draws of L below P̄_D − 3σ_L
-                (the upper quantile likewise)
+                (the upper quantile by the number above P̄_D + 3σ_L)
 
 The coefficient of the control is 1 and is not estimated. The mean is therefore unbiased for any
-number of runs, as is the variance of random draws. A coefficient by regression would have a bias of
-the order 1/runs. With Sobol' points, n − 1 in the denominator makes s² too large by up to σ²/n. The
-control removes this error too. The control needs a gradient of P_D.
+number of runs, and the variance of random draws is unbiased too. A coefficient by regression would
+have a bias of the order 1/runs. With Sobol' points, n − 1 in the denominator makes s² too large by
+up to σ²/n. The control removes this error too. The control needs a gradient of P_D.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.columns import quantity
+from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
@@ -52,23 +52,23 @@ T = TypeVar("T")
 #: Largest number of runs: default and limit.
 DEFAULT_RUNS = 2**14
 LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
-#: Largest count of different numbers of runs. Each number is twice the number before.
+#: Most numbers of runs. Each number is twice the number before.
 SIZES = 9
-#: The rate is fitted to this many of the largest numbers of runs.
+#: The rate is fitted to the last RATE_SIZES numbers of runs.
 RATE_SIZES = 5
-#: Number of poses, spread evenly over the scenario; errors are averaged over them.
+#: Number of poses, spread evenly over the scenario. Errors are averaged over these poses.
 POSES = 19
 #: Independent repetitions. The relative uncertainty of the errors is about 1/√(2 · 32), an eighth.
 REPLICATIONS = 32
 #: The reference: number of independent Sobol' sequences, and the factor on the largest runs.
 REFERENCES, REFERENCE_FACTOR = 8, 8
-#: Runs drawn at a time, a power of two; a part of the result's definition.
+#: Runs drawn at a time, a power of two. Another number would give other random numbers.
 BLOCK = 4096
 #: A smaller standard deviation of P_D counts as zero.
 LEAST_STD = 1e-12
 STATISTICS = ("mean", "std", "quantile")
 ESTIMATORS = ("random", "sobol", "random_control", "sobol_control")
-#: Number of the random stream that the seeds of the repetitions come from.
+#: Number of the random stream of the seeds of the repetitions.
 _SEEDS = 2**32 - 3
 
 
@@ -152,7 +152,7 @@ def plain(p_d: FloatArray) -> FloatArray:
 def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> FloatArray:
     """Return the statistics of `plain` (4, n) with the linear model as control variate.
 
-    The formulas are at the top of this module.
+    See the docstring of this module for the formulas.
 
     Args:
         p_d: Draws of P_D (runs, n).
@@ -195,7 +195,7 @@ class Convergence:
 
     @property
     def usable(self) -> NDArray[np.bool_]:
-        """Where (n,) σ_pd is large enough to be the unit of errors."""
+        """Poses (n,) at which σ_pd is large enough to be the unit of errors."""
         usable: NDArray[np.bool_] = self.reference[1] > LEAST_STD
         return usable
 
@@ -231,7 +231,7 @@ def measure(
     """Estimate repeatedly with up to `runs` runs, a power of two, and compute the reference.
 
     Args:
-        scenario: The scenario, at its level; its seed gives the seeds of the repetitions.
+        scenario: The scenario, at its level. The seed determines the seeds of the repetitions.
         runs: Largest number of runs.
         replications: Number of independent repetitions.
         workers: Threads to compute with; the result does not depend on their number.
@@ -284,18 +284,18 @@ def _all(results: Iterable[T], progress: Callable[[int], None] | None) -> list[T
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import LINES, draw_legend, draw_line, panels, points
+    from radar_sense import plotting
 
-    rows = panels(figure, len(STATISTICS))
+    rows = plotting.panels(figure, len(STATISTICS))
     table, runs = result.table, result.table["runs"]
     marks = dict(zip(ESTIMATORS, ("o", "s", "^", "D"), strict=True))
     names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
     for axes, statistic, name in zip(rows, STATISTICS, names, strict=True):
         errors = {e: table[f"error_{statistic}_{e}"] for e in ESTIMATORS}
-        for (estimator, error), style in zip(errors.items(), LINES, strict=False):
+        for (estimator, error), style in zip(errors.items(), plotting.LINES, strict=False):
             label = estimator.replace("sobol", "Sobol\N{PRIME}").replace("_", ", ")
-            draw_line(axes, runs, error, style, label=label if axes is rows[0] else None)
-            axes.lines[-1].set(marker=marks[estimator], markersize=points(2.8))
+            plotting.draw_line(axes, runs, error, style, label=label if axes is rows[0] else None)
+            axes.lines[-1].set(marker=marks[estimator], markersize=plotting.points(2.8))
         axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
         axes.set_xscale("log", base=2)
         axes.margins(x=0.03)
@@ -307,7 +307,7 @@ def plot(result: Result, figure: Figure) -> None:
         if statistic != "quantile":  # no estimator of the quantiles has this rate
             _slope(axes, runs, np.min(first) / 1.6, -1.0, "$n^{-1}$")
     rows[-1].set_xlabel("Number of runs $n$")
-    draw_legend(figure, rows[0])
+    plotting.draw_legend(figure, rows[0])
 
 
 _RUNS = Option(
@@ -318,14 +318,15 @@ _RUNS = Option(
 )
 
 
-_TABLE = (
-    quantity("runs", "Number of runs."),
-    quantity("error_mean_<estimator>", "RMS error of the mean by <estimator>, in sigma of P_D."),
-    quantity("error_std_<estimator>", "RMS error of sigma by <estimator>, in sigma of P_D."),
-    quantity(
-        "error_quantile_<estimator>",
-        "RMS error of the 3-sigma quantiles by <estimator>, in sigma of P_D.",
-    ),
+_TABLE = quantities(
+    {
+        "runs": "Number of runs.",
+        "error_mean_<estimator>": "RMS error of the mean by <estimator>, in sigma of P_D.",
+        "error_std_<estimator>": "RMS error of sigma by <estimator>, in sigma of P_D.",
+        "error_quantile_<estimator>": (
+            "RMS error of the 3-sigma quantiles by <estimator>, in sigma of P_D."
+        ),
+    }
 )
 
 
@@ -348,11 +349,11 @@ def convergence(
     """Error of Monte Carlo by number of runs, for random and Sobol' draws.
 
     Both kinds of draws also have a variant with the linear model as a control variate. Sobol'
-    points are best for mean and sigma, whose error falls nearly as 1/runs. For 3-sigma quantiles
+    points are best for mean and sigma. Their error falls nearly as 1/runs. For 3-sigma quantiles
     the gain is smaller. Only random draws give the coverage a binomial confidence interval.
 
     Args:
-        scenario: The scenario; its number of runs is not used.
+        scenario: The scenario. The number of runs of the scenario is not used.
         runs: Largest number of runs, rounded down to a power of two.
         workers: Threads to compute with; the result does not depend on their number.
         progress: Shows the repetitions that are done.
@@ -463,18 +464,18 @@ def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) 
     """Draw a power of the number of runs, to compare the lines with."""
     if len(runs) < 2:
         return
-    from radar_sense.plotting import points
+    from radar_sense import plotting
 
     guide = start * (runs / runs[0]) ** power
-    axes.plot(runs, guide, color="0.55", lw=points(0.7))
+    axes.plot(runs, guide, color="0.55", lw=plotting.points(0.7))
     middle, above = len(runs) // 2, power > -1
     axes.annotate(
         name,
         (runs[middle], guide[middle]),
-        xytext=(0, points(3) if above else -points(3)),
+        xytext=(0, plotting.points(3) if above else -plotting.points(3)),
         textcoords="offset points",
         ha="left" if above else "right",
         va="bottom" if above else "top",
-        fontsize=points(6.5),
+        fontsize=plotting.points(6.5),
         color="0.35",
     )

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.columns import quantity
+from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.grid import (
     BETA,
-    DOWN,
     Grid,
     blocks_of,
     grid,
@@ -32,7 +31,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import nonlinear_in_scenario, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, DOWN, RADAR, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -47,7 +46,7 @@ SAMPLED = 20
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import draw_legend, label_points, nominal_width, points, set_height
+    from radar_sense import plotting
 
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
@@ -60,11 +59,13 @@ def plot(result: Result, figure: Figure) -> None:
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
 
-    set_height(figure, 0.75 + min(2.25 * nominal_width(figure) / 3.5, 3.6) * shape)
+    plotting.set_height(
+        figure, 0.75 + min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
+    )
     axes = figure.subplots()
     axes.grid(visible=False)
     axes.set_title(
-        _pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=points(7.5)
+        _pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=plotting.points(7.5)
     )
     image = axes.imshow(
         values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
@@ -89,12 +90,12 @@ def plot(result: Result, figure: Figure) -> None:
             drawn,
             colors=["white" if v < 0.6 else "black" for v in drawn],
             linestyles="-",
-            linewidths=points(0.8),
+            linewidths=plotting.points(0.8),
         )
         if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
-            axes.clabel(lines, fmt="%g", fontsize=points(6.5))
+            axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
         for v in drawn:
-            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=points(0.8))
+            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
     _draw_route(axes, result)
     radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
     axes.plot(
@@ -103,32 +104,32 @@ def plot(result: Result, figure: Figure) -> None:
         "^",
         color="white",
         mec="black",
-        mew=points(0.7),
-        ms=points(5.5),
+        mew=plotting.points(0.7),
+        ms=plotting.points(5.5),
         label="radar" if len(radars) == 1 else "radars",
     )
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
-    draw_legend(figure, axes)
+    plotting.draw_legend(figure, axes)
     # With a fixed aspect, one round of layout can leave a label outside the page. A second round
     # would make a flat map flatter, and flat maps have room for their labels.
     if shape > 0.5 or scenario.model.names:
         figure.draw_without_rendering()
     if scenario.model.names:
-        label_points(axes, radars[:, 1::-1], scenario.model.names)
+        plotting.label_points(axes, radars[:, 1::-1], scenario.model.names)
 
 
 def _draw_route(axes: Axes, result: Result) -> None:
-    """Draw the poses in the colours of the map, by P_D or its bound at their own attitude."""
-    from radar_sense.plotting import coloured_line
+    """Draw the route in the colours of the map, by P_D or the bound at each pose."""
+    from radar_sense import plotting
 
     poses = result.scenario.aircraft / 1e3
     bounded = "upper_3sigma" in result.table
     label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
-    coloured_line(axes, poses[:, 1], poses[:, 0], result.arrays["route"], COLOURS, label)
+    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], result.arrays["route"], COLOURS, label)
 
 
 def _pose_in_words(summary: Mapping[str, Any]) -> str:
-    """Return height and heading of the aircraft in the cells."""
+    """Describe the height and the heading of the aircraft in the cells."""
     roll, pitch, yaw = summary["attitude_deg"]
     heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
     level = max(abs(roll), abs(pitch)) < 0.05
@@ -162,14 +163,16 @@ _OPTIONS = (
 )
 
 
-_TABLE = (
-    quantity("north_m", "North of the rows of cells, from the origin."),
-    quantity("east_m", "East of the columns of cells, from the origin."),
-    quantity("p_d", "P_D in each cell (rows, columns)."),
-    quantity("upper_3sigma", "With --upper: upper 3-sigma bound of P_D in each cell."),
-    quantity("worst_heading_deg", "With --worst-heading: the heading of the largest P_D."),
-    quantity("latitude_deg", "With an origin: WGS-84 latitude of each cell (rows, columns)."),
-    quantity("longitude_deg", "With an origin: WGS-84 longitude of each cell (rows, columns)."),
+_TABLE = quantities(
+    {
+        "north_m": "North of the rows of cells, from the origin.",
+        "east_m": "East of the columns of cells, from the origin.",
+        "p_d": "P_D in each cell (rows, columns).",
+        "upper_3sigma": "With --upper: upper 3-sigma bound of P_D in each cell.",
+        "worst_heading_deg": "With --worst-heading: the heading of the largest P_D.",
+        "latitude_deg": "With an origin: WGS-84 latitude of each cell (rows, columns).",
+        "longitude_deg": "With an origin: WGS-84 longitude of each cell (rows, columns).",
+    }
 )
 
 
@@ -204,11 +207,11 @@ def coverage_map(
 ) -> Result:
     """P_D over an area at one height and course.
 
-    The table is an NPZ file for numpy.load. It has north_m, east_m and, in single precision, p_d;
-    upper_3sigma with --upper; worst_heading_deg with --worst-heading; latitude_deg and
-    longitude_deg if the scenario has an origin. The figure shows the route in the same colours, by
-    P_D at the attitude of each pose. With an origin the map can be GeoJSON or KML too: contours of
-    P_D and of its bound, the radars, and the route with its P_D.
+    The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
+    --upper adds upper_3sigma, and --worst-heading adds worst_heading_deg. An origin of the scenario
+    adds latitude_deg and longitude_deg. The figure shows the route in the same colours, by P_D at
+    the attitude of each pose. With an origin the map can be GeoJSON or KML too. These files have
+    the contours of P_D and of the bound, the radars, and the route with P_D of each leg.
 
     Args:
         scenario: The scenario.
@@ -225,8 +228,8 @@ def coverage_map(
         progress: Shows the cells that are done.
 
     Raises:
-        InputError: If there is no such method, a method is given without `upper`, options
-            contradict each other, or the area is not allowed.
+        InputError: If there is no such method, options contradict each other, or the area is not
+            allowed.
     """
     if method != "linear" and not upper:
         raise InputError("--method needs --upper, which computes the upper bound")
@@ -352,7 +355,7 @@ def _warnings(
 
 
 def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) -> tuple[str, ...]:
-    """Warn if the check of a method finds its bound unreliable in some of the sampled cells."""
+    """Return a warning if the bound of a method is unreliable in some of the sampled cells."""
     sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))

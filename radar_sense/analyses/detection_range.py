@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.columns import Column, quantity
+from radar_sense.analyses.columns import Column, quantities
 from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.analyses.error_budget import error_budget
-from radar_sense.analyses.grid import DOWN
+from radar_sense.analyses.grid import BETA
 from radar_sense.analyses.plausibility import below_ground
 from radar_sense.analyses.rays import FARTHEST, Rays, Reach, Survey, bounds_of_reach, rays, survey
 from radar_sense.analyses.report import (
@@ -28,47 +28,40 @@ from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.propagation import check_method, nonlinear_in_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import FloatArray
+from radar_sense.states import DOWN, YAW, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
-#: P_D of the range where none is asked for.
+#: Default P_D of the range.
 P_D = 0.5
-#: k of the band.
-BETA = 3.0
 #: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
 #: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
 NODE = math.sqrt(3.0)
-#: Change of the distance, relative, for the slope of P_D along a ray. Its square is the error.
+#: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
-#: σ below this part of the range is rounding.
+#: A smaller σ, as a part of the range, is rounding.
 ROUNDING = 1e-12
 BEARING, ASPECT = "bearing", "aspect"
 
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        LINES,
-        MaxNLocator,
-        draw_legend,
-        nominal_width,
-        points,
-        set_height,
-    )
+    from radar_sense import plotting
 
     summary, table = result.summary, result.table
     endings = [f"_{name}" for name in summary["radars"]] or [""]
-    width = nominal_width(figure)
+    width = plotting.nominal_width(figure)
     columns = min(len(endings), int(width / (1.6 if len(endings) <= 6 else 1.1)))
     rows = -(-len(endings) // columns)
-    set_height(figure, 3.3 if len(endings) == 1 else rows * (0.35 + min(width / columns, 1.75)))
+    plotting.set_height(
+        figure, 3.3 if len(endings) == 1 else rows * (0.35 + min(width / columns, 1.75))
+    )
     panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
     by = summary["by"]
     angle = np.deg2rad(table[f"{by}_deg"])
     for panel, ending in zip(panels.flat, endings, strict=False):
-        for value, (colour, dashes) in zip(summary["p_d"], LINES, strict=False):
+        for value, (colour, dashes) in zip(summary["p_d"], plotting.LINES, strict=False):
             lower, reach, upper = (
                 _closed(angle, table[f"{kind}_{value:g}{ending}"] / 1e3)
                 for kind in ("lower_3sigma_m", "range_m", "upper_3sigma_m")
@@ -80,34 +73,25 @@ def plot(result: Result, figure: Figure) -> None:
             panel.plot(
                 *_closed(angle, limit / 1e3),
                 color="0.35",
-                lw=points(0.8),
+                lw=plotting.points(0.8),
                 ls=":",
                 label="limit of the radar",
             )
-        panel.set_theta_zero_location("N")
-        panel.set_theta_direction(-1)
+        several = len(endings) > 1
+        names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
+        label = "" if several else "Slant range [km]"
+        plotting.set_compass(panel, () if several else names, label, label_angle=22.5)
         panel.set_rmin(0)
-        panel.set_rlabel_position(22.5)
-        panel.yaxis.set_major_locator(MaxNLocator(nbins=4))
-        panel.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-        if len(endings) == 1:
-            panel.set_xticklabels(
-                ["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"]
-                if by == ASPECT
-                else ["N", "45", "E", "135", "S", "225", "W", "315"]
-            )
-            panel.set_ylabel("Slant range [km]", labelpad=points(24))
-        else:
-            panel.set_title(ending[1:], fontsize=points(8))
-            panel.set_xticklabels([])
-            panel.tick_params(labelsize=points(6))
+        if several:
+            panel.set_title(ending[1:], fontsize=plotting.points(8))
+            panel.tick_params(labelsize=plotting.points(6))
     for panel in panels.flat[len(endings) :]:
         panel.remove()
-    draw_legend(figure, figure.axes[0], title=summary["title"])
+    plotting.draw_legend(figure, figure.axes[0], title=summary["title"])
 
 
 def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles and values with the first point again at the end, of a full circle."""
+    """Return angles and values; of a full circle with the first point again at the end."""
     step = angle[1] - angle[0] if len(angle) > 1 else 0.0
     if not math.isclose(len(angle) * step, 2 * math.pi, rel_tol=1e-6):
         return angle, values
@@ -120,8 +104,8 @@ class RangeAt:
 
     Attributes:
         p_d: P_D.
-        reach: Where P_D is reached.
-        slant: Range; 0 where P_D is nowhere as high.
+        reach: Distance along each ray.
+        slant: Slant range; 0 where P_D is nowhere as high.
         std: Standard deviation; NaN where a limit of the radar comes first or there is no range.
         lower: Lower bound at Φ(−3).
         upper: Upper bound at Φ(3).
@@ -139,22 +123,26 @@ class RangeAt:
     unreliable: NDArray[np.bool_]
 
 
-_OF_EACH = (
-    quantity("range_m_<p_d>", "Farthest slant range with P_D <p_d>; 0 where there is none."),
-    Column("sigma_range_m_<p_d>", "Standard deviation of this range.", "m"),
-    Column("lower_3sigma_m_<p_d>", "Lower 3-sigma bound of this range.", "m"),
-    Column("upper_3sigma_m_<p_d>", "Upper 3-sigma bound of this range.", "m"),
-    Column(
-        "sigma_range_m_<p_d>_from_<source>",
-        "Standard deviation from <source> alone, to first order.",
-        "m",
-    ),
-    Column("limited_<p_d>", "1 where a limit of the radar comes first, else 0.", ""),
-    Column("edges_<p_d>", "Number of times that P_D passes the value along the ray.", ""),
+_OF_EACH = quantities(
+    {
+        "range_m_<p_d>": "Farthest slant range with P_D <p_d>; 0 where there is none.",
+        "sigma_range_m_<p_d>": "Standard deviation of this range.",
+        "lower_3sigma_m_<p_d>": "Lower 3-sigma bound of this range.",
+        "upper_3sigma_m_<p_d>": "Upper 3-sigma bound of this range.",
+        "sigma_range_m_<p_d>_from_<source>": (
+            "Standard deviation from <source> alone, to first order."
+        ),
+        "limited_<p_d>": "1 where a limit of the radar comes first, else 0.",
+        "edges_<p_d>": "Number of times that P_D passes the value along the ray.",
+    }
 )
 _TABLE = (
-    quantity("bearing_deg", "Bearing from the radar, clockwise from north."),
-    quantity("aspect_deg", "With --by aspect: azimuth in the body frame, clockwise from the nose."),
+    *quantities(
+        {
+            "bearing_deg": "Bearing from the radar, clockwise from north.",
+            "aspect_deg": "With --by aspect: azimuth in the body frame, clockwise from the nose.",
+        }
+    ),
     *_OF_EACH,
     *(
         Column(c.name.replace("<p_d>", "<p_d>_<radar>"), f"For radar <radar>: {c.meaning}", c.unit)
@@ -209,17 +197,17 @@ def detection_range(
     """How far each radar detects the aircraft, by bearing or by aspect.
 
     The aircraft is put around each radar at the height, roll, pitch and yaw of the first pose. The
-    range is the farthest slant range at which P_D has the value asked for. Its 3 sigma band says
-    how far off the range may be, because states and radar are uncertain.
+    range is the farthest slant range at which P_D has the chosen value. The band of 3 sigma is the
+    uncertainty of the range from the uncertain states and radar.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation. By `linear` σ of the range is σ of P_D divided by the slope
-            of P_D along the ray. By other methods the bounds of the range are where the bounds of
-            P_D have the value.
+        method: Method of propagation. By `linear`, σ of the range is σ of P_D divided by the slope
+            of P_D along the ray. By other methods, the bounds of P_D have the value at the bounds
+            of the range.
         p_d: P_D, or several.
-        by: "bearing" from the radar, or "aspect": the azimuth in the body frame at which the
-            aircraft sees the radar, while the aircraft turns at the bearing of the first pose.
+        by: "bearing" from the radar, or "aspect". An aspect is the azimuth of the radar in the body
+            frame. The aircraft then turns at the bearing of the first pose.
         step_deg: Step of the angle [deg].
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
@@ -271,7 +259,7 @@ def detection_range(
         limits = _limits(seen)
         if limits is not None:
             arrays[f"limit_m{ending}"] = limits
-        summary[name or "radar"] = {f"{at.p_d:g}": _summary(at, axis) for at in ranges}
+        summary[name or "radar"] = {f"{at.p_d:g}": _summary(at) for at in ranges}
         report += [*([f"{name}:"] if name else []), *(f"  {_line(at, axis)}" for at in ranges)]
         report += [f"  {line}" for at in ranges for line in _exceptions(at, axis)]
         unreliable = np.any([at.unreliable for at in ranges], axis=0)
@@ -283,7 +271,7 @@ def detection_range(
             warnings.append((name, f"the {method} band of the range is unreliable {place}{remedy}"))
     pose = around.pose
     height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
-    heading = "" if by == ASPECT else f", heading {math.degrees(pose[5]) % 360:.4g} deg"
+    heading = "" if by == ASPECT else f", heading {math.degrees(pose[YAW]) % 360:.4g} deg"
     title = f"{height}{heading}"
     names = list(singles) if len(singles) > 1 else []
     gathered_warnings = gathered(warnings) if names else tuple(text for _, text in warnings)
@@ -314,7 +302,7 @@ def detection_range(
 
 
 def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
-    """Raise InputError unless every P_D is above P_fa and below 1, and stands once."""
+    """Raise InputError unless all P_D are different, above P_fa and below 1."""
     p_fa = max(model.p_fa for model in scenario.model.models)
     for value in values:
         if not p_fa < value < 1:
@@ -334,7 +322,7 @@ def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
         exists = ~np.isnan(reach.distance)
         slant = _slant(around, np.nan_to_num(reach.distance))
         defined = exists & ~reach.limited
-        # Where a limit comes first, the band is the band without the limit, cut off there.
+        # Where a limit comes first, the band is computed without the limit and cut off there.
         unlimited = seen.reach(value, limits=False).distance
         distance = np.where(exists, unlimited, FARTHEST)
         at = around.at(distance)
@@ -374,7 +362,7 @@ def _first_order_band(
 
 
 def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:
-    """Return the standard deviation (n,) of a function of a normal number, from its three nodes."""
+    """Return the standard deviation (n,) of a function of a normal number, from three nodes."""
     mean = (lower + 4.0 * middle + upper) / 6.0
     variance = ((lower - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (upper - mean) ** 2) / 6.0
     std: FloatArray = np.sqrt(variance)
@@ -399,17 +387,17 @@ def _slope(around: Rays, distance: FloatArray) -> FloatArray:
     ends = [distance * (1.0 + step) for step in (-_STEP, _STEP)]
     low, high = (around.p_d(end[:, np.newaxis])[:, 0] for end in ends)
     near, far = (around.slant_range(end) for end in ends)
-    # seen from very far below, both ends round to one slant range
+    # for an aircraft very far above or below, both ends round to one slant range
     undefined = np.full_like(far, np.nan)
     slope: FloatArray = np.divide(high - low, far - near, out=undefined, where=far != near)
     return slope
 
 
 def _slant(around: Rays, distance: FloatArray) -> FloatArray:
-    """Return the slant ranges (n,) at distances (n,); 0 and NaN stay."""
-    there = np.nan_to_num(distance) > 0
-    slant = around.slant_range(np.where(there, distance, 1.0))
-    return np.where(there, slant, distance)
+    """Return the slant ranges (n,) at distances (n,); 0 for 0, and NaN for NaN."""
+    exists = np.nan_to_num(distance) > 0
+    slant = around.slant_range(np.where(exists, distance, 1.0))
+    return np.where(exists, slant, distance)
 
 
 def _limits(seen: Survey) -> FloatArray | None:
@@ -419,7 +407,7 @@ def _limits(seen: Survey) -> FloatArray | None:
     return _slant(seen.all_rays, np.nan_to_num(seen.limit))
 
 
-def _summary(at: RangeAt, axis: Axis) -> dict[str, Any]:
+def _summary(at: RangeAt) -> dict[str, Any]:
     """Return the numbers of the record for one P_D."""
     exists = at.slant > 0
     return {
@@ -443,15 +431,15 @@ def _shares(at: RangeAt) -> dict[str, float]:
 
 
 def _line(at: RangeAt, axis: Axis) -> str:
-    """Describe the range for one P_D, and where its uncertainty comes from."""
+    """Describe the range for one P_D, and the sources of its uncertainty."""
     if not (at.slant > 0).any():
-        return f"P_D {at.p_d:g}: at no range, so that sigma has no value"
+        return f"P_D {at.p_d:g}: at no range; sigma has no value"
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
-    words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at {axis.at(least)}"
+    words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at "
     if np.ptp(at.slant) > 1e-6 * at.slant[greatest]:
-        words += f" to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
+        words += f"{axis.at(least)} to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
     else:
-        words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at every {axis.name}"
+        words += f"every {axis.name}"
     if np.isnan(at.std).all():
         return words
     worst = int(np.nanargmax(at.std))

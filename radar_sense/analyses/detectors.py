@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.columns import Column, quantity
+from radar_sense.analyses.columns import Column, quantities
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.model.detectors import (
@@ -34,17 +34,11 @@ if TYPE_CHECKING:
 P_FAS = (1e-2, 1e-4, 1e-6, 1e-8, 1e-12)
 #: Signal-to-noise ratios of the table [dB].
 SNR_DB = np.linspace(-10.0, 30.0, 401)
-#: Detectors that differ for a single pulse. Each other detector equals one of them.
+#: Detectors that differ for a single pulse. Every other detector equals one of these.
 DISTINCT = ("north", "marcum", "swerling1", "swerling3")
 #: Numbers of integrated pulses, and the detectors that integrate.
 PULSES = (1, 10, 100)
-INTEGRATING = {
-    "marcum": Marcum,
-    "swerling1": Swerling1,
-    "swerling2": Swerling2,
-    "swerling3": Swerling3,
-    "swerling4": Swerling4,
-}
+INTEGRATING = (Marcum, Swerling1, Swerling2, Swerling3, Swerling4)
 #: P_D whose signal-to-noise ratio is reported.
 REQUIRED = (0.5, 0.9)
 
@@ -57,93 +51,94 @@ def _power_of_ten(value: float) -> str:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        LINES,
-        MaxNLocator,
-        draw_legend,
-        draw_line,
-        points,
-        pose_panels,
-    )
+    from radar_sense import plotting
 
-    (top, bottom, slope) = pose_panels(figure, 3, result.scenario.axis)
+    (top, bottom, slope) = plotting.pose_panels(figure, 3, result.scenario.axis)
     table, chosen = result.table, result.scenario.model.models[0].p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]
     # The extreme P_fa are drawn only if their labels keep clear of the scenario's P_fa.
     extremes = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
     for p_fa in (chosen, *extremes):
-        for name, style in zip(DISTINCT, (("0.75", "-"), *LINES), strict=False):
+        for name, style in zip(DISTINCT, (("0.75", "-"), *plotting.LINES), strict=False):
             p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
             label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
-            draw_line(top, snr_db, p_d, style, label=label)
+            plotting.draw_line(top, snr_db, p_d, style, label=label)
         # Labels are above the data. The scenario's label is higher, to avoid overlap.
         half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
         place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
-        top.annotate(f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=points(6.5))
+        top.annotate(
+            f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=plotting.points(6.5)
+        )
     for line in top.lines[:: len(DISTINCT)]:
-        line.set_linewidth(points(3.5))  # North's line must be visible under Marcum's
+        line.set_linewidth(plotting.points(3.5))  # North's line is under Marcum's line
     top.set_ylim(-0.04, 1.34)
     top.set_yticks(np.linspace(0, 1, 6))
     top.set_ylabel(r"$P_D$")
     # Grey and black, because colours stand for detectors in the upper panel.
     others = [p for p in p_fas[::-1] if p != chosen]
-    dashes = [dash for _, dash in (*LINES[:4], LINES[5])]
+    dashes = [dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5])]
     styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
     for p_fa, style in {chosen: ("black", "-"), **styles}.items():
         error = table["north_less_marcum"][table["p_fa"] == p_fa]
-        draw_line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
+        plotting.draw_line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
     bottom.set_ylabel("North less Marcum")
     _draw_slopes(slope, result, chosen)
     slope.set_xlabel("Signal-to-noise ratio $S$ of a pulse [dB]")
-    slope.xaxis.set_major_locator(MaxNLocator(nbins=9))
-    draw_legend(figure, top, bottom)
+    slope.xaxis.set_major_locator(plotting.MaxNLocator(nbins=9))
+    plotting.draw_legend(figure, top, bottom)
 
 
 def _draw_slopes(axes: Axes, result: Result, p_fa: float) -> None:
     """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
-    from radar_sense.plotting import LINES, draw_line, points
+    from radar_sense import plotting
 
     table = result.table
     rows = table["p_fa"] == p_fa
     snr_db = table["snr_db"][rows]
     slopes = {n: table[f"dp_d_per_db_swerling2_{n}"][rows] for n in PULSES}
-    p_d = {n: table[_column("swerling2", n)][rows] for n in PULSES}
+    p_d = {n: table[f"p_d_swerling2_{n}"][rows] for n in PULSES}
     half = {n: np.interp(0.5, p_d[n], snr_db) for n in PULSES}
-    for n, style in zip(PULSES, (LINES[1], LINES[0], LINES[3]), strict=True):
-        draw_line(axes, snr_db, slopes[n], style)
+    for n, style in zip(
+        PULSES, (plotting.LINES[1], plotting.LINES[0], plotting.LINES[3]), strict=True
+    ):
+        plotting.draw_line(axes, snr_db, slopes[n], style)
         if not p_d[n][0] < 0.5 < p_d[n][-1]:
             continue
         at_half = np.interp(half[n], snr_db, slopes[n])
         side = 1 if half[n] < 15.0 else -1  # where the label has room
-        axes.plot(half[n], at_half, "o", color=style[0], markersize=points(4))
+        axes.plot(half[n], at_half, "o", color=style[0], markersize=plotting.points(4))
         axes.annotate(
             f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}",
             (half[n], at_half),
-            xytext=(points(9) * side, 0),
+            xytext=(plotting.points(9) * side, 0),
             textcoords="offset points",
             ha="left" if side > 0 else "right",
             va="center",
-            fontsize=points(6.5),
+            fontsize=plotting.points(6.5),
             color=style[0],
         )
         if n > 1:
-            # One pulse that the gain of integration makes as strong as n pulses.
-            draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
-            axes.lines[-1].set_linewidth(points(0.7))
+            # One pulse, with the gain of integration added to the signal-to-noise ratio.
+            plotting.draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
+            axes.lines[-1].set_linewidth(plotting.points(0.7))
     note = "dots: $P_D$ 0.5; thin: 1 pulse, gain in the radar constant"
-    axes.set_title(note, loc="right", fontsize=points(6.5), pad=points(2))
+    axes.set_title(note, loc="right", fontsize=plotting.points(6.5), pad=plotting.points(2))
     axes.set_xlim(SNR_DB[0], SNR_DB[-1])
     axes.set_ylim(0, 1.18 * max(values.max() for values in slopes.values()))
     axes.set_ylabel("d$P_D$/dB of Swerling 2")
 
 
 _TABLE = (
-    quantity("p_fa", "Probability of false alarm."),
-    quantity("snr_db", "Signal-to-noise ratio of a single pulse."),
-    quantity("p_d_<detector>", "P_D by the detector <detector>."),
-    quantity("north_less_marcum", "P_D by North's approximation minus the exact P_D."),
-    quantity("p_d_swerling2_<pulses>", "P_D by Swerling 2 with <pulses> integrated pulses."),
+    *quantities(
+        {
+            "p_fa": "Probability of false alarm.",
+            "snr_db": "Signal-to-noise ratio of a single pulse.",
+            "p_d_<detector>": "P_D by the detector <detector>.",
+            "north_less_marcum": "P_D by North's approximation minus the exact P_D.",
+            "p_d_swerling2_<pulses>": "P_D by Swerling 2 with <pulses> integrated pulses.",
+        }
+    ),
     Column(
         "dp_d_per_db_swerling2_<pulses>",
         "Derivative of P_D by the SNR in dB, for <pulses> pulses.",
@@ -203,23 +198,17 @@ def detectors(scenario: Scenario) -> Result:
             "required signal-to-noise ratio S of a pulse, and dP_D/dB there:",
             *_describe_required(required),
         ),
-        warnings=(),
     )
 
 
-def _column(name: str, pulses: int) -> str:
-    """Return the column of P_D of a detector that integrates pulses."""
-    return f"p_d_{name}_{pulses}"
-
-
 def _integrated(snr: FloatArray, p_fas: list[float]) -> dict[str, FloatArray]:
-    """Return the columns of Swerling 2 by the number of pulses, and its dP_D/dB."""
+    """Return the columns of P_D and dP_D/dB of Swerling 2 by the number of pulses."""
     columns: dict[str, FloatArray] = {}
     slopes: dict[str, FloatArray] = {}
     per_db = snr * (np.log(10.0) / 10.0)
     for pulses in PULSES:
         both = [Swerling2(pulses=pulses).linearize(snr, p_fa) for p_fa in p_fas]
-        columns[_column("swerling2", pulses)] = np.concatenate([p_d for p_d, _ in both])
+        columns[f"p_d_swerling2_{pulses}"] = np.concatenate([p_d for p_d, _ in both])
         slopes[f"dp_d_per_db_swerling2_{pulses}"] = np.concatenate(
             [slope * per_db for _, slope in both]
         )
@@ -227,12 +216,10 @@ def _integrated(snr: FloatArray, p_fas: list[float]) -> dict[str, FloatArray]:
 
 
 def _required(scenario: Scenario) -> list[dict[str, Any]]:
-    """Return the required S of the detectors at the P_fa of each radar, and of its own detector."""
+    """Return the required S of all integrating detectors and of the radars' detectors, by P_fa."""
     rows: list[dict[str, Any]] = []
     for p_fa in sorted({model.p_fa for model in scenario.model.models}, reverse=True):
-        compared: list[Detector] = [
-            cls(pulses=pulses) for cls in INTEGRATING.values() for pulses in PULSES
-        ]
+        compared: list[Detector] = [cls(pulses=pulses) for cls in INTEGRATING for pulses in PULSES]
         for model in scenario.model.models:
             plain = isinstance(model.detector, PulseDetector) and model.detector in compared
             if model.p_fa == p_fa and not plain:

@@ -10,6 +10,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 
@@ -48,8 +49,8 @@ class Budget:
         alone: Standard deviation from each source with the others certain (n,). Sobol' indices
             average over the other sources.
         moments: Moments of P_D with all sources; None for Sobol' indices.
-        finer: As `alone`, for other groups of the states (n,): the whole aircraft, and position and
-            constant of each radar of a network. Empty for Sobol' indices.
+        finer: As `alone`, for the whole aircraft, and for position, constant and attenuation of
+            each radar of a network (n,). Empty for a single radar, and for Sobol' indices.
         total_index: Total Sobol' index of each source (n,); None for other methods.
         share_error: Standard errors of the shares of sources, interaction and parts (n,), for
             Sobol' indices; None for other methods.
@@ -90,8 +91,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         method: A method of propagation, or "montecarlo" for Sobol' indices.
 
     Raises:
-        InputError: If there is no such method. Also if the method is Sobol' indices and sources
-            are correlated.
+        InputError: If there is no such method, or sources are correlated, for Sobol' indices.
     """
     check_method(method, [MONTE_CARLO])
     if method == MONTE_CARLO:
@@ -133,8 +133,8 @@ class ConstantPart:
     Attributes:
         tolerance: The tolerance of one parameter of the radar constant.
         radar: Number of the radar, from 0.
-        source: Name of the source, one of `states.sources`, that has the part.
-        constant: Name of the radar constant, in a network one of `states.finer_sources`.
+        source: Name of the source that has the part, from `states.sources`.
+        constant: Name of the radar constant, from `states.finer_sources` in a network.
     """
 
     tolerance: Tolerance
@@ -165,14 +165,14 @@ class RequiredAccuracy:
     """Accuracy of a source at which 3σ of P_D, or the upper bound of P_D, is within a limit.
 
     Attributes:
-        factor: Largest factor on the standard deviations of the source; below 1 the source has to
-            shrink. None if factor 0 exceeds the limit, 0 if a millionth exceeds the limit, and
-            infinite if a million is within the limit.
+        factor: Largest factor on the standard deviations of the source. Below 1 the source has to
+            shrink. None if the limit is exceeded at factor 0, and 0 if exceeded at a millionth.
+            Infinite if a million is within the limit.
         residual: Value at `factor`, or at factor 0 if `factor` is None.
         place: Place of the residual on the scenario's axis.
-        residual_from: The largest of the other sources at the place; "P_D itself" where P_D exceeds
-            the limit; None if all sources are scaled together.
-        known: False if the method has no value at any factor, or at factors beyond `factor`.
+        residual_from: Largest of the other sources at the place. "P_D itself" where P_D exceeds the
+            limit. None if all sources are scaled together.
+        known: False if the method has no value at factor 0, or at factors beyond `factor`.
     """
 
     factor: float | None
@@ -188,7 +188,6 @@ def required_accuracies(
     *,
     k: float | None = None,
     method: str = "linear",
-    at: float | None = None,
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
@@ -199,20 +198,18 @@ def required_accuracies(
         limit: Limit of 3σ of P_D, or of its upper bound; positive.
         k: k of the upper bound at Φ(k), which is P_D + kσ by `linear`. None limits 3σ.
         method: Method of propagation.
-        at: Place on the scenario's axis of the only pose that counts; every pose if None.
 
     Returns:
-        The accuracy required of each source and of each part of a radar constant (`parts_of`),
-        with the others unchanged. "all" scales all sources together.
-
-    Raises:
-        InputError: If there is no pose at that place.
+        The accuracy required of each source, and of each part of a radar constant (`parts_of`).
+        The other sources are unchanged. "all" scales all sources together.
     """
-    if at is not None:
-        scenario = _only_at(scenario, at)
-    budget = error_budget(scenario, method)
+
+    @cache
+    def budget_at(pose: int) -> Budget:
+        return error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
+
     at_all_poses = value_function(scenario, method, k)
-    # Only the poses above the limit decide how much a source has to shrink.
+    # If poses are above the limit, the factor depends on these poses alone.
     above = ~(at_all_poses((), 1.0) <= limit)
     at_critical_poses = at_all_poses
     if above.any():
@@ -270,22 +267,25 @@ def required_accuracies(
             residual=float(residual[pose]),
             place=float(scenario.axis.values[pose]),
             residual_from=_residual_from(
-                scenario, budget, names, pose, None if k is None else limit
+                scenario.at_poses(slice(pose, pose + 1)),
+                budget_at(pose),
+                names,
+                None if k is None else limit,
             ),
             known=known,
         )
 
-    names = (*budget.alone, *parts_of(scenario))
-    return {**{name: required([name]) for name in names}, "all": required(list(budget.alone))}
+    whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
+    return {**{name: required([name]) for name in whole + parts}, "all": required(whole)}
 
 
 def value_function(
     scenario: Scenario, method: str, k: float | None = None
 ) -> Callable[[Collection[str], float], FloatArray]:
-    """Return a function from names of sources and a factor on their σ to a value (n,).
+    """Return a function of names of sources and of a factor on the σ of these sources.
 
-    The value is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. `states.sources` has the
-    names of sources, and `parts_of` the names of parts of radar constants.
+    The value (n,) of the function is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. The
+    names are names of `states.sources` and of `parts_of`.
     """
     if k is None:
         std = std_function(scenario, method=method)
@@ -313,13 +313,11 @@ def value_function(
 
 
 def _residual_from(
-    scenario: Scenario, budget: Budget, names: Collection[str], pose: int, p_max: float | None
+    scenario: Scenario, budget: Budget, names: Collection[str], p_max: float | None
 ) -> str | None:
     """Return the largest of the other sources at a pose; "P_D itself" if P_D is above p_max."""
-    if p_max is not None:
-        p_d = scenario.model.p_d(scenario.aircraft[pose], scenario.radar)
-        if p_d > p_max:
-            return "P_D itself"
+    if p_max is not None and scenario.model.p_d(scenario.aircraft[0], scenario.radar) > p_max:
+        return "P_D itself"
     parts, others = parts_of(scenario), dict(budget.alone)
     # The source of a part is replaced by its parts and, in a network, by the radar's position.
     for part in [parts[name] for name in names if name in parts]:
@@ -328,12 +326,20 @@ def _residual_from(
         others.update({name: budget.parts[name] for name in siblings})
         if part.source != part.constant:
             others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
-    at_pose = {name: std[pose] for name, std in others.items() if name not in names}
+    at_pose = {name: std[0] for name, std in others.items() if name not in names}
     return max(at_pose, key=at_pose.__getitem__) if at_pose else None
 
 
-def _only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with only the pose at one place."""
+def only_at(scenario: Scenario, at: float) -> Scenario:
+    """Return the scenario with only the pose at one place.
+
+    Args:
+        scenario: The scenario.
+        at: Place on the scenario's axis.
+
+    Raises:
+        InputError: If there is no pose at that place.
+    """
     axis = scenario.axis
     pose = axis.find(at)
     if pose is None:
@@ -386,7 +392,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)
     parts, shown = parts_of(scenario), sources_of(scenario)
     cov_radar = scenario.cov_shared
-    # every input is in a group, also ε of a certain RCS before the errors of attenuations
+    # Every input needs a group. ε stands before the errors of attenuations, even of a certain RCS.
     rcs = len(cov_radar) > len(scenario.radar)
     blocks_by_name = sources(
         scenario.model.names, rcs=rcs, attenuation=scenario.attenuation_uncertain
@@ -453,7 +459,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     std = np.sqrt(indices.variance)
     first = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
     error = dict(zip(groups, indices.first_error, strict=True))
-    # The estimate of a small share may be negative.
+    # The estimate of a small share can be negative.
     alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first.items()}
     return Budget(
         mean=indices.mean,

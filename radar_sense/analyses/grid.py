@@ -26,7 +26,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.propagation import check_method, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, RADAR, YAW, FloatArray
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -36,9 +36,7 @@ CELLS = 500
 BLOCK = 16_384
 #: k of the upper bound.
 BETA = 3.0
-DOWN = 2
-YAW = 5
-#: Headings at which the RCS is computed to find its lobes, and halves of the steps tried.
+#: Headings at which the RCS is sampled to find the lobes, and half steps tried, in samples.
 CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
 #: Part of the RCS by which the nearest sampled heading may be below the peak of a lobe.

@@ -1,7 +1,7 @@
 """A map as GeoJSON (RFC 7946) or KML 2.2: contours, radars, and the route in colours of P_D.
 
 GeoJSON has heights above the ellipsoid. KML has altitudes above the sea, which are not known here.
-Everything in KML is therefore drawn on the ground. Longitudes next to 180 degrees are continuous.
+All KML features are therefore on the ground. Longitudes are continuous across 180 degrees.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from radar_sense.states import POSITION, RADAR, FloatArray
 if TYPE_CHECKING:
     from radar_sense.analyses.contract import Result
 
-#: Most legs of a route in a file. More legs are joined, with their largest P_D.
+#: Most legs of a route in a file. More legs are joined, with the largest P_D of the legs.
 _MOST_LEGS = 5_000
 _COLOURS = "cividis"
 _NAMES = {"p_d": "P_D", "upper_3sigma": "upper 3-sigma bound of P_D"}
@@ -31,13 +31,14 @@ _NAMES = {"p_d": "P_D", "upper_3sigma": "upper 3-sigma bound of P_D"}
 
 @dataclass(frozen=True)
 class _Feature:
-    """A thing on the map.
+    """A feature of the map.
 
     Attributes:
         kind: "contour", "radar" or "route".
-        name: Its name for people.
-        lines: Longitude, latitude [deg], height [m] of each line (n, 3); of a radar one place.
-        properties: Its numbers and words.
+        name: Name that a viewer shows.
+        lines: Longitude, latitude [deg] and height [m] of the points (n, 3) of each line. A radar
+            is one point.
+        properties: Further properties by name.
         colour: Colour as #rrggbb.
     """
 
@@ -111,7 +112,7 @@ def kml(result: Result) -> bytes:
 
 
 def _features(result: Result) -> Iterator[_Feature]:
-    from radar_sense.plotting import contour_lines, hex_colours
+    from radar_sense import plotting
 
     scenario, table, summary = result.scenario, result.table, result.summary
     origin = scenario.origin
@@ -125,7 +126,7 @@ def _features(result: Result) -> Iterator[_Feature]:
         if column not in table:
             continue
         for level in summary["contours"]:
-            lines = contour_lines(table["east_m"], table["north_m"], table[column], level)
+            lines = plotting.contour_lines(table["east_m"], table["north_m"], table[column], level)
             if lines:
                 places = [places_at(line[:, 1], line[:, 0], pose, origin) for line in lines]
                 yield _Feature(
@@ -133,7 +134,7 @@ def _features(result: Result) -> Iterator[_Feature]:
                     f"{_NAMES[column]} = {level:g}",
                     [_rounded(place, origin) for place in places],
                     {"quantity": column, "value": level, "level": scenario.level},
-                    hex_colours([level], _COLOURS)[0],
+                    plotting.hex_colour(level, _COLOURS),
                 )
     radars = scenario.radar.reshape(-1, len(RADAR))
     of_radars = _rounded(geodesy.geodetic_from_ned(radars[:, POSITION], origin), origin)
@@ -143,8 +144,8 @@ def _features(result: Result) -> Iterator[_Feature]:
 
 
 def _legs(result: Result, origin: tuple[float, float, float]) -> Iterator[_Feature]:
-    """Yield the legs of the route, each with the largest value at its poses."""
-    from radar_sense.plotting import hex_colours
+    """Yield the legs of the route, each with the largest value of the poses on the leg."""
+    from radar_sense import plotting
 
     position = result.scenario.aircraft[:, POSITION]
     places = _rounded(geodesy.geodetic_from_ned(position, origin), origin)
@@ -159,12 +160,12 @@ def _legs(result: Result, origin: tuple[float, float, float]) -> Iterator[_Featu
             f"{_NAMES[column]} {value:.4f}",
             [places[leg]],
             {column: value},
-            hex_colours([value], _COLOURS)[0],
+            plotting.hex_colour(value, _COLOURS),
         )
 
 
 def _rounded(place: FloatArray, origin: tuple[float, float, float]) -> FloatArray:
-    """Return longitude, latitude [deg] to 1 cm and height [m] of places (n, 3)."""
+    """Return longitude, latitude [deg] and height [m] of places (n, 3), rounded to 1 cm."""
     east = (place[:, 1] - origin[1] + np.pi) % (2 * np.pi) - np.pi
     longitude = (origin[1] + east) / DEG
     columns = [np.round(longitude, 7), np.round(place[:, 0] / DEG, 7), np.round(place[:, 2], 2)]

@@ -1,16 +1,17 @@
 """A mission: the cumulative P_D by each look along a path, and its bounds.
 
 A mission needs a path with times, and the time from one look of a radar to the next,
-`radar.scan_period_s`. Each radar has its first look at the first pose. Between two poses the
-aircraft flies a straight line. The line is in latitude and longitude if the path follows the curve
-of the earth, and in the local frame otherwise. The attitude turns the short way at a constant rate.
-The covariance is interpolated linearly. Poses far apart in a turn make a poor path;
-`geometry.interpolate` adds poses between them. The errors of the poses have the correlation time
+`radar.scan_period_s`. Each radar has a first look at the first pose. Between two poses the aircraft
+flies a straight line. The line is in latitude and longitude if the path follows the curve of the
+earth, and in the local frame otherwise. The attitude turns the short way at a constant rate. The
+covariance is interpolated linearly. Poses far apart in a turn make a poor path.
+`geometry.interpolate` adds poses. The errors of the poses have the correlation time
 `uncertainty.aircraft_correlation_s`. The errors of a radar are the same at all looks.
 
-The radars of a network that have one scan period are a scan group. They look together, and their
-looks at one time are one look. P_c counts the looks of all radars. A track is m detections in n
-consecutive looks of one scan group. The network has a track when a scan group has one.
+The radars of a network with the same scan period are a scan group. They look together, and the
+looks of a group at one time are one look. P_c counts the looks of all radars. A track is m
+detections in n consecutive looks of one scan group. The network has a track when a scan group has a
+track.
 
 The default method is importance sampling, see `mission.importance`. The methods `linear` and
 `probit` are of first order. First order is not enough for tracks, or for errors of kilometres or
@@ -28,13 +29,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import axis
-from radar_sense.analyses.columns import AXIS, Column, of_radars, quantity
+from radar_sense.analyses.columns import AXIS, Column, of_radars, quantities, quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     clipping_warnings,
     describe_extreme,
     describe_poses,
     distribution_warnings,
+    listed,
     peak,
 )
 from radar_sense.axis import Axis
@@ -59,7 +61,7 @@ if TYPE_CHECKING:
 IMPORTANCE = "importance"
 #: All methods that can be named.
 METHODS = (IMPORTANCE, *FIRST_ORDER)
-#: Probabilities that the report gives the time of.
+#: Probabilities whose times are in the report.
 MILESTONES = (0.5, 0.9)
 #: First order needs some 0.6 GB for a track of MAX_TRACK_LOOKS looks. The memory grows with the
 #: square of the looks.
@@ -72,8 +74,8 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
     """Return the scenario with a pose for each time of a look, and the looks.
 
     Raises:
-        InputError: If the geometry has no times, a radar has no scan period, or the aircraft is on
-            top of a radar at a look.
+        InputError: If the geometry has no times, or a radar has no scan period. Also if the
+            aircraft is on top of a radar at a look.
     """
     if scenario.time_s is None:
         raise InputError(
@@ -102,45 +104,35 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        BAND,
-        LINES,
-        draw_band,
-        draw_fill,
-        draw_legend,
-        draw_line,
-        points,
-        pose_coordinates,
-        pose_panels,
-        styles,
-    )
+    from radar_sense import plotting
 
-    table, x = result.table, pose_coordinates(result.scenario.axis)
+    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
     tracked = "track_p_d" in table
-    (top, *below) = pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
+    (top, *below) = plotting.pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
     names = result.scenario.model.names
-    radars = dict(zip(names if len(names) > 1 else (), styles(BAND, LINES[0]), strict=False))
-    of_radars = []
+    line_styles = plotting.styles(plotting.BAND, plotting.LINES[0])
+    radars = dict(zip(names if len(names) > 1 else (), line_styles, strict=False))
+    radar_lines = []
     for name, style in radars.items():
         looks = np.isfinite(table[f"p_d_{name}"])
-        draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
-        top.lines[-1].set_linewidth(points(0.8))
-        of_radars.append(top.lines[-1])
+        plotting.draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
+        top.lines[-1].set_linewidth(plotting.points(0.8))
+        radar_lines.append(top.lines[-1])
     if not radars:
-        draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
+        plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
         if len(x) <= 100:
-            top.lines[-1].set(marker="o", markersize=points(1.8))
+            top.lines[-1].set(marker="o", markersize=plotting.points(1.8))
     top.set_ylabel(r"$P_D$ of a look")
     events = [("", "cumulative_p_d", r"Cumulative $P_D$"), ("track_", "track_p_d", "Track")]
     for axes, (before, column, name) in zip(below, events, strict=False):
         for radar, style in radars.items():
-            draw_line(axes, x, table[f"{column}_{radar}"], style)
-            axes.lines[-1].set_linewidth(points(0.8))
+            plotting.draw_line(axes, x, table[f"{column}_{radar}"], style)
+            axes.lines[-1].set_linewidth(plotting.points(0.8))
         if f"{before}mc_mean" in table:
             ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
-            draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
-        draw_line(axes, x, table[column], LINES[0], label="nominal")
-        draw_band(
+            plotting.draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
+        plotting.draw_line(axes, x, table[column], plotting.LINES[0], label="nominal")
+        plotting.draw_band(
             axes,
             x,
             table[f"{before}lower_3sigma"],
@@ -148,16 +140,16 @@ def plot(result: Result, figure: Figure) -> None:
             result.band_label,
         )
         if f"{before}mc_mean" in table:
-            every_nth = slice(None, None, -(-len(x) // 40))
+            some = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
-            axes.plot(x[every_nth], mean[every_nth], "k.", ms=points(2.5), label="mean of runs")
+            axes.plot(x[some], mean[some], "k.", ms=plotting.points(2.5), label="mean of runs")
         if before:
             name = "Track, {} of {}".format(*result.summary["m_of_n"])
             by_radar = result.summary.get("radars", {}).values()
             if len({radar["scan_period_s"] for radar in by_radar}) > 1:
                 name += "\nlooks of one period"
         axes.set_ylabel(name)
-    draw_legend(figure, *([top] if radars else []), *below[:1], on_lines=of_radars)
+    plotting.draw_legend(figure, *([top] if radars else []), *below[:1], on_lines=radar_lines)
 
 
 _METHOD = dataclasses.replace(
@@ -171,7 +163,7 @@ _N = Option("n", "With --m: length of the window of consecutive looks.", WINDOW)
 _RUNS = Option("runs", "Also make this number of plain draws.", RUNS, default_text="none")
 
 
-#: Of each event: what its bounds, its σ and mean, and its probability begin with in the table.
+#: Names of the columns of each event: prefix of bounds, stem of σ and mean, and the probability.
 _COLUMNS = {
     "detection": ("", "cumulative", "cumulative_p_d"),
     "track": ("track_", "track", "track_p_d"),
@@ -181,18 +173,20 @@ _COLUMNS = {
 def _columns(event: str, what: str) -> tuple[Column, ...]:
     """Return the columns of an event."""
     before, name, p = _COLUMNS[event]
-    return (
-        quantity(p, f"Probability that {what} by now."),
-        quantity(f"sigma_{name}", "Standard deviation of this probability."),
-        quantity(f"{before}lower_3sigma", "Lower 3-sigma bound of this probability."),
-        quantity(f"{before}upper_3sigma", "Upper 3-sigma bound of this probability."),
-        quantity(f"{before}mc_mean", "With --runs: mean of the draws of this probability."),
-        quantity(f"{before}mc_std", "With --runs: standard deviation of the draws."),
-        quantity(f"{before}mc_lower", "With --runs: quantile 0.00135 of the draws."),
-        quantity(f"{before}mc_upper", "With --runs: quantile 0.99865 of the draws."),
-        quantity(f"mean_{name}", "Mean of this probability over the uncertain states."),
-        quantity(f"{before}lower_3sigma_se", "Standard error of the lower bound; by importance."),
-        quantity(f"{before}upper_3sigma_se", "Standard error of the upper bound; by importance."),
+    return quantities(
+        {
+            p: f"Probability that {what} by now.",
+            f"sigma_{name}": "Standard deviation of this probability.",
+            f"{before}lower_3sigma": "Lower 3-sigma bound of this probability.",
+            f"{before}upper_3sigma": "Upper 3-sigma bound of this probability.",
+            f"{before}mc_mean": "With --runs: mean of the draws of this probability.",
+            f"{before}mc_std": "With --runs: standard deviation of the draws.",
+            f"{before}mc_lower": "With --runs: quantile 0.00135 of the draws.",
+            f"{before}mc_upper": "With --runs: quantile 0.99865 of the draws.",
+            f"mean_{name}": "Mean of this probability over the uncertain states.",
+            f"{before}lower_3sigma_se": "Standard error of the lower bound; by importance.",
+            f"{before}upper_3sigma_se": "Standard error of the upper bound; by importance.",
+        }
     )
 
 
@@ -229,16 +223,16 @@ def mission(
 ) -> Result:
     """Cumulative P_D over the looks along a path.
 
-    The scenario must have a path, whose poses have times. A radar looks every
+    The scenario must have a path, whose poses have times. The time between looks of a radar is
     radar.scan_period_s. The pose errors are correlated over uncertainty.aircraft_correlation_s. The
     radar errors are the same at all looks. The last columns are the standard errors of the bounds.
 
-    A track is M detections in N consecutive looks. Radars of a network that have the same period
-    look together, as one radar. The network has a track when the radars of one period have one.
+    A track is M detections in N consecutive looks. Radars of a network with the same period look
+    together, as one radar. The network has a track when the radars of one period have a track.
 
     Args:
         scenario: The scenario, whose geometry is a path.
-        method: "importance", or "probit" or "linear", which are of first order.
+        method: "importance", or of first order "probit" or "linear".
         m: Detections that start a track; with n.
         n: Length of the window of consecutive looks.
         runs: Plain draws of the mission to compare with; None draws none.
@@ -368,7 +362,10 @@ def _missions(
         p_d = np.full(len(schedule.time), np.nan)
         p_d[times] = _p_d(radar, radar_schedule)
         missions[name] = _Mission(radar_schedule.period[0], len(times), p_d, events)
-    return _Mission(None, len(schedule.time), _p_d(scenario, schedule), network), missions
+    return (
+        _Mission(None, len(schedule.time), _p_d(scenario, schedule), network),
+        missions,
+    )
 
 
 def _first_order(
@@ -505,7 +502,7 @@ def _of(drawn: MissionDraws, event: str) -> Drawn:
 
 
 def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:
-    """Return the columns of probabilities, their deviation and bounds, and of the draws."""
+    """Return the columns of the probability, deviation and bounds of each event, and of draws."""
     table = {"p_d": mission.p_d}
     for event, cumulative in mission.events.items():
         before, stem, p = _COLUMNS[event]
@@ -521,7 +518,7 @@ def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, Fl
 
 
 def _table_of_errors(mission: _Mission) -> dict[str, FloatArray]:
-    """Return the columns of standard errors, for a method that has them."""
+    """Return the columns of the standard errors; {} for a method without standard errors."""
     table = {}
     for event, cumulative in mission.events.items():
         before, _, _ = _COLUMNS[event]
@@ -532,7 +529,7 @@ def _table_of_errors(mission: _Mission) -> dict[str, FloatArray]:
 
 
 def _standard_errors(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
-    """Return the largest standard error of a bound of each event, and its time."""
+    """Return the largest standard error of the bounds of each event, with the time."""
     return {
         event: peak(np.maximum(cumulative.lower_se, cumulative.upper_se), along)
         for event, cumulative in events.items()
@@ -541,7 +538,7 @@ def _standard_errors(events: dict[str, Cumulative], along: Axis) -> dict[str, An
 
 
 def _summaries(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
-    """Return the values of each event at the end, and the times that it reaches milestones."""
+    """Return the values of each event at the end, and the times of the milestones."""
     return {
         event: {
             "at_end": _at_end(cumulative),
@@ -563,7 +560,7 @@ def _at_end(cumulative: Cumulative) -> dict[str, float]:
 
 
 def _reaches(cumulative: Cumulative, level: float, along: Axis) -> dict[str, float | None]:
-    """Return the time of the first look at which the probability and each bound reach a level."""
+    """Return the first times at which the probability and the bounds are at a level or above."""
 
     def first(curve: FloatArray) -> float | None:
         reached = curve >= level
@@ -587,8 +584,7 @@ def _differences(cumulative: Cumulative, drawn: Drawn, along: Axis) -> dict[str,
 def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
     along, tau = scenario.axis, scenario.correlation_s
     first, last = along.number(along.values[0]), along.at(-1)
-    periods = [f"{period:g}" for period in sorted(schedule.period)]
-    period_words = " or ".join(filter(None, (", ".join(periods[:-1]), periods[-1])))
+    periods = listed([f"{period:g}" for period in sorted(schedule.period)], "or")
     errors = (
         "independent from look to look"
         if tau == 0
@@ -599,7 +595,7 @@ def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
     number = f"{len(along)} looks"
     if len(schedule.radars) > 1:
         number = f"{len(schedule.pose)} looks at {len(along)} time{'s' if len(along) > 1 else ''}"
-    return f"{number}, {first} to {last}, every {period_words} s; pose errors {errors}"
+    return f"{number}, {first} to {last}, every {periods} s; pose errors {errors}"
 
 
 def _describe_event(

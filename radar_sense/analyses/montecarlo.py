@@ -39,46 +39,43 @@ def plot(result: Result, figure: Figure) -> None:
     if len(result.scenario.axis) == 1:
         _plot_one_pose(result, figure)
         return
-    from radar_sense.plotting import (
-        draw_band,
-        draw_legend,
-        draw_line,
-        draw_sample_paths,
-        pose_coordinates,
-        pose_panels,
-    )
+    from radar_sense import plotting
 
-    table, x = result.table, pose_coordinates(result.scenario.axis)
-    paths, p_d, runs = result.arrays["sample_paths"], table["p_d"], result.summary["runs"]
-    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
+    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    paths, p_d, label = result.arrays["sample_paths"], table["p_d"], _runs_label(result)
+    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
     lower, upper = table["lower_3sigma"], table["upper_3sigma"]
-    label = f"{runs} runs" if len(paths) == runs else f"{len(paths)} of {runs} runs"
-    draw_sample_paths(top, x, paths, label)
-    draw_line(top, x, p_d, ("black", "-"), label=r"nominal $\bar P_D$")
-    draw_band(top, x, lower, upper, result.band_label)
+    plotting.draw_sample_paths(top, x, paths, label)
+    plotting.draw_line(top, x, p_d, ("black", "-"), label=r"nominal $\bar P_D$")
+    plotting.draw_band(top, x, lower, upper, result.band_label)
     top.set_ylabel(r"$P_D$")
-    draw_sample_paths(bottom, x, paths - p_d, label)
-    draw_band(bottom, x, lower - p_d, upper - p_d, result.band_label)
+    plotting.draw_sample_paths(bottom, x, paths - p_d, label)
+    plotting.draw_band(bottom, x, lower - p_d, upper - p_d, result.band_label)
     bottom.set_ylabel(r"Error $P_D - \bar P_D$")
-    draw_legend(figure, top)
+    plotting.draw_legend(figure, top)
 
 
 def _plot_one_pose(result: Result, figure: Figure) -> None:
     """Draw a histogram of the draws at the only pose."""
-    from radar_sense.plotting import BAND, SAMPLE_PATH_COLOUR, draw_legend, panels
+    from radar_sense import plotting
 
     table, axis = result.table, result.scenario.axis
-    (axes,) = panels(figure, 1)
-    draws, runs = result.arrays["sample_paths"][:, 0], result.summary["runs"]
-    label = f"{runs} runs" if len(draws) == runs else f"{len(draws)} of {runs} runs"
-    axes.hist(draws, bins=30, color=SAMPLE_PATH_COLOUR, label=label)
+    (axes,) = plotting.panels(figure, 1)
+    draws = result.arrays["sample_paths"][:, 0]
+    axes.hist(draws, bins=30, color=plotting.SAMPLE_PATH_COLOUR, label=_runs_label(result))
     axes.axvline(table["p_d"][0], color="black", label=r"nominal $\bar P_D$")
     for end, words in (("lower_3sigma", result.band_label), ("upper_3sigma", None)):
         if np.isfinite(table[end][0]):
-            axes.axvline(table[end][0], color=BAND[0], ls=BAND[1], label=words)
+            axes.axvline(table[end][0], color=plotting.BAND[0], ls=plotting.BAND[1], label=words)
     axes.set_xlabel(rf"$P_D$ at {axis.name} {axis.at(0)}")
     axes.set_ylabel("Number of draws")
-    draw_legend(figure, axes)
+    plotting.draw_legend(figure, axes)
+
+
+def _runs_label(result: Result) -> str:
+    """Return the number of runs in the figure, of all runs."""
+    drawn, runs = len(result.arrays["sample_paths"]), result.summary["runs"]
+    return f"{runs} runs" if drawn == runs else f"{drawn} of {runs} runs"
 
 
 _TABLE = (*AXIS, *BAND, *DRAWS, COVERAGE, MEAN)
@@ -129,7 +126,7 @@ def montecarlo(
         )
     banded = mc.has_band
     coverage = np.where(banded, mc.coverage, np.inf)
-    pose = int(np.argmin(coverage))  # the lowest coverage of the poses with a band
+    pose = int(np.argmin(coverage))  # of the poses with a band
     overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
     without = int(np.count_nonzero(~banded))
     warnings = list(validity_warnings(scenario, mc.band, method, "the draws hold there"))
@@ -157,7 +154,7 @@ def montecarlo(
         covered, lowest = f"{drawn}: no coverage", ""
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
-        # Bonferroni: 95 % confidence that no pose is called inconsistent by chance.
+        # Bonferroni's correction: 95 % confidence for all poses together.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
         off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
         if banded.any():
@@ -168,8 +165,7 @@ def montecarlo(
         if off.any():
             warnings.append(
                 f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
-                f"{describe_poses(off, axis)} "
-                "(95 % confidence for all poses together)"
+                f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
     warnings += (
         *distribution_warnings(scenario, method),
@@ -208,7 +204,7 @@ def montecarlo(
 
 
 def _fewer_or_more(most: FloatArray, least: FloatArray) -> str:
-    """Return whether the coverage is below or above the expected one, where it differs."""
+    """Return "fewer", "more" or both, for coverages below and above the expected coverage."""
     words = []
     if (most < WITHIN_3_SIGMA).any():
         words.append("fewer")

@@ -1,24 +1,26 @@
-"""The geometry of a scenario in a few lines, for `check`: a unit error is seen at once."""
+"""The geometry of a scenario in a few lines, for `check`. They show an error of units."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from radar_sense.analyses.report import decibels
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.network import as_network
+from radar_sense.model.radar_constant import describe
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, POSITION, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
 
 
 def overview(scenario: Scenario) -> tuple[str, ...]:
-    """Return duration, length, speed, height and bank of the poses, and range and SNR of radars.
+    """Return the radar constants, the flight, and range and SNR of each radar, in lines.
 
-    The speed is the mean from pose to pose. Ranges and SNR do not regard the limits of a radar.
+    The flight has duration, length, speed, height and bank. The speed is the mean from pose to
+    pose. Ranges and SNR are without the limits of a radar.
     """
     height, bank = _height_and_bank(scenario)
-    lines = []
+    lines = _constants(scenario)
     if scenario.time_s is not None and len(scenario.time_s) > 1:
         position = scenario.aircraft[:, POSITION]
         legs = np.linalg.norm(np.diff(position, axis=0), axis=-1)
@@ -30,30 +32,49 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         )
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
     lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
-    model = as_network(scenario.model)
     radars = scenario.radar.reshape(-1, len(RADAR))
     names = scenario.model.names or ("radar",)
-    for name, of_radar, radar in zip(names, model.models, radars, strict=True):
+    for name, model, radar in zip(names, scenario.model.models, radars, strict=True):
         distance = slant_range(scenario.aircraft, radar)
-        snr = of_radar.snr(scenario.aircraft, radar)
-        with np.errstate(divide="ignore"):  # no signal is -inf dB
-            decibels = 10.0 * np.log10(snr)
-        lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(decibels)} dB")
+        snr_db = decibels(model.snr(scenario.aircraft, radar))
+        lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
     return tuple(lines)
 
 
+def _constants(scenario: Scenario) -> list[str]:
+    """Return the number of poses, and the radar constants with their distributions."""
+    names, constants = scenario.model.names, scenario.radar[CONSTANTS]
+    poses = f"{len(scenario.aircraft)} poses"
+    if names:
+        lines = [f"{poses}, {len(names)} radar{'s' if len(names) > 1 else ''}"]
+        lines += [
+            f"{name}: c_r = {constant:g} J m^2/K"
+            for name, constant in zip(names, constants, strict=True)
+        ]
+    else:
+        lines = [f"{poses}, c_r = {constants[0]:g} J m^2/K"]
+    prefixes = [f"{name}, " for name in names] if len(names) > 1 else [""]
+    for level, tolerances in scenario.tolerances.items():
+        lines += [
+            f"{prefix}{level}: {describe(constant, parts)}"
+            for prefix, constant, parts in zip(prefixes, constants, tolerances, strict=True)
+            if parts
+        ]
+    return lines
+
+
 def _height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return heights [m] and banks [deg], relative to the level at the aircraft."""
+    """Return heights [m] and banks [deg] (n,), relative to the horizontal at the aircraft."""
     attitude, origin = scenario.aircraft[:, ATTITUDE], scenario.origin
     if origin is None:
-        return -scenario.aircraft[:, 2], attitude[:, 0] / DEG
+        return -scenario.aircraft[:, DOWN], attitude[:, 0] / DEG
     place = geodesy.geodetic_from_ned(scenario.aircraft[:, POSITION], origin)
     to_local = np.swapaxes(geodesy.turn_to_origin(place, origin), -1, -2)
     return place[:, 2], geodesy.turned_attitude(attitude, to_local)[:, 0] / DEG
 
 
 def _span(values: FloatArray) -> str:
-    """Return the least and the largest value in four digits, or one if they look the same."""
+    """Return the least and the largest value in four digits, or one value if these are equal."""
     low, high = (f"{float(end) + 0.0:.4g}" for end in (np.min(values), np.max(values)))
     return low if low == high else f"{low} to {high}"
 

@@ -1,4 +1,4 @@
-"""Warnings of scenarios that are allowed but implausible, such as wrong units."""
+"""Warnings of scenarios that are allowed but implausible, for example of wrong units."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from radar_sense.analyses.report import describe_poses
 from radar_sense.model.geodesy import geodetic_from_ned, ned_from_geodetic
 from radar_sense.model.geometry import slant_range
 from radar_sense.scenario import Scenario
-from radar_sense.states import POSITION, RADAR, FloatArray
+from radar_sense.states import DOWN, POSITION, RADAR, FloatArray
 
 #: Greatest speed [m/s] and slant range [m] without a warning.
 MAX_SPEED, MAX_RANGE = 2e3, 5e6
 #: Least height above the ellipsoid [m]: the lowest land minus the greatest depth of the geoid.
 MIN_HEIGHT = -600.0
-#: Latitude and longitude look swapped if the swap reduces a range below this part.
+#: Latitude and longitude count as swapped if a swap reduces the range to less than this part.
 NEARER = 0.2
-#: P_D is at its floor if it exceeds the floor by less than this part of the floor.
+#: P_D counts as at the floor up to this part above the floor.
 ABOVE_FLOOR = 1e-6
 
 
@@ -57,7 +57,7 @@ def _height(scenario: Scenario) -> tuple[str, ...]:
             f"the aircraft is below the ground, {-height.min():.4g} m below the ellipsoid: "
             "are altitudes in metres, and positive upwards?",
         )
-    down = scenario.aircraft[:, 2]
+    down = scenario.aircraft[:, DOWN]
     below = down > _lowest_down(scenario)
     if not below.any():
         return ()
@@ -69,7 +69,7 @@ def _height(scenario: Scenario) -> tuple[str, ...]:
 
 
 def below_ground(scenario: Scenario, down_km: float | None) -> tuple[str, ...]:
-    """Return a warning if a down coordinate that a user gives is below the origin and all radars.
+    """Return a warning if the down coordinate of an option is below the origin and all radars.
 
     Args:
         scenario: The scenario.
@@ -84,8 +84,8 @@ def below_ground(scenario: Scenario, down_km: float | None) -> tuple[str, ...]:
 
 
 def _lowest_down(scenario: Scenario) -> float:
-    """Return the down coordinate [m] of the origin or of the lowest radar, the lower of both."""
-    return max(0.0, float(scenario.radar.reshape(-1, len(RADAR))[:, 2].max()))
+    """Return the down coordinate [m] of the lowest of origin and radars."""
+    return max(0.0, float(scenario.radar.reshape(-1, len(RADAR))[:, DOWN].max()))
 
 
 def _range(scenario: Scenario) -> tuple[str, ...]:
@@ -103,7 +103,7 @@ def _range(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _swapped(scenario: Scenario) -> bool:
-    """Return whether latitude and longitude of the aircraft or of a radar look swapped."""
+    """Return whether latitude and longitude of the aircraft or of a radar are likely swapped."""
     if scenario.origin is None:
         return False
     aircraft = scenario.aircraft[:, POSITION]

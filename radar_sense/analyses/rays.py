@@ -1,7 +1,7 @@
-"""Rays from a radar, the aircraft on each of them, and how far along a ray P_D reaches a value.
+"""Rays from a radar, the aircraft on each ray, and how far along a ray P_D reaches a value.
 
-A ray leaves the radar at one bearing. The aircraft is put on it at one height, roll, pitch and yaw.
-The distance along a ray is horizontal, in the level plane of the radar.
+A ray leaves the radar at one bearing. The aircraft is on the ray at one height, roll, pitch and
+yaw. The distance along a ray is horizontal, in the level plane of the radar.
 """
 
 from __future__ import annotations
@@ -16,32 +16,33 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense.analyses.grid import DOWN, YAW, pose_in_cells, put_at_height
+from radar_sense.analyses.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
 from radar_sense.propagation import LARGEST_PROBIT, propagate_scenario, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, POSITION, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
 
-#: Nearest and farthest distance that is looked at [m].
+#: Nearest and farthest distance of the search [m].
 NEAREST, FARTHEST = 1.0, 5e6
-#: Distances on a ray at which P_D is computed; each is 2 % farther than the one before.
+#: Number of distances at which P_D is computed on a ray. Each step is 2 % of the distance.
 SAMPLES = 768
-#: The bounds of P_D change more slowly, and are computed at every such sample.
+#: Bounds of P_D change slowly along a ray, and are computed at every STRIDE-th sample.
 STRIDE = 8
-#: Halvings of a bracket of 2 %, which leave 1e-14 of a distance.
+#: Halvings of a bracket. A bracket of 2 % shrinks to 1e-14 of the distance.
 HALVINGS = 42
-#: Factors by which a bracket of a bound grows, one after the other.
+#: Factors by which a bracket of a bound grows, in this order.
 EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
-#: Steps of regula falsi, and |z| of a root. A step of z by 1e-7 is one of 1e-8 in distance.
+#: Most steps of regula falsi, and |z| that counts as a root. An error of z by 1e-7 is a relative
+#: error of the distance by 1e-8.
 FALSI_STEPS, FALSI_TOLERANCE = 40, 1e-7
-#: Part of a distance that is surely within a limit at this distance.
+#: Factor on the distance of a limit. The product is within the limit in spite of rounding.
 INSIDE = 1.0 - 1e-9
 #: Rays computed at a time.
 _BLOCK = 64
 
-#: From distances (n, k) to whether (n, k) a ray still reaches the value there.
+#: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
 
 
@@ -53,9 +54,10 @@ class Rays:
         scenario: The scenario of one radar, without the limits of the radar.
         limited: The same radar with its limits.
         bearing: Bearing from the radar (n,) [rad].
-        yaw: Yaw of the aircraft on each ray (n,) [rad], relative to the level of its place.
-        pose: State of the aircraft (6,), of which down, roll and pitch are used. With an origin
-            down is minus the height above the origin's.
+        yaw: Yaw of the aircraft on each ray (n,) [rad], relative to the level plane at the
+            aircraft.
+        pose: State of the aircraft (6,). Only down, roll and pitch are used. With an origin, down
+            is minus the height above the origin.
     """
 
     scenario: Scenario
@@ -75,7 +77,7 @@ class Rays:
         if origin is None:
             states[..., :DOWN] += radar[:DOWN]
             return states
-        # in the frame of the radar's place first, which is level there
+        # first in the frame of the radar, whose level plane contains the rays
         place = geodesy.geodetic_from_ned(radar[POSITION], origin)
         states[..., DOWN] += place[2] - origin[2]
         put_at_height(states, (place[0], place[1], place[2]))
@@ -97,7 +99,7 @@ class Rays:
         return dataclasses.replace(self, bearing=self.bearing[rays], yaw=self.yaw[rays])
 
     def p_d(self, distance: FloatArray) -> FloatArray:
-        """Return P_D (n, k) at distances (n, k), whatever the limits of the radar."""
+        """Return P_D (n, k) at distances (n, k), without the limits of the radar."""
         p_d: FloatArray = self.scenario.model.p_d(self.states(distance), self.scenario.radar)
         return p_d
 
@@ -132,10 +134,10 @@ def rays(
     """Return the rays of a scenario of one radar.
 
     Args:
-        scenario: The scenario. The first pose has height and attitude of the aircraft, and with
-            `by_aspect` the bearing.
-        angle: Bearing (n,) [rad] clockwise from north; with `by_aspect` the azimuth in the body
-            frame at which the aircraft sees the radar, clockwise from the nose.
+        scenario: The scenario. Height and attitude of the aircraft are taken from the first pose.
+            With `by_aspect` the bearing is, too.
+        angle: Bearing (n,) [rad], clockwise from north. With `by_aspect` the azimuth of the radar
+            in the body frame, clockwise from the nose.
         by_aspect: Whether the aircraft turns at one bearing.
         down: Down coordinate [m]; the first pose's if None.
         course: Yaw [rad]; the first pose's if None.
@@ -156,9 +158,8 @@ class Reach:
 
     Attributes:
         distance: Farthest distance with at least this P_D (n,) [m]; NaN where there is none.
-        limited: Where (n,) P_D is still higher at this distance, and a limit of the radar comes
-            first.
-        edges: How often (n,) P_D rises to or falls below the value along a ray without limits.
+        limited: Where (n,) a limit of the radar comes first, and P_D is still higher there.
+        edges: How often (n,) P_D passes the value along a ray without limits.
     """
 
     distance: FloatArray
@@ -168,12 +169,12 @@ class Reach:
 
 @dataclass(frozen=True, eq=False)
 class Survey:
-    """P_D and visibility at the samples of all rays, from which brackets are taken.
+    """P_D and visibility at the samples of all rays, which give the brackets of a search.
 
     Attributes:
         all_rays: The rays.
         distance: Distance of the samples (k,) [m].
-        p_d: P_D (n, k), whatever the limits of the radar.
+        p_d: P_D (n, k), without the limits of the radar.
         visible: Where (n, k) a sample is within the limits.
     """
 
@@ -184,19 +185,19 @@ class Survey:
 
     def reach(self, p_d: float, *, limits: bool = True) -> Reach:
         """Return how far the rays reach a P_D, within the limits of the radar or without limits."""
-        mine = self.all_rays
+        rays = self.all_rays
         inside = self.p_d >= p_d
         if limits:
             inside &= self.visible
 
         def reaches(distance: FloatArray) -> NDArray[np.bool_]:
-            at_distance, visible = mine.p_d_and_visible(distance)
+            at_distance, visible = rays.p_d_and_visible(distance)
             return (at_distance >= p_d) & (visible | (not limits))
 
-        near, far = _farthest(inside, self.distance, reaches, HALVINGS)
+        near, far = _farthest(inside, self.distance, reaches)
         distance = np.sqrt(near * far)
-        # Beyond the edge P_D is below the value, or else a limit made the edge.
-        beyond = mine.p_d(np.where(np.isnan(far), NEAREST, far)[:, np.newaxis])[:, 0] >= p_d
+        # P_D at or above the value beyond the edge means that a limit made the edge.
+        beyond = rays.p_d(np.where(np.isnan(far), NEAREST, far)[:, np.newaxis])[:, 0] >= p_d
         limited = beyond & ~np.isnan(distance)
         edges = np.count_nonzero(np.diff(self.p_d >= p_d, axis=1), axis=1)
         return Reach(distance, limited, edges)
@@ -204,7 +205,7 @@ class Survey:
     @functools.cached_property
     def limit(self) -> FloatArray:
         """Return the farthest distance (n,) [m] within the limits; NaN where there is none."""
-        near, far = _farthest(self.visible, self.distance, self.all_rays.visible, HALVINGS)
+        near, far = _farthest(self.visible, self.distance, self.all_rays.visible)
         return np.sqrt(near * far)
 
 
@@ -226,11 +227,11 @@ def bounds_of_reach(
 ) -> tuple[FloatArray, FloatArray]:
     """Return how far the bounds of P_D at Φ(−β) and Φ(β) reach a value, within the limits.
 
-    The distance at which P_D falls below a value is random. Where P_D falls with distance, that
-    distance exceeds r if P_D at r exceeds the value. Its quantiles are hence the distances at which
-    the quantiles of P_D have the value.
+    The distance at which P_D falls below a value is random, because P_D is uncertain. Where P_D
+    falls with distance, the random distance exceeds r if P_D at r exceeds the value. The quantiles
+    of the distance are therefore the distances at which the quantiles of P_D have the value.
 
-    The bounds by `probit`, which cost little, show where to look for the bounds by the method.
+    The bounds by `probit` cost little, and start the search for the bounds by the method.
 
     Args:
         seen: P_D along the rays.
@@ -239,7 +240,7 @@ def bounds_of_reach(
         beta: β.
 
     Returns:
-        Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no answer.
+        Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no value.
     """
     limit = np.nan_to_num(seen.limit)
     lower, upper = (
@@ -263,7 +264,7 @@ def _guesses(seen: Survey, value: float, beta: float) -> list[FloatArray]:
 
 
 def _bound_of_reach(
-    mine: Rays,
+    all_rays: Rays,
     guess: FloatArray,
     limit: FloatArray,
     value: float,
@@ -272,14 +273,14 @@ def _bound_of_reach(
     *,
     upper: bool,
 ) -> FloatArray:
-    """Return how far (n,) one bound reaches a value; 0 where nowhere, NaN where not known."""
+    """Return how far (n,) one bound reaches a value; 0 for nowhere, NaN for not known."""
     wanted = ndtri(value)
 
     def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
-        """Return z of the bound less z of the value, on some rays."""
+        """Return z of the bound minus z of the value, on some rays."""
         if not len(rows):
             return np.empty(0)
-        rays = mine.part(rows)
+        rays = all_rays.part(rows)
         column = distance[:, np.newaxis]
         bound = rays.upper(column, method, beta) if upper else rays.bounds(column, method, beta)[0]
         z = ndtri(np.clip(bound[:, 0], 0.0, 1.0))
@@ -291,7 +292,7 @@ def _bound_of_reach(
     at_near = excess(all_rows, near)
     far, at_far = near.copy(), at_near.copy()
     for factor in EXPANSIONS:
-        rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound ends nearer
+        rows = np.flatnonzero((at_near < 0) & (near > NEAREST))  # the bound is too low here
         far[rows], at_far[rows] = near[rows], at_near[rows]
         near[rows] = np.maximum(near[rows] / factor, NEAREST)
         at_near[rows] = excess(rows, near[rows])
@@ -299,7 +300,7 @@ def _bound_of_reach(
         near[rows], at_near[rows] = far[rows], at_far[rows]
         far[rows] = np.minimum(far[rows] * factor, limit[rows])
         at_far[rows] = excess(rows, far[rows])
-    reach = np.where(at_near < 0, 0.0, far)  # the limit, where the bound reaches it
+    reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit where no bracket is left
     unknown = np.isnan(at_near) | np.isnan(at_far)
     rows = np.flatnonzero((at_near >= 0) & (at_far < 0))
     reach[rows] = np.exp(
@@ -311,8 +312,9 @@ def _bound_of_reach(
             at_far[rows],
         )
     )
-    reach[(reach > 0) & ~mine.visible(np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE)[:, 0]] = 0
-    reach[unknown | (limit == 0)] = np.nan
+    inside = np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE
+    reach[(reach > 0) & ~all_rays.visible(inside)[:, 0]] = 0
+    reach[unknown] = np.nan
     reach[limit == 0] = 0.0
     return reach
 
@@ -326,8 +328,8 @@ def _falsi(
 ) -> FloatArray:
     """Return roots (k,) of functions between two ends of different signs; NaN where one is NaN.
 
-    The Illinois variant of regula falsi (M. Dowell and P. Jarratt, BIT 11, 1971), which halves the
-    value at an end that stays.
+    This is the Illinois variant of regula falsi (M. Dowell and P. Jarratt, BIT 11, 1971). The value
+    at an end that stays is halved.
 
     Args:
         function: From indices of roots, and arguments, to values.
@@ -359,7 +361,7 @@ def _falsi(
 
 
 def _farthest(
-    inside: NDArray[np.bool_], distance: FloatArray, reaches: Reaches, halvings: int
+    inside: NDArray[np.bool_], distance: FloatArray, reaches: Reaches
 ) -> tuple[FloatArray, FloatArray]:
     """Return brackets (n,) of the farthest distance that is inside; NaN where none is.
 
@@ -369,13 +371,12 @@ def _farthest(
         inside: Whether (n, k) the samples are inside.
         distance: Distance of the samples (k,).
         reaches: Returns whether distances (n, 1) are inside.
-        halvings: How often each bracket is halved, on the scale of logarithms.
     """
     count = inside.shape[1]
     last = count - 1 - np.argmax(inside[:, ::-1], axis=1)
     near, far = distance[last], distance[np.minimum(last + 1, count - 1)]
-    for _ in range(halvings):
-        middle = np.sqrt(near * far)
+    for _ in range(HALVINGS):
+        middle = np.sqrt(near * far)  # halves the bracket of the logarithm
         still = reaches(middle[:, np.newaxis])[:, 0]
         near, far = np.where(still, middle, near), np.where(still, far, middle)
     nowhere = ~inside.any(axis=1)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.columns import quantity
+from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result, analysis
-from radar_sense.analyses.report import table_warnings
+from radar_sense.analyses.report import decibels, table_warnings
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
@@ -25,7 +25,7 @@ AZIMUTH_STEP, ELEVATION_STEP = 1.0, 5.0
 def directions(azimuth_deg: FloatArray, elevation_deg: FloatArray) -> FloatArray:
     """Return body-frame unit vectors (..., 3) to azimuths and elevations (...) [deg]."""
     azimuth, elevation = np.deg2rad(azimuth_deg), np.deg2rad(elevation_deg)
-    # Straight above and below h must be 0, not the rounding of π/2.
+    # cos(π/2) rounds to 6e-17, but h must be 0 straight above and below.
     h = np.where(abs(elevation_deg) == 90, 0.0, np.cos(elevation))
     parts = h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)
     return np.stack(np.broadcast_arrays(*parts), axis=-1)
@@ -43,37 +43,21 @@ def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
 
 
 def _lines_of_sight(scenario: Scenario) -> FloatArray:
-    """Return the lines from the aircraft to m radars in the body frame (mn, 3)."""
+    """Return the vectors (mn, 3) from the aircraft to m radars in the body frame, at n poses."""
     radars = scenario.radar.reshape(-1, len(RADAR))
     return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
-def decibels(sigma: FloatArray) -> FloatArray:
-    """Return 10 log10 of σ_r in m²; −inf where σ_r is 0."""
-    with np.errstate(divide="ignore"):
-        level: FloatArray = 10.0 * np.log10(sigma)
-    return level
-
-
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        BAND,
-        LINES,
-        MaxNLocator,
-        draw_legend,
-        draw_line,
-        nominal_width,
-        points,
-        set_height,
-    )
+    from radar_sense import plotting
 
     arrays = result.arrays
-    if nominal_width(figure) > 5.0:
-        set_height(figure, 2.8)
+    if plotting.nominal_width(figure) > 5.0:
+        plotting.set_height(figure, 2.8)
         grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.2))
     else:
-        set_height(figure, 6.0)
+        plotting.set_height(figure, 6.0)
         grid = figure.add_gridspec(2, 1, height_ratios=(1.1, 1.0))
     polar: Any = figure.add_subplot(grid[0], projection="polar")
     plane = figure.add_subplot(grid[1])
@@ -81,23 +65,19 @@ def plot(result: Result, figure: Figure) -> None:
     middle = float(arrays["cut_elevation_deg"])
     azimuth, horizon, seen = (arrays[f"cut_{of}"] for of in ("azimuth_deg", "horizon_m2", "m2"))
     top = max(horizon.max(), seen.max())
-    # Deep nulls would compress the rest of the scale, and a cross section of 0 has no decibels.
+    # Deep nulls would compress the rest of the scale. A cross section of 0 has no decibels.
     floor = max(min(horizon.min(), seen.min()), 1e-5 * top)
     for sigma, label, style in (
-        (horizon, "at the horizon", LINES[0]),
-        (seen, f"at elevation {middle:.1f} deg, as in the geometry", LINES[1]),
+        (horizon, "at the horizon", plotting.LINES[0]),
+        (seen, f"at elevation {middle:.1f} deg, as in the geometry", plotting.LINES[1]),
     ):
-        draw_line(polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label)
+        plotting.draw_line(
+            polar, np.deg2rad(azimuth), decibels(np.maximum(sigma, floor)), style, label
+        )
     low, high = decibels(np.array([floor, top]))
     margin = max(1.0, 0.05 * (high - low))
     polar.set_ylim(low - margin, high + margin)
-    polar.set_theta_zero_location("N")  # the nose up, as seen from above
-    polar.set_theta_direction(-1)
-    polar.set_rlabel_position(65)
-    polar.yaxis.set_major_locator(MaxNLocator(nbins=4))
-    polar.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
-    polar.set_xticklabels(["nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45"])
-    polar.set_ylabel("RCS [dBsm]", labelpad=points(24))
+    plotting.set_compass(polar, plotting.ASPECTS, "RCS [dBsm]", label_angle=65)
 
     azimuth, elevation, sigma = (
         arrays[f"map_{of}"] for of in ("azimuth_deg", "elevation_deg", "m2")
@@ -109,15 +89,21 @@ def plot(result: Result, figure: Figure) -> None:
     )
     if np.ptp(level) > 0.1:
         contours = plane.contour(
-            azimuth, elevation, level, 6, colors="white", linestyles="-", linewidths=points(0.3)
+            azimuth,
+            elevation,
+            level,
+            6,
+            colors="white",
+            linestyles="-",
+            linewidths=plotting.points(0.3),
         )
         bar.add_lines(contours)
     plane.plot(
         arrays["geometry_azimuth_deg"],
         arrays["geometry_elevation_deg"],
         ".",
-        color=BAND[0],
-        ms=points(2.5),
+        color=plotting.BAND[0],
+        ms=plotting.points(2.5),
         label="the radar in the geometry",
     )
     ends = arrays["table_ends_deg"]
@@ -128,21 +114,23 @@ def plot(result: Result, figure: Figure) -> None:
             180,
             colors="black",
             linestyles="--",
-            lw=points(0.8),
+            lw=plotting.points(0.8),
             label="ends of the table",
         )
     plane.set(xlim=(-180, 180), ylim=(-90, 90))
     plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
     plane.set_xlabel("Azimuth in the body frame [deg]")
     plane.set_ylabel("Elevation [deg]")
-    draw_legend(figure, polar, plane)
+    plotting.draw_legend(figure, polar, plane)
 
 
-_TABLE = (
-    quantity("azimuth_deg", "Azimuth of the radar seen from the aircraft, 0 off the nose."),
-    quantity("elevation_deg", "Elevation of the radar seen from the aircraft, positive above."),
-    quantity("rcs_m2", "Radar cross section in this direction."),
-    quantity("std_db", "Standard deviation of the cross section; of a table that has one alone."),
+_TABLE = quantities(
+    {
+        "azimuth_deg": "Azimuth of the radar seen from the aircraft, 0 off the nose.",
+        "elevation_deg": "Elevation of the radar seen from the aircraft, positive above.",
+        "rcs_m2": "Radar cross section in this direction.",
+        "std_db": "Standard deviation of the cross section, if the RCS table has std_db.",
+    }
 )
 
 
@@ -163,7 +151,7 @@ def rcs(scenario: Scenario) -> Result:
     model = scenario.model.rcs
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
-    # Straight above and below a row is kept only if all azimuths have one value.
+    # Straight above and below, a table needs one value for all azimuths.
     ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
     below, above = np.all(ends == ends[0], axis=0)
     elevation = elevation[(0 if below else 1) : (None if above else -1)]
@@ -213,13 +201,13 @@ def rcs(scenario: Scenario) -> Result:
 
 
 def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
-    """Return the column of the standard deviation [dB] of an RCS table; {} without one."""
+    """Return the column of the standard deviation [dB]; {} unless an RCS table has std_db."""
     spread = getattr(model, "spread", None)
     return {} if spread is None else {"std_db": pattern(spread, *columns)}
 
 
 def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:
-    """Return σ_r for the figure: at the horizon, at one elevation, and over the sphere."""
+    """Return arrays of the figure: σ_r at the horizon, at one elevation, and over the sphere."""
     cut = np.arange(-180.0, 180.25, 0.25)
     azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
     return {

@@ -1,8 +1,8 @@
-"""Poses between the rows of a path, or on an orbit, added until P_D and its bound are resolved.
+"""Poses added between the rows of a path, or on an orbit, until P_D and its bound are resolved.
 
-Between two rows the position is on a straight line, in latitude and longitude if the path follows
-the curve of the earth. The attitude turns the short way at a constant rate. The covariance is
-interpolated linearly. A mission has the same states between rows.
+Between two rows the position is on a straight line. The line is in latitude and longitude if the
+path follows the curve of the earth. The attitude turns the short way at a constant rate. The
+covariance is interpolated linearly. A mission has the same states between rows.
 
 Between two azimuths of an orbit the position is on the circle, and the attitude is constant.
 """
@@ -28,28 +28,32 @@ from radar_sense.states import POSITION, RADAR, FloatArray
 SMOOTH_ASPECT, LOBED_ASPECT = np.deg2rad(5.0), np.deg2rad(1.0)
 #: Largest distance between two poses, as a part of the range of each radar.
 LARGEST_MOVE = 0.1
-#: Shorter steps of a path [s] and of an orbit [deg] are not halved. P_D jumps at a horizon, where
-#: no step is short enough.
+#: Shorter steps of a path [s] and of an orbit [deg] are not halved, because P_D jumps at a horizon.
 SHORTEST, SHORTEST_ARC = 0.2, 0.01
 #: Most poses of a refined path.
 MAX_POSES = 20_000
+#: P_D and its bound may differ from straight lines between poses by the smaller of
+#: RELATIVE_TOLERANCE · limit and TOLERANCE.
+RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A path or an orbit with poses between its own.
+    """A path or an orbit with added poses.
 
     Attributes:
         scenario: The scenario of n poses.
         moments: The moments of P_D (n,).
-        rows: Poses (m,) that are rows of the path, or azimuths of the orbit.
+        rows: Numbers (m,) of the poses that are rows of the path, or azimuths of the orbit.
         resolved: Whether the poses resolve P_D.
+        tolerance: Tolerance of P_D and its bound between poses; None if no poses can be added.
     """
 
     scenario: Scenario
     moments: Moments
     rows: NDArray[np.intp]
     resolved: bool
+    tolerance: float | None
 
     @property
     def added(self) -> int:
@@ -58,10 +62,10 @@ class Refined:
 
 
 def can_refine(scenario: Scenario) -> bool:
-    """Return whether the poses between the scenario's own are known and not yet chosen by the user.
+    """Return whether poses can be added between the poses of a scenario.
 
-    They are known on a path of two rows or more, and on an orbit. With `geometry.interpolate` the
-    user has chosen them.
+    A path of two rows or more can be refined, and an orbit of two azimuths or more. With
+    `geometry.interpolate` the user has chosen all poses.
     """
     source = scenario.provenance
     if len(scenario.aircraft) < 2:
@@ -75,9 +79,37 @@ def can_refine(scenario: Scenario) -> bool:
 def coordinate(scenario: Scenario) -> FloatArray:
     """Return the time [s] of each pose of a path (n,), or the azimuth [deg] on an orbit.
 
-    Lengths on a path are times, also if the axis of its tables is the distance.
+    On a path the coordinate is the time, also if the axis of tables is the distance.
     """
     return scenario.axis.values if scenario.time_s is None else scenario.time_s
+
+
+def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit: float) -> Refined:
+    """Return a scenario with poses added to compare P_D and its bound with a limit.
+
+    A scenario that `can_refine` excludes is returned as it is.
+
+    Args:
+        scenario: The scenario.
+        propagate: Returns the moments of a scenario.
+        limit: The limit, which sets the tolerance.
+    """
+    moments = propagate(scenario)
+    if not can_refine(scenario):
+        return unrefined(scenario, moments)
+    return refined(scenario, moments, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
+
+
+def unrefined(scenario: Scenario, moments: Moments) -> Refined:
+    """Return a scenario and its moments without poses between the rows."""
+    return Refined(scenario, moments, np.arange(len(moments.p_d)), True, None)
+
+
+def unresolved(path: Refined) -> str:
+    """Return the message about poses that do not resolve P_D, with the remedy."""
+    scenario = path.scenario
+    key = "geometry.azimuth_deg" if scenario.time_s is None else "geometry.interpolate"
+    return f"P_D is not resolved by {len(scenario.axis)} poses: choose steps with {key}"
 
 
 def refined(
@@ -89,14 +121,14 @@ def refined(
     """Return a scenario with poses added until P_D and its upper bound are linear between poses.
 
     First, steps are halved by geometry. In one step the aspect of each radar may turn by a few
-    degrees, and the aircraft may move by a tenth of the range. Then steps are halved until P_D and
-    its bound are within the tolerance of straight lines, by their second differences.
+    degrees. The aircraft may move by a tenth of the range. Then steps are halved until P_D and its
+    bound are within the tolerance of straight lines. Second differences estimate the distance.
 
     Args:
         scenario: The scenario of a path or an orbit, see `can_refine`.
-        moments: Moments of P_D at its poses.
-        propagate: Propagates a scenario.
-        tolerance: The tolerance.
+        moments: Moments of P_D at the poses of the scenario.
+        propagate: Returns the moments of a scenario.
+        tolerance: Largest distance of P_D and its bound from straight lines.
     """
     place = coordinate(scenario)
     shortest = SHORTEST_ARC if scenario.time_s is None else SHORTEST
@@ -124,11 +156,12 @@ def refined(
         moments,
         np.flatnonzero(row >= 0),
         len(place) < MAX_POSES,
+        tolerance,
     )
 
 
 def along(scenario: Scenario, place: FloatArray) -> Scenario:
-    """Return the scenario at other times (k,) [s] of its path, or azimuths [deg] of its orbit."""
+    """Return the scenario at other times (k,) [s] of the path, or azimuths [deg] of the orbit."""
     if scenario.time_s is None:
         axis = dataclasses.replace(scenario.axis, values=place)
         aircraft = _on_orbit(scenario, place)
@@ -161,7 +194,7 @@ def _on_orbit(scenario: Scenario, azimuth: FloatArray) -> FloatArray:
 
 
 def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
-    """Return the steps (n − 1,) between poses in which an aspect or a range changes much."""
+    """Return the steps (n − 1,) in which the aspect or the range of a radar changes much."""
     largest = LOBED_ASPECT if path.model.rcs.lobed else SMOOTH_ASPECT
     coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
     for radar in path.radar.reshape(-1, len(RADAR)):
@@ -180,7 +213,7 @@ def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
 def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
     """Return the distance (n − 1,) of values from straight lines between poses; 0 if unknown.
 
-    The distance is h²/8 times the second derivative. The greater derivative of both ends is used.
+    The distance is h²/8 times the second derivative, the greater derivative of the two ends.
     """
     step = np.diff(place)
     if len(step) < 2:
@@ -195,14 +228,14 @@ def _bend(place: FloatArray, values: FloatArray) -> FloatArray:
 def _halved(
     place: FloatArray, row: NDArray[np.intp], steps: NDArray[np.bool_]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Return places and rows with new places in the middle of some steps, with row number −1."""
+    """Return places and rows, with a place in the middle of some steps added as row −1."""
     after = np.flatnonzero(steps) + 1
     middle = 0.5 * (place[after - 1] + place[after])
     return np.insert(place, after, middle), np.insert(row, after, -1)
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return the moments of old poses, by the number in `row`, and of new poses at row −1."""
+    """Return moments with the old moments by number in `row`, and new moments at −1."""
     arrays = []
     for field in fields(Moments):
         values, added = getattr(old, field.name), getattr(new, field.name)
@@ -213,7 +246,7 @@ def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
 
 
 def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> Scenario:
-    """Return the scenario at some places, with the exact states at its rows."""
+    """Return the scenario at some places, with the states of the rows unchanged to the last bit."""
     path = along(scenario, place)
     at_row = np.flatnonzero(row >= 0)
     aircraft = path.aircraft.copy()

@@ -26,7 +26,7 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
-#: Largest number of names in one warning. Of more names, the rest is a number.
+#: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
 
 
@@ -40,14 +40,14 @@ def reached(values: FloatArray) -> NDArray[np.bool_]:
 
 
 def peak(values: FloatArray, axis: Axis) -> dict[str, Any]:
-    """Return the largest value and all places at which it is reached."""
+    """Return the largest value, and all places with this value."""
     if not np.isfinite(values).any():
         return {"value": float("nan"), axis.key: []}
     return {"value": float(np.nanmax(values)), axis.key: axis.values[reached(values)].tolist()}
 
 
 def trough(values: FloatArray, axis: Axis) -> dict[str, Any]:
-    """Return the smallest value and all places at which it is reached."""
+    """Return the smallest value, and all places with this value."""
     top = peak(-values, axis)
     return {**top, "value": -top["value"]}
 
@@ -74,10 +74,10 @@ def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -
     return f"P_D is {high['value']:.4f} {known}"
 
 
-def listed(words: Iterable[str]) -> str:
-    """Return words with commas and an "and" between them."""
+def listed(words: Iterable[str], before_last: str = "and") -> str:
+    """Return words in a sentence, with commas and an "and" between them."""
     *others, last = words
-    return " and ".join(filter(None, (", ".join(others), last)))
+    return f" {before_last} ".join(filter(None, (", ".join(others), last)))
 
 
 def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
@@ -96,8 +96,15 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     return f"at {', '.join(spans)} {axis.unit}"
 
 
+def decibels(ratio: FloatArray) -> FloatArray:
+    """Return 10 log10 of a ratio; −inf where the ratio is 0."""
+    with np.errstate(divide="ignore"):
+        level: FloatArray = 10.0 * np.log10(ratio)
+    return level
+
+
 def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any]]:
-    """Return the largest 3σ of P_D of each radar of a network by itself, and its place."""
+    """Return the largest 3σ of P_D, and its places, by single radar of a network."""
     return {
         name: peak(3 * propagate_scenario(radar_scenario, method=method).std, scenario.axis)
         for name, radar_scenario in single_radar_scenarios(scenario).items()
@@ -142,11 +149,6 @@ def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, Fl
     return {} if method == "linear" else {f"mean_pd{ending}": mean}
 
 
-def in_brackets(method: str) -> str:
-    """Return the method in brackets; "" for the default."""
-    return "" if method == "linear" else f" ({method})"
-
-
 def level_and_method(level: str, method: str) -> str:
     """Return the level of radar uncertainty, and the method unless it is the default."""
     return level if method == "linear" else f"{level}, {method}"
@@ -157,7 +159,7 @@ def validity_warnings(
 ) -> tuple[str, ...]:
     """Return where the band of a method is unreliable, and what to use there.
 
-    An RCS with lobes gives one line for all reasons, since the lobes cause all of them.
+    An RCS with lobes gives one warning, because the lobes are the reason of all problems.
 
     Args:
         scenario: The scenario, at its level.
@@ -200,6 +202,15 @@ def validity_warnings(
     )
 
 
+def method_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
+    """Return all warnings of moments by a method."""
+    return (
+        *validity_warnings(scenario, moments, method),
+        *distribution_warnings(scenario, method),
+        *table_warnings(scenario),
+    )
+
+
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
     """Return one line "a, b and c: text" for all labels with the same text."""
     labels: dict[str, list[str]] = {}
@@ -230,7 +241,7 @@ def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
 
 
 def distribution_warnings(scenario: Scenario, *methods: str) -> tuple[str, ...]:
-    """Return the radars whose constant has another distribution than methods assume."""
+    """Return warnings of radars whose constant has another distribution than methods assume."""
     names, warnings = scenario.model.names, []
     for log_normal in (False, True):
         assuming = [m for m in methods if METHODS[m].log_normal == log_normal]
@@ -265,7 +276,7 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
 
     Args:
         scenario: The scenario, at its level.
-        runs: Runs of Monte Carlo. With them the warning has the expected number of draws beyond.
+        runs: Runs of Monte Carlo, for the expected number of draws beyond; None for no draws.
     """
     table = scenario.model.rcs
     if not isinstance(table, TableRCS) or table.elevation is None:

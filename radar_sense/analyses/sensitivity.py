@@ -8,18 +8,15 @@ from radar_sense.analyses.columns import AXIS, quantity
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
     describe_extreme,
-    distribution_warnings,
     gathered,
-    in_brackets,
     largest_by_radar,
     mean_column,
+    method_warnings,
     peak,
     radar_lines,
     radar_summary,
-    table_warnings,
-    validity_warnings,
 )
-from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -28,22 +25,15 @@ if TYPE_CHECKING:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        draw_legend,
-        draw_line,
-        from_zero,
-        pose_coordinates,
-        pose_panels,
-        styles,
-    )
+    from radar_sense import plotting
 
-    (axes,) = pose_panels(figure, 1, result.scenario.axis)
-    x = pose_coordinates(result.scenario.axis)
-    for level, style in zip(result.scenario.cov_radar, styles(), strict=False):
-        draw_line(axes, x, result.table[f"three_sigma_{level}"], style, label=level)
+    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
+    x = plotting.pose_coordinates(result.scenario.axis)
+    for level, style in zip(result.scenario.cov_radar, plotting.styles(), strict=False):
+        plotting.draw_line(axes, x, result.table[f"three_sigma_{level}"], style, label=level)
     axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
-    from_zero(axes)
-    draw_legend(figure, axes, on_lines=axes.lines)
+    plotting.from_zero(axes)
+    plotting.draw_legend(figure, axes, on_lines=axes.lines)
 
 
 _TABLE = (
@@ -74,22 +64,18 @@ def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
         InputError: If there is no such method.
     """
     axis = scenario.axis
-    moments = {
-        level: propagate_scenario(scenario.with_analysis(level=level), method=method)
-        for level in scenario.cov_radar
-    }
+    at_level = {level: scenario.with_analysis(level=level) for level in scenario.cov_radar}
+    moments = {level: propagate_scenario(s, method=method) for level, s in at_level.items()}
     worst = {level: peak(3 * m.std, axis) for level, m in moments.items()}
     width = max(map(len, worst))
-    by_itself = {
-        level: largest_by_radar(scenario.with_analysis(level=level), method)
-        for level in scenario.cov_radar
-    }
+    by_itself = {level: largest_by_radar(s, method) for level, s in at_level.items()}
     of_radars = {
         name: ", ".join(
             f"{level} {describe_extreme(tops[name], axis)}" for level, tops in by_itself.items()
         )
         for name in by_itself[scenario.level]
     }
+    by_method = "" if method == "linear" else f" ({method})"
     return Result(
         scenario=scenario,
         method=method,
@@ -107,22 +93,13 @@ def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
             **radar_summary(by_itself if of_radars else {}),
         },
         report=(
-            f"largest 3 sigma of P_D by level{in_brackets(method)}:",
+            f"largest 3 sigma of P_D by level{by_method}:",
             *(f"  {level:{width}}  {describe_extreme(top, axis)}" for level, top in worst.items()),
             *radar_lines(of_radars),
         ),
         warnings=gathered(
             (level, text)
             for level, m in moments.items()
-            for text in _warnings(scenario.with_analysis(level=level), m, method)
+            for text in method_warnings(at_level[level], m, method)
         ),
-    )
-
-
-def _warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
-    """Return the warnings of one level."""
-    return (
-        *validity_warnings(scenario, moments, method),
-        *distribution_warnings(scenario, method),
-        *table_warnings(scenario),
     )

@@ -38,18 +38,15 @@ from radar_sense.states import FloatArray
 
 #: The default method of a threshold test: `FORM`, and draws where its bound is unreliable.
 AUTOMATIC, FORM = "automatic", "form"
-#: P_D and its bound may differ from straight lines between poses by the smaller of
-#: RELATIVE_TOLERANCE · P_max and TOLERANCE.
-RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 
 
 @dataclass(frozen=True, eq=False)
 class ThresholdTest:
-    """Whether an upper bound of P_D stays within P_max, pose by pose.
+    """The threshold test of an upper bound of P_D, pose by pose.
 
     Attributes:
         p_max: P_max.
-        margin: P_max less the bound (n,): negative where P_max is exceeded, NaN without a bound.
+        margin: P_max minus the bound (n,): negative above P_max, NaN without a bound.
         violated: Where P_max is exceeded (n,).
         unknown: Where the test has no answer (n,): without a bound, or with an unreliable bound.
         above: Length of the path with the bound above P_max, in the unit of the coordinate. Steps
@@ -78,7 +75,7 @@ class ThresholdTest:
 
     @property
     def first(self) -> int | None:
-        """First pose that is violated; without one the first that is not known; else None."""
+        """First violated pose, or else the first pose that is not known; None if the test holds."""
         for mask in (self.violated, self.unknown):
             if mask.any():
                 return int(np.argmax(mask))
@@ -108,22 +105,8 @@ def threshold_test(
         coordinate: Time [s] of each pose (n,), or azimuth on an orbit [deg], in order.
         p_d: P_D (n,). Where P_D itself is above P_max, the test is violated.
         unreliable: Where (n,) the bound is unreliable.
-
-    Raises:
-        ValueError: If p_max is out of range, the coordinates are not in order or a shape does not
-            fit.
     """
     upper, coordinate = np.asarray(upper, dtype=float), np.asarray(coordinate, dtype=float)
-    if not 0 < p_max <= 1:
-        raise ValueError(f"p_max must be greater than 0 and not greater than 1, got {p_max}")
-    if upper.ndim != 1 or not upper.size or upper.shape != coordinate.shape:
-        raise ValueError(
-            f"bound and coordinate must both have shape (n,), "
-            f"got {upper.shape} and {coordinate.shape}"
-        )
-    steps = np.diff(coordinate)
-    if not np.isfinite(coordinate).all() or (np.any(steps < 0) and np.any(steps > 0)):
-        raise ValueError("the coordinates of the poses must be finite and in order")
     margin = p_max - upper
     certain = np.zeros(upper.shape, dtype=bool) if p_d is None else np.asarray(p_d) > p_max
     without = ~np.isfinite(margin) | np.asarray(unreliable, dtype=bool)
@@ -132,7 +115,7 @@ def threshold_test(
         margin=margin,
         violated=certain | (~without & (margin < 0)),
         unknown=without & ~certain,
-        above=math.fsum(abs(steps) * _share_above(margin)),
+        above=math.fsum(abs(np.diff(coordinate)) * _share_above(margin)),
         total=abs(float(coordinate[-1] - coordinate[0])),
     )
 
@@ -143,7 +126,7 @@ def _share_above(margin: FloatArray) -> FloatArray:
     margin = np.where(known, margin, 0.0)
     above, within = np.maximum(-margin, 0.0), np.maximum(margin, 0.0)
     negative, whole = above[:-1] + above[1:], (above + within)[:-1] + (above + within)[1:]
-    # A margin from −b to a is negative for b/(a + b) of the step.
+    # On a line from −b to a, b/(a + b) of the step is negative.
     share = np.divide(negative, whole, out=np.zeros_like(negative), where=negative > 0)
     return np.where(known[:-1] & known[1:], share, 1.0)
 
@@ -159,7 +142,6 @@ class _Tested:
         drawn: Where draws decided (n,).
         undecided: Where draws did not decide (n,).
         anywhere: P(P_D > P_max) at any pose.
-        tolerance: Tolerance of P_D and its bound between poses; None if no poses were added.
     """
 
     path: refinement.Refined
@@ -168,7 +150,6 @@ class _Tested:
     drawn: NDArray[np.bool_]
     undecided: NDArray[np.bool_]
     anywhere: Anywhere
-    tolerance: float | None
 
 
 def require_threshold(
@@ -176,9 +157,9 @@ def require_threshold(
 ) -> Result:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`.
 
-    The table gets the columns `margin`, `violated`, `not_known` and `probability_above`, which is
-    P(P_D > P_max). It also gets the bound, such as `upper_2sigma` for k = 2. The result passes if
-    the test holds at every pose, and on a path also between them.
+    The table gets the columns `margin`, `violated`, `not_known`, `probability_above`, and the
+    bound, for k = 2 `upper_2sigma`. `probability_above` is P(P_D > P_max). The result passes if the
+    test holds at every pose, and on a path also between the poses.
 
     Args:
         result: The result of `variance`.
@@ -217,11 +198,7 @@ def _tested(
     def propagate(path_scenario: Scenario) -> Moments:
         return propagate_scenario(path_scenario, method=method, beta=k)
 
-    moments, tolerance = propagate(scenario), None
-    path = refinement.Refined(scenario, moments, np.arange(len(moments.p_d)), resolved=True)
-    if refinement.can_refine(scenario):
-        tolerance = min(TOLERANCE, RELATIVE_TOLERANCE * p_max)
-        path = refinement.refined(scenario, moments, propagate, tolerance)
+    path = refinement.resolve(scenario, propagate, p_max)
     poses, moments = path.scenario, path.moments
     unreliable = ~np.isfinite(moments.upper)
     unreliable |= nonlinear_in_scenario(poses, moments, method=method, beta=k)
@@ -253,12 +230,11 @@ def _tested(
         drawn=drawn,
         undecided=undecided,
         anywhere=exceeded_anywhere(poses, p_max, probability),
-        tolerance=tolerance,
     )
 
 
 def _unit(scenario: Scenario) -> str:
-    """Return the unit of `refinement.coordinate`."""
+    """Return the unit of the coordinate of `refinement`."""
     return scenario.axis.unit if scenario.time_s is None else "s"
 
 
@@ -278,7 +254,7 @@ def _summary(tested: _Tested, column: str, k: float) -> dict[str, Any]:
         "passed": test.passed,
         "poses": len(axis),
         "poses_between_rows": tested.path.added,
-        "tolerance_between_poses": tested.tolerance,
+        "tolerance_between_poses": tested.path.tolerance,
         "poses_violated": int(np.count_nonzero(test.violated)),
         "poses_not_known": int(np.count_nonzero(test.unknown)),
         "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
@@ -351,14 +327,9 @@ def _verdict(tested: _Tested) -> str:
 
 
 def _remedy(tested: _Tested, method: str) -> str:
-    """Return why the test has no answer, and the remedy."""
+    """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
-        on_orbit = tested.path.scenario.time_s is None
-        key = "geometry.azimuth_deg" if on_orbit else "geometry.interpolate"
-        return (
-            f"  P_D is not resolved by {len(tested.path.scenario.axis)} poses: "
-            f"choose steps with {key}"
-        )
+        return f"  {refinement.unresolved(tested.path)}"
     if tested.undecided.any():
         reason = "the tail is too thin for draws, or the bound too near to the threshold"
         return f"  draws do not decide there: {reason}"
@@ -410,11 +381,11 @@ def _correlation(scenario: Scenario) -> str:
 def _poses_lines(tested: _Tested) -> list[str]:
     """Return the number or the step of the poses tested on a path."""
     scenario = tested.path.scenario
-    if tested.tolerance is not None:
-        own = "the azimuths given" if scenario.time_s is None else "the rows of the path"
+    if tested.path.tolerance is not None:
+        given = "the azimuths given" if scenario.time_s is None else "the rows of the path"
         return [
-            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {own}: "
-            f"P_D and bound are within {tested.tolerance:g} of straight lines"
+            f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {given}: "
+            f"P_D and bound are within {tested.path.tolerance:g} of straight lines"
         ]
     geometry = scenario.provenance.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN, quantity
+from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN, quantities
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import (
     band_columns,
@@ -31,42 +31,32 @@ if TYPE_CHECKING:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        LINES,
-        draw_fill,
-        draw_legend,
-        draw_line,
-        draw_shade,
-        points,
-        pose_coordinates,
-        pose_panels,
-    )
+    from radar_sense import plotting
 
-    (top, bottom) = pose_panels(figure, 2, result.scenario.axis)
-    table, x = result.table, pose_coordinates(result.scenario.axis)
+    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
+    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
     for axes in (top, bottom):
         label = f"{result.method} validated" if axes is top else None
-        draw_shade(axes, table["validated"] > 0, x, label=label)
-    for end, style in zip(("lower", "upper"), LINES, strict=False):
-        with np.errstate(invalid="ignore"):  # 0/0 where no radar sees the aircraft makes a gap
+        plotting.draw_shade(axes, table["validated"] > 0, x, label=label)
+    for end, style in zip(("lower", "upper"), plotting.LINES, strict=False):
+        with np.errstate(invalid="ignore"):  # 0/0 where no radar sees the aircraft, a gap
             distance = table[f"distance_{end}"] / table["delta"]
-        draw_line(top, x, distance, style, label=f"{end} bound")
-    top.axhline(1.0, color="black", lw=points(0.8))
+        plotting.draw_line(top, x, distance, style, label=f"{end} bound")
+    top.axhline(1.0, color="black", lw=plotting.points(0.8))
     top.set_yscale("log")
     top.set_ylabel("Distance from Monte Carlo\nover its tolerance")
-    expected = "99.73 %"
-    bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=points(0.8), label=expected)
-    draw_fill(
+    bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=plotting.points(0.8), label="99.73 %")
+    plotting.draw_fill(
         bottom,
         x,
         100 * table["coverage_low"],
         100 * table["coverage_high"],
-        color=LINES[2][0],
-        lw=points(0.4),
+        color=plotting.LINES[2][0],
+        lw=plotting.points(0.4),
         label="coverage (95 %)",
     )
     bottom.set_ylabel("Coverage [%]")
-    draw_legend(figure, top, bottom)
+    plotting.draw_legend(figure, top, bottom)
 
 
 _DIGITS = Option(
@@ -78,15 +68,23 @@ _TABLE = (
     *AXIS,
     *BAND,
     *DRAWS,
-    quantity("delta", "Numerical tolerance of P_D, from the significant digits of sigma."),
-    quantity("distance_lower", "Distance between the lower bounds by the method and by the draws."),
-    quantity("distance_upper", "Distance between the upper bounds by the method and by the draws."),
-    quantity("runs", "Number of draws at this pose."),
+    *quantities(
+        {
+            "delta": "Numerical tolerance of P_D, from the significant digits of sigma.",
+            "distance_lower": "Distance between the lower bounds by the method and by the draws.",
+            "distance_upper": "Distance between the upper bounds by the method and by the draws.",
+            "runs": "Number of draws at this pose.",
+        }
+    ),
     COVERAGE,
-    quantity("coverage_low", "Lower end of the 95 % confidence interval of the coverage."),
-    quantity("coverage_high", "Upper end of the 95 % confidence interval of the coverage."),
-    quantity("stable", "1 where the draws are stable to the tolerance, else 0."),
-    quantity("validated", "1 where the method is validated, else 0."),
+    *quantities(
+        {
+            "coverage_low": "Lower end of the 95 % confidence interval of the coverage.",
+            "coverage_high": "Upper end of the 95 % confidence interval of the coverage.",
+            "stable": "1 where the draws are stable to the tolerance, else 0.",
+            "validated": "1 where the method is validated, else 0.",
+        }
+    ),
     MEAN,
 )
 
@@ -131,7 +129,7 @@ def validate(
         )
     low, high = verdict.coverage_interval()
     distance = np.fmax(verdict.distance_lower, verdict.distance_upper)
-    # Without a deviation δ is 0. The distance is 0 too, unless the method is wrong.
+    # Where P_D is certain δ is 0. The distance is 0 too, unless the method is wrong.
     without = np.where(distance > 0, np.inf, distance)
     ratio = np.divide(distance, verdict.delta, out=without, where=verdict.delta > 0)
     no_result = ~np.isfinite(verdict.moments.lower + verdict.moments.upper)

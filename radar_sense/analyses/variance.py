@@ -11,17 +11,16 @@ from radar_sense.analyses.columns import AXIS, BAND, LINK, MEAN, OF_THRESHOLD, P
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
+    decibels,
     describe_extreme,
     describe_span,
-    distribution_warnings,
     level_and_method,
     mean_column,
+    method_warnings,
     peak,
     radar_lines,
     radar_summary,
-    table_warnings,
     trough,
-    validity_warnings,
 )
 from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold, require_threshold
 from radar_sense.errors import InputError
@@ -38,37 +37,34 @@ if TYPE_CHECKING:
 
 def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
-    from radar_sense.plotting import (
-        BAND,
-        draw_band,
-        draw_fill,
-        draw_legend,
-        draw_line,
-        points,
-        pose_coordinates,
-        pose_panels,
-        styles,
-    )
+    from radar_sense import plotting
 
-    (axes,) = pose_panels(figure, 1, result.scenario.axis)
-    table, x = result.table, pose_coordinates(result.scenario.axis)
-    draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
+    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
+    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    plotting.draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
     names = result.scenario.model.names
-    if len(names) > 1:  # the line of a radar that is alone in view hides the network's line
-        axes.lines[-1].set(linewidth=points(2.2), zorder=1.8)
-    of_radars = []
-    for name, style in zip(names if len(names) > 1 else (), styles(BAND), strict=False):
-        draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
-        of_radars.append(axes.lines[-1])
-        axes.lines[-1].set_linewidth(points(0.8))
-    draw_fill(
-        axes, x, table["lower_3sigma"], table["upper_3sigma"], color=BAND[0], alpha=0.18, lw=0
+    radar_lines = []
+    if len(names) > 1:
+        # Where one radar alone sees the aircraft, the network's line is under the radar's line.
+        axes.lines[-1].set(linewidth=plotting.points(2.2), zorder=1.8)
+        for name, style in zip(names, plotting.styles(plotting.BAND), strict=False):
+            plotting.draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
+            radar_lines.append(axes.lines[-1])
+            axes.lines[-1].set_linewidth(plotting.points(0.8))
+    plotting.draw_fill(
+        axes,
+        x,
+        table["lower_3sigma"],
+        table["upper_3sigma"],
+        color=plotting.BAND[0],
+        alpha=0.18,
+        lw=0,
     )
-    draw_band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result.band_label)
+    plotting.draw_band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result.band_label)
     if "threshold" in result.summary:
         _draw_threshold(axes, x, result)
     axes.set_ylabel(r"Probability of detection $P_D$")
-    draw_legend(figure, axes, on_lines=of_radars)
+    plotting.draw_legend(figure, axes, on_lines=radar_lines)
 
 
 _METHOD = dataclasses.replace(
@@ -78,7 +74,7 @@ _METHOD = dataclasses.replace(
 )
 _THRESHOLD = Option(
     "threshold",
-    "Test P_D + K sigma <= P_MAX at every pose, on a path between them too; exit code 3 if the "
+    "Test P_D + K sigma <= P_MAX at every pose, on a path between poses too; exit code 3 if the "
     "test is violated or not known.",
     THRESHOLD,
     metavar="P_MAX",
@@ -117,8 +113,8 @@ def variance(
 ) -> Result:
     """Standard deviation of P_D along the geometry.
 
-    With --threshold also the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX).
-    Exit code 3 means that the test is violated or not known.
+    --threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
+    code 3 means that the test is violated or not known.
 
     Args:
         scenario: The scenario.
@@ -145,7 +141,7 @@ def variance(
 
 
 def _along_geometry(scenario: Scenario, method: str) -> Result:
-    """Return P_D with its standard deviation and 3σ band, of all radars and of each."""
+    """Return P_D with standard deviation and 3σ band, of all radars and of each radar."""
     axis = scenario.axis
     moments = propagate_scenario(scenario, method=method)
     low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
@@ -184,11 +180,7 @@ def _along_geometry(scenario: Scenario, method: str) -> Result:
             f"{describe_extreme(worst, axis)}",
             *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),
         ),
-        warnings=(
-            *validity_warnings(scenario, moments, method),
-            *distribution_warnings(scenario, method),
-            *table_warnings(scenario),
-        ),
+        warnings=method_warnings(scenario, moments, method),
     )
 
 
@@ -200,38 +192,38 @@ def _places(scenario: Scenario) -> dict[str, FloatArray]:
     columns = dict(zip(("north_m", "east_m", "down_m"), position.T, strict=True))
     if scenario.origin is not None:
         latitude, longitude, altitude = geodetic_from_ned(position, scenario.origin).T
-        columns["latitude_deg"], columns["longitude_deg"] = (
-            np.rad2deg(latitude),
-            np.rad2deg(longitude),
-        )
+        columns["latitude_deg"] = np.rad2deg(latitude)
+        columns["longitude_deg"] = np.rad2deg(longitude)
         columns["altitude_m"] = altitude
     return columns
 
 
 def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
-    """Return range, RCS and SNR of a single radar; {} for a network."""
+    """Return the columns of range, RCS and SNR of a single radar; {} for a network."""
     aircraft, radar = scenario.aircraft, scenario.radar
     if len(scenario.model.models) > 1:
         return {}
     snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
-    with np.errstate(divide="ignore"):  # no cross section, no signal: −inf dB
-        snr_db = 10.0 * np.log10(snr)
     return {
         "range_m": slant_range(aircraft, radar),
         "rcs_m2": scenario.model.rcs.cross_section(body_vector(aircraft, radar)),
-        "snr_db": snr_db,
+        "snr_db": decibels(snr),
     }
 
 
 def _draw_threshold(axes: Axes, x: FloatArray, result: Result) -> None:
     """Mark the threshold of path planning, and where the bound is above it."""
-    from radar_sense.plotting import LINES, draw_line, draw_shade, points
+    from radar_sense import plotting
 
     test = result.summary["threshold"]
     if test["bound"] != "upper_3sigma":
         bound = rf"bound at ${test['k']:g}\,\sigma$"
-        draw_line(axes, x, result.table[test["bound"]], LINES[3], label=bound)
+        plotting.draw_line(axes, x, result.table[test["bound"]], plotting.LINES[3], label=bound)
     axes.axhline(
-        test["p_max"], color="black", lw=points(0.8), ls=":", label=f"threshold {test['p_max']:g}"
+        test["p_max"],
+        color="black",
+        lw=plotting.points(0.8),
+        ls=":",
+        label=f"threshold {test['p_max']:g}",
     )
-    draw_shade(axes, result.table["violated"] > 0, x, label="violated")
+    plotting.draw_shade(axes, result.table["violated"] > 0, x, label="violated")

@@ -17,11 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
 from radar_sense.model.geodesy import height_from_ned, is_place
-from radar_sense.model.geometry import slant_range
 from radar_sense.states import FloatArray
 
 #: Mean radius of the earth [m].
@@ -68,8 +66,6 @@ class Horizon:
         height: FloatArray = -states[..., 2]
         return height
 
-    def visible(self, aircraft: FloatArray, radar: FloatArray) -> NDArray[np.bool_]:
-        """Return where (...) a radar (..., 4) has a line of sight to an aircraft (..., 6)."""
-        farthest = horizon_range(self.height(radar), self.height(aircraft))
-        in_sight: NDArray[np.bool_] = slant_range(aircraft, radar) <= farthest
-        return in_sight
+    def range(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+        """Return R_h (...) [m] between a radar (..., 4) and an aircraft (..., 6)."""
+        return horizon_range(self.height(radar), self.height(aircraft))

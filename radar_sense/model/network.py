@@ -97,14 +97,16 @@ class Radar:
     def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
         """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
-        shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
-        visible = np.ones(shape, dtype=bool)
+        visible = np.ones(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]), dtype=bool)
+        if not self.limited:
+            return visible
+        distance = slant_range(aircraft, radar)
         if self.max_range < math.inf:
-            visible &= slant_range(aircraft, radar) <= self.max_range
+            visible &= distance <= self.max_range
         if self.min_range > 0:
-            visible &= slant_range(aircraft, radar) >= self.min_range
+            visible &= distance >= self.min_range
         if self.horizon is not None:
-            visible &= self.horizon.visible(aircraft, radar)
+            visible &= distance <= self.horizon.range(aircraft, radar)
         return visible
 
     def without_limits(self) -> Radar:

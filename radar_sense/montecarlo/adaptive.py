@@ -58,16 +58,14 @@ class Validation:
     Attributes:
         method: Name of the method.
         digits: Significant digits of the standard deviation, n_dig of 7.9.2.
-        beta: The interval reaches from Φ(−β) to Φ(β).
-        fraction: Tolerance of the stability, as a part of δ.
         seed: Seed of the draws.
         runs: Draws used (n,).
         delta: Numerical tolerance δ of P_D (n,).
         moments: Moments by the method.
         mc_mean: Mean of the draws (n,).
         mc_std: Standard deviation of the draws (n,).
-        mc_lower: Quantile of the draws at Φ(−β) (n,).
-        mc_upper: Quantile of the draws at Φ(β) (n,).
+        mc_lower: Quantile of the draws at Φ(−β), with β of `validate` (n,).
+        mc_upper: Quantile of the draws at Φ(β), with β of `validate` (n,).
         distance_lower: Distance between the lower bounds by the method and the draws (n,).
         distance_upper: Distance between the upper bounds by the method and the draws (n,).
         stable: Where the draws became stable within the runs allowed (n,).
@@ -80,8 +78,6 @@ class Validation:
 
     method: str
     digits: int
-    beta: float
-    fraction: float
     seed: int
     runs: NDArray[np.int64]
     delta: FloatArray
@@ -206,8 +202,6 @@ def validate(
     return Validation(
         method=method,
         digits=digits,
-        beta=float(beta),
-        fraction=float(fraction),
         seed=scenario.seed,
         runs=results["runs"],
         delta=results["delta"],

@@ -19,6 +19,7 @@ from radar_sense.propagation import form as _form
 from radar_sense.propagation.lobes import scan
 from radar_sense.propagation.moments import BOUND_CHANGE, STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
+    BLOCK,
     RelativeProbit,
     StandardNormalSpace,
     UncertainStates,
@@ -48,6 +49,14 @@ def second_order_matters(
     z(0) + tr H/2 and the variance gᵀg + tr H²/2. The third cumulant is 3 gᵀHg + tr H³. σ of z is
     compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
+    unreliable = limit_matters(states, moments.std, beta)
+    for poses, seen in states.by_sight():
+        unreliable[poses] |= _expansion_differs(seen, moments.at(poses), beta)
+    return unreliable
+
+
+def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
+    """Return `second_order_matters` (k,) within the limits of the radars."""
     parts, beyond = [], []
     lobed = states.model.rcs.lobed
     for part, std_and_bounds in _blocks(states, moments, _numbers(states)):
@@ -67,7 +76,6 @@ def second_order_matters(
     unreliable: NDArray[np.bool_] = (
         differ((moments.std, moments.lower, moments.upper), better)
         | ~(variance <= (1.0 + STD_CHANGE) ** 2 * z.slope)
-        | limit_matters(states, moments.std, beta)
         | _expansion_is_off(RelativeProbit(states), z, beta)
     )
     return unreliable | np.concatenate(beyond) if lobed else unreliable
@@ -124,10 +132,17 @@ class _Expansion(NamedTuple):
 
 def trace_of_cube(matrices: FloatArray) -> FloatArray:
     """Return tr A³ (k,) of matrices (n, n, k)."""
-    if len(matrices) <= MANY:
-        return np.asarray(np.einsum("ijk,jlk,lik->k", matrices, matrices, matrices))
-    each = np.ascontiguousarray(np.moveaxis(matrices, 2, 0))
-    return np.asarray(np.einsum("kij,kji->k", each @ each, each))
+    if len(matrices) > MANY:
+        each = np.ascontiguousarray(np.moveaxis(matrices, 2, 0))
+        return np.asarray(np.einsum("kij,kji->k", each @ each, each))
+    trace = np.zeros(matrices.shape[2])
+    for i in range(len(matrices)):
+        # tr A³ without its first row and column is less by a³ + 3 a r·c + 3 r·A'c
+        first, row, column = matrices[i, i], matrices[i, i + 1 :], matrices[i + 1 :, i]
+        rest = matrices[i + 1 :, i + 1 :]
+        trace += first * (first * first + 3.0 * np.einsum("jk,jk->k", row, column))
+        trace += 3.0 * np.einsum("jk,jlk,lk->k", row, rest, column)
+    return trace
 
 
 def _expansion_is_off(probit: RelativeProbit, z: _Expansion, beta: float) -> NDArray[np.bool_]:
@@ -167,20 +182,16 @@ def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArr
 
     `form` marks the poses that are suspect. Draws at these poses decide.
     """
-    numbers = _numbers(states)
-    blocks = _blocks(states, moments, numbers)
+    blocks = _blocks(states, moments, _numbers(states))
     limit = np.concatenate(
         [limit_matters(part, std_and_bounds[0], beta) for part, std_and_bounds in blocks]
     )
     off: NDArray[np.bool_] = ~moments.converged | limit
-    rows = np.flatnonzero(moments.suspect & ~off)
-    refuted = [
-        _draws_refute(part, std_and_bounds, beta)
-        for part, std_and_bounds in _blocks(
-            states.at(rows), moments.at(rows), DRAWN_POINTS * numbers
-        )
-    ]
-    off[rows] = np.concatenate(refuted)
+    suspect = np.flatnonzero(moments.suspect & ~off)
+    for poses, seen in states.at(suspect).by_sight():
+        rows = suspect[poses]
+        drawn = _blocks(seen, moments.at(rows), DRAWN_POINTS * _numbers(seen))
+        off[rows] = np.concatenate([_draws_refute(*part, beta) for part in drawn])
     return off
 
 
@@ -305,12 +316,14 @@ def _skewed(
     u, weights = _gauss_hermite()
     side = np.where(m > 0, -1.0, 1.0)
     terms = np.stack([m, s, s * skewness / 6.0])
-    # of P_D and 1 − P_D: none rounds to 1
-    lesser = _hermite(u) @ (side * terms)
-    ndtr(lesser, out=lesser)
-    mean = weights @ lesser
-    lesser -= mean
-    std = np.sqrt(weights @ np.square(lesser, out=lesser))
+    std = np.empty(m.shape)
+    for start in range(0, len(m), BLOCK):  # arrays of 16 numbers a pose stay in a cache
+        poses = slice(start, start + BLOCK)
+        # of P_D and 1 − P_D: none rounds to 1
+        lesser = _hermite(u) @ (side[poses] * terms[:, poses])
+        ndtr(lesser, out=lesser)
+        lesser -= weights @ lesser
+        std[poses] = np.sqrt(weights @ np.square(lesser, out=lesser))
     ends = ndtr(_hermite(np.array([-beta, beta])) @ terms)
     return np.where(s == 0, 0.0, std), ends.min(axis=0), ends.max(axis=0)
 

@@ -49,19 +49,21 @@ EASY = 1.2
 
 def form(states: UncertainStates, beta: float) -> Moments:
     """Return bounds by FORM with its correction, and mean and σ as integrals over quantiles."""
-    parts = states.blocks(_numbers(states, len(NODES)))
-    return Moments.concatenated(moments_in(StandardNormalSpace.of(s), beta) for s in parts)
+    parts, order = _parts(states, len(NODES))
+    moments = (moments_in(StandardNormalSpace.of(part), beta) for part in parts)
+    return Moments.concatenated(moments).at(order)
 
 
 def form_upper(states: UncertainStates, beta: float) -> FloatArray:
     """Return the upper bound (k,) of `form`; NaN where the search has not converged."""
     bounds = []
-    for part in states.blocks(_numbers(states, 1)):
+    parts, order = _parts(states, 1)
+    for part in parts:
         space = StandardNormalSpace.of(part)
         solution = quantiles(space, np.array([beta]), beta)
         upper = ndtr(np.maximum(solution.corrected[0], space.probit.floor))
         bounds.append(np.where(solution.converged, upper, np.nan))
-    return np.concatenate(bounds)
+    return np.concatenate(bounds)[order]
 
 
 def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
@@ -70,13 +72,14 @@ def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
     The quantiles are for the lobe about u = 0. NaN where a search has not converged.
     """
     probabilities = []
-    for part in states.blocks(_numbers(states, len(EXCEEDANCE_NODES))):
+    parts, order = _parts(states, len(EXCEEDANCE_NODES))
+    for part in parts:
         space = StandardNormalSpace.of(part)
         solution = quantiles(space, EXCEEDANCE_NODES, np.nan)
         z = np.maximum(solution.corrected, space.probit.floor)
         probability = exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
         probabilities.append(np.where(solution.converged, probability, np.nan))
-    return np.concatenate(probabilities)
+    return np.concatenate(probabilities)[order]
 
 
 def exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
@@ -104,18 +107,16 @@ def form_std(states: UncertainStates) -> StdFunction:
     The derivatives are computed once, with the covariances of the states. The searches for the
     extremes start from these derivatives.
     """
-    blocks = []
-    for part in states.blocks(_numbers(states, len(NODES))):
-        blocks.append((part, RelativeProbit(part).derivatives()))
+    parts, order = _parts(states, len(NODES))
+    derivatives = [RelativeProbit(part).derivatives() for part in parts]
 
     def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
-        std_blocks, start = [], 0
-        for part, derivatives in blocks:
-            changed = part.with_covariances(cov_aircraft, cov_radar, start)
-            space = StandardNormalSpace.expanded(RelativeProbit(changed), *derivatives)
-            std_blocks.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
-            start += len(part)
-        return np.concatenate(std_blocks)
+        std_parts = []
+        changed, _ = _parts(states.with_covariances(cov_aircraft, cov_radar), len(NODES))
+        for part, known in zip(changed, derivatives, strict=True):
+            space = StandardNormalSpace.expanded(RelativeProbit(part), *known)
+            std_parts.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
+        return np.concatenate(std_parts)[order]
 
     return std
 
@@ -465,6 +466,16 @@ def _integration() -> tuple[FloatArray, FloatArray]:
     beta = np.linspace(-6.0, 6.0, 61)
     weights = np.exp(-0.5 * beta * beta)
     return weights / weights.sum(), CubicSpline(NODES, np.eye(len(NODES)), axis=0)(beta)
+
+
+def _parts(states: UncertainStates, betas: int) -> tuple[list[UncertainStates], NDArray[np.intp]]:
+    """Return blocks of poses that the same radars see, and the places of all poses in these."""
+    parts: list[UncertainStates] = []
+    poses = []
+    for group, seen in states.by_sight():
+        parts.extend(seen.blocks(_numbers(seen, betas)))
+        poses.append(group)
+    return parts, np.argsort(np.concatenate(poses))
 
 
 def _numbers(states: UncertainStates, betas: int) -> int:

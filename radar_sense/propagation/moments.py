@@ -53,6 +53,8 @@ class Moments:
     def certain_where_std_is_zero(self) -> Moments:
         """Return the moments with mean and bounds equal to P_D where σ is 0, without rounding."""
         certain = self.std == 0
+        if not certain.any():
+            return self
         mean, lower, upper = (
             np.where(certain, self.p_d, values) for values in (self.mean, self.lower, self.upper)
         )
@@ -101,14 +103,18 @@ def probit_moments(m: FloatArray, s: FloatArray, points: int = 32) -> tuple[Floa
     a = 1.0 / np.sqrt(1.0 + 2.0 * s * s)
     width = 2.0 * (s * a) ** 2 / (1.0 + a)  # 1 − a
     nodes, weights = _gauss_legendre(points)
-    square = np.square(1.0 - 0.5 * width * (1.0 - nodes))
+    square = (0.5 * width) * (1.0 - nodes)
+    np.subtract(1.0, square, out=square)
+    np.square(square, out=square)
     square += 1.0
     integrand = -0.5 * (h * h) * square
     np.exp(integrand, out=integrand)
     integrand /= square
     integrand *= weights
     # in the order in which NumPy adds the elements of a row
-    terms = integrand.reshape(points // 8, 8, len(width)).sum(axis=0)
+    terms, *others = integrand.reshape(points // 8, 8, len(width))
+    for other in others:
+        terms += other
     while len(terms) > 1:
         terms = terms[::2] + terms[1::2]
     variance = width * terms[0] / (2.0 * np.pi)

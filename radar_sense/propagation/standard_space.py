@@ -112,16 +112,41 @@ class UncertainStates:
         arrays = (a if len(a) == 1 < len(self) else a[rows] for a in self._arrays)
         return UncertainStates(self.model, self.log_constant, *arrays)
 
-    def with_covariances(
-        self, cov_aircraft: FloatArray, cov_radar: FloatArray, start: int = 0
-    ) -> UncertainStates:
-        """Return the states with other covariances (n, n) or, from row `start` on, (..., n, n)."""
-        poses = slice(start, start + len(self))
-        covariances = (
-            c[np.newaxis] if c.ndim == 2 else c[poses] for c in (cov_aircraft, cov_radar)
-        )
+    def with_covariances(self, cov_aircraft: FloatArray, cov_radar: FloatArray) -> UncertainStates:
+        """Return the states with other covariances (n, n) or (k, n, n)."""
+        covariances = (c[np.newaxis] if c.ndim == 2 else c for c in (cov_aircraft, cov_radar))
         return UncertainStates(
             self.model, self.log_constant, self.aircraft, self.radar, *covariances
+        )
+
+    def by_sight(self) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
+        """Yield groups of poses that the same radars see, with the states of these radars alone.
+
+        The other radars have no part in z nor in its derivatives. A pose that no radar sees keeps
+        one radar.
+        """
+        if len(self.log_constant) == 1 or not self.model.limited:
+            yield np.arange(len(self)), self
+            return
+        visible = self.model.visible(self.aircraft, self.radar)
+        sets, group = np.unique(
+            np.broadcast_to(visible, (len(self), visible.shape[-1])), axis=0, return_inverse=True
+        )
+        for number, seen in enumerate(sets):
+            poses = np.flatnonzero(group.reshape(-1) == number)
+            yield poses, self.at(poses)._of_radars(np.flatnonzero(seen).tolist() or [0])
+
+    def _of_radars(self, radars: list[int]) -> UncertainStates:
+        """Return the states of some radars."""
+        size = self.radar.shape[-1]
+        components = components_of(radars, len(self.log_constant), size)
+        return UncertainStates(
+            NetworkModel(tuple(self.model.radars[i] for i in radars)),
+            self.log_constant[radars],
+            self.aircraft,
+            self.radar[:, components],
+            self.cov_aircraft,
+            self.cov_radar[:, components][..., components],
         )
 
     @property
@@ -324,7 +349,8 @@ class RelativeProbit:
         if sides == 2:
             error[along, points + 1] = -step
         value, gradient = self(error, moved=self._moved(np.repeat(along, sides)))
-        second = gradient[:, 1::sides] - (gradient[:, 2::2] if sides == 2 else gradient[:, :1])
+        second = gradient[:, 1::sides]
+        second -= gradient[:, 2::2] if sides == 2 else gradient[:, :1]
         second /= np.where(step != 0, 2.0 * sides * step, np.inf)  # half of each difference
         if len(along) < n:
             some, second = second, np.zeros((n, n, k))

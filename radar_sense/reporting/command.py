@@ -83,7 +83,7 @@ class Report:
             The file.
 
         Raises:
-            FigureError: If a figure cannot be drawn. Then nothing is written.
+            FigureError: If a figure cannot be drawn. No file is written then.
             OSError: If the file cannot be written.
         """
         written = self.write(folder, command=command)
@@ -130,9 +130,9 @@ def _report(
 
     Args:
         scenario: The scenario.
-        method: Method of propagation, by default the one of `variance` and of `budget`.
+        method: Method of propagation; None for the default methods of `variance` and `budget`.
         threshold: P_max of the threshold test; None for no test.
-        k: How many σ P_D must stay below P_max, 3 by default.
+        k: Number of σ in the threshold test, 3 by default.
         workers: Threads to compute with; the page does not depend on their number.
         progress: Shows the analyses that are done.
 

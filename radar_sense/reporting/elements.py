@@ -1,4 +1,4 @@
-"""HTML from strings. All text is escaped, unless it is HTML already."""
+"""HTML from strings. Text is escaped, HTML is left unchanged."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _NUMBER = re.compile(r"[-+−]?[\d.,]*\d(e[-+]?\d+)?( ?%)?$")
 
 
 class Html(str):
-    """Text that is HTML; a plain `str` is not escaped yet."""
+    """Text that is HTML. A plain `str` is text to escape."""
 
     __slots__ = ()
 
@@ -37,7 +37,7 @@ def prose(text: str) -> Html:
 
 
 def element(tag: str, *content: str, **attributes: str) -> Html:
-    """Return an HTML element; its content is escaped, unless it is HTML.
+    """Return an HTML element. Text in the content is escaped.
 
     Args:
         tag: Name of the element.
@@ -67,7 +67,7 @@ def items(lines: Iterable[str]) -> Html:
 
 
 def scrolling(content: Html, label: str) -> Html:
-    """Return a region that scrolls sideways by itself, also by the keyboard."""
+    """Return a region that scrolls sideways, also by the keyboard."""
     return element("div", content, class_="scroll", role="region", tabindex="0", aria_label=label)
 
 

@@ -1,4 +1,4 @@
-"""The results that a report is made of, each by its own analysis, at a bounded cost."""
+"""The results of the analyses in a report, computed in a bounded time."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses.budget import budget
 from radar_sense.analyses.compare import compare
-from radar_sense.analyses.contract import Progress, Result, silent
+from radar_sense.analyses.contract import Progress, Result
 from radar_sense.analyses.coverage_map import coverage_map
 from radar_sense.analyses.error_budget import value_function
 from radar_sense.analyses.mission import mission
@@ -24,25 +24,25 @@ from radar_sense.states import FloatArray
 
 #: Draws at each pose of the comparison of methods.
 DRAWS = 20_000
-#: Most poses compared, and most poses times radars, which bounds the time for many radars.
+#: Most poses of the comparison, and most poses times radars. These bound the time.
 POSES, POSES_BY_RADARS = 31, 250
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
-    """The results that a report is made of.
+    """The results of the analyses in a report.
 
     Attributes:
-        scenario: The scenario, at its level, with its seed and of the radar chosen.
-        implausible: Warnings about possible but implausible values in the scenario.
+        scenario: The scenario, with the level, the seed and the radar of the report.
+        implausible: Warnings of possible but implausible values in the scenario.
         variance: P_D with its band, and the threshold test if there is one.
         budget: The error budget, and the accuracies that the threshold requires.
-        halved: 3σ of P_D at its largest pose, with half the deviation of one source or of one part
-            of a source, by name.
+        halved: 3σ of P_D at the pose of the largest 3σ, with half the deviation of one source or
+            one part of a source, by name.
         comparison: All methods against draws, at some of the poses.
         repeated: The same comparison with other draws.
-        mission: The looks along the path, or why there is no answer; None without a path.
-        map: P_D over an area, or why there is no answer.
+        mission: The mission, or the reason why there is none; None without a path.
+        map: P_D over an area, or the reason why there is no map.
     """
 
     scenario: Scenario
@@ -70,25 +70,13 @@ class Evidence:
 def gather(
     scenario: Scenario,
     *,
-    method: str | None = None,
-    threshold: float | None = None,
-    k: float | None = None,
-    workers: int = 1,
-    progress: Progress = silent,
+    method: str | None,
+    threshold: float | None,
+    k: float | None,
+    workers: int,
+    progress: Progress,
 ) -> Evidence:
-    """Run the analyses of a report.
-
-    Args:
-        scenario: The scenario, at its level.
-        method: Method of propagation, by default the one of `variance` and of `budget`.
-        threshold: P_max of the threshold test; None for no test.
-        k: How many σ P_D must stay below P_max, 3 by default.
-        workers: Threads to compute with; the results do not depend on their number.
-        progress: Shows the analyses that are done.
-
-    Raises:
-        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
-    """
+    """Run the analyses of a report, with the options of the command `report`."""
     chosen = {} if method is None else {"method": method}
     with progress(6, "analyses") as advance:
 
@@ -148,7 +136,7 @@ def first_largest(values: FloatArray) -> int:
 
 
 def _halved(sources: Result) -> dict[str, float]:
-    """Return 3σ of P_D at its largest pose, with half the deviation of one source, by name."""
+    """Return 3σ of P_D at the pose of the largest 3σ, with half the deviation of each source."""
     scenario = sources.scenario
     columns = [name for name in sources.table if name.startswith("three_sigma_")]
     names = [name.removeprefix("three_sigma_") for name in columns]

@@ -11,7 +11,7 @@ from radar_sense.reporting.elements import Html, element
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _HREF = "{http://www.w3.org/1999/xlink}href"
-#: Pixels of a page for one point of a figure. Letters of page and figure then have one size.
+#: Pixels of a page for one point of a figure, which gives page and figure letters of one size.
 _SCALE = 2
 #: References inside the values of attributes and styles.
 _REFERENCE = re.compile(r"url\(#([^)]+)\)")
@@ -22,11 +22,11 @@ class Drawing:
     """The figure of a result, still to be drawn.
 
     Attributes:
-        key: Begins all ids of the figure, so that no two figures of a page have the same.
+        key: Start of all ids of the figure, which makes the ids unique on the page.
         result: The result.
-        title: What the figure shows, in a few words.
+        title: Title of the figure.
         seen: Description of the figure, for readers who cannot see the figure.
-        caption: How the figure is read.
+        caption: Caption below the figure.
     """
 
     key: str
@@ -56,11 +56,11 @@ class Drawing:
 
 
 def inline_svg(drawn: bytes, key: str, title: str, seen: str) -> Html:
-    """Return an SVG file as an element of a page, with a title, a description and ids of its own.
+    """Return an SVG file as an element of a page, with a title, a description and unique ids.
 
     Args:
         drawn: The file.
-        key: Begins all ids.
+        key: Start of all ids.
         title: Title of the image.
         seen: Description of the image.
     """
@@ -74,7 +74,7 @@ def inline_svg(drawn: bytes, key: str, title: str, seen: str) -> Html:
             del node.attrib[name]
             if name == "id":
                 value = f"{key}-{value}"
-            elif name == _HREF:  # SVG 2 has it without a namespace
+            elif name == _HREF:  # SVG 2 has href without a namespace
                 name, value = "href", re.sub("^#", f"#{key}-", value)
             node.attrib[name] = _REFERENCE.sub(rf"url(#{key}-\1)", value)
     width, height = (float(number) for number in root.attrib["viewBox"].split()[2:])
@@ -87,8 +87,8 @@ def inline_svg(drawn: bytes, key: str, title: str, seen: str) -> Html:
         "width": f"{width * _SCALE:.0f}",
         "height": f"{height * _SCALE:.0f}",
     }
-    for number, (tag, text) in enumerate({"title": title, "desc": seen}.items()):
-        node = ElementTree.Element(tag, {"id": f"{key}-{'seen' if number else 'title'}"})
+    for ending, tag, text in (("seen", "desc", seen), ("title", "title", title)):
+        node = ElementTree.Element(tag, {"id": f"{key}-{ending}"})
         node.text = text
-        root.insert(number, node)
+        root.insert(0, node)
     return Html(ElementTree.tostring(root, encoding="unicode"))

@@ -1,4 +1,4 @@
-"""The page of a report: sections in order, style, and how it was made."""
+"""The page of a report: the sections in order, the style, and how to make the report again."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def _contents(sections: Sequence[Section]) -> Html:
 
 
 def _each(sections: Sequence[Section]) -> list[Html]:
-    """Return the sections; a warning of an earlier section is not repeated."""
+    """Return the sections. A warning of an earlier section is a link, not a repetition."""
     sections_by_warning: dict[str, Section] = {}
     pages = []
     for section in sections:
@@ -154,9 +154,10 @@ def _made(
         element("h2", _AGAIN, id="again-question"),
         element(
             "p",
-            "Run the command again in the same folder, or save the scenario below as a file there: "
-            "it has the level, the seed and the radars of this report. The files that it names "
-            "must be there as well. The same versions give the same report, byte for byte.",
+            "Run the command again in the same folder. Or save the scenario below as a file in "
+            "that folder: the scenario has the level, the seed and the radars of this report, and "
+            "needs the files named in the scenario. The same versions give the same report, byte "
+            "for byte.",
             class_="answer",
         ),
         table("How this report was made", (), rows),

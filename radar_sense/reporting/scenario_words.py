@@ -11,7 +11,7 @@ from radar_sense.reporting.elements import Html, table
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANTS, FloatArray
 
-#: Names of the RCS models in a sentence; others are named by their key.
+#: Names of the RCS models in a sentence. Other models have the name in the scenario file.
 _RCS = {
     "constant": "the same RCS in all directions",
     "ellipsoid": "the RCS of an ellipsoid",
@@ -19,7 +19,7 @@ _RCS = {
     "spikeball": "an RCS with lobes",
     "table": "an RCS from a table",
 }
-#: Most radars that are columns of the table; more radars are rows.
+#: Most radars that are columns of the table. More radars are rows.
 SIDE_BY_SIDE = 3
 
 
@@ -36,7 +36,7 @@ def scenario_sentence(scenario: Scenario) -> str:
 
 
 def levels_sentence(scenario: Scenario) -> str:
-    """Return which level of radar uncertainty the report is for."""
+    """Return the level of radar uncertainty of the report, and the other levels of the file."""
     others = [level for level in scenario.cov_radar if level != scenario.level]
     words = f"The level of radar uncertainty is {scenario.level}"
     return f"{words}; the file also has {', '.join(others)}." if others else f"{words}."
@@ -142,7 +142,7 @@ def _place(block: Mapping[str, Any]) -> str:
 
 
 def _detector(detector: str | Mapping[str, Any]) -> str:
-    """Return a detector in words: its model, and its keys with their values."""
+    """Return a detector in words: the model, and the other keys with their values."""
     if isinstance(detector, str):
         return detector
 
@@ -175,7 +175,7 @@ def _span(values: FloatArray | None, unit: float) -> str:
 
 
 def _pairs(block: Mapping[str, Any]) -> str:
-    hidden = ("sha256",)  # the YAML at the end has it
+    hidden = ("sha256",)  # the YAML at the end of the page has the digest
     return ", ".join(f"{key} {_value(value)}" for key, value in block.items() if key not in hidden)
 
 

@@ -1,4 +1,4 @@
-"""The sections of a report: each a question, its answer, and figures or tables. No physics."""
+"""The sections of a report: questions, answers, figures and tables. No physics."""
 
 from __future__ import annotations
 
@@ -41,12 +41,12 @@ class Section:
     """A question and its answer.
 
     Attributes:
-        key: Its id in the page.
-        question: The heading.
+        key: Id in the page.
+        question: Heading.
         answer: One or two sentences.
         body: Text, figures and tables that show the answer, in order.
         warnings: Where the answer is unreliable.
-        by: The analysis that the answer comes from, and its method; empty for none.
+        by: Analysis of the answer, and the method; "" for no analysis.
     """
 
     key: str
@@ -187,8 +187,8 @@ def _sources(evidence: Evidence) -> Section:
     first = summary["dominant"]
     if first is None:
         answer = (
-            f"Method {result.method} has no value for every source at {place}, where 3 sigma is "
-            "largest. Draws have one: radar-sense budget --method montecarlo."
+            f"By {result.method} some source has no value at {place}, where 3 sigma is largest. "
+            "Use draws: radar-sense budget --method montecarlo."
         )
     elif not total[pose] > 0:
         answer = "P_D has no uncertainty in this scenario: there is nothing to measure better."
@@ -200,23 +200,22 @@ def _sources(evidence: Evidence) -> Section:
             f"would be {_number(evidence.halved[first])}."
         )
         parts = dict(_parts(first, result))
-        if len(parts) > 2:  # of a radar of a network: its position, its constant and parts of that
+        if len(parts) > 2:  # a radar of a network, with the constant and the parts of the constant
             parts.pop(f"{first}_constant", None)
         if parts:
             part = min(parts, key=lambda name: np.nan_to_num(evidence.halved[name], nan=np.inf))
             answer += (
-                f" Of its parts, {parts[part]} matters most: with half of that deviation alone "
+                f" The most important part is {parts[part]}: with half its deviation alone "
                 f"3 sigma would be {_number(evidence.halved[part])}."
             )
         if shares["interaction"] < -0.005:
             answer += (
-                f" Sources together make less than the sum of sources alone: shares add up to "
-                f"{1 - shares['interaction']:.0%}."
+                " All sources together make less variance than the sum of single sources: shares "
+                f"add up to {1 - shares['interaction']:.0%}."
             )
     rows: list[tuple[str, ...]] = []
-    ranked = sorted(shares.keys() - {"interaction"}, key=lambda s: -np.nan_to_num(shares[s]))
-    ranked = sorted(ranked, key=lambda s: -np.nan_to_num(summary["at_largest"][s]))
-    for name in ranked:
+    at_largest = summary["at_largest"]
+    for name in sorted(at_largest, key=lambda source: -np.nan_to_num(at_largest[source])):
         rows.append(_source_row(name, _words(name), shares[name], pose, evidence))
         split = shares[name] >= SPLIT
         rows += [
@@ -241,7 +240,7 @@ def _sources(evidence: Evidence) -> Section:
                     f"{_words(source)[:1].upper()}{_words(source)[1:]} is the largest line {where}."
                     for source, where in summary["dominates"].items()
                 ),
-                "3 sigma of P_D if one source alone were uncertain, and of all together.",
+                "3 sigma of P_D from each source alone, and from all sources together.",
             ),
             table(
                 f"3σ of P_D at {place}, where it is largest, by source",
@@ -249,7 +248,7 @@ def _sources(evidence: Evidence) -> Section:
                     "Source",
                     "3σ alone",
                     "Share of variance",
-                    "3σ with half of it",
+                    "3σ with half the deviation",
                     "Is the largest source",
                 ),
                 rows,
@@ -323,8 +322,8 @@ def _methods(evidence: Evidence) -> Section:
                 result,
                 f"Bounds of P_D by every method and by draws, by {axis.name}",
                 f"{answer} The lower panel shows the difference of each method from the draws.",
-                "The 3-sigma bounds of P_D by every method; the grey band is of the draws. Below: "
-                "each bound minus the bound by draws.",
+                "The 3-sigma bounds of P_D by every method. The grey band is by draws. Below: each "
+                "bound minus the bound by draws.",
             ),
             table(
                 f"Largest difference from {runs:,} draws",
@@ -368,7 +367,7 @@ def _threshold(evidence: Evidence) -> Section | None:
         + (
             f", and P_D itself does at {_above(test, result)} of {len(result.scenario.axis)} poses."
             if test["p_d_itself_above"]
-            else ", though P_D itself is within it everywhere."
+            else "; P_D itself is within the threshold everywhere."
         ),
         "not known": f"Not known: the bound is unreliable somewhere, first at "
         f"{_first_place(test, result)}.",
@@ -412,7 +411,7 @@ def _required(evidence: Evidence) -> Iterator[Html]:
     place = axis.format(asked[f"at_{axis.unit}"])
     yield table(
         f"What would keep the bound within the threshold at {place}, where the margin is least",
-        ("Source", "Largest factor on its deviation, with all others as they are"),
+        ("Source", "Largest factor on the deviation, with the others unchanged"),
         rows,
     )
 
@@ -517,8 +516,8 @@ def _map(evidence: Evidence) -> Section:
                 "Map of P_D around the radars and the route",
                 f"{answer} The map goes from {south:.4g} to {north:.4g} km north and from "
                 f"{west:.4g} to {east:.4g} km east. Triangles are radars; the line is the route.",
-                "Lighter is a higher P_D. Lines are at P_D = 0.1, 0.5 and 0.9, where there are "
-                "any; triangles are radars.",
+                "Lighter is a higher P_D. Lines are contours of P_D at 0.1, 0.5 and 0.9. Triangles "
+                "are radars.",
             ),
             table(
                 "Area by P_D",
@@ -532,7 +531,7 @@ def _map(evidence: Evidence) -> Section:
 
 
 def _without(error: InputError, key: str, question: str) -> Section:
-    return Section(key, question, f"This has no answer: {error}.", by=key)
+    return Section(key, question, f"There is no answer: {error}.", by=key)
 
 
 def _by(result: Result) -> str:

@@ -6,7 +6,7 @@ from helpers import OVERHEAD, scenario
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget, required_accuracies
+from radar_sense.analyses.error_budget import error_budget, only_at, required_accuracies
 from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import ScenarioError
 from radar_sense.propagation import METHODS
@@ -130,11 +130,40 @@ def test_a_small_contribution_has_one_digit_in_the_report():
 def test_required_accuracies_at_one_pose():
     s = load_scenario()
     alone = {source: 9 * std[20] ** 2 for source, std in error_budget(s).alone.items()}
-    found = required_accuracies(s, 0.05, at=10.0)
+    found = required_accuracies(only_at(s, 10.0), 0.05)
     assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
     assert all(f.place == 10 for f in found.values())
     with pytest.raises(ScenarioError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
-        required_accuracies(s, 0.05, at=10.1)
+        only_at(s, 10.1)
+
+
+@pytest.mark.parametrize(
+    ("goal", "limit", "sweep"),
+    [("target", 0.088, (0, 80, 20)), ("threshold", 0.995, (70, 110, 40))],
+)
+def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep):
+    """Few azimuths miss the worst place; the accuracy required is nearly that of many azimuths."""
+    start, stop, step = sweep
+    few, many = (
+        scenario(geometry__azimuth_deg={"start": start, "stop": stop, "step": s})
+        for s in (step, 0.1)
+    )
+    results = [analyses.budget(s, **{goal: limit}, method="probit") for s in (few, many)]
+    sparse, dense = (result.summary[goal] for result in results)
+    rows = len(results[0].table["theta_r_deg"])
+    assert sparse["poses_between_rows"] == sparse["poses"] - rows > 2 * rows
+    assert dense["poses_between_rows"] == 0
+    alone = required_accuracies(few, limit, k=3.0 if goal == "threshold" else None, method="probit")
+    assert dense["required_accuracy"]["all"]["factor"] is not None
+    for source, accuracy in dense["required_accuracy"].items():
+        found = sparse["required_accuracy"][source]
+        assert (found["factor"] is None) == (accuracy["factor"] is None)
+        if found["factor"] is not None:
+            assert found["factor"] == pytest.approx(accuracy["factor"], rel=0.02)
+            assert found["factor"] < 0.95 * alone[source].factor
+    assert f"and at {sparse['poses_between_rows']} between them" in str(results[0].report)
+    one = analyses.budget(few, **{goal: limit}, at=start, method="probit").summary[goal]
+    assert (one["poses"], one["poses_between_rows"], one["at_deg"]) == (1, 0, start)
 
 
 def test_a_source_without_effect_may_have_any_size():

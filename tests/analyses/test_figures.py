@@ -281,7 +281,7 @@ def test_style_of_the_saved_figure_and_only_of_the_figure(tmp_path):
 def test_layout_of_detectors(p_fa, monkeypatch):
     """Labels lie on the axes, not on each other, and not on the data."""
     # The figure has no required signal-to-noise ratios, which take most of the time.
-    monkeypatch.setattr(import_module("radar_sense.analyses.detectors"), "INTEGRATING", {})
+    monkeypatch.setattr(import_module("radar_sense.analyses.detectors"), "INTEGRATING", ())
     figure = analyses.detectors(scenario(radar__p_fa=p_fa)).plot()
     FigureCanvasAgg(figure).draw()  # where text is as large as the axes say
     top, bottom, slope = figure.axes

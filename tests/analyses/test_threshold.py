@@ -79,20 +79,3 @@ def test_methods_disagree_about_the_paper():
     assert linear.above == pytest.approx(np.count_nonzero(linear.violated) * 0.5, abs=0.5)
     assert probit.passed
     assert linear.total == probit.total == 180
-
-
-@pytest.mark.parametrize(
-    ("upper", "p_max", "coordinate", "words"),
-    [
-        ([0.1], 0, [0], "p_max"),
-        ([0.1], 1.1, [0], "p_max"),
-        ([0.1], np.nan, [0], "p_max"),
-        ([0.1, 0.2], 0.5, [0], "shape"),
-        ([], 0.5, [], "shape"),
-        ([0.1, 0.2, 0.3], 0.5, [0, 2, 1], "in order"),
-        ([0.1, 0.2], 0.5, [0, np.nan], "in order"),
-    ],
-)
-def test_refusals(upper, p_max, coordinate, words):
-    with pytest.raises(ValueError, match=words):
-        threshold_test(upper, p_max, coordinate)

@@ -4,6 +4,7 @@ Calls of the package and of the peer take turns in one process, and medians are 
 are compared first: a peer computes the same. A missed ratio is named in the last column.
 """
 
+import math
 import os
 import platform
 import statistics
@@ -25,7 +26,7 @@ from helpers import scenario
 from scipy.special import ndtr
 
 import radar_sense as rs
-from radar_sense.propagation import nonlinear, propagate_scenario, upper_bound
+from radar_sense.propagation import METHODS, nonlinear, propagate_scenario, upper_bound
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -292,28 +293,40 @@ def repeated(function, times):
 
 
 def networks():
-    """Networks of more and more radars beside one radar, per radar and pose."""
+    """Networks of more and more radars beside one radar, per pose and radar that sees it."""
     case = scenario()
-    title("Networks beside one radar, one core; per radar and pose")
+    title("Networks beside one radar, one core; per pose and radar that sees it")
     aircraft = np.tile(case.aircraft, (6, 1))
 
-    def network(radars, poses):
+    def network(radars, poses, together=None):
+        """Groups of radars 1000 km apart, which see the poses about their own group only."""
+        groups = radars // (together or radars)
+        north = 1e6 * (np.arange(radars) % groups)
         state = np.tile(case.radar, radars)
-        state[0::4] += 2e3 * np.arange(radars)
+        state[0::4] += 2e3 * (np.arange(radars) // groups) + north
         model = case.model.radars[0].model
-        names = tuple(rs.Radar(model, name=f"r{i}") for i in range(radars))
+        limit = 5e5 if together else math.inf
+        network = tuple(rs.Radar(model, name=f"r{i}", max_range=limit) for i in range(radars))
         cov = np.kron(np.eye(radars), case.cov_radar[case.level])
-        return rs.NetworkModel(names), aircraft[:poses], state, case.cov_aircraft, cov
+        places = aircraft[:poses].copy()
+        places[:, 0] += 1e6 * (np.arange(poses) % groups)
+        return rs.NetworkModel(network), places, state, case.cov_aircraft, cov
 
-    for method in ("linear", "probit", "form"):
+    peer = {m: partial(rs.propagate, *network(1, 2048), method=m) for m in METHODS}
+
+    def measure(what, method, radars, poses, seeing):
+        ours = partial(rs.propagate, *network(radars, poses, seeing), method=method)
+        taken, alone = interleaved(ours, peer[method], rounds=3)
+        times = taken / (seeing or radars) / poses, alone / 2048
+        row(f"{method}, {what}", times, 1, "ns", longer=1.3)
+
+    for method in METHODS:
         for radars in (2, 4, 8, 16, 32, 64):
-            # by FORM a pose takes longer by the square of the radars, and more
+            # by FORM a pose that many radars see takes longer by the square of the radars, and more
             poses = 2048 // radars if method == "form" else 2048
-            ours = partial(rs.propagate, *network(radars, poses), method=method)
-            peer = partial(rs.propagate, *network(1, 2048), method=method)
-            taken, alone = interleaved(ours, peer, rounds=3)
-            times = taken / radars / poses, alone / 2048
-            row(f"{method}, {radars} radars", times, 1, "ns", longer=1.3)
+            measure(f"{radars} radars", method, radars, poses, None)
+    for radars in (16, 32, 64):
+        measure(f"{radars} radars, 8 of them in sight", "form", radars, 2048, 8)
 
 
 def whole_path():

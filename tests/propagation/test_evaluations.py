@@ -14,13 +14,17 @@ from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.propagation import (
     METHODS,
+    exceedance_probability,
     nonlinear_in_scenario,
     propagate_scenario,
+    std_function,
     upper_bound,
+    upper_bound_in_scenario,
 )
 from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
 from radar_sense.reading.parse import load_scenario
 from radar_sense.reporting import evidence
+from radar_sense.reporting.command import report
 
 RADARS = (1, 6)
 
@@ -65,6 +69,19 @@ def count(monkeypatch):
         return found["gradients"] / poses, found["values"] / poses
 
     return run
+
+
+@pytest.fixture
+def half_blind():
+    """Six radars, of which one sees all poses, two see some and three see none."""
+    s = problem(6)
+    away = np.hypot(*(s.aircraft[:, i, None] - s.radar[i::4] for i in (0, 1)))
+    limits = [math.inf, *np.median(away, axis=0)[1:3], *[1.0] * 3]
+    radars = zip(s.model.radars, limits, strict=True)
+    return dataclasses.replace(
+        s,
+        model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars)),
+    )
 
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
@@ -120,6 +137,38 @@ def test_evaluations_of_a_budget(method, radars, count):
         assert gradients <= 2 * EXPANSION + 19 * (1 + sources)
     else:
         assert gradients == 2
+
+
+def test_radars_that_do_not_see_a_pose_cost_form_nothing(half_blind, count):
+    s = half_blind
+    share = s.model.visible(s.aircraft, s.radar).mean()
+    assert 1 / 6 < share < 1 / 2
+    gradients, _ = count(lambda s: propagate_scenario(s, method="form"), s)
+    assert EXPANSION < gradients / share <= EXPANSION + METHOD_COUNTS["form"][0]
+
+
+def test_form_of_the_radars_that_see_a_pose(half_blind):
+    """The moments are those of a network of these radars alone, each pose with its own."""
+    s = half_blind
+    moments, upper = propagate_scenario(s, method="form"), upper_bound_in_scenario(s, method="form")
+    above = exceedance_probability(s, 0.3, method="form")
+    std = std_function(s, method="form")(s.cov_aircraft, 2.0 * s.cov_shared)
+    for i, seen in enumerate(s.model.visible(s.aircraft, s.radar)):
+        places = np.flatnonzero(np.repeat(seen, 4))
+        alone = dataclasses.replace(
+            s.at_poses(np.array([i])),
+            model=NetworkModel(tuple(np.array(s.model.radars, dtype=object)[seen])),
+            radar=s.radar[places],
+            cov_radar={s.level: s.cov_radar[s.level][np.ix_(places, places)]},
+        )
+        expected = propagate_scenario(alone, method="form")
+        for name in ("p_d", "mean", "std", "lower", "upper"):
+            assert getattr(moments, name)[i] == pytest.approx(getattr(expected, name)[0], rel=1e-9)
+        assert upper[i] == pytest.approx(expected.upper[0], rel=1e-6)
+        assert above[i] == pytest.approx(exceedance_probability(alone, 0.3, method="form")[0])
+        double = std_function(alone, method="form")(alone.cov_aircraft, 2.0 * alone.cov_shared)
+        assert std[i] == pytest.approx(double[0], rel=1e-9)
+        assert std[i] > moments.std[i]
 
 
 def once_checked(method):
@@ -210,15 +259,16 @@ def test_evaluations_of_a_report(method, radars, count, monkeypatch):
     """A report costs its analyses: variance, budget, two comparisons, a halved budget, a map."""
     monkeypatch.setattr(evidence, "DRAWS", 100)
     s = problem(radars)
-    cells = evidence.gather(s).map.table["p_d"].size / len(s.aircraft)
-    gradients, values = count(lambda s: evidence.gather(s, method=method), s)
+    cells = report(s).evidence.map.table["p_d"].size / len(s.aircraft)
+    gradients, values = count(lambda s: report(s, method=method), s)
     once = sum(once_checked(other) for other in METHODS)
     # of the budget, and of the halved budget at one pose
     parts = (4 if radars == 1 else 2 + radars + 1 + 2 * radars) * (1 + 1 / len(s.aircraft))
     itself = EXPANSION + 19 if radars > 1 else 0
     most = 2 * (once_checked(method) + itself) + 2 * (1 + once)
     assert gradients <= most + (3 * EXPANSION + 19 * parts if method == "form" else 2)
-    assert values <= cells + 2 * (100 + 8) + 10
+    # the warnings of each section are compared with the warnings of the scenario
+    assert values <= cells + 2 * (100 + 8) + 10 + 5
 
 
 @pytest.mark.parametrize("sides", [1, 2])

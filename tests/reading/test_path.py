@@ -14,7 +14,7 @@ from helpers import document, without_pixels, write_path
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
-from radar_sense.analyses.error_budget import error_budget, required_accuracies
+from radar_sense.analyses.error_budget import error_budget, only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.analyses.report import describe_extreme as at
 from radar_sense.analyses.report import describe_poses, peak
@@ -215,7 +215,7 @@ def test_allowances_scale_every_covariance(tmp_path):
     top = float(np.max(3 * propagate_scenario(s).std))
     assert required_accuracies(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
     pose = s.at_poses(slice(2, 3))
-    at_pose = required_accuracies(s, 0.01, at=1000.0)
+    at_pose = required_accuracies(only_at(s, 1000.0), 0.01)
     assert at_pose["all"].factor == pytest.approx(
         0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6
     )

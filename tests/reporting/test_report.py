@@ -224,11 +224,25 @@ def test_the_part_to_measure_and_shares_above_one_are_reported():
     result = answers.evidence.budget
     (sources,) = (section for section in answers.sections if section.key == "sources")
     halved = answers.evidence.halved["radar_constant_gain_dbi"]
-    assert "Of its parts, gain_dbi matters most" in sources.answer
+    assert "The most important part is gain_dbi" in sources.answer
     assert f"3 sigma would be {printed(halved)}" in sources.answer
     interaction = result.summary["shares_at_largest"]["interaction"]
     assert ("shares add up to" in sources.answer) == (interaction < -0.005)
     assert interaction < -0.005
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_sources_without_uncertainty_are_in_the_order_of_the_budget():
+    certain = scenario(
+        uncertainty__aircraft={"position_m": 0, "attitude_deg": 0},
+        uncertainty__radar={"medium": {"position_m": 0, "constant": 0}},
+        geometry__azimuth_deg=FEW,
+    )
+    answers = rs.report(certain)
+    text = Tree(answers.html()).root.text.partition("by source")[2]
+    names = [name.replace("_", " ") for name in answers.evidence.budget.summary["at_largest"]]
+    places = [text.index(name) for name in names]
+    assert places == sorted(places)
 
 
 def test_a_constant_p_d_is_one_number_in_the_report():
@@ -422,7 +436,7 @@ def test_scenarios_in_which_something_has_no_answer(changes, monkeypatch):
         answers = rs.report(scenario(**changes), **options)
         text = Tree(answers.html()).root.text
         assert "nan" not in re.findall(r"\w+", text)
-        assert "This has no answer: no <map>." in text
+        assert "There is no answer: no <map>." in text
 
 
 @pytest.mark.usefixtures("undrawn")

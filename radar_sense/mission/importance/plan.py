@@ -90,12 +90,12 @@ def make_plan(events: MissionEvents) -> tuple[Plan, FloatArray]:
     Returns:
         The plan, and the clock (K,) that bounds are interpolated along.
     """
-    count, members = len(events.radars), _members(events)
+    count, members, process = len(events.radars), _members(events), _pose_process(events)
     pilots = [Pilot.draw(events, radars, sampler, u) for u, (radars, sampler) in enumerate(members)]
     clock = _clock(events.schedule.time, pilots)
     nodes = _nodes(clock)
     times = _some_of(nodes, POSE_TIMES)
-    pose_slope = _pose_slopes(events, times)
+    pose_slope = _pose_slopes(events, process, times)
     pose_variance = np.sum(pose_slope * pose_slope, axis=1)
     pilot_statistics = [pilot.statistics(times) for pilot in pilots]
     radar_variance = _radar_variance(pilot_statistics)
@@ -118,7 +118,7 @@ def make_plan(events: MissionEvents) -> tuple[Plan, FloatArray]:
         per_path = FEWER_DRAWS_PER_PATH if large else DRAWS_PER_PATH
     plan = Plan(
         events=dataclasses.replace(events, nodes=nodes),
-        process=_pose_process(events),
+        process=process,
         pose_directions=pose_directions,
         units=tuple(units),
         emphasis=share + 0.05 if len(units) == count else np.ones(count),
@@ -207,7 +207,9 @@ def _pose_process(events: MissionEvents) -> PoseProcess:
     )
 
 
-def _pose_slopes(events: MissionEvents, times: NDArray[np.intp]) -> FloatArray:
+def _pose_slopes(
+    events: MissionEvents, process: PoseProcess, times: NDArray[np.intp]
+) -> FloatArray:
     """Return slopes (e, 6K) of the events at some times for the normals of the pose path."""
     scenario, schedule = events.scenario, events.schedule
     pose = schedule.pose
@@ -227,7 +229,6 @@ def _pose_slopes(events: MissionEvents, times: NDArray[np.intp]) -> FloatArray:
         p_d = looks.p_d
         by_p = any_group_gradient(p_d, 1.0 - p_d, *events.m_of_n, schedule.scan_group, last)
         by_look.append(by_p * density(looks.probit))
-    process = _pose_process(events)
     count = len(schedule.time)
     by_normals = np.zeros((len(last) * len(by_look), count, len(AIRCRAFT)))
     weights = np.nan_to_num(np.concatenate(by_look))
