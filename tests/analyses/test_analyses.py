@@ -1,5 +1,6 @@
 """The analyses: agreement of their tables, and their warnings."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -9,9 +10,11 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.analyses.report import describe_poses as where
 from radar_sense.axis import azimuth
 from radar_sense.propagation import METHODS
+from radar_sense.propagation.linear import linear
 from radar_sense.reading.parse import load_scenario
 from radar_sense.states import SOURCES
 
@@ -67,7 +70,10 @@ def test_correlated_sources_are_warned_of():
         result.table[f"three_sigma_{source}"] ** 2 for source in SOURCES
     )
     assert np.max(abs(gap)) > 1e-3
-    assert any("correlated" in warning for warning in result.warnings)
+    total = result.table["three_sigma_total"]
+    by = np.max(abs(total - np.sqrt(total**2 - gap)))
+    (warning,) = [warning for warning in result.warnings if "correlated" in warning]
+    assert warning.endswith(f"differs from the root sum of squares by up to {by:.2g}")
     independent = analyses.budget(load_scenario())
     assert not any("correlated" in warning for warning in independent.warnings)
 
@@ -125,6 +131,24 @@ def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     assert low < lowest["value"] < high < 0.9973
     assert len(result.summary["coverage_confidence_95"]["lower"]) == 361
     assert result.summary["poses_inconsistent"] > 50
+    table = result.table
+    shift = np.max(abs(table["mc_mean"] - table["p_d"]))
+    assert result.summary["largest_mean_shift"]["value"] == shift > 0
+    assert shift != np.max(table["mc_mean"] - table["p_d"])
+
+
+def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
+    def wide(states, beta):
+        moments = linear(states, beta)
+        ends = {"lower": moments.lower - moments.std, "upper": moments.upper + moments.std}
+        return dataclasses.replace(moments, **ends)
+
+    method = dataclasses.replace(METHODS["linear"], moments=wide)
+    monkeypatch.setitem(METHODS, "wide", method)
+    s = scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 10})
+    result = analyses.montecarlo(s.with_analysis(runs=5000), method="wide")
+    words = "the wide band holds more than 99.73 % of the draws at all 2 poses"
+    assert any(warning.startswith(words) for warning in result.warnings)
 
 
 def test_compare_lays_all_methods_beside_the_draws():
@@ -168,11 +192,19 @@ def test_validate_answers_where_a_method_may_be_trusted():
         ([1, 1, 1], "at all 3 poses"),
         ([1, 0, 1], "at 0, 20 deg"),
         ([0, 1, 1], "at 10 to 20 deg"),
-        ([1, 0] * 6, "at 6 of 12 poses between 0 and 100 deg"),
+        ([1, 0] * 4, "at 0, 20, 40, 60 deg"),
+        ([1, 0] * 5, "at 5 of 10 poses between 0 and 80 deg"),
     ],
 )
 def test_poses_in_words(mask, says):
     assert where(np.array(mask, dtype=bool), azimuth(10.0 * np.arange(len(mask)))) == says
+
+
+@pytest.mark.parametrize(("count", "places"), [(3, "0, 10 and 20 deg"), (4, "4 poses")])
+def test_the_places_of_an_extreme_in_words(count, places):
+    along = azimuth(10.0 * np.arange(5))
+    top = peak(np.where(np.arange(5) < count, 0.25, 0.0), along)
+    assert describe_extreme(top, along) == f"0.2500 at {places}"
 
 
 def test_no_uncertainty_at_all():

@@ -162,8 +162,15 @@ def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
                     assert_allclose(budget.alone[name] ** 2, whole, rtol=1e-12)
             assert min(budget.finer[f"{name}_attenuation"][0] for name in ("one", "two")) > 0.002
             assert budget.finer["three_attenuation"][0] == 0
-        rows = [line for line in analyses.budget(s).report if line.startswith("    attenuation")]
-        assert len(rows) == 3
+        result = analyses.budget(s)
+        rows = [line.split() for line in result.report if line.startswith("    attenuation")]
+        total = result.table["three_sigma_total"][0]
+        shown = sorted(
+            (f"{three:.4f}", f"{(three / total) ** 2:.1%}")
+            for name in RADARS
+            for three in result.table[f"three_sigma_{name}_attenuation"]
+        )
+        assert sorted((three, share) for _, three, share in rows) == shown
 
 
 @pytest.mark.parametrize("names", [("one",), ("one", "two")])
@@ -267,7 +274,7 @@ def test_refusals_name_the_key(tool):
     for attenuation, std, path, message in (
         (-1, 0, "radar.attenuation_db_per_km", "not less than 0"),
         (0, 0.1, level, "must be at most the attenuation_db_per_km of the radar, 0, got 0.1"),
-        (0.1, 0.2, level, "at most"),
+        (0.1, 0.1001, level, "must be at most the attenuation_db_per_km of the radar, 0.1, got"),
         (0.1, -1, level, "not less than 0"),
     ):
         medium = {"position_m": 100, "constant": 5, "attenuation_db_per_km": std}

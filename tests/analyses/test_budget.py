@@ -121,6 +121,12 @@ def test_required_accuracies_are_those_of_the_closed_form():
     }
 
 
+def test_a_small_contribution_has_one_digit_in_the_report():
+    s = scenario(uncertainty__aircraft={"position_m": 1, "attitude_deg": 1})
+    rows = [line.split() for line in analyses.budget(s).report]
+    assert ["aircraft_position", "2e-05", "0.0%"] in rows
+
+
 def test_required_accuracies_at_one_pose():
     s = load_scenario()
     alone = {source: 9 * std[20] ** 2 for source, std in error_budget(s).alone.items()}
@@ -261,6 +267,9 @@ def test_a_source_without_a_value_is_not_dominant():
         unknown = {source: np.isnan(values) for source, values in columns.items()}
         assert unknown["aircraft_orientation"].any()
         assert "nan" not in " ".join(found.report)
+        first = np.flatnonzero(unknown["aircraft_orientation"] & ~unknown["total"])[:1]
+        if len(first):
+            assert analyses.budget(s.at_poses(first), method="form").summary["dominant"] is None
         for source, mask in unknown.items():
             line = f"{source} has no value {describe_poses(mask, s.axis)}"
             assert (line in found.report) == mask.any()

@@ -52,6 +52,22 @@ def test_swapped_latitude_and_longitude(tmp_path):
     assert warning.endswith("km from the radar: are latitude and longitude swapped?")
 
 
+def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
+    text = GEODETIC.format(lat=46.5, lon=9.0, lon2=9.05, lon3=9.1, alt=9000)
+    place = {"latitude_deg": 8.5, "longitude_deg": 47.3, "altitude_m": 400}
+    radar = {"position_geodetic": place, "constant": 1e6, "p_fa": 1e-6}
+    path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
+    warnings = of_route(tmp_path, text, geometry=path, radar=radar)
+    assert any(
+        w.endswith("km from the radar: are latitude and longitude swapped?") for w in warnings
+    )
+
+
+def test_a_radar_that_sees_no_pose():
+    (warning,) = plausibility_warnings(scenario(radar__max_range_km=100))
+    assert warning.startswith("no radar sees the aircraft anywhere: see max_range_km")
+
+
 def test_far_away():
     (warning,) = plausibility_warnings(scenario(geometry__range_km=5100, radar__constant=1e6))
     assert warning.startswith("the aircraft is up to 5100 km from the radar: are positions")
@@ -63,6 +79,10 @@ def test_below_the_ground(tmp_path):
     assert "3000 m below the origin and below every radar at all 361 poses" in warning
     (warning,) = geodetic(tmp_path, alt=-900)
     assert "900 m below the ellipsoid" in warning
+    one_row = GEODETIC.replace("\n20,{lat},{lon2},{alt}", "\n20,{lat},{lon2},-700")
+    text = one_row.format(lat=46.5, lon=9, lon2=9.05, lon3=9.1, alt=300)
+    path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
+    assert any("700 m below the ellipsoid" in w for w in of_route(tmp_path, text, geometry=path))
 
 
 def test_no_signal_at_all():

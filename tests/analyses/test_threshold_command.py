@@ -78,6 +78,12 @@ def test_threshold_report_and_record(tool):
     assert test["poses_violated"] == found["violated"].sum() == 7
     first = int(np.argmax(found["violated"]))
     assert test["first_violation"] == {"distance_m": found["distance_m"][first]}
+    likely = int(np.argmax(found["probability_above"]))
+    assert likely > 0
+    assert test["highest_probability_above"] == {
+        "value": found["probability_above"][likely],
+        "distance_m": found["distance_m"][likely],
+    }
     worst = int(np.argmin(found["margin"]))
     assert test["worst_margin"]["value"] == found["margin"][worst]
     assert (test["passed"], test["k"], test["p_max"]) == (False, 3, p_max)

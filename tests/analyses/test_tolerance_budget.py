@@ -164,6 +164,14 @@ def test_the_budget_names_the_part_to_measure_better():
     )
     total = 3 * propagate_scenario(better).std[pose]
     assert line.endswith(f"with half its deviation the total would be {total:.4f}")
+    small = sheet_scenario(tolerances={"loss_db": 0.004, "average_power_kw": 0.001})
+    lines = [line for line in analyses.budget(small).report if "part" in line]
+    half = sheet_scenario(tolerances={"loss_db": 0.002, "average_power_kw": 0.001})
+    largest = 3 * propagate_scenario(half).std.max()
+    assert lines == [
+        "no part of the radar constant is worth a measurement: half the deviation of loss_db, the "
+        f"largest part, leaves the total at {largest:.4f}"
+    ]
     plain = analyses.budget(sheet_scenario(level="number"))
     assert not [line for line in plain.report if "measure better" in line]
     assert not [column for column in plain.table if "radar_constant_" in column]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import scenario, write_path
+from helpers import scenario, sheet_scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -85,6 +85,8 @@ def test_without_uncertainty_the_probability_is_zero_or_one():
     )
     for method in ("linear", "probit", "form"):
         assert exceedance_probability(s, 0.7, method=method).tolist() == [0, 1]
+    report = analyses.variance(s.at_poses(slice(1)), threshold=0.7).report
+    assert "  P(P_D > 0.7) is 0.0000 at most, at 45 deg" in report
 
 
 def test_draws_decide():
@@ -241,6 +243,25 @@ def test_a_bound_that_is_unreliable_does_not_hold():
     assert analyses.variance(s).method == "linear"
 
 
+def test_a_bound_for_another_distribution_of_the_constant_is_not_known():
+    """`form` assumes a log-normal c_r, and a tolerance of the power is Gaussian."""
+    s = sheet_scenario(tolerances={"average_power_kw": 3})
+    assert propagate_scenario(s, method="form").upper.max() <= 1
+    tested = analyses.variance(s, method="form", threshold=1.0)
+    assert tested.summary["threshold"]["verdict"] == "not known"
+    assert tested.summary["threshold"]["poses_not_known"] > 0
+
+
+def test_violated_poses_and_poses_that_are_not_known_are_both_reported():
+    """At 20 to 45 deg the linear bound is unreliable; from 50 deg on P_D is above 0.62."""
+    s = scenario(geometry__azimuth_deg={"start": 20, "stop": 90, "step": 10})
+    report = analyses.variance(
+        s.with_analysis(level="high"), method="linear", threshold=0.62
+    ).report
+    assert "P_D + 3 sigma <= 0.62 (bound by linear): VIOLATED at 50 to 90 deg" in report
+    assert "  not known at 20 to 30, 40 to 45 deg" in report
+
+
 def test_draws_decide_where_form_is_unreliable(tmp_path):
     """With narrow lobes form warns or has no value. Draws in the test give the right verdict."""
     s = scenario(
@@ -254,6 +275,10 @@ def test_draws_decide_where_form_is_unreliable(tmp_path):
         test = analyses.variance(s, threshold=p_max).summary["threshold"]
         assert test["poses_decided_by_draws"] > 0
         assert test["verdict"] == ("holds" if p_max > upper.max() else "violated")
+    at_two = np.quantile(p_d, 1 - 0.5 * math.erfc(2 / math.sqrt(2)), axis=0).max()
+    between = 0.5 * (at_two + upper.max())
+    test = analyses.variance(s, threshold=between, k=2.0).summary["threshold"]
+    assert (test["verdict"], test["poses_decided_by_draws"] > 0) == ("holds", True)
     named = analyses.variance(s, threshold=upper.max() + 0.02, method="form")
     assert not named.passed
     assert named.summary["threshold"]["poses_decided_by_draws"] == 0

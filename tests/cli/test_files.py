@@ -13,6 +13,7 @@ import tracemalloc
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from radar_sense import cli as command_line
@@ -431,9 +432,13 @@ def test_running_out_of_memory_or_threads_is_one_line(tool, fake, error, words):
     assert list(Path().iterdir()) == []
 
 
-def test_other_errors_are_not_hidden(tool, fake):
-    fake(lambda: {}["a bug"])
-    with pytest.raises(KeyError):
+@pytest.mark.parametrize("error", [KeyError("a bug"), RuntimeError("a bug")])
+def test_other_errors_are_not_hidden(tool, fake, error):
+    def fail() -> None:
+        raise error
+
+    fake(fail)
+    with pytest.raises(type(error), match="a bug"):
         tool("fake")
 
 
@@ -486,7 +491,8 @@ def test_a_full_disk(tool, fake, monkeypatch):
             pass
 
         def write(self, data: bytes) -> None:
-            disk_full()
+            if data:
+                disk_full()
 
     monkeypatch.setattr(files.tempfile, "TemporaryFile", lambda **options: Full())
     code, _, err = tool("fake")
@@ -544,6 +550,17 @@ def test_replaced_results_of_other_options_are_reported(tool):
     again = tool("variance", "--format=pdf", "--out", "figures").out
     assert "replaced" not in again
     assert {"paper_variance.png", "paper_variance.pdf"} < set(content("figures"))
+    # other versions of the packages are no other result
+    record = Path("figures/paper_variance.json")
+    record.write_text(record.read_text().replace('"numpy": "', '"numpy": "0.'))
+    assert "removed" not in tool("variance", "--no-plot").out
+    # a figure beside a table that is not whole goes
+    table = Path("figures/paper_variance.csv")
+    table.write_bytes(table.read_bytes()[:-1])
+    out = tool("variance", "--no-plot").out
+    assert "removed figures/paper_variance.pdf: a figure of other numbers\n" in out
+    for kind in ("png", "pdf"):
+        Path(f"figures/paper_variance.{kind}").write_bytes(b"a figure")
     code, out, _ = tool("variance", "--level", "high", "--no-plot")
     assert code == 0
     assert "replaced the files of: radar-sense variance\n" in out
@@ -561,6 +578,12 @@ def test_results_saved_from_python_are_named_by_level(tool):
     rs.analyses.variance(rs.load_scenario(), level="high").save("figures", [])
     out = tool("variance", "--no-plot").out
     assert "replaced the files of: a run from Python at level high\n" in out
+
+
+def test_a_long_table_has_every_row():
+    values = np.arange(40_000) / 7
+    lines = files.csv({"a": values, "b": -values}).decode().splitlines()
+    assert lines == ["a,b", *(f"{x!r},{-x!r}" for x in values.tolist())]
 
 
 def test_a_long_record_takes_little_more_memory_than_its_text():

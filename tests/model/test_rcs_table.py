@@ -14,10 +14,12 @@ import pytest
 import yaml
 from helpers import document, lay_out, scenario
 from scipy.interpolate import CubicSpline
+from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.rcs import directions, pattern
+from radar_sense.analyses.report import table_warnings
 from radar_sense.model.geometry import body_vector
 from radar_sense.reading import rcs_file
 
@@ -783,10 +785,45 @@ def test_layout_of_the_rcs_figure(rcs):
     assert "[deg]" in plane.get_ylabel()
 
 
+def test_the_summary_of_the_rcs():
+    """Straight above is the end of the longest axis, where the RCS is smallest."""
+    rcs = {"model": "ellipsoid_exact", "x_m": 0.2, "y_m": 0.15, "z_m": 0.3}
+    result = analyses.rcs(scenario(aircraft__rcs=rcs))
+    smallest, largest = result.summary["smallest"], result.summary["largest"]
+    assert smallest["rcs_m2"] == pytest.approx(np.pi * (0.2 * 0.15 / 0.3) ** 2, rel=1e-14)
+    assert abs(smallest["elevation_deg"]) == 90
+    assert largest["rcs_m2"] == pytest.approx(np.pi * (0.2 * 0.3 / 0.15) ** 2, rel=1e-14)
+    assert (abs(largest["azimuth_deg"]), largest["elevation_deg"]) == (90, 0)
+    angle = np.deg2rad(np.arange(0.0, 360, 1))
+    support = (0.2 * np.cos(angle)) ** 2 + (0.15 * np.sin(angle)) ** 2
+    mean = np.mean(np.pi * (0.2 * 0.15 * 0.3) ** 2 / support**2)
+    assert result.summary["horizon_mean_m2"] == pytest.approx(mean, rel=1e-12)
+
+
 def test_directions_straight_up_have_no_azimuth():
     up = directions(np.arange(-180.0, 180, 30), np.array(90.0))
     assert np.all(up[:, :2] == 0)
     assert np.all(up[:, 2] == -1)
+
+
+def share_beyond(pose, s, low, high):
+    """Return the share of draws with an elevation beyond two limits, to first order."""
+
+    def elevation(aircraft, radar):
+        x, y, z = body_vector(aircraft, radar)
+        return np.arctan2(-z, np.hypot(x, y))
+
+    variance = 0.0
+    for i, std in enumerate(np.sqrt(np.diag(s.cov_aircraft))):
+        step = 1e-4 * std * np.eye(6)[i]
+        slope = elevation(pose + step, s.radar) - elevation(pose - step, s.radar)
+        variance += (slope / 2e-4) ** 2
+    for i, std in enumerate(np.sqrt(np.diag(s.cov_radar[s.level]))):
+        step = 1e-4 * std * np.eye(4)[i]
+        slope = elevation(pose, s.radar + step) - elevation(pose, s.radar - step)
+        variance += (slope / 2e-4) ** 2
+    at, std = elevation(pose, s.radar), np.sqrt(variance)
+    return ndtr((low - at) / std) + ndtr((at - high) / std)
 
 
 def test_draws_beyond_the_table_are_counted(here):
@@ -807,6 +844,13 @@ def test_draws_beyond_the_table_are_counted(here):
     (words,) = (w for w in analyses.montecarlo(s).warnings if "RCS table" in w)
     count = float(words.split("about ")[1].split(" draws")[0].replace(",", ""))
     assert count == pytest.approx(s.runs * sum(beyond), rel=0.05)
+    # to first order, with every pose's sigma of the elevation by differences
+    for low, high in ((-2, 30), (-30, 0)):
+        rows = [f"{a},{e},1" for a in range(0, 360, 30) for e in range(low, high + 1, 2)]
+        write(here / "t.csv", *G, *rows)
+        exact = sum(share_beyond(pose, s, low * DEG, high * DEG) for pose in s.aircraft)
+        (line,) = table_warnings(scenario(**change), runs=10**7)
+        assert f"about {10**7 * exact:,.0f}"[:11] == line[line.index("about ") :][:11]
     assert "5 of 5 poses" in words
     for analysis in (analyses.variance, analyses.sensitivity, analyses.budget):
         assert any("5 of 5 poses" in warning for warning in analysis(s).warnings)

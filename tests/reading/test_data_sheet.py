@@ -132,6 +132,10 @@ BAD = {
         changed("tracking", tolerances={"losses_db": {"beam": 1}}, losses_db={"beam_shape": 1}),
         "constant.losses_db: unknown key 'beam', allowed: beam_shape",
     ),
+    "no tolerance of a loss": (
+        changed("tracking", tolerances={"losses_db": {}}, losses_db={"beam_shape": 1}),
+        "constant.losses_db: needs at least one loss",
+    ),
     "half a pulse": (
         changed("tracking", coherent_pulses=2.5),
         "coherent_pulses: must be a whole number not less than 1",
@@ -186,9 +190,9 @@ BAD = {
         "sheet.constant.loss_db: must be a number .*, got '1 dB'",
     ),
     "divisor that may be zero": (
-        changed("surveillance", tolerances={"temperature_k": 50}),
+        changed("surveillance", tolerances={"temperature_k": 48.334}),
         "sheet.constant.temperature_k: must be a number not less than 0 and not greater than "
-        "48.3333, 1/6 of the parameter, as c_r is divided by it; got 50",
+        "48.3333, 1/6 of the parameter, as c_r is divided by it; got 48.334",
     ),
     "divisor in inverse units": (
         changed("surveillance", tolerances={"rotation_rpm": 2}),

@@ -846,6 +846,10 @@ def test_singular_covariances_are_covariances(tool):
         accepted(tool, replaced({RADAR: f"{{covariance: {ones}}}"})).cov_radar["medium"] == 1
     ).all()
     accepted(tool, replaced({f"{RADAR}.position_m": "0", f"{RADAR}.constant": "0"}))
+    # Rounded entries become symmetric.
+    rounded = "[[1, 0.3, 0], [0.30000000000000004, 1, 0], [0, 0, 1]]"
+    (read,) = [accepted(tool, replaced({f"{RADAR}.position_m": rounded})).cov_radar["medium"]]
+    assert (read == read.T).all()
     # Written with six digits, as programs do, a full correlation is off by rounding only.
     accepted(tool, replaced({f"{RADAR}.position_m": "[[1, 2, 0], [2, 4, 0], [0, 0, 0]]"}))
 
