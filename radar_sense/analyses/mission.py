@@ -481,7 +481,7 @@ def _report_by_radar(missions: Mapping[str, _Mission]) -> list[str]:
 def _check_window(m: int, n: int, looks: int, method: str) -> None:
     for name, value in (("m", m), ("n", n)):
         if not WINDOW.allows(value):
-            raise InputError(f"{name} of m of n must be {WINDOW}, got {value}")
+            raise InputError(f"{name} must be {WINDOW}, got {value}")
     if m > n:
         raise InputError(f"m of n needs m not greater than n, got {m} of {n}")
     most = min(MAX_TRACK_LOOKS, math.isqrt(int(MAX_TRACK_WORK) >> (n - 1)))

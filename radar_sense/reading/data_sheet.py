@@ -122,6 +122,6 @@ def read_tolerances(entry: Entry, sheet: DataSheet) -> tuple[Tolerance, ...]:
         if tolerance.power < 0 and not tolerance.decibels and std[key] > most:
             raise value.error(
                 f"must be a number not less than 0 and not greater than {most:g}, 1/6 of the "
-                f"parameter, as c_r is divided by it; got {std[key]:g}"
+                f"parameter because c_r is divided by this parameter; got {std[key]:g}"
             )
     return sheet.tolerances(std)

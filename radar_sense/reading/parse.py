@@ -62,7 +62,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     present = root.entries() if root.is_mapping() else {}
     several = "radars" in present
     if several and "radar" in present:
-        raise present["radar"].error("must be left out, or 'radars'; allowed is one or the other")
+        raise present["radar"].error("stands beside 'radars'; give only one of the two")
     unused = "radar" if several else "radars"
     entries = root.mapping([key.name for key in keys.SCENARIO if key.name != unused])
     name = entries["name"].value(keys.NAME)

@@ -94,7 +94,7 @@ def read_radar(
     position, place = keys.RADAR_POSITION.name, keys.RADAR_PLACE.name
     present = entry.entries()
     if position in present and place in present:
-        raise present[place].error("must be left out, or 'position_m'; allowed is one or the other")
+        raise present[place].error("stands beside 'position_m'; give only one of the two")
     first, other = (place, []) if place in present else (position, [place])
     constants = [keys.CONSTANT.name, *RADARS]
     further = [keys.DETECTOR.name, keys.SCAN_PERIOD.name, keys.ATTENUATION.name]
@@ -213,7 +213,7 @@ def _read_one_of_several(entry: Entry) -> RadarEntry:
     section = Section(entry.entries())
     name = section.value(keys.RADAR_NAME)
     if uncertainty not in section:
-        raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
+        raise entry.error("missing key 'uncertainty'; every radar of 'radars' needs this key")
     levels = read_levels(section[uncertainty], radar.data_sheet, radar.attenuation)
     return dataclasses.replace(radar, name=name, levels=levels, stated=levels)
 

@@ -360,7 +360,7 @@ def _without(key):
     ("place", "changes", "says"),
     [
         (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
-        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_geodetic: must be left out, or 'posit"),
+        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_geodetic: stands beside 'position_m'"),
         ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
         ({**ALPS, "longitude_deg": 361}, {}, "longitude_deg: must be .* 360, got 361"),
         ({**ALPS, "altitude_m": 2e5}, {}, "altitude_m: must be .*, got 200000"),
