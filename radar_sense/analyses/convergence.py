@@ -224,25 +224,23 @@ def measure(
     scenario: Scenario,
     runs: int,
     *,
-    replications: int = REPLICATIONS,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Convergence:
-    """Estimate repeatedly with up to `runs` runs, a power of two, and compute the reference.
+    """Estimate REPLICATIONS times with up to `runs` runs, a power of two, and the reference.
 
     Args:
         scenario: The scenario, at its level. The seed determines the seeds of the repetitions.
         runs: Largest number of runs.
-        replications: Number of independent repetitions.
         workers: Threads to compute with; the result does not depend on their number.
-        progress: Called with 1 after each of `replications` + REFERENCES parts.
+        progress: Called with 1 after each of REPLICATIONS + REFERENCES parts.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
     subset = scenario.at_poses(poses)
     sampler = Sampler.of(subset)
     linear = LinearModel.of(sampler)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]
-    seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + replications)
+    seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + REPLICATIONS)
 
     def reference(number: int) -> FloatArray:
         seed = int(seeds[number])
@@ -261,7 +259,7 @@ def measure(
         return estimates
 
     references = _all(in_order(reference, REFERENCES, workers), progress)
-    repetitions = _all(in_order(repetition, replications, workers), progress)
+    repetitions = _all(in_order(repetition, REPLICATIONS, workers), progress)
     statistics = np.stack(references)
     return Convergence(
         runs=np.array(sizes),

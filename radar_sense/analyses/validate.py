@@ -124,7 +124,7 @@ def validate(
     """
     axis = scenario.axis
     with progress(len(axis), "poses") as advance:
-        verdict = adaptive.validate(
+        verdict = adaptive.validate_method(
             scenario, method=method, digits=digits, workers=workers, progress=advance
         )
     low, high = verdict.coverage_interval()

@@ -20,8 +20,8 @@ from radar_sense.covariance import checked, variance_along
 from radar_sense.mission.cumulative import (
     FAR,
     Cumulative,
-    bounds_method,
     density,
+    first_order_moments,
     in_time_order,
 )
 from radar_sense.mission.looks import Looks, pose_variance
@@ -43,7 +43,6 @@ def track_initiation(
     correlation_time: float,
     scan_group: NDArray[np.intp] | None = None,
     method: str = "probit",
-    beta: float = 3.0,
 ) -> Cumulative:
     """Return the probability of m of n looks by each look, with its uncertainty to first order.
 
@@ -58,7 +57,6 @@ def track_initiation(
         correlation_time: τ [s] of the pose errors, from 0 to infinity.
         scan_group: The scan group of each look (K,); None if all looks are of one group.
         method: Name of the method, one of `cumulative.METHODS`.
-        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
 
     Raises:
         ValueError: If there is no such method, a shape does not fit or a number is out of range.
@@ -74,7 +72,7 @@ def track_initiation(
     # P is 0 before look m and may round to 1 later; φ(z) underflows in both cases.
     z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(no_track)), -FAR, FAR)
     std_z = np.where(abs(z) < FAR, std / density(z), 0.0)
-    return in_time_order(p, bounds_method(method, beta)(z, std, std_z, beta), std)
+    return in_time_order(p, first_order_moments(method, z, std, std_z), std)
 
 
 def any_group(

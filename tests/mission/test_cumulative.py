@@ -191,11 +191,11 @@ def test_one_look_is_propagate(method):
     time, aircraft = flight(3, -500e3, -300e3)
     looks = lk.linearize_looks(MODEL, time[:1], aircraft[:1], RADAR)
     for cov_radar in COV_RADAR.values():
-        options = {"method": method, "beta": 2.5}
         found = cu.cumulative_detection(
-            looks, COV_AIRCRAFT, cov_radar, correlation_time=3.0, **options
+            looks, COV_AIRCRAFT, cov_radar, correlation_time=3.0, method=method
         )
-        expected = rs.propagate(MODEL, aircraft[:1], RADAR, COV_AIRCRAFT, cov_radar, **options)
+        states = aircraft[:1], RADAR, COV_AIRCRAFT, cov_radar
+        expected = rs.propagate(MODEL, *states, method=method)
         for name in ("mean", "std", "lower", "upper"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9)
 
@@ -511,7 +511,6 @@ def test_refusals():
         (lambda: detection(cov=cov[:5, :5]), "aircraft covariance"),
         (lambda: detection(radar=radar[:3, :3]), r"\(..., 4, 4\)"),
         (lambda: detection(method="form"), "linear, probit"),
-        (lambda: detection(beta=0.0), "beta"),
         (lambda: m_of_n([0.1], 0, 3), "m of n"),
         (lambda: m_of_n([0.1], 4, 3), "m of n"),
         (lambda: m_of_n_gradient([0.1], 1, 13), "m of n"),
