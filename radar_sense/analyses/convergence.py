@@ -40,7 +40,7 @@ from radar_sense.montecarlo.montecarlo import TAIL, Blocks
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, columns
 from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
-from radar_sense.montecarlo.statistics import order_statistics, quantile_position
+from radar_sense.montecarlo.statistics import order_statistics, tail_quantiles
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray, constants_of
 
@@ -144,9 +144,8 @@ def draw(
 
 def plain(p_d: FloatArray) -> FloatArray:
     """Return mean, standard deviation, lower and upper quantile (4, n) of draws (runs, n)."""
-    position = np.full(p_d.shape[1], quantile_position(len(p_d), TAIL))
-    lower, upper = order_statistics(p_d, position), -order_statistics(-p_d, position)
-    return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), lower, upper])
+    quantiles = tail_quantiles(p_d, len(p_d), TAIL)
+    return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), *quantiles])
 
 
 def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> FloatArray:

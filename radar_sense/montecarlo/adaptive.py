@@ -27,8 +27,8 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import (
     binomial_interval,
-    order_statistics,
-    quantile_position,
+    tail_quantiles,
+    tail_share,
 )
 from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
@@ -253,11 +253,7 @@ class Batches:
         tail = float(ndtr(-BETA))
         # 7.9.4 b): 1 − p is the probability of both tails together.
         draws = max(LEAST_DRAWS, math.ceil(LEAST_OUTSIDE / (2 * tail)))
-        # A batch has on average `expected` draws beyond the quantile of all batches. The
-        # probability of more than `kept` is below 1e-13.
-        expected = draws * tail
-        kept = math.ceil(expected + 8 * math.sqrt(expected) + 8)
-        return cls(Sampler.of(scenario), scenario.seed, tail, draws, min(kept, draws))
+        return cls(Sampler.of(scenario), scenario.seed, tail, draws, tail_share(draws, tail))
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
         """Return radar states (draws, 4m), and the number of draws with a c_r set to zero."""
@@ -287,9 +283,7 @@ class Batches:
     def quantiles(self, ends: list[FloatArray]) -> tuple[float, float]:
         """Return the quantiles of all draws of some batches, from the ends of each batch."""
         values = np.concatenate(ends)[:, np.newaxis]
-        # The rank from either end is the same among the ends as among all draws.
-        position = np.array([quantile_position(len(ends) * self.draws, self.tail)])
-        lower, upper = order_statistics(values, position), -order_statistics(-values, position)
+        lower, upper = tail_quantiles(values, len(ends) * self.draws, self.tail)
         return float(lower[0]), float(upper[0])
 
     def _stream(self, *key: int) -> np.random.Generator:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense.covariance import component_first, symmetric_square_root
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
-from radar_sense.montecarlo.statistics import binomial_interval
+from radar_sense.montecarlo.statistics import binomial_interval, highest, order_statistics
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
@@ -88,8 +88,7 @@ def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
         for p_d in _independent(sampler, scenario.seed, stage, target - done):
             above[undecided] += np.count_nonzero(p_d > p_max, axis=0)
             candidates = np.concatenate([largest[:, undecided], p_d])
-            kept = np.partition(candidates, len(candidates) - keep, axis=0)[-keep:]
-            largest[:, undecided] = kept
+            largest[:, undecided] = highest(candidates, keep)
         runs[undecided] = target
         spent += len(undecided) * radars * (target - done)
         low, high = binomial_interval(above[undecided], runs[undecided], CONFIDENCE)
@@ -97,8 +96,7 @@ def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
         target, stage = target * GROWTH, stage + 1
     low, high = binomial_interval(above, runs, CONFIDENCE)
     rank = np.clip(np.ceil(tail * runs).astype(int), 1, keep)
-    ordered = np.sort(largest, axis=0)
-    upper = ordered[keep - rank, np.arange(n)]
+    upper = order_statistics(largest, keep - rank)
     return Decision(above / runs, upper, runs, high <= tail, low > tail)
 
 

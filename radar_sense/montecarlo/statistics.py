@@ -131,9 +131,8 @@ class _Tail:
         return self._buffer.nbytes
 
     def share(self, rows: int) -> int:
-        """Return the number of rows of a block to keep: the expected number in the tail plus 8σ."""
-        expected = rows * self._probability
-        return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), self._keep, rows)
+        """Return the number of rows of a block to keep."""
+        return min(tail_share(rows, self._probability), self._keep)
 
     def add(self, smallest: FloatArray, rows: int) -> None:
         """Add the smallest entries of each column of a block of `rows` rows."""
@@ -177,6 +176,19 @@ class _Tail:
         return self._buffer.shape[1:]
 
 
+def tail_share(rows: int, probability: float) -> int:
+    """Return the number of rows in a tail that a block exceeds with a probability below 1e-13.
+
+    The number is the expected number in the tail plus 8σ, at most all rows of the block.
+
+    Args:
+        rows: Number of rows of the block.
+        probability: Probability of the tail.
+    """
+    expected = rows * probability
+    return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), rows)
+
+
 def _needed(count: int, probability: float) -> int:
     """Return the number of the smallest of `count` rows that determine the quantile."""
     return min(math.floor(quantile_position(count, probability)) + 2, count)
@@ -212,6 +224,26 @@ def order_statistics(rows: FloatArray, position: FloatArray) -> FloatArray:
     return values
 
 
+def tail_quantiles(
+    rows: FloatArray, count: int, probability: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the quantiles (columns,) of `count` rows at a probability and at 1 − probability.
+
+    Args:
+        rows: All rows, or at least the rows of both tails (m, columns).
+        count: Number of all rows.
+        probability: Probability of the lower quantile.
+    """
+    # The rank from either end is the same in the tails as among all rows.
+    position = np.full(rows.shape[1], quantile_position(count, probability))
+    return order_statistics(rows, position), -order_statistics(-rows, position)
+
+
+def highest(rows: FloatArray, keep: int) -> FloatArray:
+    """Return the largest entries of each column (keep, columns), in no order."""
+    return np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
+
+
 def _lowest(rows: FloatArray, keep: int) -> FloatArray:
     """Return the smallest entries of each column (keep, columns), in no order."""
     return np.partition(rows, keep - 1, axis=0)[:keep]
@@ -222,7 +254,7 @@ def _ends(rows: FloatArray, keep: int) -> tuple[FloatArray, FloatArray]:
     if len(rows) <= MAX_SORTED:
         ordered = np.sort(rows, axis=0)
         return ordered[:keep], ordered[len(rows) - keep :]
-    return _lowest(rows, keep), np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
+    return _lowest(rows, keep), highest(rows, keep)
 
 
 def binomial_interval(
