@@ -37,6 +37,7 @@ from radar_sense.analyses.report import (
     describe_poses,
     distribution_warnings,
     listed,
+    monte_carlo_columns,
     peak,
 )
 from radar_sense.axis import Axis
@@ -44,13 +45,14 @@ from radar_sense.errors import InputError, did_you_mean
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
 from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
-from radar_sense.mission.draws import Drawn, MissionDraws, mission_monte_carlo
+from radar_sense.mission.draws import MissionDraws, mission_monte_carlo
 from radar_sense.mission.importance.sampling import REPLICATES, importance_sampling
 from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.geometry import slant_range
 from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
 
@@ -266,7 +268,7 @@ def mission(
     differences = (
         {}
         if drawn is None
-        else {e: _differences(v, _of(drawn, e), along) for e, v in network.events.items()}
+        else {e: _differences(v, drawn.events[e], along) for e, v in network.events.items()}
     )
     errors = _standard_errors(network.events, along)
     return Result(
@@ -419,12 +421,8 @@ def _draw(
         workers=workers,
         progress=progress,
     )
-    detection, track = (
-        None if event is None else Drawn(*(values[schedule.last] for values in event))
-        for event in (drawn.detection, drawn.track)
-    )
-    assert detection is not None
-    return dataclasses.replace(drawn, detection=detection, track=track)
+    by_time = {event: statistics.at(schedule.last) for event, statistics in drawn.events.items()}
+    return dataclasses.replace(drawn, events=by_time)
 
 
 def _p_d(scenario: Scenario, schedule: Schedule) -> FloatArray:
@@ -492,12 +490,6 @@ def _check_window(m: int, n: int, looks: int, method: str) -> None:
         )
 
 
-def _of(drawn: MissionDraws, event: str) -> Drawn:
-    statistics = drawn.detection if event == "detection" else drawn.track
-    assert statistics is not None
-    return statistics
-
-
 def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:
     """Return the columns of the probability, deviation and bounds of each event, and of draws."""
     table = {"p_d": mission.p_d}
@@ -508,8 +500,7 @@ def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, Fl
         table[f"{before}lower_3sigma"] = cumulative.lower
         table[f"{before}upper_3sigma"] = cumulative.upper
         if drawn is not None:
-            for statistic, column in _of(drawn, event)._asdict().items():
-                table[f"{before}mc_{statistic}"] = column
+            table |= monte_carlo_columns(drawn.events[event], before)
         table[f"mean_{stem}"] = cumulative.mean
     return table
 
@@ -570,7 +561,7 @@ def _reaches(cumulative: Cumulative, level: float, along: Axis) -> dict[str, flo
     }
 
 
-def _differences(cumulative: Cumulative, drawn: Drawn, along: Axis) -> dict[str, Any]:
+def _differences(cumulative: Cumulative, drawn: DrawStatistics, along: Axis) -> dict[str, Any]:
     lower, upper = abs(cumulative.lower - drawn.lower), abs(cumulative.upper - drawn.upper)
     return {
         "bounds": peak(np.maximum(lower, upper), along),
@@ -628,7 +619,7 @@ def _report_of_draws(
         return []
     lines = [f"{drawn.runs} runs (seed {drawn.seed}), largest difference of {method}:"]
     for event, name in names.items():
-        end = _of(drawn, event)
+        end = drawn.events[event]
         lines += [
             f"  {name}: bounds {describe_extreme(differences[event]['bounds'], along)}, "
             f"sigma {describe_extreme(differences[event]['sigma'], along)}",

@@ -15,6 +15,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import shape_warning
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import (
     BOUND_CHANGE,
     METHODS,
@@ -126,11 +127,14 @@ def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
     return {"largest_three_sigma_by_itself": dict(largest)} if largest else {}
 
 
-def monte_carlo_columns(
-    mean: FloatArray, std: FloatArray, lower: FloatArray, upper: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the columns of the draws."""
-    return {"mc_mean": mean, "mc_std": std, "mc_lower": lower, "mc_upper": upper}
+def monte_carlo_columns(draws: DrawStatistics, before: str = "") -> dict[str, FloatArray]:
+    """Return the columns of the draws, with text before the names."""
+    return {
+        f"{before}mc_mean": draws.mean,
+        f"{before}mc_std": draws.std,
+        f"{before}mc_lower": draws.lower,
+        f"{before}mc_upper": draws.upper,
+    }
 
 
 def band_columns(moments: Moments) -> dict[str, FloatArray]:

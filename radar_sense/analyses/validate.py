@@ -162,9 +162,7 @@ def validate(
         table={
             axis.key: axis.values,
             **band_columns(verdict.moments),
-            **monte_carlo_columns(
-                verdict.mc_mean, verdict.mc_std, verdict.mc_lower, verdict.mc_upper
-            ),
+            **monte_carlo_columns(verdict.draws),
             "delta": verdict.delta,
             "distance_lower": verdict.distance_lower,
             "distance_upper": verdict.distance_upper,

@@ -26,6 +26,7 @@ from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import (
+    DrawStatistics,
     binomial_interval,
     tail_quantiles,
     tail_share,
@@ -63,10 +64,7 @@ class Validation:
         runs: Draws used (n,).
         delta: Numerical tolerance δ of P_D (n,).
         moments: Moments by the method.
-        mc_mean: Mean of the draws (n,).
-        mc_std: Standard deviation of the draws (n,).
-        mc_lower: Quantile of the draws at Φ(−3) (n,).
-        mc_upper: Quantile of the draws at Φ(3) (n,).
+        draws: Statistics of the draws, with quantiles at Φ(−3) and Φ(3).
         distance_lower: Distance between the lower bounds by the method and the draws (n,).
         distance_upper: Distance between the upper bounds by the method and the draws (n,).
         stable: Where the draws became stable within the runs allowed (n,).
@@ -83,10 +81,7 @@ class Validation:
     runs: NDArray[np.int64]
     delta: FloatArray
     moments: Moments
-    mc_mean: FloatArray
-    mc_std: FloatArray
-    mc_lower: FloatArray
-    mc_upper: FloatArray
+    draws: DrawStatistics
     distance_lower: FloatArray
     distance_upper: FloatArray
     stable: NDArray[np.bool_]
@@ -187,10 +182,7 @@ def validate_method(
         runs=results["runs"],
         delta=results["delta"],
         moments=moments,
-        mc_mean=results["mean"],
-        mc_std=results["std"],
-        mc_lower=results["lower"],
-        mc_upper=results["upper"],
+        draws=DrawStatistics(*(results[name] for name in ("mean", "std", "lower", "upper"))),
         distance_lower=abs(moments.lower - results["lower"]),
         distance_upper=abs(moments.upper - results["upper"]),
         stable=results["stable"],

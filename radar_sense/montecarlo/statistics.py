@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,59 @@ MAX_SORTED = 512
 MAX_TAIL_BYTES = 4_000_000_000
 #: A tail is trimmed when it holds this many times the rows that its quantile needs.
 TAIL_ROOM = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class DrawStatistics:
+    """Statistics of draws at each of n poses or looks.
+
+    Attributes:
+        mean: Mean of the draws (n,).
+        std: Standard deviation of the draws (n,).
+        lower: Quantile of the draws at the probability of a tail (n,).
+        upper: Quantile of the draws at 1 minus this probability (n,).
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def at(self, rows: NDArray[np.intp]) -> DrawStatistics:
+        """Return the statistics at some poses or looks, which may recur."""
+        return DrawStatistics(self.mean[rows], self.std[rows], self.lower[rows], self.upper[rows])
+
+
+class RunningStatistics:
+    """Statistics of each column of many rows.
+
+    Args:
+        columns: Number of columns.
+        count: Number of rows that will be added in total.
+        probability: Probability of a tail.
+    """
+
+    def __init__(self, columns: int, count: int, probability: float) -> None:
+        self._moments, self._tails = RunningMoments(columns), Tails(columns, count, probability)
+
+    @property
+    def count(self) -> int:
+        """Number of rows added."""
+        return self._moments.count
+
+    def add(self, rows: FloatArray) -> None:
+        """Add rows (m, columns)."""
+        self._moments.add(rows)
+        self._tails.add(rows)
+
+    def merge(self, other: RunningStatistics) -> None:
+        """Add all rows of another instance, made for the same columns and count."""
+        self._moments.merge(other._moments)
+        self._tails.merge(other._tails)
+
+    def statistics(self) -> DrawStatistics:
+        """Return the statistics of all rows."""
+        return DrawStatistics(self._moments.mean, self._moments.std(), *self._tails.quantiles())
 
 
 class RunningMoments:

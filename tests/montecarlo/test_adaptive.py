@@ -8,6 +8,7 @@ import dataclasses
 from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import Decimal
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -33,10 +34,10 @@ SIX = {"start": 0, "stop": 90, "step": 18}
 ARRAYS = (
     "runs",
     "delta",
-    "mc_mean",
-    "mc_std",
-    "mc_lower",
-    "mc_upper",
+    "draws.mean",
+    "draws.std",
+    "draws.lower",
+    "draws.upper",
     "distance_lower",
     "distance_upper",
     "stable",
@@ -134,7 +135,8 @@ def batches_of(s, beta=3.0):
 
 def assert_same(one, other, poses=slice(None)):
     for name in ARRAYS:
-        assert getattr(one, name)[poses].tobytes() == getattr(other, name).tobytes(), name
+        value = attrgetter(name)
+        assert value(one)[poses].tobytes() == value(other).tobytes(), name
 
 
 @pytest.mark.parametrize(
@@ -188,12 +190,12 @@ def test_where_first_order_is_exact_it_is_validated():
     np.testing.assert_array_equal(v.delta, 0.005)
     # a quantile of a Gaussian has the standard error √(p/n)/φ(3), p = Φ(−3)
     error = 0.03 * np.sqrt(ndtr(-3) / v.runs) / norm.pdf(3)
-    assert np.all(abs(v.mc_lower - 0.41) < 4 * error)
-    assert np.all(abs(v.mc_upper - 0.59) < 4 * error)
-    assert np.all(abs(v.mc_mean - 0.5) < 4 * 0.03 / np.sqrt(v.runs))
-    assert np.all(abs(v.mc_std - 0.03) < 4 * 0.03 / np.sqrt(2 * v.runs))
-    np.testing.assert_array_equal(v.distance_lower, abs(v.moments.lower - v.mc_lower))
-    np.testing.assert_array_equal(v.distance_upper, abs(v.moments.upper - v.mc_upper))
+    assert np.all(abs(v.draws.lower - 0.41) < 4 * error)
+    assert np.all(abs(v.draws.upper - 0.59) < 4 * error)
+    assert np.all(abs(v.draws.mean - 0.5) < 4 * 0.03 / np.sqrt(v.runs))
+    assert np.all(abs(v.draws.std - 0.03) < 4 * 0.03 / np.sqrt(2 * v.runs))
+    np.testing.assert_array_equal(v.distance_lower, abs(v.moments.lower - v.draws.lower))
+    np.testing.assert_array_equal(v.distance_upper, abs(v.moments.upper - v.draws.upper))
 
 
 @pytest.mark.parametrize(("digits", "verdict"), [(1, "validated"), (2, "refuted")])
@@ -231,13 +233,13 @@ def test_tiny_uncertainties_of_the_paper_are_validated():
     )
     v = validate(tiny, digits=1, fraction=0.5)
     assert v.verdict == "validated"
-    assert np.max(v.mc_std) < 0.0005
+    assert np.max(v.draws.std) < 0.0005
 
 
 def test_the_paper_is_refuted_at_90_degrees_and_high():
     v = validate(paper("high", start=90, stop=90), digits=1)
     assert v.verdict == "refuted"
-    assert v.moments.upper[0] > 1 > v.mc_upper[0]
+    assert v.moments.upper[0] > 1 > v.draws.upper[0]
     assert v.coverage[0] == pytest.approx(0.972, abs=0.001 + 4 * np.sqrt(0.028 / v.runs[0]))
 
 
@@ -248,7 +250,9 @@ def test_the_paper_at_high_is_refuted_for_linear_and_validated_for_form():
     assert form.verdict == "validated"
     assert (linear.method, form.method) == ("linear", "form")
     same = linear.runs == form.runs
-    np.testing.assert_array_equal(linear.mc_lower[same], form.mc_lower[same])  # the same draws
+    np.testing.assert_array_equal(
+        linear.draws.lower[same], form.draws.lower[same]
+    )  # the same draws
 
 
 def test_too_few_runs_decide_nothing():
@@ -262,7 +266,7 @@ def test_too_few_runs_decide_nothing():
 
 def test_undecided_is_not_validated_even_if_it_agrees(monkeypatch):
     seen = validate(gaussian(poses=1), digits=3, max_runs=2 * M)
-    with_method(monkeypatch, lower=lambda _: seen.mc_lower, upper=lambda _: seen.mc_upper)
+    with_method(monkeypatch, lower=lambda _: seen.draws.lower, upper=lambda _: seen.draws.upper)
     again = validate(gaussian(poses=1), digits=3, max_runs=2 * M)
     assert again.distance_lower[0] == again.distance_upper[0] == 0
     assert again.verdict == "undecided"
@@ -300,11 +304,11 @@ def test_each_pose_stops_at_the_first_batch_that_is_stable(digits, fraction):
         assert v.stable[pose] == stable
         assert not v.undecided[pose] or count == most
         assert v.delta[pose] == delta
-        assert v.mc_mean[pose] == pytest.approx(so_far.mean(), rel=1e-13)
-        assert v.mc_std[pose] == pytest.approx(so_far.std(ddof=1), rel=1e-11)
+        assert v.draws.mean[pose] == pytest.approx(so_far.mean(), rel=1e-13)
+        assert v.draws.std[pose] == pytest.approx(so_far.std(ddof=1), rel=1e-11)
         lower, upper = np.quantile(so_far, p)
-        assert v.mc_lower[pose] == pytest.approx(lower, rel=1e-14)
-        assert v.mc_upper[pose] == pytest.approx(upper, rel=1e-14)
+        assert v.draws.lower[pose] == pytest.approx(lower, rel=1e-14)
+        assert v.draws.upper[pose] == pytest.approx(upper, rel=1e-14)
         low, high = v.moments.lower[pose], v.moments.upper[pose]
         assert v.inside[pose] == np.count_nonzero((so_far >= low) & (so_far <= high))
     assert len(set(v.runs)) >= 2  # poses did stop on their own
@@ -318,8 +322,8 @@ def test_ends_are_the_quantiles_of_all_draws_at_any_beta(beta):
     v = validate(s, digits=3, beta=beta, max_runs=2 * batches.draws)
     draws = [batches.p_d(number, batches.radar(number)[0], 0) for number in range(2)]
     lower, upper = np.quantile(np.concatenate(draws), [ndtr(-beta), ndtr(beta)])
-    assert v.mc_lower[0] == pytest.approx(lower, rel=1e-14)
-    assert v.mc_upper[0] == pytest.approx(upper, rel=1e-14)
+    assert v.draws.lower[0] == pytest.approx(lower, rel=1e-14)
+    assert v.draws.upper[0] == pytest.approx(upper, rel=1e-14)
     assert v.moments.lower[0] == pytest.approx(0.5 - beta * 0.03, rel=1e-12)
 
 
@@ -376,8 +380,8 @@ def test_seed_makes_the_draws_and_zero_is_a_seed():
     zero, again, one = (validate(gaussian(seed=seed), digits=1) for seed in (0, 0, 1))
     assert_same(zero, again)
     assert (zero.seed, one.seed) == (0, 1)
-    assert not np.any(zero.mc_mean == one.mc_mean)
-    assert len(set(zero.mc_mean)) == 4
+    assert not np.any(zero.draws.mean == one.draws.mean)
+    assert len(set(zero.draws.mean)) == 4
 
 
 def test_streams_are_all_different_and_not_those_of_monte_carlo():
@@ -418,9 +422,9 @@ def test_without_uncertainty_the_nominal_value_is_validated(method):
     np.testing.assert_array_equal(v.runs, 2 * M)
     np.testing.assert_array_equal(v.coverage, 1.0)
     np.testing.assert_allclose(
-        v.delta, 1e-13 * v.mc_mean, rtol=1e-9
+        v.delta, 1e-13 * v.draws.mean, rtol=1e-9
     )  # the rounding of the arithmetic
-    assert np.all(v.mc_std < 1e-15)
+    assert np.all(v.draws.std < 1e-15)
 
 
 def test_without_uncertainty_rounding_is_no_error(monkeypatch):
@@ -448,7 +452,7 @@ def test_a_method_without_a_result_is_refuted(monkeypatch):
     low, high = v.coverage_interval()
     assert np.isnan([low[1], high[1]]).all()
     assert low[0] < v.coverage[0] < high[0]
-    assert np.isfinite(v.mc_upper).all()
+    assert np.isfinite(v.draws.upper).all()
 
 
 @pytest.mark.parametrize(("beta", "exaggerate"), [(3.0, 1.0), (2.0, 1.0), (2.0, 0.9)])
@@ -477,7 +481,7 @@ def test_constants_drawn_below_zero_become_zero_and_are_counted():
     runs, share = v.runs.max(), ndtr(-2.0)
     assert v.clipped == pytest.approx(runs * share, abs=4 * np.sqrt(runs * share))
     noise_alone = single(s).p_d(s.aircraft[0], np.zeros(4))
-    np.testing.assert_allclose(v.mc_lower, noise_alone, rtol=1e-12)
+    np.testing.assert_allclose(v.draws.lower, noise_alone, rtol=1e-12)
     assert np.all(v.refuted)
     assert v.clipped == montecarlo_clipped(s, runs // M)
 

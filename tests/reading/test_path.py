@@ -115,7 +115,7 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
         validate_method(orbit, digits=1),
         validate_method(load(tmp_path, text, radar__constant=167), digits=1),
     )
-    assert (expected.mc_upper == found.mc_upper).all()
+    assert (expected.draws.upper == found.draws.upper).all()
     assert (expected.runs == found.runs).all()
 
 
@@ -206,7 +206,7 @@ def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
 def test_the_verdict_at_a_pose_is_by_its_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
     found = validate_method(s, digits=1, method="form")
-    assert found.mc_std == pytest.approx(found.moments.std, rel=0.03)
+    assert found.draws.std == pytest.approx(found.moments.std, rel=0.03)
     assert found.verdict == "validated"
 
 
