@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
-from radar_sense.analyses.report import describe_poses
+from radar_sense.analyses.report import problem_warnings
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, Limit
@@ -450,10 +450,9 @@ def _warnings(measured: Convergence) -> tuple[str, ...]:
         (undefined, "there is no control variate, as the gradient is undefined"),
         (~measured.usable, "sigma of P_D, the unit of the errors, is zero"),
     )
-    return tuple(
-        f"{words} {place}" + ("" if mask.all() else "; the errors are of the other poses")
-        for mask, words in reasons
-        if (place := describe_poses(mask, measured.axis))
+    others = "; the errors are of the other poses"
+    return problem_warnings(
+        [(mask, words, "" if mask.all() else others) for mask, words in reasons], measured.axis
     )
 
 

@@ -34,11 +34,12 @@ from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, ana
 from radar_sense.analyses.report import (
     clipping_warnings,
     describe_extreme,
-    describe_poses,
     distribution_warnings,
     listed,
     monte_carlo_columns,
+    outside_unit_interval,
     peak,
+    problem_warnings,
 )
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean
@@ -636,17 +637,19 @@ def _warnings(
     names: dict[str, str],
     drawn: MissionDraws | None,
 ) -> tuple[str, ...]:
-    warnings = []
+    warnings: list[str] = []
     for event, cumulative in events.items():
-        if place := describe_poses(~np.isfinite(cumulative.std), scenario.axis):
-            warnings.append(
-                f"{names[event]}: the uncertainty is undefined {place}; the radar is straight "
-                "above or below the aircraft at a look, where the gradient is undefined: "
-                f"use --method {IMPORTANCE}"
-            )
-        outside = (cumulative.lower < 0) | (cumulative.upper > 1)
-        if place := describe_poses(outside, scenario.axis):
-            warnings.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
+        problems = (
+            (
+                ~np.isfinite(cumulative.std),
+                "the uncertainty is undefined",
+                "; the radar is straight above or below the aircraft at a look, where the gradient "
+                f"is undefined: use --method {IMPORTANCE}",
+            ),
+            outside_unit_interval(cumulative.lower, cumulative.upper, method),
+        )
+        texts = problem_warnings(problems, scenario.axis)
+        warnings += [f"{names[event]}: {text}" for text in texts]
     if method != IMPORTANCE:  # first order assumes a distribution of c_r
         warnings += distribution_warnings(scenario, method)
     if drawn is not None and drawn.clipped:

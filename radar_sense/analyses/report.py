@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,8 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
+#: The poses with a problem (n,), and the words before and after these poses in a warning.
+Problem: TypeAlias = tuple[NDArray[np.bool_], str, str]
 #: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
 
@@ -173,10 +175,10 @@ def validity_warnings(
     axis = scenario.axis
     nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
-    outside = (moments.lower < 0) | (moments.upper > 1)
+    outside = outside_unit_interval(moments.lower, moments.upper, method)
     remedy = remedy or f"use {'--method form or ' if method != 'form' else ''}montecarlo"
     if scenario.model.rcs.lobed:
-        place = describe_poses(nonlinear | undefined | outside, axis)
+        place = describe_poses(nonlinear | undefined | outside[0], axis)
         lobes = f"the RCS has lobes that the {method} band does not follow: it is unreliable"
         return (f"{lobes} {place}: use montecarlo",) if place else ()
     problems = (
@@ -190,7 +192,7 @@ def validity_warnings(
             "the gradient is undefined (radar straight above or below the aircraft)",
             ": use montecarlo",
         ),
-        (outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
+        outside,
         (
             nonlinear & ~undefined,
             f"the {method} band is unreliable",
@@ -198,6 +200,16 @@ def validity_warnings(
             f"{remedy}",
         ),
     )
+    return problem_warnings(problems, axis)
+
+
+def outside_unit_interval(lower: FloatArray, upper: FloatArray, method: str) -> Problem:
+    """Return where the 3-sigma band of a method leaves [0, 1], and the words for a warning."""
+    return (lower < 0) | (upper > 1), f"the {method} 3-sigma band leaves [0, 1]", ""
+
+
+def problem_warnings(problems: Iterable[Problem], axis: Axis) -> tuple[str, ...]:
+    """Return a warning of each problem that a pose has."""
     return tuple(
         f"{words} {place}{ending}"
         for mask, words, ending in problems
