@@ -247,10 +247,11 @@ def points_named(mc: MonteCarlo) -> str:
 
 def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
     """Return a warning if the processes of a cluster rounded differently."""
-    if len(mc.canaries) < 2:
+    ways = len(mc.rounding_digests)
+    if ways < 2:
         return ()
     return (
-        f"the workers round in {len(mc.canaries)} different ways, as their CPUs differ: the last "
+        f"the workers round in {ways} different ways, as their CPUs differ: the last "
         "digits depend on which worker computed which runs",
     )
 

@@ -52,7 +52,7 @@ def test_a_cluster_gives_the_same_bytes_even_if_a_worker_is_killed(two_workers, 
     for name in ("mean", "std", "lower", "upper", "inside", "sample_paths"):
         assert getattr(here, name).tobytes() == getattr(there, name).tobytes(), name
     assert here.clipped == there.clipped
-    assert len(there.canaries) == 1
+    assert len(there.rounding_digests) == 1
 
     from click.testing import CliRunner
 
