@@ -38,7 +38,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, Limit
 from radar_sense.montecarlo.montecarlo import TAIL, Blocks
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.sampler import Sampler, columns
+from radar_sense.montecarlo.sampler import Sampler, columns_of_normals
 from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
 from radar_sense.montecarlo.statistics import order_statistics, tail_quantiles
 from radar_sense.scenario import Scenario
@@ -93,7 +93,7 @@ class LinearModel:
         by_radar = np.hstack([by_radar, np.zeros((len(by_radar), added))])
         constants = constants_of(len(sampler.model.radars))
         by_log_constant = (lin.jac_radar * sampler.radar)[:, constants]
-        columns_by_radar = columns(len(sampler.radar), sampler.parts)
+        columns_by_radar = columns_of_normals(len(sampler.radar), sampler.parts)
         for i, (parts, part_columns) in enumerate(
             zip(sampler.parts, columns_by_radar, strict=True)
         ):

@@ -48,7 +48,6 @@ from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
 from radar_sense.mission.draws import MissionDraws, mission_monte_carlo
 from radar_sense.mission.importance.sampling import REPLICATES, importance_sampling
-from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.geometry import slant_range
@@ -375,14 +374,8 @@ def _first_order(
     scenario: Scenario, schedule: Schedule, m_of_n: tuple[int, int] | None, method: str
 ) -> tuple[Cumulative, ...]:
     """Return the probability by each time (K,) of detection, and of a track, to first order."""
-    at_looks = scenario.at_poses(schedule.pose)
-    looks = linearize_looks(
-        schedule.model(scenario.model),
-        schedule.time[schedule.pose],
-        at_looks.aircraft,
-        scenario.shared,
-    )
-    covariances = at_looks.cov_aircraft, scenario.cov_shared
+    looks = schedule.linearize(scenario)
+    covariances = scenario.at_poses(schedule.pose).cov_aircraft, scenario.cov_shared
     tau = scenario.correlation_s
     events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]
     if m_of_n is not None:
@@ -428,9 +421,8 @@ def _draw(
 
 def _p_d(scenario: Scenario, schedule: Schedule) -> FloatArray:
     """Return P_D of all radars that look at each time (K,)."""
-    pose = schedule.pose
-    p_d = schedule.model(scenario.model).p_d(scenario.aircraft[pose], scenario.radar)
-    if len(pose) == len(schedule.time):
+    p_d = schedule.p_d(scenario)
+    if len(p_d) == len(schedule.time):
         return p_d
     with np.errstate(divide="ignore"):  # P_D may round to 1
         hazard = -np.log1p(-p_d)

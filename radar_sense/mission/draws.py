@@ -9,8 +9,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.mission.looks import Model, look_times, pose_correlation, pose_sqrt_cov
+from radar_sense.mission.looks import Model, look_times, pose_sqrt_cov
 from radar_sense.mission.tracks import any_group, histories
+from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
 from radar_sense.montecarlo.parallel import merged
 from radar_sense.montecarlo.sequences import random_stream
@@ -70,14 +71,12 @@ class PoseProcess:
         cls, time: FloatArray, aircraft: FloatArray, cov: ArrayLike, correlation_time: float
     ) -> PoseProcess:
         """Make the process from times (K,), poses (K, 6) and C_aa (6, 6) or (K, 6, 6)."""
-        correlation = pose_correlation(time, correlation_time)
+        correlation = successive_correlation(time, correlation_time)
         return cls(aircraft, pose_sqrt_cov(cov, len(time)), *correlation)
 
     def poses(self, normals: FloatArray) -> FloatArray:
         """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
-        for k in range(1, len(normals)):
-            normals[k] *= self.innovation_std[k - 1]
-            normals[k] += self.rho[k - 1] * normals[k - 1]
+        correlate(normals, self.rho, self.innovation_std)
         states = np.empty((len(AIRCRAFT), len(normals), normals.shape[-1]))
         for i, state in enumerate(states):
             state[:] = self.aircraft[:, i, np.newaxis]

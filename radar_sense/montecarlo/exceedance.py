@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.covariance import component_first, symmetric_square_root
+from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import binomial_interval, highest, order_statistics
@@ -166,22 +167,15 @@ def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
         Sampler.of(path),
         sqrt_cov_aircraft=component_first(symmetric_square_root(path.cov_aircraft)),
     )
-    rho, innovation_std = _correlations(path)
+    # the poses of an orbit have no times; their steps count as 1 s
+    time = np.arange(float(poses)) if path.time_s is None else path.time_s
+    correlation = successive_correlation(time, path.correlation_s)
     size = max(1, _BLOCK // (poses * len(path.model.models)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)
         generator = random_stream(path.seed, _PATH, block)
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((poses, count, len(AIRCRAFT)))
-        for i in range(1, poses):
-            normals[i] = rho[i - 1] * normals[i - 1] + innovation_std[i - 1] * normals[i]
+        correlate(normals, *correlation)
         yield sampler.draw_p_d(normals.swapaxes(0, 1), radar)
         report("runs along the path", start + count, runs)
-
-
-def _correlations(path: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return ρ (n − 1,) of the errors of successive poses, and √(1 − ρ²)."""
-    steps = np.ones(len(path.aircraft) - 1) if path.time_s is None else np.diff(path.time_s)
-    with np.errstate(divide="ignore"):
-        x = steps / path.correlation_s
-    return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))

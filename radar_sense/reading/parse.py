@@ -20,7 +20,7 @@ from radar_sense.reading.geometry import Poses, read_geometry
 from radar_sense.reading.radars import (
     RadarEntry,
     network,
-    placed,
+    place_radar,
     read_radar,
     read_radars,
     with_levels,
@@ -69,7 +69,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     radars = read_radars(entries["radars"]) if several else [read_radar(entries["radar"])]
     rcs, rcs_source, attitude = read_aircraft(entries["aircraft"], entries["geometry"])
     poses = read_geometry(entries["geometry"], attitude)
-    radars = [placed(radar, poses) for radar in radars]
+    radars = [place_radar(radar, poses) for radar in radars]
     for radar in radars:
         _refuse_collision(entries["geometry"], poses, radar)
         _refuse_uncovered(entries["geometry"], rcs, poses, radar)

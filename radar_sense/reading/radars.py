@@ -34,7 +34,7 @@ class RadarEntry:
     """A radar of a scenario file.
 
     Attributes:
-        state: North, east, down [m] and c_r (4,). `placed` sets the position of a radar with a
+        state: North, east, down [m] and c_r (4,). `place_radar` sets the position of a radar with a
             `place`.
         p_fa: Probability of false alarm.
         detector: Detector.
@@ -47,7 +47,7 @@ class RadarEntry:
         max_range: Slant range beyond which it detects nothing [m].
         min_range: Slant range within which it detects nothing [m].
         horizon: Whether P_D is 0 below the horizon.
-        levels: Uncertainty of the radar, in the frame of the poses after `placed`.
+        levels: Uncertainty of the radar, in the frame of the poses after `place_radar`.
         stated: Uncertainty of the radar as in the file.
     """
 
@@ -73,7 +73,7 @@ class RadarEntry:
 
     @property
     def source(self) -> RadarSource:
-        """The state and the covariances before and after `placed`, for the record."""
+        """The state and the covariances before and after `place_radar`, for the record."""
         covariances = {
             level: StatedCovariance(matrix, self.levels.covariance[level])
             for level, matrix in self.stated.covariance.items()
@@ -150,7 +150,7 @@ def _looks(detector: Detector) -> int:
     return detector.pulses * (detector.binary.n if detector.binary else 1)
 
 
-def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:
+def place_radar(radar: RadarEntry, poses: Poses) -> RadarEntry:
     """Return a radar with its position in the frame of the poses."""
     if radar.place is None or radar.place_entry is None:
         return radar

@@ -74,8 +74,7 @@ def _nominal(
     scenario: Scenario, schedule: Schedule, m_of_n: tuple[int, int] | None
 ) -> tuple[FloatArray, ...]:
     """Return P (K,) of detection, and of a track, by each time with the nominal states."""
-    pose = schedule.pose
-    p_d = schedule.model(scenario.model).p_d(scenario.aircraft[pose], scenario.radar)
+    p_d = schedule.p_d(scenario)
     p_by_event = [cumulative_p_d(p_d)]
     if m_of_n is not None:
         p_by_event.append(any_group(p_d, 1.0 - p_d, *m_of_n, schedule.scan_group)[0])
