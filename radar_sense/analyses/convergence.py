@@ -23,9 +23,9 @@ up to σ²/n. The control removes this error too. The control needs a gradient o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import RUNS, Limit
 from radar_sense.montecarlo.montecarlo import TAIL, Blocks
-from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.parallel import all_in_order
 from radar_sense.montecarlo.sampler import Sampler, columns_of_normals
 from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
 from radar_sense.montecarlo.statistics import order_statistics, tail_quantiles
@@ -47,7 +47,6 @@ from radar_sense.states import FloatArray, constants_of
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
-T = TypeVar("T")
 
 #: Largest number of runs: default and limit.
 DEFAULT_RUNS = 2**14
@@ -257,8 +256,8 @@ def measure(
             )
         return estimates
 
-    references = _all(in_order(reference, REFERENCES, workers), progress)
-    repetitions = _all(in_order(repetition, REPLICATIONS, workers), progress)
+    references = all_in_order(reference, REFERENCES, workers, progress)
+    repetitions = all_in_order(repetition, REPLICATIONS, workers, progress)
     statistics = np.stack(references)
     return Convergence(
         runs=np.array(sizes),
@@ -267,16 +266,6 @@ def measure(
         reference_error=statistics.std(axis=0, ddof=1) / np.sqrt(REFERENCES),
         estimates={name: np.stack([r[name] for r in repetitions]) for name in ESTIMATORS},
     )
-
-
-def _all(results: Iterable[T], progress: Callable[[int], None] | None) -> list[T]:
-    """Return all results, with a call of `progress` after each."""
-    collected = []
-    for result in results:
-        collected.append(result)
-        if progress:
-            progress(1)
-    return collected
 
 
 def plot(result: Result, figure: Figure) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.mission.looks import Model, look_times, pose_sqrt_cov
-from radar_sense.mission.tracks import any_group, histories
+from radar_sense.mission.tracks import any_group, check_window
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
 from radar_sense.montecarlo.parallel import merged
@@ -185,7 +185,7 @@ def mission_monte_carlo(
     if runs < 2:
         raise ValueError(f"needs 2 runs or more, got {runs}")
     if m_of_n is not None:
-        histories(*m_of_n)
+        check_window(*m_of_n)
     blocks = _Runs(
         model=model,
         process=PoseProcess.of(time, aircraft, cov_aircraft, correlation_time),

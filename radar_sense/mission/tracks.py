@@ -137,7 +137,7 @@ def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArra
     Raises:
         ValueError: If m or n is out of range.
     """
-    detections = histories(m, n)
+    detections = _detections(m, n)
     shape, states = p_d.shape, len(detections)
     p_d, miss = (np.ascontiguousarray(a.reshape(-1, shape[-1]).T) for a in (p_d, miss))
     p, no_track = np.empty(p_d.shape), np.empty(p_d.shape)
@@ -184,7 +184,7 @@ def m_of_n_gradient(
     difference between a detection and a miss at j. Where success is likely, the backward pass gives
     the probability of failure, because a difference of two numbers near 1 would lose digits.
     """
-    detections = histories(m, n)
+    detections = _detections(m, n)
     looks, states = len(p_d), len(detections)
     before = np.zeros((looks, states))
     weight = np.zeros(states)
@@ -210,14 +210,19 @@ def m_of_n_gradient(
     return gradient
 
 
-def histories(m: int, n: int) -> NDArray[np.intp]:
+def check_window(m: int, n: int) -> None:
+    """Raise ValueError if m or n is out of range."""
+    if not 1 <= m <= n <= MAX_WINDOW:
+        raise ValueError(f"m of n must have 1 <= m <= n <= {MAX_WINDOW}, got {m} of {n}")
+
+
+def _detections(m: int, n: int) -> NDArray[np.intp]:
     """Return the detections in each history of the last n − 1 looks; bit 0 is the latest look.
 
     Raises:
         ValueError: If m or n is out of range.
     """
-    if not 1 <= m <= n <= MAX_WINDOW:
-        raise ValueError(f"m of n must have 1 <= m <= n <= {MAX_WINDOW}, got {m} of {n}")
+    check_window(m, n)
     return np.array([state.bit_count() for state in range(2 ** (n - 1))])
 
 

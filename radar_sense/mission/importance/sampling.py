@@ -16,7 +16,7 @@ from radar_sense.mission.importance.quantiles import MIDDLE, Statistics, pooled_
 from radar_sense.mission.importance.replicates import compute_replicate
 from radar_sense.mission.schedule import Schedule
 from radar_sense.mission.tracks import any_group
-from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.parallel import all_in_order
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -46,11 +46,7 @@ def importance_sampling(
     """
     events = MissionEvents.of(scenario, schedule, m_of_n)
     plan, clock = make_plan(events)
-    replicates = []
-    for replicate in in_order(partial(compute_replicate, plan), REPLICATES, workers):
-        replicates.append(replicate)
-        if progress:
-            progress(1)
+    replicates = all_in_order(partial(compute_replicate, plan), REPLICATES, workers, progress)
     nodes = plan.events.nodes
 
     def bounds(source: int, nominal: tuple[FloatArray, ...]) -> tuple[Cumulative, ...]:
