@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from radar_sense.mission.cumulative import Cumulative, cumulative_p_d
 from radar_sense.mission.importance.events import MissionEvents
 from radar_sense.mission.importance.plan import make_plan
-from radar_sense.mission.importance.quantiles import MIDDLE, Statistics, pooled_quantile
+from radar_sense.mission.importance.quantiles import MIDDLE, WeightedStatistics, pooled_quantile
 from radar_sense.mission.importance.replicates import compute_replicate
 from radar_sense.mission.schedule import Schedule
 from radar_sense.mission.tracks import any_group
@@ -79,7 +79,7 @@ def _nominal(
 
 def _bounds(
     nominal: FloatArray,
-    replicates: Sequence[Statistics],
+    replicates: Sequence[WeightedStatistics],
     nodes: NDArray[np.intp],
     clock: FloatArray,
 ) -> Cumulative:
