@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,9 @@ from helpers import (
 )
 
 import radar_sense as rs
-from radar_sense import limits
+from radar_sense import axis, limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
+from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
 from radar_sense.model.geodesy import geodetic_from_ned
@@ -211,6 +213,16 @@ def test_refusals(tmp_path):
     refused("on top of the radar at the look at 10 s", load(tmp_path, over, radar__scan_period_s=5))
 
 
+def test_as_many_looks_as_allowed_are_computed(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[with_schedule.__module__], "MAX_TRACK_LOOKS", 5)
+    for period, looks in ((350, 5), (250, 6)):
+        s = load(tmp_path, radar__scan_period_s=period)
+        if looks == 5:
+            assert len(mission(s, m_of_n=(1, 2), method="probit").scenario.axis) == looks
+        else:
+            refused("takes at most 5 looks, and this path has 6", s, m_of_n=(1, 2), method="probit")
+
+
 def test_the_limit_of_the_window_is_that_of_the_code():
     assert limits.WINDOW.at_most == tracks.MAX_WINDOW
 
@@ -380,6 +392,19 @@ def test_report(tool):
         ends = [found[f"{before}{end}_3sigma_se"] for end in ("lower", "upper")]
         assert error == np.max(ends)
         assert f"{name}: standard error of the 3-sigma bounds at most {error:.4f} at" in out
+        columns = {
+            "p": p, "mean": f"mean_{before}cumulative", "sigma": f"sigma_{before}cumulative",
+            "lower_3sigma": f"{before}lower_3sigma", "upper_3sigma": f"{before}upper_3sigma",
+        }  # fmt: skip
+        if before:
+            columns |= {"mean": "mean_track", "sigma": "sigma_track"}
+        assert summary[event]["at_end"] == {key: found[c][-1] for key, c in columns.items()}
+        off = [abs(found[f"{before}{end}_3sigma"] - found[f"{before}mc_{end}"])
+               for end in ("lower", "upper")]  # fmt: skip
+        largest = summary["monte_carlo"]["largest_difference"][event]
+        assert largest["bounds"]["value"] == np.max(off)
+        sigma = abs(found[columns["sigma"]] - found[f"{before}mc_std"])
+        assert largest["sigma"]["value"] == sigma.max()
     for level, times in summary["detection"]["reaches"].items():
         for key, column in (
             ("time_s", "cumulative_p_d"), ("earliest_s", "upper_3sigma"),
@@ -441,7 +466,12 @@ def test_an_orbit_is_refused(tool):
 def test_a_linear_band_outside_zero_and_one_is_warned_of(tool):
     file = write(Path(), radar__scan_period_s=10, radar__constant=14)
     err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
-    assert "Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] at" in err
+    found = read_table("figures/flight_mission.csv")
+    below, above = found["lower_3sigma"] < 0, found["upper_3sigma"] > 1
+    assert below[0], "the band begins below 0"
+    assert above.any()
+    place = describe_poses(below | above, axis.time(found["time_s"]))
+    assert f"Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] {place}\n" in err
     assert "band leaves" not in tool("mission", file, "--level", "high", "--no-plot").err
 
 
