@@ -90,12 +90,11 @@ def scenario_page() -> str:
     text = (
         "# The scenario file\n\n"
         + MADE
-        + "A scenario is a YAML file. These are all of its keys, by the section they stand in. "
-        "Every number is in the unit that the name of its key ends with. An unknown key is an "
-        "error, with a suggestion. `radar-sense schema` prints the same as a JSON Schema; "
-        "[Editors](../editors.md) tells how an editor completes keys with it.\n\n"
-        "An example is taken from a file that comes with the program, unless it is the only "
-        "use of its key.\n"
+        + "A scenario is a YAML file. These are all keys, by section. The name of a key ends with "
+        "the unit of the number. An unknown key is an error, with a suggestion. `radar-sense "
+        "schema` prints the same as a JSON Schema. [Editors](../editors.md) describes the "
+        "completion of keys in an editor.\n\n"
+        "Examples are from the files that come with the program, where a file has the key.\n"
     )
     for name, section in sections.items():
         text += f"\n## {title(name)}\n\n"
@@ -246,14 +245,13 @@ def columns_page() -> str:
         "# The columns of the tables\n\n"
         + MADE
         + "Each analysis writes `<scenario>_<analysis>.csv` (`map`: `.npz`). The first row has the "
-        "names of the columns, and nothing else in the file but numbers. A word in angle brackets "
-        "stands for a name of yours: a level, a radar, a source. The JSON record beside the table "
-        "repeats unit and meaning of each column.\n\n"
+        "names of the columns. All other rows are numbers. A word in angle brackets stands for a "
+        "name of a level, a radar or a source. The JSON record beside the table has unit and "
+        "meaning of each column.\n\n"
         "A run replaces all of its files or none. Files beside a record are of the run in the "
-        "record. Files without a record are of a run that was killed while it wrote: run it "
-        "again.\n\n"
-        "Which columns there are depends on the scenario and the options. The order is the one "
-        "of the file as far as possible.\n"
+        "record. Files without a record are of a killed run: run the command again.\n\n"
+        "The columns depend on the scenario and the options. The order is the order in the file, "
+        "as far as possible.\n"
     )
     for name in sorted(cli.ANALYSES):
         text += f"\n## `{name}`\n\n"
@@ -270,8 +268,8 @@ def commands_page() -> str:
     text = (
         "# The commands\n\n"
         + MADE
-        + "`radar-sense COMMAND --help` prints the same. CONFIG is a scenario file; without it the "
-        "scenario of the paper is used.\n"
+        + "`radar-sense COMMAND --help` prints the same. CONFIG is a scenario file. Without CONFIG "
+        "the scenario of the paper is used.\n"
     )
     context = click.Context(cli.cli, info_name="radar-sense")
     for name in cli.cli.list_commands(context):

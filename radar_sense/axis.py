@@ -61,6 +61,12 @@ class Axis:
         return int(np.argmin(abs(self.values - value)))
 
 
+def runs_of(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """Return the first and the last pose of each run of poses in a mask (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]]))).tolist()
+    return [(first, end - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
+
+
 def azimuth(values: FloatArray) -> Axis:
     """Return the axis of azimuth θ_r [deg], for an orbit."""
     return Axis("theta_r_deg", "azimuth", "deg", values, "g", 1e-9)

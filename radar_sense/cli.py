@@ -604,7 +604,7 @@ def _computing_line(name: str) -> Iterator[None]:
             shown = True
             draw(line)
 
-    def hear(what: str, done: int, total: int) -> None:
+    def update(what: str, done: int, total: int) -> None:
         nonlocal line
         text = f"{name}: {done:,} of {total:,} {what}"
         with lock:
@@ -613,7 +613,7 @@ def _computing_line(name: str) -> Iterator[None]:
             else:
                 line = text
 
-    with _delayed(show), listening(hear):
+    with _delayed(show), listening(update):
         try:
             yield
         finally:
@@ -622,7 +622,7 @@ def _computing_line(name: str) -> Iterator[None]:
 
 
 @contextmanager
-def _progress(total: int, what: str = "runs") -> Iterator[Callable[[int], None]]:
+def _progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
     """Show progress on standard error after PATIENCE seconds."""
     started = time.monotonic()
     lock = threading.Lock()

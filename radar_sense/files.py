@@ -66,7 +66,7 @@ class InterruptedAfterWriting(KeyboardInterrupt):
 
 
 def data(table: Mapping[str, FloatArray]) -> tuple[str, bytes]:
-    """Return ending and content of the file of a table: CSV, or NPZ where it has planes."""
+    """Return ending and content of the file of a table: CSV, or NPZ for a table with planes."""
     if any(column.ndim > 1 for column in table.values()):
         return "npz", npz(table)
     return "csv", csv(table)
@@ -175,7 +175,7 @@ def _digest_of_result(record: bytes) -> bytes | None:
 
 
 def replaced_command(old: bytes, new: bytes) -> str | None:
-    """Return the command in an old record if it differs from the command in a new record.
+    """Return the command in an old record; None if the new record has the same command.
 
     Options of the output make no difference.
     """
@@ -251,7 +251,7 @@ def write(folder: Path, contents: Mapping[str, bytes | None], record: str | None
     """Write, replace and remove files of a folder: all of them, or none.
 
     Args:
-        folder: The folder; made if it does not exist.
+        folder: The folder; made if missing.
         contents: Content of each file by its name; None removes the file.
         record: The file that is removed first and renamed last. If the file exists, all files are
             of one run, even after a process was killed.

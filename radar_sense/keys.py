@@ -118,9 +118,8 @@ def declared(cls: Any) -> tuple[Key, ...]:
     return tuple(
         Key(
             f.metadata["key"],
-            f.metadata["help"] or _attribute_help(cls, f.name),
+            _attribute_help(cls, f.name),
             f.metadata["limit"],
-            f.metadata["unit"],
             default=REQUIRED if f.default is MISSING else f.default,
         )
         for f in _fields(cls)

@@ -92,20 +92,17 @@ FORMATS = ("png", "pdf", "svg")
 STYLES = ("one-column", "two-columns", "slides")
 
 
-def parameter(
-    key: str, limit: Limit, meaning: str = "", *, unit: float = 1.0, default: Any = MISSING
-) -> Any:
+def parameter(key: str, limit: Limit, *, default: Any = MISSING) -> Any:
     """Declare a dataclass field that a scenario file sets.
 
+    The docstring of the class has the meaning of the field.
+
     Args:
-        key: Key in the file, with the unit in the name.
-        limit: The numbers allowed, in the unit of the key.
-        meaning: What the number is, for the reference of the scenario file.
-        unit: SI value of 1 in the unit of the key.
+        key: Key in the file, with the SI unit in the name.
+        limit: The numbers allowed.
         default: Value of a missing key. Without a default the key is required.
     """
-    metadata = {"key": key, "limit": limit, "help": meaning, "unit": unit}
-    return field(default=default, metadata=metadata)
+    return field(default=default, metadata={"key": key, "limit": limit})
 
 
 def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
@@ -137,12 +134,19 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
 
 
 def check_parameters(instance: Any) -> None:
-    """Make Python numbers of the fields declared with `parameter`.
+    """Make Python numbers of the fields declared with `parameter`, and check each `section`.
 
     Raises:
-        InputError: If a field is outside the limit.
+        InputError: If a number is outside the limit, or a section is of another class.
     """
     for f in fields(instance):
+        value = getattr(instance, f.name)
         if "limit" in f.metadata:
-            number = check_number(f.name, getattr(instance, f.name), f.metadata["limit"])
+            number = check_number(f.name, value, f.metadata["limit"])
             object.__setattr__(instance, f.name, number)  # the classes are frozen
+        elif "kinds" in f.metadata and value is not None:
+            kinds = f.metadata["kinds"]
+            classes = (kinds,) if isinstance(kinds, type) else tuple(kinds.values())
+            if not isinstance(value, classes):
+                allowed = ", ".join(cls.__name__ for cls in classes)
+                raise InputError(f"{f.name} must be {allowed} or None, got {value!r}")

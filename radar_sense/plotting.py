@@ -26,7 +26,7 @@ from matplotlib.ticker import MaxNLocator as MaxNLocator
 from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
-from radar_sense.axis import Axis
+from radar_sense.axis import Axis, runs_of
 from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
 
@@ -250,18 +250,23 @@ def set_compass(axes: Any, names: Sequence[str], label: str, *, label_angle: flo
     axes.set_ylabel(label, labelpad=points(24))
 
 
-def pose_panels(figure: Figure, count: int, axis: Axis) -> list[Axes]:
-    """Add panels below each other that share the axis of the poses."""
+def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], FloatArray]:
+    """Add panels below each other that share the axis of the poses.
+
+    Returns:
+        The panels, and the coordinates of the poses (n,) in the unit of the figure.
+    """
     axes = panels(figure, count)
     shown = display_unit(axis)
+    coordinates = axis.values / shown.unit
     axes[-1].set_xlabel(shown.label)
     if len(axis) == 1:
-        axes[-1].set_xticks(axis.values / shown.unit)
+        axes[-1].set_xticks(coordinates)
     else:
         axes[-1].xaxis.set_major_locator(MaxNLocator(nbins=7, steps=shown.steps))
     for ax in axes:
         ax.margins(x=0)
-    return axes
+    return axes, coordinates
 
 
 class DisplayUnit(NamedTuple):
@@ -290,22 +295,13 @@ def display_unit(axis: Axis) -> DisplayUnit:
     return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
 
 
-def pose_coordinates(axis: Axis) -> FloatArray:
-    """Return the coordinates of the poses (n,) in the unit of the figure."""
-    return axis.values / display_unit(axis).unit
-
-
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
     """Return the ranges of x where the mask holds, extended half way to the next pose."""
     middles = 0.5 * (x[1:] + x[:-1]) if len(x) > 1 else x
     lefts, rights = np.concatenate([x[:1], middles]), np.concatenate([middles, x[-1:]])
     if len(x) == 1:
         lefts, rights = x - 0.5, x + 0.5
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    return [
-        (float(lefts[a]), float(rights[b - 1]))
-        for a, b in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    return [(float(lefts[first]), float(rights[last])) for first, last in runs_of(mask)]
 
 
 def draw_shade(axes: Axes, mask: NDArray[np.bool_], x: FloatArray, label: str | None) -> None:

@@ -55,7 +55,7 @@ class Path:
     """A path from a route file.
 
     Attributes:
-        file: Name of the file, relative to the working folder if it is inside.
+        file: Name of the file, relative to the working folder if inside.
         sha256: Digest of the file.
         origin: Latitude, longitude [rad] and height [m] of the origin of the frame, or None.
         step_s: Step of the interpolation [s]; None if the rows of the file are the poses.
@@ -78,7 +78,7 @@ class TableFile:
     """An RCS table from a file.
 
     Attributes:
-        file: Name of the file, relative to the working folder if it is inside.
+        file: Name of the file, relative to the working folder if inside.
         sha256: Digest of the file.
         mirror: Whether the file has one half of a symmetric aircraft.
         table: Table made from the file.

@@ -152,7 +152,7 @@ def instance_block(instance: Any) -> Block:
     for key in declared(type(instance)):
         value = getattr(instance, attributes[key.name])
         whole = key.limit is not None and key.limit.whole
-        block[key.name] = int(value) if whole else in_unit(float(value), key.unit)
+        block[key.name] = int(value) if whole else float(value)
     for name, field in declared_sections(type(instance)).items():
         value = getattr(instance, field.name)
         if value is not None:

@@ -6,7 +6,7 @@ import dataclasses
 import html
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -18,15 +18,23 @@ from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, did_you_mean, shorten
-from radar_sense.keys import NAME, RUNS_KEY, SEED_KEY
+from radar_sense.keys import NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import RCS
 from radar_sense.model.trajectory import Route
 from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, size_of
+
+#: The fields that are mappings by level, each with an example.
+_BY_LEVEL = {
+    "cov_radar": "{'medium': (4, 4)}",
+    "tolerances": "{'medium': ((Tolerance, ...),)}",
+    "attenuation_std": "{'medium': (1e-6,)}",
+}
 
 
 class _Network:
@@ -105,10 +113,13 @@ class Scenario:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))
         if self.aircraft.ndim == 1:
             object.__setattr__(self, "aircraft", self.aircraft[np.newaxis])
-        if not isinstance(self.cov_radar, Mapping):
-            raise InputError("cov_radar must be a mapping of levels, {'medium': (4, 4)}")
+        for name, example in _BY_LEVEL.items():
+            if not isinstance(getattr(self, name), Mapping):
+                raise InputError(f"{name} must be a mapping of levels, {example}")
         if not isinstance(self.axis, Axis):
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
+        if not isinstance(self.provenance, Provenance):
+            raise InputError(f"provenance must be a Provenance, got {self.provenance!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
         for name in ("tolerances", "attenuation_std"):
@@ -122,7 +133,10 @@ class Scenario:
             object.__setattr__(self, "level", next(iter(levels), ""))
         self._check_states()
         self._check_covariances()
+        self._check_of_radars()
         self._check_choices()
+        object.__setattr__(self, "runs", int(self.runs))  # 500.0 is a whole number too
+        object.__setattr__(self, "seed", int(self.seed))
 
     def _check_states(self) -> None:
         count, size = len(self.aircraft), len(RADAR) * self._radar_count
@@ -151,6 +165,12 @@ class Scenario:
                 raise InputError(
                     f"{name} must have one value for each of {count} poses, got {np.shape(values)}"
                 )
+        if self.time_s is not None and not (np.diff(self.time_s) > 0).all():
+            raise InputError("time_s must increase from pose to pose")
+        if self.origin is not None and not is_place(self.origin):
+            raise InputError(
+                f"origin must be latitude and longitude [rad] and height [m], got {self.origin!r}"
+            )
 
     def _check_covariances(self) -> None:
         stated = self.provenance.cov_aircraft
@@ -159,7 +179,38 @@ class Scenario:
         if not self.cov_radar:
             raise InputError("cov_radar needs at least one level, {'medium': (4, 4)}")
         for level, matrix in self.cov_radar.items():
+            if not isinstance(level, str):
+                raise InputError(f"levels of cov_radar must be text, got {level!r}")
             _check_covariance(f"cov_radar[{level!r}]", matrix, len(self.radar))
+
+    def _check_of_radars(self) -> None:
+        """Check the names of the radars, and what each radar has by level."""
+        for name in self.model.names:
+            if not re.fullmatch(RADAR_NAME.pattern, name):
+                raise InputError(f"names of radars must be {RADAR_NAME.allowed}, got {name!r}")
+        for name in ("tolerances", "attenuation_std"):
+            for level, of_radars in getattr(self, name).items():
+                if level not in self.cov_radar:
+                    raise InputError(f"{name} has a level {level!r}, missing in cov_radar")
+                if not _is_sequence(of_radars) or len(of_radars) != self._radar_count:
+                    raise InputError(
+                        f"{name}[{level!r}] must be a tuple with an entry for each radar, "
+                        f"{self._radar_count}, got {of_radars!r}"
+                    )
+        for level, by_radar in self.tolerances.items():
+            for tolerances in by_radar:
+                if not _is_sequence(tolerances) or not all(
+                    isinstance(tolerance, Tolerance) for tolerance in tolerances
+                ):
+                    raise InputError(
+                        f"tolerances[{level!r}] must have a tuple of Tolerance for each radar, "
+                        f"got {tolerances!r}"
+                    )
+        for level, stds in self.attenuation_std.items():
+            for std, model in zip(stds, self.model.models, strict=True):
+                check_number(
+                    f"attenuation_std[{level!r}]", std, Limit(at_least=0, at_most=model.attenuation)
+                )
 
     def _check_choices(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
@@ -169,11 +220,6 @@ class Scenario:
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
             check_number("correlation_s", self.correlation_s, NOT_NEGATIVE)
-        for level, of_radars in self.attenuation_std.items():
-            for std, model in zip(of_radars, self.model.models, strict=True):
-                check_number(
-                    f"attenuation_std[{level!r}]", std, Limit(at_least=0, at_most=model.attenuation)
-                )
         check_number("rcs_db", self.rcs_db, STD_DB)
         if self.rcs_db and self._rcs_spread is not None:
             raise InputError(
@@ -529,6 +575,10 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
 def _components(radar: int) -> slice:
     """Return the components of one radar in the states of all radars."""
     return slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
+
+
+def _is_sequence(values: object) -> bool:
+    return isinstance(values, Sequence) and not isinstance(values, str)
 
 
 def _read_only(name: str, values: Any) -> FloatArray:

@@ -41,6 +41,11 @@ WRONG = {
     "a must be a number greater than 0, got -1": lambda: rs.EllipsoidRCS(a=-1, b=1, c=1),
     "b must be a number greater than 0, got 'x'": lambda: rs.EllipsoidRCS(a=1, b="x", c=1),
     "c must be a number greater than 0, got nan": lambda: rs.EllipsoidRCS(a=1, b=1, c=np.nan),
+    "cfar must be CellAveraging, OrderedStatistics or None, got 'os'": lambda: rs.Marcum(cfar="os"),
+    "cfar must be CellAveraging, OrderedStatistics or None, got <class": lambda: rs.Swerling1(
+        cfar=rs.CellAveraging
+    ),
+    "binary must be BinaryIntegration or None, got (2, 3)": lambda: rs.Marcum(binary=(2, 3)),
     "lobes must be a whole number": lambda: rs.SpikeballRCS(lobes=2.5, amplitude=1, floor=1),
     "azimuth must be an array of numbers": lambda: rs.TableRCS("a", [1, 2]),
     "envelope must be a number": lambda: rs.TableRCS(ANGLES, np.ones(36), envelope="1"),
@@ -59,6 +64,28 @@ WRONG = {
     "level must be one of low, medium, high, got 3": lambda: scenario(level=3),
     "name must be a name": lambda: scenario(name=3),
     "axis must be an Axis": lambda: scenario(axis="azimuth"),
+    "provenance must be a Provenance, got 3": lambda: scenario(provenance=3),
+    "time_s must increase from pose to pose": lambda: scenario(time_s=np.zeros(361)),
+    "origin must be latitude and longitude [rad] and height [m], got (1, 2)": lambda: scenario(
+        origin=(1, 2)
+    ),
+    "levels of cov_radar must be text, got 1": lambda: scenario(cov_radar={1: np.eye(4)}),
+    "names of radars must be the name of a radar, up to 40 letters A to Z, digits, '_' or '-', "
+    "got '../x'": lambda: scenario(model=rs.NetworkModel((rs.Radar(MODEL, "../x"),))),
+    "tolerances must be a mapping of levels": lambda: scenario(tolerances=3),
+    "tolerances has a level 'hi', missing in cov_radar": lambda: scenario(tolerances={"hi": ((),)}),
+    "tolerances['low'] must be a tuple with an entry for each radar, 1, got ()": lambda: scenario(
+        tolerances={"low": ()}
+    ),
+    "tolerances['low'] must have a tuple of Tolerance for each radar, got (3,)": lambda: scenario(
+        tolerances={"low": ((3,),)}
+    ),
+    "attenuation_std['low'] must be a tuple with an entry for each radar, 1, got 0.1": lambda: (
+        scenario(attenuation_std={"low": 0.1})
+    ),
+    "attenuation_std['low'] must be a number not less than 0": lambda: scenario(
+        attenuation_std={"low": ("a",)}
+    ),
     "correlation_s must be a number": lambda: scenario(correlation_s="a"),
     "model must be a DetectionModel or": lambda: propagated(model="x"),
     "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),

@@ -63,8 +63,8 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
+    table = result.table
     lines = result.summary["lines"]
     colours: dict[str, str] = {}
     for source, style in zip(lines["sources"], plotting.styles(), strict=False):

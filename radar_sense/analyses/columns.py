@@ -76,13 +76,6 @@ AXIS = quantities(
     }
 )
 P_D = quantity("p_d", "P_D at the nominal states, of all radars together.")
-LINK = quantities(
-    {
-        "range_m": "Slant range to the radar.",
-        "rcs_m2": "Radar cross section towards the radar.",
-        "snr_db": "Signal-to-noise ratio of a single pulse.",
-    }
-)
 BAND = (
     P_D,
     *quantities(
@@ -103,22 +96,3 @@ DRAWS = quantities(
     }
 )
 COVERAGE = quantity("coverage_3sigma", "Share of the draws within the 3-sigma band of the method.")
-PLACES = quantities(
-    {
-        "north_m": "North of the aircraft from the origin, on a path.",
-        "east_m": "East of the aircraft from the origin, on a path.",
-        "down_m": "Down of the aircraft from the origin, on a path.",
-        "latitude_deg": "WGS-84 latitude of the aircraft, on a path with an origin.",
-        "longitude_deg": "WGS-84 longitude of the aircraft, on a path with an origin.",
-        "altitude_m": "Height of the aircraft above the ellipsoid, on a path with an origin.",
-    }
-)
-OF_THRESHOLD = quantities(
-    {
-        "upper_<k>sigma": "With --threshold and --k: upper bound of P_D at <k> sigma.",
-        "margin": "With --threshold: P_MAX minus the upper bound of P_D.",
-        "violated": "With --threshold: 1 where the bound is above P_MAX, else 0.",
-        "not_known": "With --threshold: 1 where the test has no answer, else 0.",
-        "probability_above": "With --threshold: probability that P_D is above P_MAX.",
-    }
-)

@@ -31,8 +31,8 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    (top, bottom), x = plotting.pose_panels(figure, 2, result.scenario.axis)
+    table = result.table
     ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
     plotting.draw_fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
     for method, style in zip(METHODS, plotting.LINES, strict=False):

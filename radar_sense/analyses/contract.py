@@ -215,7 +215,7 @@ class Result:
         A figure of another result under the same name is removed.
 
         Args:
-            folder: Folder of the files; made if it does not exist.
+            folder: Folder of the files; made if missing.
             formats: Formats of the figure: png, pdf, svg; of a map also geojson and kml. ()
                 writes no figure.
             style: Size of the figure: one-column, two-columns, slides.
@@ -290,7 +290,7 @@ class Result:
     def _figures(
         self, formats: Sequence[str], style: str
     ) -> tuple[dict[str, bytes], FigureError | None]:
-        """Return the figure in each format, or the error if it cannot be drawn."""
+        """Return the figure in each format, or the error of a figure that cannot be drawn."""
         if not formats:
             return {}, None
         try:

@@ -244,18 +244,8 @@ def detection_range(
         seen = survey(around)
         ranges = _ranges(seen, values, method)
         for at in ranges:
-            label = f"{at.p_d:g}{ending}"
-            table |= {
-                f"range_m_{label}": at.slant,
-                f"sigma_range_m_{label}": at.std,
-                f"lower_3sigma_m_{label}": at.lower,
-                f"upper_3sigma_m_{label}": at.upper,
-            }
-            after |= {
-                f"sigma_range_m_{label}_from_{source}": std for source, std in at.by_source.items()
-            }
-            after[f"limited_{label}"] = at.reach.limited.astype(float)
-            after[f"edges_{label}"] = at.reach.edges.astype(float)
+            table |= _band_columns(at, ending)
+            after |= _further_columns(at, ending)
         limits = _limits(seen)
         if limits is not None:
             arrays[f"limit_m{ending}"] = limits
@@ -299,6 +289,26 @@ def detection_range(
             *distribution_warnings(scenario, method),
         ),
     )
+
+
+def _band_columns(at: RangeAt, ending: str) -> dict[str, FloatArray]:
+    """Return the columns of the range and its band."""
+    return {
+        f"range_m_{at.p_d:g}{ending}": at.slant,
+        f"sigma_range_m_{at.p_d:g}{ending}": at.std,
+        f"lower_3sigma_m_{at.p_d:g}{ending}": at.lower,
+        f"upper_3sigma_m_{at.p_d:g}{ending}": at.upper,
+    }
+
+
+def _further_columns(at: RangeAt, ending: str) -> dict[str, FloatArray]:
+    """Return the columns of the sources, of the limit of the radar, and of the edges."""
+    label = f"{at.p_d:g}{ending}"
+    return {
+        **{f"sigma_range_m_{label}_from_{source}": std for source, std in at.by_source.items()},
+        f"limited_{label}": at.reach.limited.astype(float),
+        f"edges_{label}": at.reach.edges.astype(float),
+    }
 
 
 def _check_values(scenario: Scenario, values: Sequence[float]) -> None:

@@ -53,7 +53,7 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (top, bottom, slope) = plotting.pose_panels(figure, 3, result.scenario.axis)
+    (top, bottom, slope) = plotting.panels(figure, 3)
     table, chosen = result.table, result.scenario.model.models[0].p_fa
     p_fas = np.unique(table["p_fa"])
     snr_db = table["snr_db"][table["p_fa"] == chosen]

@@ -392,7 +392,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     sampler = Sampler.of(scenario)
     parts, shown = parts_of(scenario), sources_of(scenario)
     cov_radar = scenario.cov_shared
-    # Every input needs a group. ε stands before the errors of attenuations, even of a certain RCS.
+    # Every input needs a group. With attenuations ε is an input, even if the RCS is certain.
     rcs = len(cov_radar) > len(scenario.radar)
     blocks_by_name = sources(
         scenario.model.names, rcs=rcs, attenuation=scenario.attenuation_uncertain

@@ -106,9 +106,9 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    table = result.table
     tracked = "track_p_d" in table
-    (top, *below) = plotting.pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
+    (top, *below), x = plotting.pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
     names = result.scenario.model.names
     line_styles = plotting.styles(plotting.BAND, plotting.LINES[0])
     radars = dict(zip(names if len(names) > 1 else (), line_styles, strict=False))
@@ -372,17 +372,14 @@ def _first_order(
     scenario: Scenario, schedule: Schedule, m_of_n: tuple[int, int] | None, method: str
 ) -> tuple[Cumulative, ...]:
     """Return the probability by each time (K,) of detection, and of a track, to first order."""
-    pose, covariance = schedule.pose, scenario.cov_aircraft
+    at_looks = scenario.at_poses(schedule.pose)
     looks = linearize_looks(
         schedule.model(scenario.model),
-        schedule.time[pose],
-        scenario.aircraft[pose],
+        schedule.time[schedule.pose],
+        at_looks.aircraft,
         scenario.shared,
     )
-    covariances = (
-        covariance if covariance.ndim == 2 else covariance[pose],
-        scenario.cov_shared,
-    )
+    covariances = at_looks.cov_aircraft, scenario.cov_shared
     tau = scenario.correlation_s
     events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]
     if m_of_n is not None:
@@ -407,12 +404,12 @@ def _draw(
     progress: Callable[[int], None] | None,
 ) -> MissionDraws:
     """Draw the mission and return statistics by each time (K,)."""
-    pose, covariance = schedule.pose, scenario.cov_aircraft
+    at_looks = scenario.at_poses(schedule.pose)
     drawn = mission_monte_carlo(
         schedule.model(scenario.model),
-        schedule.time[pose],
-        scenario.aircraft[pose],
-        covariance if covariance.ndim == 2 else covariance[pose],
+        schedule.time[schedule.pose],
+        at_looks.aircraft,
+        at_looks.cov_aircraft,
         Sampler.of(scenario),
         correlation_time=scenario.correlation_s,
         runs=scenario.runs,

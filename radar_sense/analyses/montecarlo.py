@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from radar_sense.analyses.report import (
     table_warnings,
     validity_warnings,
 )
-from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
+from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -41,9 +41,9 @@ def plot(result: Result, figure: Figure) -> None:
         return
     from radar_sense import plotting
 
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    table = result.table
     paths, p_d, label = result.arrays["sample_paths"], table["p_d"], _runs_label(result)
-    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
+    (top, bottom), x = plotting.pose_panels(figure, 2, result.scenario.axis)
     lower, upper = table["lower_3sigma"], table["upper_3sigma"]
     plotting.draw_sample_paths(top, x, paths, label)
     plotting.draw_line(top, x, p_d, ("black", "-"), label=r"nominal $\bar P_D$")
@@ -124,55 +124,7 @@ def montecarlo(
             executor=executor,
             progress=advance,
         )
-    banded = mc.has_band
-    coverage = np.where(banded, mc.coverage, np.inf)
-    pose = int(np.argmin(coverage))  # of the poses with a band
-    overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
-    without = int(np.count_nonzero(~banded))
-    warnings = list(validity_warnings(scenario, mc.band, method, "the draws hold there"))
-    lowest_summary: dict[str, Any] = {
-        "value": float(mc.coverage[pose]),
-        axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
-    }
-    summary: dict[str, Any] = {
-        "runs": mc.runs,
-        "sampler": mc.sampler,
-        "coverage_expected": WITHIN_3_SIGMA,
-        "coverage_overall": overall,
-        "coverage_lowest": lowest_summary,
-        "poses_without_band": without,
-    }
-    lowest = f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}"
-    drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)})"
-    of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
-    covered = (
-        f"{drawn}: {overall:.2%} of the draws lie in the {method} 3-sigma band{of_poses}, "
-        f"{WITHIN_3_SIGMA:.2%} expected"
-    )
-    no_band = f"{without} of {len(axis)} poses have no {method} band and no coverage"
-    if without == len(axis):
-        covered, lowest = f"{drawn}: no coverage", ""
-    if mc.sampler == "random":
-        low, high = mc.coverage_interval()
-        # Bonferroni's correction: 95 % confidence for all poses together.
-        least, most = mc.coverage_interval(1 - 0.05 / len(axis))
-        off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
-        if banded.any():
-            lowest += f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
-        lowest_summary["confidence_95"] = [float(low[pose]), float(high[pose])]
-        summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
-        summary["poses_inconsistent"] = int(np.count_nonzero(off))
-        if off.any():
-            warnings.append(
-                f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
-                f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
-            )
-    warnings += (
-        *distribution_warnings(scenario, method),
-        *clipping_warnings(mc.clipped),
-        *table_warnings(scenario, runs=mc.runs),
-        *rounding_warnings(mc),
-    )
+    coverage = _coverage(scenario, mc, method)
     by_itself = largest_by_radar(scenario, method)
     return Result(
         scenario=scenario,
@@ -185,22 +137,82 @@ def montecarlo(
             **mean_column(mc.band.mean, method),
         },
         summary={
-            **summary,
+            "runs": mc.runs,
+            "sampler": mc.sampler,
+            **coverage.summary,
             "largest_mean_shift": peak(abs(mc.mean - mc.band.p_d), axis),
             "radar_constants_set_to_zero": mc.clipped,
             **radar_summary(by_itself),
         },
         report=(
-            covered,
-            *([lowest] if lowest else []),
-            *([no_band] if without else []),
+            *coverage.report,
             *radar_lines(
                 {name: describe_extreme(top, axis) for name, top in by_itself.items()}, method
             ),
         ),
-        warnings=tuple(warnings),
+        warnings=(
+            *validity_warnings(scenario, mc.band, method, "the draws hold there"),
+            *coverage.warnings,
+            *distribution_warnings(scenario, method),
+            *clipping_warnings(mc.clipped),
+            *table_warnings(scenario, runs=mc.runs),
+            *rounding_warnings(mc),
+        ),
         arrays={"sample_paths": mc.sample_paths},
     )
+
+
+class _Coverage(NamedTuple):
+    """The coverage of the band, for the record, the terminal and the warnings."""
+
+    summary: dict[str, Any]
+    report: list[str]
+    warnings: list[str]
+
+
+def _coverage(scenario: Scenario, mc: MonteCarlo, method: str) -> _Coverage:
+    """Compare the share of the draws in the 3σ band with the expected share."""
+    axis, banded = scenario.axis, mc.has_band
+    without = int(np.count_nonzero(~banded))
+    pose = int(np.argmin(np.where(banded, mc.coverage, np.inf)))
+    overall = float(mc.coverage[banded].mean()) if banded.any() else float("nan")
+    lowest: dict[str, Any] = {
+        "value": float(mc.coverage[pose]),
+        axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
+    }
+    summary: dict[str, Any] = {
+        "coverage_expected": WITHIN_3_SIGMA,
+        "coverage_overall": overall,
+        "coverage_lowest": lowest,
+        "poses_without_band": without,
+    }
+    confidence, warnings = "", []
+    if mc.sampler == "random":
+        low, high = mc.coverage_interval()
+        # Bonferroni's correction: 95 % confidence for all poses together.
+        least, most = mc.coverage_interval(1 - 0.05 / len(axis))
+        off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
+        confidence = f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
+        lowest["confidence_95"] = [float(low[pose]), float(high[pose])]
+        summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
+        summary["poses_inconsistent"] = int(np.count_nonzero(off))
+        if off.any():
+            warnings.append(
+                f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
+                f"{describe_poses(off, axis)} (95 % confidence for all poses together)"
+            )
+    drawn = f"{mc.runs} runs ({scenario.level}, seed {mc.seed}{points_named(mc)})"
+    report = [f"{drawn}: no coverage"]
+    if banded.any():
+        of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
+        report = [
+            f"{drawn}: {overall:.2%} of the draws lie in the {method} 3-sigma band{of_poses}, "
+            f"{WITHIN_3_SIGMA:.2%} expected",
+            f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}{confidence}",
+        ]
+    if without:
+        report.append(f"{without} of {len(axis)} poses have no {method} band and no coverage")
+    return _Coverage(summary, report, warnings)
 
 
 def _fewer_or_more(most: FloatArray, least: FloatArray) -> str:

@@ -300,7 +300,7 @@ def _bound_of_reach(
         near[rows], at_near[rows] = far[rows], at_far[rows]
         far[rows] = np.minimum(far[rows] * factor, limit[rows])
         at_far[rows] = excess(rows, far[rows])
-    reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit where no bracket is left
+    reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit if the bound is high enough there
     unknown = np.isnan(at_near) | np.isnan(at_far)
     rows = np.flatnonzero((at_near >= 0) & (at_far < 0))
     reach[rows] = np.exp(

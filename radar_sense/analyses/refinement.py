@@ -87,7 +87,7 @@ def coordinate(scenario: Scenario) -> FloatArray:
 def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit: float) -> Refined:
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
-    A scenario that `can_refine` excludes is returned as it is.
+    A scenario that `can_refine` excludes is returned unchanged.
 
     Args:
         scenario: The scenario.
@@ -235,7 +235,7 @@ def _halved(
 
 
 def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return moments with the old moments by number in `row`, and new moments at −1."""
+    """Return moments with the old moments by number in `row`, and new moments where `row` is −1."""
     arrays = []
     for field in fields(Moments):
         values, added = getattr(old, field.name), getattr(new, field.name)

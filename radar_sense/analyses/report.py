@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.axis import Axis
+from radar_sense.axis import Axis, runs_of
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import shape_warning
@@ -88,13 +88,12 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
         return ""
     if count == mask.size:
         return f"at all {count} {axis.places}" if count > 1 else f"at {axis.at(0)}"
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
-    if len(edges) > 8:
-        first, last = map(axis.number, axis.values[mask][[0, -1]])
+    spans = [(axis.number(axis.values[a]), axis.number(axis.values[b])) for a, b in runs_of(mask)]
+    if len(spans) > 4:
+        first, last = spans[0][0], spans[-1][1]
         return f"at {count} of {mask.size} {axis.places} between {first} and {last} {axis.unit}"
-    firsts, lasts = (map(axis.number, axis.values[e]) for e in (edges[::2], edges[1::2] - 1))
-    spans = (a if a == b else f"{a} to {b}" for a, b in zip(firsts, lasts, strict=True))
-    return f"at {', '.join(spans)} {axis.unit}"
+    words = (a if a == b else f"{a} to {b}" for a, b in spans)
+    return f"at {', '.join(words)} {axis.unit}"
 
 
 def decibels(ratio: FloatArray) -> FloatArray:
@@ -151,7 +150,7 @@ def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, Fl
 
 
 def level_and_method(level: str, method: str) -> str:
-    """Return the level of radar uncertainty, and the method unless it is the default."""
+    """Return the level of radar uncertainty, and a method other than the default."""
     return level if method == "linear" else f"{level}, {method}"
 
 

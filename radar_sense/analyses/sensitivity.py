@@ -27,8 +27,7 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
-    x = plotting.pose_coordinates(result.scenario.axis)
+    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
     for level, style in zip(result.scenario.cov_radar, plotting.styles(), strict=False):
         plotting.draw_line(axes, x, result.table[f"three_sigma_{level}"], style, label=level)
     axes.set_ylabel(r"$3\,\sigma$ of $P_D$")

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from radar_sense.analyses import refinement
+from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses, distribution_warnings
 from radar_sense.errors import InputError
@@ -38,6 +39,16 @@ from radar_sense.states import FloatArray
 
 #: The default method of a threshold test: `FORM`, and draws where its bound is unreliable.
 AUTOMATIC, FORM = "automatic", "form"
+#: Columns of the test.
+COLUMNS = quantities(
+    {
+        "upper_<k>sigma": "With --threshold and --k: upper bound of P_D at <k> sigma.",
+        "margin": "With --threshold: P_MAX minus the upper bound of P_D.",
+        "violated": "With --threshold: 1 where the bound is above P_MAX, else 0.",
+        "not_known": "With --threshold: 1 where the test has no answer, else 0.",
+        "probability_above": "With --threshold: probability that P_D is above P_MAX.",
+    }
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -389,7 +400,7 @@ def _poses_lines(tested: _Tested) -> list[str]:
         ]
     geometry = scenario.provenance.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:
-        return [f"  tested every {geometry.step_s:g} s, as geometry.interpolate says"]
+        return [f"  tested every {geometry.step_s:g} s, the step of geometry.interpolate"]
     return []
 
 

@@ -33,8 +33,8 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (top, bottom) = plotting.pose_panels(figure, 2, result.scenario.axis)
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    (top, bottom), x = plotting.pose_panels(figure, 2, result.scenario.axis)
+    table = result.table
     for axes in (top, bottom):
         label = f"{result.method} validated" if axes is top else None
         plotting.draw_shade(axes, table["validated"] > 0, x, label=label)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from radar_sense.analyses.columns import AXIS, BAND, LINK, MEAN, OF_THRESHOLD, PLACES, of_radars
+from radar_sense.analyses.columns import AXIS, BAND, MEAN, of_radars, quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
@@ -22,7 +22,13 @@ from radar_sense.analyses.report import (
     radar_summary,
     trough,
 )
-from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold, require_threshold
+from radar_sense.analyses.threshold import (
+    AUTOMATIC,
+    COLUMNS,
+    FORM,
+    check_threshold,
+    require_threshold,
+)
 from radar_sense.errors import InputError
 from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.model.geodesy import geodetic_from_ned
@@ -39,8 +45,8 @@ def plot(result: Result, figure: Figure) -> None:
     """Draw the figure."""
     from radar_sense import plotting
 
-    (axes,) = plotting.pose_panels(figure, 1, result.scenario.axis)
-    table, x = result.table, plotting.pose_coordinates(result.scenario.axis)
+    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
+    table = result.table
     plotting.draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
     names = result.scenario.model.names
     radar_lines = []
@@ -82,14 +88,31 @@ _THRESHOLD = Option(
 _K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="3")
 
 
+_LINK = quantities(
+    {
+        "range_m": "Slant range to the radar.",
+        "rcs_m2": "Radar cross section towards the radar.",
+        "snr_db": "Signal-to-noise ratio of a single pulse.",
+    }
+)
+_PLACES = quantities(
+    {
+        "north_m": "North of the aircraft from the origin, on a path.",
+        "east_m": "East of the aircraft from the origin, on a path.",
+        "down_m": "Down of the aircraft from the origin, on a path.",
+        "latitude_deg": "WGS-84 latitude of the aircraft, on a path with an origin.",
+        "longitude_deg": "WGS-84 longitude of the aircraft, on a path with an origin.",
+        "altitude_m": "Height of the aircraft above the ellipsoid, on a path with an origin.",
+    }
+)
 _TABLE = (
     *AXIS,
-    *LINK,
+    *_LINK,
     *BAND,
     MEAN,
-    *of_radars((*LINK, *BAND)),
-    *OF_THRESHOLD,
-    *PLACES,
+    *of_radars((*_LINK, *BAND)),
+    *COLUMNS,
+    *_PLACES,
 )
 
 
@@ -119,7 +142,7 @@ def variance(
     Args:
         scenario: The scenario.
         method: Method of propagation. "automatic" is linear without a threshold. With a threshold
-            it is form, and draws where form is unreliable.
+            "automatic" is form, and draws where form is unreliable.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
 
@@ -212,7 +235,7 @@ def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
 
 
 def _draw_threshold(axes: Axes, x: FloatArray, result: Result) -> None:
-    """Mark the threshold of path planning, and where the bound is above it."""
+    """Draw the threshold, and shade the poses with a bound above the threshold."""
     from radar_sense import plotting
 
     test = result.summary["threshold"]

@@ -292,9 +292,9 @@ class NetworkModel:
             aircraft: (k, 6).
             radar: (k, 4m); c_r may be negative.
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
-            moved: For states that are s points of each pose, point after point: the points (m, s)
-                where the aircraft, or the radar, is not as at the first point. Each radar is
-                evaluated at these points only. None for all points.
+            moved: Points (m, s) where the aircraft or the radar has moved since the first point.
+                The states are then s points of all poses, one point after the other. Each radar is
+                evaluated at the first point and at these points. None for all points.
         """
         if len(self.radars) == 1 and visible.all():
             return _extrapolated(self.radars[0].model, aircraft, radar)
@@ -395,7 +395,7 @@ class NetworkModel:
 
 
 def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
-    """Return the network of one radar for a detection model; a network as it is."""
+    """Return the network of one radar for a detection model, or a network unchanged."""
     if isinstance(model, NetworkModel):
         return model
     if isinstance(model, DetectionModel):

@@ -142,7 +142,7 @@ def column_name(key: str) -> str:
 
 
 def nested(by_key: Mapping[str, float]) -> dict[str, Any]:
-    """Return values by key with the losses in a mapping of their own, as in a scenario file."""
+    """Return values by key with the losses in an inner mapping, as in a scenario file."""
     losses = {k.removeprefix(_LOSS): v for k, v in by_key.items() if k.startswith(_LOSS)}
     others = {key: value for key, value in by_key.items() if not key.startswith(_LOSS)}
     return {**others, **({LOSSES_KEY: losses} if losses else {})}

@@ -137,7 +137,7 @@ def validate(
 
     Stable means that twice the standard error of mean, standard deviation and interval ends is
     within `fraction` of δ (7.9.4). With a fraction of 1 the draws can be off by more than δ. Clause
-    8.2 therefore asks for a fraction of 1/5 to validate a method, which needs 25 times the draws.
+    8.2 therefore requires a fraction of 1/5 to validate a method, which takes 25 times the draws.
 
     A larger fraction is enough here. Where a distance exceeds δ, but not significantly, the pose is
     neither validated nor refuted, and more batches are drawn. With a smaller fraction a method with

@@ -1,8 +1,8 @@
 """Unit normals for the states of a scenario: random, or from a Sobol' sequence.
 
 A source returns blocks of unit normals. Every run has one vector for the radar, and one vector for
-the aircraft at every pose. A block depends only on the seed and its number. A source
-always returns whole blocks.
+the aircraft at every pose. A block depends only on the seed and its number. A source always returns
+whole blocks.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from radar_sense.states import FloatArray
 
 
 def default_text() -> str:
-    """Return the text of the embedded scenario, the one of the paper."""
+    """Return the text of the embedded scenario, which is the scenario of the paper."""
     return resources.files("radar_sense").joinpath("paper.yaml").read_text(encoding="utf-8")
 
 

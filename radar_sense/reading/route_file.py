@@ -157,7 +157,7 @@ def read_route(
         path: The file.
         origin: As in `load_route`.
         max_gap_s: As in `load_route`.
-        conventions: How the file is to be read, if the file itself does not tell.
+        conventions: Choices that the file does not state, such as the reference of its altitudes.
         sha256: Digest that the file must have; None allows any.
 
     Raises:

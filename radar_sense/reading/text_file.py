@@ -23,7 +23,7 @@ class FileError(InputError):
 
 
 class DigestError(InputError):
-    """A file is not the one that was recorded."""
+    """A file differs from the recorded file."""
 
 
 class TextFile:

@@ -48,7 +48,7 @@ def read_uncertainty(
         sheet: Data sheet of a single radar.
         of_radar: Whether the mapping has the levels of a single radar. With several radars, each
             entry of `radars` has the levels.
-        rcs: The RCS, which may have a standard deviation of its own.
+        rcs: The RCS. With a `spread` the RCS has its standard deviation already.
         attenuation: Attenuation of a single radar [dB/m].
     """
     aircraft, radar = (key.name for key in keys.UNCERTAINTY if key is not keys.CORRELATION)

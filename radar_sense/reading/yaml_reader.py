@@ -209,7 +209,7 @@ class Entry:
         required = [key.name for key in declared(cls) if key.required]
         optional = [key.name for key in declared(cls) if not key.required]
         section = Section(self.mapping([*besides, *required], [*optional, *sections]))
-        arguments = {attributes[key.name]: section.si(key) for key in declared(cls)}
+        arguments = {attributes[key.name]: section.value(key) for key in declared(cls)}
         for name, field in sections.items():
             if name in section:
                 arguments[field.name] = section[name].instance_of(field.metadata["kinds"])
@@ -219,7 +219,7 @@ class Entry:
             raise self.error(str(error)) from error
 
     def instance_of(self, kinds: type | Mapping[str, type]) -> Any:
-        """Read a mapping into a dataclass, or into the one of several that `type` names."""
+        """Read a mapping into a dataclass, which `type` names if there are several."""
         if isinstance(kinds, type):
             return self.instance(kinds)
         entries = self.entries()

@@ -76,7 +76,7 @@ class Report:
         """Write the page.
 
         Args:
-            folder: Folder of the file; made if it does not exist.
+            folder: Folder of the file; made if missing.
             command: The command line, for the record.
 
         Returns:

@@ -37,8 +37,8 @@ class Evidence:
         implausible: Warnings of possible but implausible values in the scenario.
         variance: P_D with its band, and the threshold test if there is one.
         budget: The error budget, and the accuracies that the threshold requires.
-        halved: 3σ of P_D at the pose of the largest 3σ, with half the deviation of one source or
-            one part of a source, by name.
+        halved: 3σ of P_D with half the deviation of one source or part, by name. The pose is the
+            pose of the largest 3σ.
         comparison: All methods against draws, at some of the poses.
         repeated: The same comparison with other draws.
         mission: The mission, or the reason why there is none; None without a path.

@@ -288,7 +288,7 @@ def test_interpolate_overrides(tmp_path):
     result = analyses.variance(s, threshold=0.1)
     assert result.summary["threshold"]["poses_between_rows"] == 0
     assert result.summary["threshold"]["poses"] == len(s.aircraft) == 10
-    assert "  tested every 400 s, as geometry.interpolate says" in result.report
+    assert "  tested every 400 s, the step of geometry.interpolate" in result.report
 
 
 def test_a_bound_that_is_unreliable_does_not_hold():

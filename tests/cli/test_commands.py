@@ -506,7 +506,7 @@ def test_progress_says_how_many_how_fast_and_how_long(standard_error, fake, monk
 
     def half_of_the_runs(progress: Callable) -> None:
         nonlocal now
-        with progress(600) as advance:
+        with progress(600, "runs") as advance:
             now += 10.0
             advance(300)
 
@@ -519,7 +519,7 @@ def test_a_quick_computation_shows_no_progress(standard_error, fake, monkeypatch
     monkeypatch.setattr(threading, "Timer", Never)
 
     def all_runs(progress: Callable) -> None:
-        with progress(600) as advance:
+        with progress(600, "runs") as advance:
             advance(600)
 
     fake(all_runs, has_progress=True)

@@ -21,7 +21,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 #: Draws of each radar in a replicate: a power of two, chosen by the work of all looks of a draw.
-#: The limit is higher for a track, whose distribution has longer tails than the one of detection.
+#: The limit is higher for a track, whose distribution has longer tails than P_c.
 MIN_DRAWS, MAX_DETECTION_DRAWS, MAX_TRACK_DRAWS = 256, 4096, 8192
 DETECTION_WORK, TRACK_WORK = 4e6, 1.5e7
 #: Number of histories at which half of the draws are made. Tracks of many looks have long tails and

@@ -14,7 +14,7 @@ RANKS = TAIL * np.geomspace(1 / 4, 4, 33)
 MIDDLE = len(RANKS) // 2
 #: Halvings of the interval that has a pooled quantile.
 HALVINGS = 40
-#: Up to this number of draws all are sorted. Of more draws only the tails are sorted.
+#: Largest number of draws that are all sorted. With more draws only the tails are sorted.
 SORTED = 1024
 #: The smallest 1/8 is sorted if its weight is enough, else the smallest 1/3, else all.
 PARTS = (8, 3)
