@@ -33,6 +33,24 @@ def shorten(text: str) -> str:
     return repr(text if len(text) <= 40 else text[:37] + "...")
 
 
+def describe(value: object) -> str:
+    """Return a value for an error, at most 40 letters: text in quotes, else as Python writes it."""
+    if isinstance(value, str):
+        return shorten(value)
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
+    """Raise InputError unless a value is one of the allowed words."""
+    words = list(allowed)
+    if not isinstance(value, str) or value not in words:
+        raise InputError(
+            f"{name} must be one of {', '.join(words)}, got {describe(value)}"
+            + did_you_mean(str(value), words)
+        )
+
+
 class ComputationError(RuntimeError):
     """A computation that could not be completed, described in one line with the remedy."""
 

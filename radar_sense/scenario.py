@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean, shorten
+from radar_sense.errors import InputError, check_choice, describe
 from radar_sense.keys import NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -215,7 +215,7 @@ class Scenario:
     def _check_choices(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
             raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
-        self._require_level(self.level)
+        check_choice("level", self.level, self.cov_radar)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
@@ -225,13 +225,6 @@ class Scenario:
             raise InputError(
                 "rcs_db and std_db of the RCS table exclude each other: both are the uncertainty "
                 "of the RCS"
-            )
-
-    def _require_level(self, level: str) -> None:
-        if level not in self.cov_radar:
-            raise InputError(
-                f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
-                + did_you_mean(str(level), self.cov_radar)
             )
 
     def __repr__(self) -> str:
@@ -338,7 +331,23 @@ class Scenario:
         return self.axis.values
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
-        """Return the scenario with only some poses."""
+        """Return the scenario with only some poses.
+
+        Raises:
+            InputError: If the poses are none of the scenario, or out of the order of a path.
+        """
+        try:
+            times = np.arange(len(self.axis)) if self.time_s is None else self.time_s
+            chosen = times[poses]
+        except (IndexError, TypeError, ValueError) as error:
+            raise InputError(
+                f"poses must be a slice or an array of numbers of the {len(self.axis)} poses, "
+                f"got {describe(poses)}"
+            ) from error
+        if chosen.ndim != 1 or not len(chosen):
+            raise InputError(f"poses must select one pose or more, got {describe(poses)}")
+        if self.time_s is not None and not (np.diff(chosen) >= 0).all():
+            raise InputError(f"poses of a path must stay in order, got {describe(poses)}")
         return self._with(
             axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
@@ -515,7 +524,7 @@ def check_scenario(scenario: object) -> None:
     """Raise InputError unless the argument is a scenario."""
     if not isinstance(scenario, Scenario):
         raise InputError(
-            f"scenario must be a Scenario, as load_scenario returns, got {shorten(str(scenario))}"
+            f"scenario must be a Scenario, as load_scenario returns, got {describe(scenario)}"
         )
 
 
@@ -558,12 +567,10 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     names = scenario.model.names
     if not names:
         raise InputError(
-            f"radar {name!r} cannot be chosen: this scenario has a single radar, not a network"
+            f"radar {describe(name)} cannot be chosen: this scenario has a single radar, "
+            "not a network"
         )
-    if name not in names:
-        raise InputError(
-            f"radar must be one of {', '.join(names)}, got {name!r}" + did_you_mean(name, names)
-        )
+    check_choice("radar", name, names)
     stem = f"{scenario.name}_{name}"
     if len(stem) > MAX_NAME:
         raise InputError(

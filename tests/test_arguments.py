@@ -1,6 +1,7 @@
 """Wrong arguments in Python raise an error of one line with the name of the argument, at once."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import radar_sense as rs
 
 PAPER = rs.load_scenario()
 MODEL = PAPER.model.models[0]
+PATH = rs.load_scenario(Path(__file__).parents[1] / "configs/path.yaml")
 ANGLES = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 
 
@@ -92,8 +94,25 @@ WRONG = {
     "method must be one of linear, probit, form": lambda: propagated(method="forms"),
     "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
     "scenario must be a Scenario, as load_scenario returns, got 'x'": lambda: rs.monte_carlo("x"),
-    "scenario must be a Scenario, as load_scenario returns, got '3'": lambda: rs.variance(3),
+    "scenario must be a Scenario, as load_scenario returns, got 3": lambda: rs.variance(3),
     "seed must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, seed=1.5),
+    "poses must select one pose or more, got slice(0, 0, None)": lambda: PAPER.at_poses(
+        slice(0, 0)
+    ),
+    "poses must be a slice or an array of numbers of the 361 poses": lambda: PAPER.at_poses(
+        np.array([361])
+    ),
+    "poses of a path must stay in order": lambda: PATH.at_poses(slice(None, None, -1)),
+    "text must be YAML as text, got {}": lambda: rs.parse_scenario({}),
+    "path must be text or a Path, got 3": lambda: rs.load_scenario(3),
+    "path must be text or a Path, got 4": lambda: rs.load_route(4),
+    "path must be text or a Path, got 5": lambda: rs.load_rcs_table(5),
+    "max_gap_s must be a number greater than 0, got 'a'": lambda: rs.load_route("a", max_gap_s="a"),
+    "altitude_above must be one of ellipsoid, sea, pressure, got 'see'; did you mean 'sea'?": (
+        lambda: rs.load_route("a", altitude_above="see")
+    ),
+    "speed_m_s must be a number": lambda: rs.load_route("a", speed_m_s="a"),
+    "icao24 must be 6 digits 0 to 9 and a to f, got 3": lambda: rs.load_route("a", icao24=3),
 }
 
 

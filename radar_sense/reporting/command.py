@@ -16,6 +16,7 @@ from radar_sense.analyses.contract import (
     Written,
     silent,
 )
+from radar_sense.analyses.threshold import AUTOMATIC
 from radar_sense.analyses.variance import variance
 from radar_sense.reporting.evidence import Evidence, gather
 from radar_sense.reporting.page import page
@@ -114,7 +115,7 @@ class Gathering(Command):
 def _report(
     scenario: Scenario,
     *,
-    method: str | None = None,
+    method: str = AUTOMATIC,
     threshold: float | None = None,
     k: float | None = None,
     workers: int = 1,
@@ -130,14 +131,14 @@ def _report(
 
     Args:
         scenario: The scenario.
-        method: Method of propagation; None for the default methods of `variance` and `budget`.
+        method: Method of propagation. "automatic" is as in `variance` and `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
         workers: Threads to compute with; the page does not depend on their number.
         progress: Shows the analyses that are done.
 
     Raises:
-        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
+        InputError: If an option is not allowed, or k is given alone.
     """
     evidence = gather(
         scenario, method=method, threshold=threshold, k=k, workers=workers, progress=progress

@@ -5,22 +5,27 @@ everywhere.
 import dataclasses
 import json
 import sys
-from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from helpers import document, few_draws, lay_out, scenario, small_batches, without_pixels
+from helpers import (
+    document,
+    few_draws,
+    lay_out,
+    no_physics,
+    scenario,
+    small_batches,
+    without_pixels,
+)
 
 import radar_sense as rs
 from radar_sense import cli as command_line
 from radar_sense.analyses.contract import OPTIONS, Analysis, Option, Result, analysis
 from radar_sense.limits import POSITIVE, parameter
-from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, North
-from radar_sense.model.network import NetworkModel
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS, Method
 from radar_sense.propagation.linear import linear
@@ -51,20 +56,6 @@ def inputs(name: str):
     yield network.at_poses(slice(0, None, 120))
 
 
-@contextmanager
-def no_physics():
-    """Let every model fail: a figure, a table and a record are made from the result alone."""
-
-    def forbidden(*args, **options):
-        pytest.fail("the model is evaluated after the analysis")
-
-    with pytest.MonkeyPatch.context() as patch:
-        for cls in (DetectionModel, NetworkModel):
-            for name in ("p_d", "snr", "linearize", "linearize_probit"):
-                patch.setattr(cls, name, forbidden)
-        yield
-
-
 @pytest.mark.parametrize("name", ALL)
 def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     # Pixels of each figure are drawn by the tests of the command line.
@@ -83,7 +74,7 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         assert all(isinstance(line, str) and line.isascii() and "\n" not in line for line in lines)
         assert len(repr(result)) < 400
         assert "<pre>" in result._repr_html_()
-        with no_physics():
+        with no_physics():  # a figure, a table and a record are made from the result alone
             table, figure, record = result.save(tmp_path, ["png"])
         assert table.stem == figure.stem == record.stem == f"{s.name}_{name}"
         written = json.loads(record.read_text(encoding="utf-8"))
