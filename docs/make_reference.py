@@ -21,7 +21,7 @@ import yaml
 
 import radar_sense
 from radar_sense import cli, keys, schema
-from radar_sense.analyses.contract import Analysis, Command
+from radar_sense.analyses.contract import Analysis
 from radar_sense.keys import Key
 from radar_sense.model.radar_equation import RADARS
 
@@ -338,8 +338,7 @@ def python_page() -> str:
 
 
 def _documented(name: str, value: Any) -> str:
-    function = value.run if isinstance(value, Command) else value
-    text = f"```python\n{_signature(name, function)}\n```\n\n{_markdown(inspect.getdoc(function))}"
+    text = f"```python\n{_signature(name, value)}\n```\n\n{_markdown(inspect.getdoc(value))}"
     lines = [
         f"- `{_signature(member, attribute, width=1000)}`: {summary}\n"
         for member, attribute, summary in (_members(value) if inspect.isclass(value) else ())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class InputError(ValueError):
@@ -39,6 +39,12 @@ def describe(value: object) -> str:
         return shorten(value)
     text = " ".join(repr(value).split())
     return text if len(text) <= 40 else text[:37] + "..."
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first six names, and the number of the others."""
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return ", ".join(names[:6]) + more
 
 
 def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:

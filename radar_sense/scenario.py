@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, check_choice, describe
+from radar_sense.errors import InputError, check_choice, describe, listed
 from radar_sense.keys import NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -230,7 +230,7 @@ class Scenario:
     def __repr__(self) -> str:
         return (
             f"<Scenario {self.name!r}: {len(self.aircraft)} poses by {self.axis.name}, "
-            f"{self._radars_in_words}, level {self.level} of {', '.join(self.cov_radar)}, "
+            f"{self.model.in_words}, level {self.level} of {listed(list(self.cov_radar))}, "
             f"{self.runs} runs, seed {self.seed}>"
         )
 
@@ -238,7 +238,7 @@ class Scenario:
         rows = {
             "poses": f"{len(self.aircraft)}, {self.axis.name} {self.axis.at(0)} "
             f"to {self.axis.at(-1)}",
-            "radars": self._radars_in_words,
+            "radars": self.model.in_words,
             "c<sub>r</sub> [J m²/K]": ", ".join(f"{c:g}" for c in self.radar[CONSTANTS]),
             "levels": ", ".join(self.cov_radar),
             "level": self.level,
@@ -308,12 +308,6 @@ class Scenario:
     @property
     def _radar_count(self) -> int:
         return len(self.model.radars)
-
-    @property
-    def _radars_in_words(self) -> str:
-        count = self._radar_count
-        names = f" ({', '.join(self.model.names)})" if self.model.names else ""
-        return f"{count} radar{'s' if count > 1 else ''}{names}"
 
     @property
     def tolerances_at_level(self) -> tuple[tuple[Tolerance, ...], ...]:

@@ -10,7 +10,8 @@ import radar_sense as rs
 
 PAPER = rs.load_scenario()
 MODEL = PAPER.model.models[0]
-PATH = rs.load_scenario(Path(__file__).parents[1] / "configs/path.yaml")
+CONFIGS = Path(__file__).parents[1] / "configs"
+PATH = rs.load_scenario(CONFIGS / "path.yaml")
 ANGLES = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 
 
@@ -143,8 +144,25 @@ def test_numbers_in_arrays_without_axes_are_numbers():
 
 def test_objects_with_arrays_have_a_short_repr():
     table = rs.TableRCS(ANGLES, np.ones(36))
-    moments = propagated()
     lin = MODEL.linearize(PAPER.aircraft, PAPER.radar)
-    for instance in (table, moments, lin, PAPER, PAPER.axis, PAPER.provenance, PAPER.model):
+    for instance in (table, propagated(), lin):
         assert len(repr(instance)) < 400
         assert "array" not in repr(instance)
+
+
+@pytest.mark.parametrize("config", ["paper", "network", "corridor", "airport_surveillance"])
+def test_a_scenario_and_its_parts_have_short_reprs_with_the_names_of_radars(config):
+    s = rs.load_scenario(CONFIGS / f"{config}.yaml")
+    for instance in (s, s.model, s.model.radars[0], s.axis, s.provenance):
+        assert len(repr(instance)) < 400
+        assert "array" not in repr(instance)
+    for instance in (s, s.model, s.provenance):
+        assert len(repr(instance)) < 200
+        assert all(name in repr(instance) for name in s.model.names)
+    assert f"{len(s.model.radars)} radar" in repr(s.model)
+
+
+def test_the_repr_of_many_radars_names_some():
+    many = rs.NetworkModel(tuple(rs.Radar(MODEL, f"r{i}".ljust(40, "x")) for i in range(64)))
+    assert "r0x" in repr(many)
+    assert len(repr(many)) < 400

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from radar_sense import files
 from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.plausibility import plausibility_warnings
-from radar_sense.errors import InputError, check_choice, describe, did_you_mean
+from radar_sense.errors import InputError, check_choice, describe, did_you_mean, listed
 from radar_sense.limits import (
     FORMATS,
     MAP_KM,
@@ -350,11 +350,9 @@ class Result:
 
     def __repr__(self) -> str:
         rows = max((len(column) for column in self.table.values()), default=0)
-        names = list(self.table)
-        more = f" and {len(names) - 6} more" if len(names) > 6 else ""
         return (
             f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
-            f"{', '.join(names[:6])}{more}; .report, .warnings, .table, .plot(), .save(folder)>"
+            f"{listed(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
         )
 
     def _repr_html_(self) -> str:
@@ -411,13 +409,22 @@ class Command:
     endings: ClassVar[tuple[str, ...]]
     has_figures: ClassVar[bool]
 
+    def __post_init__(self) -> None:
+        # For `help`, `inspect.signature` and the `?` of IPython, as `functools.wraps` does.
+        vars(self).update(
+            __name__=self.run.__name__.lstrip("_"),
+            __module__=self.run.__module__,
+            __wrapped__=self.run,
+            __signature__=self._signature(),
+            __doc__=self._doc(),
+        )
+
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
         """Return the result of the command.
 
         Args:
             scenario: The scenario.
             options: Options of the command. `level`, `radar`, `runs` and `seed` are always allowed.
-                `workers`, `executor` and `progress` are allowed if the command has them.
 
         Raises:
             InputError: If the scenario is no `Scenario`, or an option is not allowed.
@@ -426,6 +433,35 @@ class Command:
         check_scenario(scenario)
         of_run = self._of_run(options)
         return self.run(self.selected(scenario, **options), **of_run)
+
+    @property
+    def _shared(self) -> tuple[Option, ...]:
+        """The options that select from the scenario."""
+        return tuple(OPTIONS[name] for name in _OF_SCENARIO if name not in self.keywords)
+
+    def _signature(self) -> inspect.Signature:
+        """Return the signature with the options that select from the scenario."""
+        signature = inspect.signature(self.run)
+        shared = [
+            inspect.Parameter(
+                option.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=None,
+                annotation="str | None" if option.limit is None else "int | None",
+            )
+            for option in self._shared
+        ]
+        return signature.replace(parameters=[*signature.parameters.values(), *shared])
+
+    def _doc(self) -> str:
+        """Return the docstring with the options that select from the scenario."""
+        doc = inspect.getdoc(self.run) or ""
+        if "\nArgs:\n" not in doc:
+            doc = f"{doc}\n\nArgs:\n    scenario: The scenario."
+        before, _, args = doc.partition("\nArgs:\n")
+        args, *others = args.split("\n\n", 1)
+        lines = (f"    {o.name}: {o.help} By default as in the scenario." for o in self._shared)
+        return "\n\n".join(["\n".join([f"{before}\nArgs:", args, *lines]), *others])
 
     def _of_run(self, options: Mapping[str, Any]) -> dict[str, Any]:
         """Return the options of the function that computes the result, checked.
