@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from radar_sense import files
 from radar_sense.analyses.contract import (
@@ -110,6 +110,11 @@ class Gathering(Command):
 
     endings: ClassVar[tuple[str, ...]] = ("html",)
     has_figures: ClassVar[bool] = False
+
+    def __call__(self, scenario: Scenario, **options: Any) -> Report:
+        """Return the report, as `Command.__call__` does."""
+        made: Report = super().__call__(scenario, **options)
+        return made
 
 
 def _report(
