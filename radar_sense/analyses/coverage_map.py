@@ -208,7 +208,7 @@ def coverage_map(
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
-    --upper adds upper_3sigma, and --worst-heading adds worst_heading_deg. An origin of the scenario
+    The upper bound adds upper_3sigma, and the worst heading adds worst_heading_deg. An origin
     adds latitude_deg and longitude_deg. The figure shows the route in the same colours, by P_D at
     the attitude of each pose. With an origin the map can be GeoJSON or KML too. These files have
     the contours of P_D and of the bound, the radars, and the route with P_D of each leg.

@@ -137,7 +137,7 @@ def variance(
 ) -> Result:
     """Standard deviation of P_D along the geometry.
 
-    --threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
+    A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
     code 3 means that the test is violated or not known.
 
     Args:

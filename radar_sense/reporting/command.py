@@ -129,7 +129,7 @@ def _report(
     """One HTML page: the questions about a scenario, and the answers.
 
     The page has P_D with its band, the error budget, and a comparison of the methods. The mission
-    along a path, a map, all warnings, and the scenario follow. With --threshold the page has the
+    along a path, a map, all warnings, and the scenario follow. With a threshold the page has the
     threshold test too. Exit code 3 means that the test is violated or not known. The page needs no
     network and no script. There is no JSON record: the page has the command, the versions, the seed
     and the scenario.
