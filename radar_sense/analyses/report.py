@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -39,7 +40,7 @@ def reached(values: FloatArray) -> NDArray[np.bool_]:
     Mirrored poses have equal values that differ by rounding. All of them are marked.
     """
     top = np.nanmax(values, initial=-np.inf)
-    return np.greater_equal(values, top - 1e-9 * abs(top))
+    return np.greater_equal(values, top * (1.0 - math.copysign(1e-9, top)))
 
 
 def peak(values: FloatArray, axis: Axis) -> dict[str, Any]:

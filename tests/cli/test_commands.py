@@ -594,7 +594,6 @@ def test_control_characters_do_not_reach_the_terminal(tool):
     for args in (
         ["check", name],
         ["check", "no" + name],
-        ["init", "new" + name],
         ["check", "one.yaml", escape],
         ["check", f"--{escape}"],
         [escape],
@@ -603,6 +602,10 @@ def test_control_characters_do_not_reach_the_terminal(tool):
         _, out, err = tool(*args)
         assert "\x1b" not in out + err
         assert "\\x1b[31m" in out + err, args
+    assert tool("init", "new" + name).out == (
+        "newa\\x1b[31m\\nb.yaml written, with radar_sense.schema.json\n"
+        "next: radar-sense check newa\\x1b[31m\\nb.yaml\n"
+    )
     record = Path(escape, "paper_variance.json")
     content = json.loads(record.read_text())
     record.write_text(json.dumps({**content, "command": ["radar-sense", "variance", escape]}))
