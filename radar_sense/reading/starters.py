@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 
 from radar_sense import schema
-from radar_sense.reading.parse import default_text
+from radar_sense.reading import parse
 
 #: The route of the starter, as its scenario names it.
 _ROUTE = "route.csv"
@@ -21,7 +21,7 @@ def starter_text(kind: str) -> str:
     Args:
         kind: "network", "route", "data_sheet", or "" for the scenario of the paper.
     """
-    return _template(f"{kind}.yaml") if kind else default_text()
+    return _template(f"{kind}.yaml") if kind else parse.default_text()
 
 
 def starter_files(kind: str, file: Path) -> dict[str, bytes]:
