@@ -339,12 +339,11 @@ def _warnings(
         outside = 0
         for block in blocks_of(cells):
             aircraft = states_in(cells, block, pose, scenario.origin)
-            outside += int(
-                max(
-                    np.count_nonzero(rcs.uncovered(body_vector(aircraft, radar)))
-                    for radar in scenario.radar.reshape(-1, len(RADAR))
-                )
-            )
+            uncovered = [
+                rcs.uncovered(body_vector(aircraft, radar))
+                for radar in scenario.radar.reshape(-1, len(RADAR))
+            ]
+            outside += int(np.count_nonzero(np.any(uncovered, axis=0)))
         if outside:
             lines.append(
                 f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "

@@ -1,6 +1,7 @@
 """The analyses: agreement of their tables, and their warnings."""
 
 import dataclasses
+import math
 import re
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from radar_sense import analyses
 from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.analyses.report import describe_poses as where
 from radar_sense.axis import azimuth
+from radar_sense.montecarlo import adaptive
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import linear
 from radar_sense.reading.parse import load_scenario
@@ -161,6 +163,18 @@ def test_compare_lays_all_methods_beside_the_draws():
         for column in ("sigma_pd", "lower_3sigma", "upper_3sigma", "mean_pd"):
             expected = table["p_d" if (column, method) == ("mean_pd", "linear") else column]
             np.testing.assert_array_equal(result.table[f"{column}_{method}"], expected)
+        table, found = result.table, result.summary["largest_difference"][method]
+        off = {
+            name: abs(table[f"{column}_{method}"] - table[drawn])
+            for name, column, drawn in (
+                ("mean", "mean_pd", "mc_mean"), ("sigma", "sigma_pd", "mc_std"),
+                ("bounds", "lower_3sigma", "mc_lower"), ("other", "upper_3sigma", "mc_upper"),
+            )
+        }  # fmt: skip
+        off["bounds"] = np.maximum(off["bounds"], off.pop("other"))
+        assert {name: extreme["value"] for name, extreme in found.items()} == {
+            name: values.max() for name, values in off.items()
+        }
     worst = {m: w["bounds"]["value"] for m, w in result.summary["largest_difference"].items()}
     # 0.035, 0.0044 and 0.00006 without the noise of the draws, some 0.01 at the worst pose
     assert worst["linear"] > 0.03
@@ -240,6 +254,41 @@ def test_validate_names_the_pose_with_the_largest_error_per_tolerance():
     report = analyses.validate(s, digits=1).report
     (worst,) = [line for line in report if "worst: bound off by" in line]
     assert re.fullmatch(r"  worst: bound off by \S+ at 90 deg \(tolerance \S+\)", worst)
+
+
+def test_refuted_undecided_and_poses_without_a_result_are_told_apart(monkeypatch):
+    """The poses are validated, refuted, undecided, without a result, and wrong where δ is 0."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 40, "step": 10})
+    verdict = adaptive.validate_method(s, digits=1)
+
+    def validate(*args, **options):
+        nan = np.where(np.arange(5) == 3, np.nan, 0.0)
+        refuted = np.array([0, 1, 0, 1, 1], dtype=bool)
+        return dataclasses.replace(
+            verdict,
+            moments=dataclasses.replace(verdict.moments, upper=verdict.moments.upper + nan),
+            delta=np.array([0.1, 0.1, 0.1, 0.1, 0.0]),
+            distance_lower=np.array([0.1, 0.2, 0.3, 0.0, 0.01]) + nan,
+            distance_upper=np.array([0.0, 0.4, 0.2, 0.0, 0.0]) + nan,
+            refuted=refuted,
+            validated=np.array([1, 0, 0, 0, 0], dtype=bool),
+        )
+
+    monkeypatch.setattr(adaptive, "validate_method", validate)
+    result = analyses.validate(s, digits=1)
+    assert result.report[:6] == (
+        "linear 3-sigma interval (medium), 1 significant digit: NOT validated",
+        "  validated at 1 of 5 poses",
+        "  no result at 30 deg",
+        "  refuted at 10, 40 deg",
+        "  undecided at 20 deg: the draws did not become stable",
+        "  worst: bound off by 0.01 at 40 deg (tolerance 0)",
+    )
+    assert analyses.validate(s, digits=2).report[0].split(": ")[0].endswith("2 significant digits")
+    summary = result.summary
+    assert (summary["poses_validated"], summary["poses_refuted"]) == (1, 3)
+    assert summary["poses_undecided"] == 1
+    assert summary["largest_distance_by_delta"]["value"] == math.inf
 
 
 def test_poses_without_a_band_have_no_coverage():

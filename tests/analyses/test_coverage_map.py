@@ -313,6 +313,53 @@ def test_summary_and_report():
     assert set(result.table) == {"north_m", "east_m", "p_d"}
 
 
+def test_areas_are_of_cells_at_or_above_each_level():
+    s = scenario()
+    first = coverage_map(s, **SMALL)
+    p_d = first.table["p_d"]
+    own = float(p_d[3, 4])  # the cell is at this level, not above
+    result = coverage_map(s, **SMALL, p_d=[0.9, own, 0.1, 0.9])
+    levels = sorted([0.1, 0.9, own])
+    assert result.summary["contours"] == levels
+    cells = [sum(value >= level for value in p_d.ravel().tolist()) for level in levels]
+    assert result.summary["area_km2_at_or_above"] == {
+        f"{level:g}": 50 * 50 * count for level, count in zip(levels, cells, strict=True)
+    }
+    assert result.report[1:4] == tuple(
+        f"  {level:g} or more in {100 * count / p_d.size:.1f} % of the area, "
+        f"{2500 * count:.4g} km^2"
+        for level, count in zip(levels, cells, strict=True)
+    )
+
+
+def test_cells_beyond_the_table_of_the_rcs_are_counted(tmp_path):
+    """A cell counts once, whichever of the radars the aircraft sees beyond the table."""
+    (tmp_path / "rcs.csv").write_text(
+        "azimuth_deg,elevation_deg,rcs_m2\n"
+        + "".join(f"{a},-30,1\n{a},30,1\n" for a in (0, 90, 180, 270))
+    )
+    given = document(geometry__down_km=-20)
+    given["aircraft"]["rcs"] = {"model": "table", "file": str(tmp_path / "rcs.csv")}
+    one = {**given.pop("radar"), "uncertainty": given["uncertainty"].pop("radar")}
+    given["radars"] = [
+        {"name": name, **one, "position_m": [north, 0, 0]}
+        for name, north in (("south", -100e3), ("north", 100e3))
+    ]
+    result = coverage_map(
+        rs.parse_scenario(json.dumps(given)), north_km=(-200, 200), east_km=(-105, 105), step_km=10
+    )
+    count = 0
+    for north in result.table["north_m"].tolist():
+        for east in result.table["east_m"].tolist():
+            below = [
+                math.hypot(north - r, east) * math.tan(math.pi / 6) < 20e3 for r in (-1e5, 1e5)
+            ]
+            count += any(below)
+    assert f"in {count} of {result.table['p_d'].size} cells the aircraft sees a radar" in str(
+        result.warnings
+    )
+
+
 def test_a_map_warns_of_bounds_above_one_and_of_unreliable_bounds():
     s = scenario().with_analysis(level="high")
     linear = coverage_map(s, **SMALL, upper=True)

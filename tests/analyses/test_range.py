@@ -1,5 +1,6 @@
 """Detection range and its band, against formulas and against draws of plain loops."""
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -12,7 +13,10 @@ from helpers import document, scenario
 import radar_sense as rs
 from radar_sense.analyses.detection_range import detection_range
 from radar_sense.analyses.rays import FARTHEST, rays, survey
+from radar_sense.analyses.report import describe_poses
+from radar_sense.axis import Axis
 from radar_sense.model.horizon import horizon_range
+from radar_sense.propagation import nonlinear_in_scenario
 from radar_sense.reading.parse import parse_scenario
 
 SPHERE = {"model": "constant", "rcs_m2": 0.09}
@@ -126,7 +130,90 @@ def test_no_range_and_the_end_of_the_search_are_reported():
     assert any("at no range" in line for line in weak.report)
     strong = detection_range(scenario(radar__constant=1e12), p_d=0.9, **QUICK)
     assert column(strong, "range_m_0.9") == pytest.approx(FARTHEST, rel=1e-3)
-    assert any("end of the search" in line for line in strong.report)
+    assert strong.report[2:] == (
+        "  P_D 0.9: sigma has no value at all 4 bearings",
+        "  P_D 0.9: still higher at 5000 km, the end of the search",
+    )
+
+
+def test_the_report_of_ranges_that_are_passed_several_times():
+    """Between the lobes there is no range; high above, P_D first rises along a ray."""
+    rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
+    s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
+    result = detection_range(s, p_d=0.6, down_km=-100, course_deg=-90, step_deg=22.5)
+    found = result.table["range_m_0.6"]
+    assert np.flatnonzero(found == 0).tolist() == [0, 8]
+    assert (result.table["edges_0.6"][found > 0] == 2).all()
+    assert result.summary["title"] == "100 km above the origin, heading 270 deg"
+    first, of_range, none, several = result.report
+    assert f"{result.summary['title']} (medium)" in first
+    assert none == "  P_D 0.6: at no range at 0, 180 deg; sigma has no value"
+    assert several == (
+        "  P_D 0.6: passed several times, at up to 2 ranges, "
+        "at 22.5 to 157.5, 202.5 to 337.5 deg; the farthest is given"
+    )
+    # shares are means over the bearings with a range; shares below 0.5 % are not in the report
+    variance = {
+        source: result.table[f"sigma_range_m_0.6_from_{source}"][found > 0] ** 2
+        for source in ("radar_constant", "aircraft_orientation")
+    }
+    total = result.table["sigma_range_m_0.6"][found > 0] ** 2
+    share = {source: np.mean(values / total) for source, values in variance.items()}
+    for source, value in share.items():
+        assert result.summary["range_m"]["radar"]["0.6"]["share"][source] == pytest.approx(value)
+    names = " and ".join(
+        f"{source} {share[source]:.0%}" for source in sorted(share, key=share.get, reverse=True)
+    )
+    assert of_range.endswith(f"; from {names}")
+
+
+def test_a_small_share_is_in_the_report():
+    report = detection_range(scenario().with_analysis(level="high"), p_d=0.9, **QUICK).report
+    assert report[1].endswith("; from radar_constant 98% and radar_position 2%")
+
+
+def test_the_deviation_is_of_the_gauss_hermite_rule():
+    """With a constant RCS the range is as the fourth root of c_r, here σ = 0.3 c_r."""
+    certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
+    certain["radar"] = {"medium": {"position_m": 0, "constant": 50.1}}
+    s = scenario(uncertainty=certain, aircraft__rcs=SPHERE)
+    result = detection_range(s, method="form", **QUICK)
+    nodes, weights = np.polynomial.hermite_e.hermegauss(3)
+    ranges = column(result, "range_m_0.5")[0] * (1 + 0.3 * nodes) ** 0.25
+    mean = np.average(ranges, weights=weights)
+    std = math.sqrt(np.average((ranges - mean) ** 2, weights=weights))
+    assert column(result, "sigma_range_m_0.5") == pytest.approx(std, rel=1e-4)
+
+
+def test_a_band_is_unreliable_where_one_of_its_ends_is():
+    s = scenario().with_analysis(level="high")
+    result = detection_range(s, p_d=0.5, method="probit", step_deg=20.0)
+    angle = np.deg2rad(result.table["bearing_deg"])
+    of_ends = []
+    for end in ("lower", "upper"):
+        slant = column(result, f"{end}_3sigma_m_0.5")
+        pose = s.aircraft[0]
+        distance = np.sqrt(slant**2 - pose[2] ** 2)
+        states = np.tile(pose, (len(angle), 1))
+        states[:, 0], states[:, 1] = distance * np.cos(angle), distance * np.sin(angle)
+        of_ends.append(nonlinear_in_scenario(s.at_states(states), method="probit"))
+    lower, upper = of_ends
+    assert (lower & ~upper).any()
+    place = describe_poses(
+        lower | upper,
+        Axis("bearing_deg", "bearing", "deg", result.table["bearing_deg"], "g", 1e-9, "bearings"),
+    )
+    assert result.warnings == (
+        f"the probit band of the range is unreliable {place}: use --method form",
+    )
+
+
+def test_the_remedy_for_an_unreliable_form_band_is_monte_carlo():
+    rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
+    s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
+    (warning,) = detection_range(s, method="form", step_deg=45.0).warnings
+    assert warning.startswith("the form band of the range is unreliable at ")
+    assert warning.endswith(": compare with `radar-sense montecarlo` at poses of this range")
 
 
 def test_bearings_are_no_poses_and_rounding_is_zero():
@@ -177,6 +264,15 @@ def test_the_origin_of_the_frame_does_not_matter():
     one, other = ranges(-150.0), ranges(-130.0)
     assert one["range_m_0.5"] == pytest.approx(other["range_m_0.5"], rel=1e-7)
     assert np.ptp(one["range_m_0.5"]) > 1e3
+
+
+def test_p_d_is_above_p_fa_of_every_radar():
+    s = rs.load_scenario("configs/network.yaml")
+    first, *others = s.model.radars
+    noisy = dataclasses.replace(first, model=dataclasses.replace(first.model, p_fa=1e-3))
+    s = dataclasses.replace(s, model=rs.NetworkModel((noisy, *others)))
+    with pytest.raises(rs.InputError, match=r"greater than p_fa, 0.001, .* got 0.0005"):
+        detection_range(s, p_d=5e-4, **QUICK)
 
 
 def test_each_radar_of_a_network_has_a_range():

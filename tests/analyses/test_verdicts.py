@@ -1,5 +1,6 @@
 """Verdicts of a threshold test (holds, violated, not known), and probabilities."""
 
+import dataclasses
 import math
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from radar_sense.analyses.error_budget import required_accuracies
 from radar_sense.analyses.threshold import require_threshold
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import decide, exceeded_anywhere
-from radar_sense.propagation import exceedance_probability, propagate_scenario
+from radar_sense.propagation import Moments, exceedance_probability, propagate_scenario
 
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far away, where P_D is small.
@@ -217,6 +218,68 @@ def test_the_refined_path_is_within_its_tolerance(tmp_path):
     # rows that are dense already need few more poses
     again = refinement.refined(found.scenario, found.moments, propagate_scenario, 0.001)
     assert again.added == 0
+
+
+def shaped(p_d, upper=None):
+    """A method whose P_D and bound are these functions of the time."""
+
+    def propagate(s):
+        p, u = p_d(s.time_s), (upper or p_d)(s.time_s)
+        return Moments(p, p, p, p, u, np.ones(len(p), dtype=bool))
+
+    return propagate
+
+
+def far(tmp_path, rows=5):
+    """A path of rows 10 s apart, so far from the radar that only P_D asks for more poses."""
+    lines = "".join(f"{10 * k},400000,{1000 * k},-9000\n" for k in range(rows))
+    return past(tmp_path, "time_s,north_m,east_m,down_m\n" + lines, aircraft__rcs=CONSTANT)
+
+
+@pytest.mark.parametrize("of", ["p_d", "upper"])
+def test_a_step_is_halved_where_a_parabola_leaves_its_line_by_more_than_the_tolerance(tmp_path, of):
+    """The parabola a t² leaves its chord over h by a h²/4."""
+    s, line = far(tmp_path), np.zeros_like
+    functions = {"p_d": line, "upper": line, of: lambda t: 1e-4 * t**2}
+    propagate = shaped(**functions)
+    off = 1e-4 * 10**2 / 4
+    for tolerance, added in ((1.01 * off, 0), (0.99 * off, 4), (0.24 * off, 12)):
+        assert refinement.refined(s, propagate(s), propagate, tolerance).added == added
+
+
+def test_both_steps_at_a_kink_are_halved(tmp_path):
+    s = far(tmp_path, rows=7)
+    propagate = shaped(lambda t: abs(t - 30.0) / 60)
+    # second difference at the kink: 2 / 60 / 10; the estimate of both steps is h²/8 of it
+    estimate = 10**2 / 8 * 2 / 60 / 10
+    found = refinement.refined(s, propagate(s), propagate, 0.6 * estimate)
+    assert found.scenario.time_s.tolist() == [0, 10, 20, 25, 30, 35, 40, 50, 60]
+
+
+def test_poses_that_do_not_resolve_p_d(tmp_path, monkeypatch):
+    monkeypatch.setattr(refinement, "MAX_POSES", 40)
+    s = far(tmp_path)
+    noise = np.random.default_rng(0)
+    propagate = shaped(lambda t: noise.random(len(t)))
+    found = refinement.refined(s, propagate(s), propagate, 0.001)
+    assert not found.resolved
+    words = f"P_D is not resolved by {len(found.scenario.axis)} poses: choose steps with "
+    assert refinement.unresolved(found) == f"{words}geometry.interpolate"
+    orbit = dataclasses.replace(found, scenario=scenario(geometry__azimuth_deg=FEW))
+    assert refinement.unresolved(orbit).endswith(
+        "by 2 poses: choose steps with geometry.azimuth_deg"
+    )
+
+
+def test_steps_that_turn_the_aspect_or_move_by_a_tenth_are_coarse(tmp_path):
+    """The radar is 400 km away; the aircraft turns by 4.99 and 5.01 degrees."""
+    header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
+    turns = f"{header}0,4e5,0,0,0,0,0\n10,4e5,0,0,0,0,4.99\n20,4e5,0,0,0,0,10\n"
+    assert refinement.coarse_steps(past(tmp_path, turns)).tolist() == [False, True]
+    # by 4.9 km at 50.1 km, and by 4.6 km at 45.5 km
+    moves = "time_s,north_m,east_m,down_m\n0,55e3,0,0\n10,50.1e3,0,0\n20,45.5e3,0,0\n"
+    moving = past(tmp_path, moves, aircraft__rcs=CONSTANT)
+    assert refinement.coarse_steps(moving).tolist() == [False, True]
 
 
 def test_interpolate_overrides(tmp_path):

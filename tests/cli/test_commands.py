@@ -103,7 +103,7 @@ def examples(text: str) -> list[str]:
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
-    monkeypatch.setattr("radar_sense.reporting.evidence.DRAWS", 40)
+    monkeypatch.setattr("radar_sense.reporting.results.DRAWS", 40)
     monkeypatch.setattr("radar_sense.reporting.figure.Drawing.draw", lambda drawing: "")
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")
@@ -594,7 +594,6 @@ def test_control_characters_do_not_reach_the_terminal(tool):
     for args in (
         ["check", name],
         ["check", "no" + name],
-        ["init", "new" + name],
         ["check", "one.yaml", escape],
         ["check", f"--{escape}"],
         [escape],
@@ -603,6 +602,10 @@ def test_control_characters_do_not_reach_the_terminal(tool):
         _, out, err = tool(*args)
         assert "\x1b" not in out + err
         assert "\\x1b[31m" in out + err, args
+    assert tool("init", "new" + name).out == (
+        "newa\\x1b[31m\\nb.yaml written, with radar_sense.schema.json\n"
+        "next: radar-sense check newa\\x1b[31m\\nb.yaml\n"
+    )
     record = Path(escape, "paper_variance.json")
     content = json.loads(record.read_text())
     record.write_text(json.dumps({**content, "command": ["radar-sense", "variance", escape]}))

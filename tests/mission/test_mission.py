@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,9 @@ from helpers import (
 )
 
 import radar_sense as rs
-from radar_sense import limits
+from radar_sense import axis, limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
+from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
 from radar_sense.model.geodesy import geodetic_from_ned
@@ -76,21 +78,25 @@ def looks_of(s):
 @pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
 def test_keys_are_read_and_read_back(tmp_path, given, value, text):
     s = load(tmp_path, text, uncertainty__aircraft_correlation_s=given, radar__scan_period_s=4)
-    assert (s.correlation_s, s.scan_period_s) == (value, 4.0)
+    assert (s.correlation_s, s.model.radars[0].scan_period) == (value, 4.0)
     for dump in (yaml.safe_dump, lambda d: json.dumps(d, allow_nan=False)):
         again = rs.parse_scenario(dump(s.resolved()))
-        assert (again.correlation_s, again.scan_period_s) == (value, 4.0)
+        assert (again.correlation_s, again.model.radars[0].scan_period) == (value, 4.0)
         assert again.resolved() == s.resolved()
 
 
 def test_defaults(tmp_path):
     s = load(tmp_path, radar__scan_period_s=3)
-    assert (s.correlation_s, s.scan_period_s) == (0.0, 3.0)
+    assert (s.correlation_s, s.model.radars[0].scan_period) == (0.0, 3.0)
     assert s.resolved()["uncertainty"]["aircraft_correlation_s"] == 0
     np.testing.assert_array_equal(s.time_s, [100, 500, 1000, 1500])
     np.testing.assert_array_equal(s.at_poses(slice(1, 3)).time_s, [500, 1000])
     orbit = rs.load_scenario()
-    assert (orbit.time_s, orbit.correlation_s, orbit.scan_period_s) == (None, 0.0, None)
+    assert (orbit.time_s, orbit.correlation_s, orbit.model.radars[0].scan_period) == (
+        None,
+        0.0,
+        None,
+    )
     assert orbit.at_poses(slice(3)).time_s is None
 
 
@@ -209,6 +215,16 @@ def test_refusals(tmp_path):
     refused("5 of 12 by linear takes at most 988 looks", many, m_of_n=(5, 12), method="linear")
     over = f"{HEADER}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
     refused("on top of the radar at the look at 10 s", load(tmp_path, over, radar__scan_period_s=5))
+
+
+def test_as_many_looks_as_allowed_are_computed(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[with_schedule.__module__], "MAX_TRACK_LOOKS", 5)
+    for period, looks in ((350, 5), (250, 6)):
+        s = load(tmp_path, radar__scan_period_s=period)
+        if looks == 5:
+            assert len(mission(s, m_of_n=(1, 2), method="probit").scenario.axis) == looks
+        else:
+            refused("takes at most 5 looks, and this path has 6", s, m_of_n=(1, 2), method="probit")
 
 
 def test_the_limit_of_the_window_is_that_of_the_code():
@@ -363,7 +379,9 @@ def test_report(tool):
     file = write(
         Path(), radar__scan_period_s=10, radar__constant=14, uncertainty__aircraft_correlation_s=60
     )
-    code, out, _ = tool("mission", file, "--m", 3, "--n", 5, "--runs", 100, "--no-plot")
+    # with seed 6 the draws have the larger σ
+    draws = "--runs", 100, "--seed", 6
+    code, out, _ = tool("mission", file, "--m", 3, "--n", 5, *draws, "--no-plot")
     assert code == 0
     found, summary = (
         read_table("figures/flight_mission.csv"),
@@ -380,6 +398,19 @@ def test_report(tool):
         ends = [found[f"{before}{end}_3sigma_se"] for end in ("lower", "upper")]
         assert error == np.max(ends)
         assert f"{name}: standard error of the 3-sigma bounds at most {error:.4f} at" in out
+        columns = {
+            "p": p, "mean": f"mean_{before}cumulative", "sigma": f"sigma_{before}cumulative",
+            "lower_3sigma": f"{before}lower_3sigma", "upper_3sigma": f"{before}upper_3sigma",
+        }  # fmt: skip
+        if before:
+            columns |= {"mean": "mean_track", "sigma": "sigma_track"}
+        assert summary[event]["at_end"] == {key: found[c][-1] for key, c in columns.items()}
+        off = [abs(found[f"{before}{end}_3sigma"] - found[f"{before}mc_{end}"])
+               for end in ("lower", "upper")]  # fmt: skip
+        largest = summary["monte_carlo"]["largest_difference"][event]
+        assert largest["bounds"]["value"] == np.max(off)
+        sigma = found[columns["sigma"]] - found[f"{before}mc_std"]
+        assert largest["sigma"]["value"] == -sigma.min() > sigma.max()
     for level, times in summary["detection"]["reaches"].items():
         for key, column in (
             ("time_s", "cumulative_p_d"), ("earliest_s", "upper_3sigma"),
@@ -390,7 +421,7 @@ def test_report(tool):
     half = summary["detection"]["reaches"]["0.5"]["time_s"]
     assert half is not None
     assert f"  reaches 0.5 at {half:.13g} s" in out
-    assert "100 runs (seed 1), largest difference of importance" in out
+    assert "100 runs (seed 6), largest difference of importance" in out
     tool("mission", write(Path(), radar__constant=0.01), "--no-plot")
     assert "never reaches 0.5 (upper bound: never" in tool("mission", "my.yaml").out
     assert "the same at every look" in tool(
@@ -441,7 +472,12 @@ def test_an_orbit_is_refused(tool):
 def test_a_linear_band_outside_zero_and_one_is_warned_of(tool):
     file = write(Path(), radar__scan_period_s=10, radar__constant=14)
     err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
-    assert "Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] at" in err
+    found = read_table("figures/flight_mission.csv")
+    below, above = found["lower_3sigma"] < 0, found["upper_3sigma"] > 1
+    assert below[0], "the band begins below 0"
+    assert above.any()
+    place = describe_poses(below | above, axis.time(found["time_s"]))
+    assert f"Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] {place}\n" in err
     assert "band leaves" not in tool("mission", file, "--level", "high", "--no-plot").err
 
 

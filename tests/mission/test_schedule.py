@@ -376,8 +376,8 @@ def test_one_period_for_all_is_one_scan_group_of_their_fused_looks(tmp_path):
         s.model, looks.axis.values, looks.aircraft, looks.cov_aircraft, Sampler.of(s),
         m_of_n=(2, 3), runs=300, seed=s.seed, **options,
     )  # fmt: skip
-    assert found.table["mc_upper"].tobytes() == drawn.detection.upper.tobytes()
-    assert found.table["track_mc_std"].tobytes() == drawn.track.std.tobytes()
+    assert found.table["mc_upper"].tobytes() == drawn.events["detection"].upper.tobytes()
+    assert found.table["track_mc_std"].tobytes() == drawn.events["track"].std.tobytes()
     assert np.isfinite(found.table["p_d_near"]).all()
 
 
@@ -427,7 +427,7 @@ def test_draws_do_not_depend_on_the_number_of_workers(tmp_path):
 
 
 def test_report_and_record(tool, tmp_path):
-    file = write(tmp_path, {"near": 4, "far": 10}, 25.0)
+    file = write(tmp_path, {"far": 10, "near": 4}, 25.0)
     options = ("--m", 2, "--n", 3, "--runs", 50)
     code, out, _ = tool("mission", file, *options)
     assert code == 0
@@ -437,7 +437,7 @@ def test_report_and_record(tool, tmp_path):
     )
     found = json.loads(Path("figures/flight_mission.json").read_text())
     radars = found["summary"]["radars"]
-    assert list(radars) == ["near", "far"]
+    assert list(radars) == ["far", "near"]
     at = lines.index("at the end by each radar alone, with 3-sigma bounds:")
     for line, (name, of_radar) in zip(lines[at + 1 :], radars.items(), strict=False):
         ends = [of_radar[event]["at_end"] for event in ("detection", "track")]
