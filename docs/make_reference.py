@@ -1,8 +1,9 @@
-"""Make the reference pages, and the schema in the package, from what the program declares.
+"""Make the reference pages, and schema and stub in the package, from what the program declares.
 
     python docs/make_reference.py
 
-writes docs/reference/*.md and radar_sense/radar_sense.schema.json. `make reference` does the same.
+writes docs/reference/*.md, radar_sense/radar_sense.schema.json and
+radar_sense/analyses/__init__.pyi. `make reference` does the same.
 A test compares the files with what this makes.
 """
 
@@ -21,7 +22,7 @@ import yaml
 
 import radar_sense
 from radar_sense import cli, keys, schema
-from radar_sense.analyses.contract import Analysis, Command
+from radar_sense.analyses.contract import Analysis
 from radar_sense.keys import Key
 from radar_sense.model.radar_equation import RADARS
 
@@ -66,6 +67,7 @@ def pages() -> dict[Path, str]:
         folder / "commands.md": commands_page(),
         folder / "python.md": python_page(),
         ROOT / "radar_sense" / schema.FILE_NAME: schema.text(),
+        ROOT / "radar_sense/analyses/__init__.pyi": analyses_stub(),
     }
 
 
@@ -312,34 +314,55 @@ def python_page() -> str:
         "command line is a function in `rs.analyses`.\n"
     )
     names = [name for name in radar_sense.__all__ if not name.startswith("__")]
-    groups = {"Functions": [], "Analyses": [], "Classes": [], "Other names": []}
+    groups = {"Functions": [], "Analyses": [], "Classes": []}
     for name in names:
         value = getattr(radar_sense, name)
-        if isinstance(value, Analysis) or inspect.ismodule(value):
-            continue
-        if inspect.isclass(value):
-            alias = value.__name__ != name
-            groups["Other names" if alias else "Classes"].append((name, value))
-        else:
-            groups["Functions"].append((name, value))
-    groups["Analyses"] = [
-        (f"analyses.{name}", value)
-        for name, value in sorted(vars(radar_sense.analyses).items())
-        if isinstance(value, Analysis)
-    ]
+        if not inspect.ismodule(value):
+            groups["Classes" if inspect.isclass(value) else "Functions"].append((name, value))
+    groups["Analyses"] = [(f"analyses.{name}", value) for name, value in _analyses().items()]
     for group, members in groups.items():
         text += f"\n## {group}\n"
         for name, value in members:
-            if group == "Other names":
-                text += f"\n`{name}` is `{value.__name__}`.\n"
-            else:
-                text += f"\n### `{name}`\n\n{_documented(name, value)}"
+            text += f"\n### `{name}`\n\n{_documented(name, value)}"
+    return text
+
+
+def _analyses() -> dict[str, Analysis]:
+    """Return the analyses by their names in Python."""
+    return {
+        name: value
+        for name, value in sorted(vars(radar_sense.analyses).items())
+        if isinstance(value, Analysis)
+    }
+
+
+def analyses_stub() -> str:
+    """Return the stub of `radar_sense.analyses`: the signature of each analysis.
+
+    An analysis is an object. A type checker cannot see the options of the call.
+    """
+    text = (
+        '"""The signatures of the analyses. Made by docs/make_reference.py."""\n\n'
+        "from collections.abc import Sequence\n"
+        "from concurrent.futures import Executor\n\n"
+        "from radar_sense.analyses.contract import Analysis as Analysis\n"
+        "from radar_sense.analyses.contract import Progress\n"
+        "from radar_sense.analyses.contract import Result as Result\n"
+        "from radar_sense.scenario import Scenario\n\n"
+    )
+    for name, value in _analyses().items():
+        options = []
+        for p in list(inspect.signature(value).parameters.values())[1:]:
+            several = any(o.name == p.name and o.multiple for o in value.options)
+            default = "..." if callable(p.default) else repr(p.default).replace("'", '"')
+            options.append(f"    {p.name}: {'float | ' * several}{p.annotation} = {default},\n")
+        lines = "".join(["    scenario: Scenario,\n    *,\n", *options])
+        text += f"def {name}(\n{lines}) -> Result: ...\n"
     return text
 
 
 def _documented(name: str, value: Any) -> str:
-    function = value.run if isinstance(value, Command) else value
-    text = f"```python\n{_signature(name, function)}\n```\n\n{_markdown(inspect.getdoc(function))}"
+    text = f"```python\n{_signature(name, value)}\n```\n\n{_markdown(inspect.getdoc(value))}"
     lines = [
         f"- `{_signature(member, attribute, width=1000)}`: {summary}\n"
         for member, attribute, summary in (_members(value) if inspect.isclass(value) else ())
@@ -363,8 +386,8 @@ def _members(cls: type) -> Iterator[tuple[str, Any, str]]:
 
 
 def _signature(name: str, value: Any, width: int = 96) -> str:
-    """Return a call with types and defaults, in lines of a width; a property by its name."""
-    if not callable(value):
+    """Return a call with types and defaults, in lines of a width; else the name."""
+    if not callable(value) or (inspect.isclass(value) and issubclass(value, Exception)):
         return name
     parts, keyword_only = [], False
     for p in inspect.signature(value).parameters.values():

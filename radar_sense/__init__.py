@@ -13,16 +13,18 @@ from typing import Any
 __version__ = "0.1.0"
 
 
-def _homes() -> dict[str, str]:
-    """Return the module of each public name."""
+def _homes(*, old: bool = True) -> dict[str, str]:
+    """Return the module of each public name, with or without old names."""
     stub = resources.files("radar_sense").joinpath("__init__.pyi").read_text(encoding="utf-8")
+    if not old:
+        stub = stub.partition("\n# Old names\n")[0]
     return {name: home for home, name in re.findall(r"^from (\S+) import (\w+)", stub, re.M)}
 
 
 def __getattr__(name: str) -> Any:
     homes = {} if name.startswith("__") else _homes()
     if name == "__all__":
-        return sorted(["__version__", *_homes()])
+        return sorted(["__version__", *_homes(old=False)])
     if name not in homes:
         raise AttributeError(f"module 'radar_sense' has no attribute {name!r}")
     if homes[name] == __name__:
@@ -34,4 +36,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_homes()})
+    return sorted({*globals(), *_homes(old=False)})

@@ -1,15 +1,14 @@
-"""The public names, each once. `__init__.py` reads the modules of the names from this file."""
+"""The public names. `__init__.py` reads the modules of the names from this file.
+
+Names below `# Old names` can be imported, and are not in `__all__`.
+"""
 
 from radar_sense import analyses as analyses
-from radar_sense.analyses.budget import budget as budget
-from radar_sense.analyses.compare import compare as compare
+from radar_sense.analyses.contract import FigureError as FigureError
 from radar_sense.analyses.contract import Result as Result
-from radar_sense.analyses.detectors import detectors as detectors
-from radar_sense.analyses.sensitivity import sensitivity as sensitivity
-from radar_sense.analyses.validate import validate as validate
-from radar_sense.analyses.variance import variance as variance
+from radar_sense.axis import Axis as Axis
+from radar_sense.errors import ComputationError as ComputationError
 from radar_sense.errors import InputError as InputError
-from radar_sense.errors import ScenarioError as ScenarioError
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization
 from radar_sense.model.detectors import BinaryIntegration as BinaryIntegration
@@ -24,7 +23,7 @@ from radar_sense.model.detectors import Swerling4 as Swerling4
 from radar_sense.model.horizon import Horizon as Horizon
 from radar_sense.model.network import NetworkModel as NetworkModel
 from radar_sense.model.network import Radar as Radar
-from radar_sense.model.network import Station as Station
+from radar_sense.model.radar_constant import Tolerance as Tolerance
 from radar_sense.model.radar_equation import SurveillanceRadar as SurveillanceRadar
 from radar_sense.model.radar_equation import TrackingRadar as TrackingRadar
 from radar_sense.model.rcs import ConstantRCS as ConstantRCS
@@ -32,6 +31,7 @@ from radar_sense.model.rcs import EllipsoidRCS as EllipsoidRCS
 from radar_sense.model.rcs import ExactEllipsoidRCS as ExactEllipsoidRCS
 from radar_sense.model.rcs import SpikeballRCS as SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS as TableRCS
+from radar_sense.model.trajectory import Route as Route
 from radar_sense.montecarlo.montecarlo import MonteCarlo as MonteCarlo
 from radar_sense.montecarlo.montecarlo import monte_carlo as monte_carlo
 from radar_sense.montecarlo.montecarlo import monte_carlo_states as monte_carlo_states
@@ -47,3 +47,13 @@ from radar_sense.scenario import Scenario as Scenario
 
 __version__: str
 __all__: list[str]
+
+# Old names
+from radar_sense.analyses import budget as budget
+from radar_sense.analyses import compare as compare
+from radar_sense.analyses import detectors as detectors
+from radar_sense.analyses import sensitivity as sensitivity
+from radar_sense.analyses import validate as validate
+from radar_sense.analyses import variance as variance
+from radar_sense.errors import ScenarioError as ScenarioError
+from radar_sense.model.network import Station as Station

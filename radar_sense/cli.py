@@ -285,7 +285,7 @@ def _complete(option: Option, ctx: click.Context, start: str) -> list[Completion
     """Return the matching values of an option, from its choices or from the scenario."""
     from radar_sense.errors import InputError
 
-    words: Iterable[str] = option.choices
+    words: Iterable[str] = option.words
     if option.name in ("level", "radar"):
         # click puts the arguments before an incomplete option into ctx.args
         config = ctx.params.get("config") or next(iter(ctx.args), None)

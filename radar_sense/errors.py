@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 
 class InputError(ValueError):
@@ -31,6 +31,30 @@ def printable(text: str) -> str:
 def shorten(text: str) -> str:
     """Return at most 40 letters of the text in quotes, with control characters escaped."""
     return repr(text if len(text) <= 40 else text[:37] + "...")
+
+
+def describe(value: object) -> str:
+    """Return a value for an error, at most 40 letters: text in quotes, else as Python writes it."""
+    if isinstance(value, str):
+        return shorten(value)
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 40 else text[:37] + "..."
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first six names, and the number of the others."""
+    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
+    return ", ".join(names[:6]) + more
+
+
+def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
+    """Raise InputError unless a value is one of the allowed words."""
+    words = list(allowed)
+    if not isinstance(value, str) or value not in words:
+        raise InputError(
+            f"{name} must be one of {', '.join(words)}, got {describe(value)}"
+            + did_you_mean(str(value), words)
+        )
 
 
 class ComputationError(RuntimeError):

@@ -8,7 +8,7 @@ from dataclasses import MISSING, dataclass, field, fields
 from numbers import Real
 from typing import Any
 
-from radar_sense.errors import InputError, shorten
+from radar_sense.errors import InputError, describe
 
 DEG = math.pi / 180.0
 #: Most radars of a scenario.
@@ -121,16 +121,15 @@ def plain_number(value: Any) -> Any:
 
 
 def check_number(name: str, value: Any, limit: Limit) -> Any:
-    """Return a value as a Python number.
+    """Return a value as a Python number, which is an int if the number must be whole.
 
     Raises:
         InputError: If the value is no number within the limit.
     """
     number = plain_number(value)
     if not limit.allows(number):
-        got = number if isinstance(number, Real) else shorten(str(number))
-        raise InputError(f"{name} must be {limit}, got {got}")
-    return number
+        raise InputError(f"{name} must be {limit}, got {describe(number)}")
+    return int(number) if limit.whole else number
 
 
 def check_parameters(instance: Any) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from radar_sense.errors import listed, shorten
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.rcs_table import TableRCS
@@ -139,3 +140,16 @@ class Provenance:
     rcs: TableFile | None = None
     radars: Mapping[str, RadarSource] = field(default_factory=dict)
     earth: Horizon = field(default_factory=Horizon)
+
+    def __repr__(self) -> str:
+        parts = []
+        if isinstance(self.geometry, Path):
+            parts.append(f"path {shorten(self.geometry.file)}")
+        elif self.geometry is not None:
+            parts.append("orbit")
+        if self.rcs is not None:
+            parts.append(f"RCS table {shorten(self.rcs.file)}")
+        if self.radars:
+            names = listed([name for name in self.radars if name])
+            parts.append(f"radars {names}" if names else "radar")
+        return f"<Provenance: {', '.join(parts) or 'made in Python'}>"

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean, shorten
+from radar_sense.errors import InputError, check_choice, describe, listed
 from radar_sense.keys import NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -215,7 +215,7 @@ class Scenario:
     def _check_choices(self) -> None:
         if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
             raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
-        self._require_level(self.level)
+        check_choice("level", self.level, self.cov_radar)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
@@ -227,17 +227,10 @@ class Scenario:
                 "of the RCS"
             )
 
-    def _require_level(self, level: str) -> None:
-        if level not in self.cov_radar:
-            raise InputError(
-                f"level must be one of {', '.join(self.cov_radar)}, got {level!r}"
-                + did_you_mean(str(level), self.cov_radar)
-            )
-
     def __repr__(self) -> str:
         return (
             f"<Scenario {self.name!r}: {len(self.aircraft)} poses by {self.axis.name}, "
-            f"{self._radars_in_words}, level {self.level} of {', '.join(self.cov_radar)}, "
+            f"{self.model.in_words}, level {self.level} of {listed(list(self.cov_radar))}, "
             f"{self.runs} runs, seed {self.seed}>"
         )
 
@@ -245,7 +238,7 @@ class Scenario:
         rows = {
             "poses": f"{len(self.aircraft)}, {self.axis.name} {self.axis.at(0)} "
             f"to {self.axis.at(-1)}",
-            "radars": self._radars_in_words,
+            "radars": self.model.in_words,
             "c<sub>r</sub> [J m²/K]": ", ".join(f"{c:g}" for c in self.radar[CONSTANTS]),
             "levels": ", ".join(self.cov_radar),
             "level": self.level,
@@ -317,12 +310,6 @@ class Scenario:
         return len(self.model.radars)
 
     @property
-    def _radars_in_words(self) -> str:
-        count = self._radar_count
-        names = f" ({', '.join(self.model.names)})" if self.model.names else ""
-        return f"{count} radar{'s' if count > 1 else ''}{names}"
-
-    @property
     def tolerances_at_level(self) -> tuple[tuple[Tolerance, ...], ...]:
         """Tolerances of the c_r of each radar (m,) at the level; () for a Gaussian c_r."""
         return self.tolerances.get(self.level, ((),) * self._radar_count)
@@ -338,7 +325,23 @@ class Scenario:
         return self.axis.values
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
-        """Return the scenario with only some poses."""
+        """Return the scenario with only some poses.
+
+        Raises:
+            InputError: If the poses are none of the scenario, or out of the order of a path.
+        """
+        try:
+            times = np.arange(len(self.axis)) if self.time_s is None else self.time_s
+            chosen = times[poses]
+        except (IndexError, TypeError, ValueError) as error:
+            raise InputError(
+                f"poses must be a slice or an array of numbers of the {len(self.axis)} poses, "
+                f"got {describe(poses)}"
+            ) from error
+        if chosen.ndim != 1 or not len(chosen):
+            raise InputError(f"poses must select one pose or more, got {describe(poses)}")
+        if self.time_s is not None and not (np.diff(chosen) >= 0).all():
+            raise InputError(f"poses of a path must stay in order, got {describe(poses)}")
         return self._with(
             axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
@@ -515,7 +518,7 @@ def check_scenario(scenario: object) -> None:
     """Raise InputError unless the argument is a scenario."""
     if not isinstance(scenario, Scenario):
         raise InputError(
-            f"scenario must be a Scenario, as load_scenario returns, got {shorten(str(scenario))}"
+            f"scenario must be a Scenario, as load_scenario returns, got {describe(scenario)}"
         )
 
 
@@ -558,12 +561,10 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     names = scenario.model.names
     if not names:
         raise InputError(
-            f"radar {name!r} cannot be chosen: this scenario has a single radar, not a network"
+            f"radar {describe(name)} cannot be chosen: this scenario has a single radar, "
+            "not a network"
         )
-    if name not in names:
-        raise InputError(
-            f"radar must be one of {', '.join(names)}, got {name!r}" + did_you_mean(name, names)
-        )
+    check_choice("radar", name, names)
     stem = f"{scenario.name}_{name}"
     if len(stem) > MAX_NAME:
         raise InputError(

@@ -6,12 +6,15 @@ import dataclasses
 import json
 import re
 from collections.abc import Callable
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import pytest
 import yaml
 
+from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
 from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
@@ -88,6 +91,20 @@ def small_batches(patch):
     """Let `validate` draw small batches: its accuracy is tested in `test_adaptive`."""
     patch.setattr("radar_sense.montecarlo.adaptive.LEAST_DRAWS", 500)
     patch.setattr("radar_sense.montecarlo.adaptive.LEAST_OUTSIDE", 5)
+
+
+@contextmanager
+def no_physics():
+    """Let every evaluation of a model fail the test."""
+
+    def forbidden(*args, **options):
+        pytest.fail("a model is evaluated")
+
+    with pytest.MonkeyPatch.context() as patch:
+        for cls in (DetectionModel, NetworkModel):
+            for name in ("p_d", "snr", "linearize", "linearize_probit"):
+                patch.setattr(cls, name, forbidden)
+        yield
 
 
 def legend_off_data(figure):

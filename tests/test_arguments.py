@@ -1,6 +1,7 @@
 """Wrong arguments in Python raise an error of one line with the name of the argument, at once."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,8 @@ import radar_sense as rs
 
 PAPER = rs.load_scenario()
 MODEL = PAPER.model.models[0]
+CONFIGS = Path(__file__).parents[1] / "configs"
+PATH = rs.load_scenario(CONFIGS / "path.yaml")
 ANGLES = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 
 
@@ -92,8 +95,25 @@ WRONG = {
     "method must be one of linear, probit, form": lambda: propagated(method="forms"),
     "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
     "scenario must be a Scenario, as load_scenario returns, got 'x'": lambda: rs.monte_carlo("x"),
-    "scenario must be a Scenario, as load_scenario returns, got '3'": lambda: rs.variance(3),
+    "scenario must be a Scenario, as load_scenario returns, got 3": lambda: rs.variance(3),
     "seed must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, seed=1.5),
+    "poses must select one pose or more, got slice(0, 0, None)": lambda: PAPER.at_poses(
+        slice(0, 0)
+    ),
+    "poses must be a slice or an array of numbers of the 361 poses": lambda: PAPER.at_poses(
+        np.array([361])
+    ),
+    "poses of a path must stay in order": lambda: PATH.at_poses(slice(None, None, -1)),
+    "text must be YAML as text, got {}": lambda: rs.parse_scenario({}),
+    "path must be text or a Path, got 3": lambda: rs.load_scenario(3),
+    "path must be text or a Path, got 4": lambda: rs.load_route(4),
+    "path must be text or a Path, got 5": lambda: rs.load_rcs_table(5),
+    "max_gap_s must be a number greater than 0, got 'a'": lambda: rs.load_route("a", max_gap_s="a"),
+    "altitude_above must be one of ellipsoid, sea, pressure, got 'see'; did you mean 'sea'?": (
+        lambda: rs.load_route("a", altitude_above="see")
+    ),
+    "speed_m_s must be a number": lambda: rs.load_route("a", speed_m_s="a"),
+    "icao24 must be 6 digits 0 to 9 and a to f, got 3": lambda: rs.load_route("a", icao24=3),
 }
 
 
@@ -124,8 +144,25 @@ def test_numbers_in_arrays_without_axes_are_numbers():
 
 def test_objects_with_arrays_have_a_short_repr():
     table = rs.TableRCS(ANGLES, np.ones(36))
-    moments = propagated()
     lin = MODEL.linearize(PAPER.aircraft, PAPER.radar)
-    for instance in (table, moments, lin, PAPER, PAPER.axis, PAPER.provenance, PAPER.model):
+    for instance in (table, propagated(), lin):
         assert len(repr(instance)) < 400
         assert "array" not in repr(instance)
+
+
+@pytest.mark.parametrize("config", ["paper", "network", "corridor", "airport_surveillance"])
+def test_a_scenario_and_its_parts_have_short_reprs_with_the_names_of_radars(config):
+    s = rs.load_scenario(CONFIGS / f"{config}.yaml")
+    for instance in (s, s.model, s.model.radars[0], s.axis, s.provenance):
+        assert len(repr(instance)) < 400
+        assert "array" not in repr(instance)
+    for instance in (s, s.model, s.provenance):
+        assert len(repr(instance)) < 200
+        assert all(name in repr(instance) for name in s.model.names)
+    assert f"{len(s.model.radars)} radar" in repr(s.model)
+
+
+def test_the_repr_of_many_radars_names_some():
+    many = rs.NetworkModel(tuple(rs.Radar(MODEL, f"r{i}".ljust(40, "x")) for i in range(64)))
+    assert "r0x" in repr(many)
+    assert len(repr(many)) < 400

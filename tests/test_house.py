@@ -99,6 +99,19 @@ def test_only_the_command_line_and_the_public_names_import_reading():
     assert readers == {"cli"}
 
 
+def test_modules_are_imported_by_name_in_two_places_only():
+    """`imports` does not see a module whose name is text."""
+    dynamic = {"import_module", "__import__", "exec", "eval"}
+    where = {
+        name
+        for name, path in modules().items()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if dynamic & {getattr(node, "id", None), getattr(node, "attr", None)}
+        or (isinstance(node, ast.ImportFrom) and dynamic & {a.name for a in node.names})
+    }
+    assert where == {"cli", "__init__"}
+
+
 def test_matplotlib_is_imported_in_one_place():
     where = {name for name, path in modules().items() if "import matplotlib" in path.read_text()}
     where |= {name for name, path in modules().items() if "from matplotlib" in path.read_text()}

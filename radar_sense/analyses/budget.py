@@ -39,11 +39,11 @@ from radar_sense.analyses.report import (
     reached,
     table_warnings,
 )
-from radar_sense.analyses.threshold import AUTOMATIC, FORM, check_threshold
+from radar_sense.analyses.threshold import AUTOMATIC, FORM
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
-from radar_sense.propagation import METHODS, check_method, propagate_scenario
+from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 
@@ -87,10 +87,10 @@ def plot(result: Result, figure: Figure) -> None:
 
 _METHOD = dataclasses.replace(
     OPTIONS["method"],
-    help=f"{OPTIONS['method'].help} Or montecarlo, for Sobol' indices.",
-    choices=(*METHODS, MONTE_CARLO),
-    default=None,
-    default_text="linear; with --threshold form",
+    help=f"{OPTIONS['method'].help} Or montecarlo, for Sobol' indices. "
+    "automatic is linear, and with --threshold form.",
+    also=(MONTE_CARLO, AUTOMATIC),
+    default=AUTOMATIC,
 )
 _TARGET = Option(
     "target", "Also the factor on each source at which 3 sigma is X.", TARGET, metavar="X"
@@ -351,27 +351,25 @@ def _goal(
     """Return the limit given by target or threshold; None if neither is given.
 
     Raises:
-        InputError: If there is no such method, or options do not go together.
+        InputError: If options do not go together.
     """
-    check_method(method, [MONTE_CARLO])
     if target is not None and threshold is not None:
-        raise InputError("--target and --threshold exclude each other; give one of them")
+        raise InputError("target and threshold exclude each other; give one of them")
     if target is None and threshold is None:
         for name, value in (("at", at), ("k", k)):
             if value is not None:
-                belongs = "--threshold" if name == "k" else "--target or --threshold"
-                raise InputError(f"--{name} belongs to {belongs}, which is not given")
+                belongs = "threshold" if name == "k" else "target or threshold"
+                raise InputError(f"{name} belongs to {belongs}, which is not given")
         return None
     if method == MONTE_CARLO:
         name = "target" if threshold is None else "threshold"
         raise InputError(f"a {name} needs one of the methods {', '.join(METHODS)}")
     if target is not None:
         if k is not None:
-            raise InputError("--k belongs to --threshold, which is not given")
+            raise InputError("k belongs to threshold, which is not given")
         return _Goal(target, None, at)
     assert threshold is not None
     k = 3.0 if k is None else k
-    check_threshold(threshold, k)
     return _Goal(threshold, k, at)
 
 

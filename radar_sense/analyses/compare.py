@@ -80,7 +80,7 @@ def compare(
 ) -> Result:
     """Bounds of P_D by every method against Monte Carlo.
 
-    Many runs are needed for smooth Monte Carlo bounds: try --runs 100000.
+    Many runs are needed for smooth Monte Carlo bounds: try 100000 runs.
 
     Args:
         scenario: The scenario.

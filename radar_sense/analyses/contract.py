@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import inspect
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,8 +21,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from radar_sense import files
 from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.plausibility import plausibility_warnings
-from radar_sense.errors import did_you_mean
-from radar_sense.limits import FORMATS, MAP_KM, RUNS, SEED, STYLES, WORKERS, Limit
+from radar_sense.errors import InputError, check_choice, describe, did_you_mean, listed
+from radar_sense.limits import (
+    FORMATS,
+    MAP_KM,
+    RUNS,
+    SEED,
+    STYLES,
+    WORKERS,
+    Limit,
+    check_number,
+    plain_number,
+)
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario, check_scenario, for_radar
@@ -64,6 +74,7 @@ class Option:
         default_text: The default in words, if the value is None.
         count: Number of values of the option.
         choices: The words allowed, if they do not depend on the scenario.
+        also: Words allowed besides the choices.
         flag: Whether the option takes no value.
         multiple: Whether the option may be given several times.
     """
@@ -76,8 +87,39 @@ class Option:
     default_text: str = ""
     count: int = 1
     choices: Collection[str] = ()
+    also: tuple[str, ...] = ()
     flag: bool = False
     multiple: bool = False
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """All words allowed; () for any text or a number."""
+        return (*self.choices, *self.also)
+
+    def checked(self, value: Any) -> Any:
+        """Return a value as the analysis takes it: numbers of Python, several in a tuple.
+
+        Raises:
+            InputError: If the value has another type, is out of the limit, or is another word.
+        """
+        if not self.multiple and self.count == 1:
+            return self._checked(value)
+        several = isinstance(value, Iterable) and not isinstance(value, str)
+        values = tuple(value) if several else (value,)
+        if not self.multiple and len(values) != self.count:
+            raise InputError(f"{self.name} must be {self.count} values, got {describe(value)}")
+        return tuple(map(self._checked, values))
+
+    def _checked(self, value: Any) -> Any:
+        if self.limit is not None:
+            return check_number(self.name, value, self.limit)
+        if self.words:
+            check_choice(self.name, value, self.words)
+        value = plain_number(value) if self.flag else value
+        kind, allowed = (bool, "True or False") if self.flag else (str, "text")
+        if not isinstance(value, kind):
+            raise InputError(f"{self.name} must be {allowed}, got {describe(value)}")
+        return value
 
 
 #: The options that mean the same everywhere.
@@ -308,11 +350,9 @@ class Result:
 
     def __repr__(self) -> str:
         rows = max((len(column) for column in self.table.values()), default=0)
-        names = list(self.table)
-        more = f" and {len(names) - 6} more" if len(names) > 6 else ""
         return (
             f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
-            f"{', '.join(names[:6])}{more}; .report, .warnings, .table, .plot(), .save(folder)>"
+            f"{listed(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
         )
 
     def _repr_html_(self) -> str:
@@ -369,28 +409,80 @@ class Command:
     endings: ClassVar[tuple[str, ...]]
     has_figures: ClassVar[bool]
 
+    def __post_init__(self) -> None:
+        # For `help`, `inspect.signature` and the `?` of IPython, as `functools.wraps` does.
+        vars(self).update(
+            __name__=self.run.__name__.lstrip("_"),
+            __module__=self.run.__module__,
+            __wrapped__=self.run,
+            __signature__=self._signature(),
+            __doc__=self._doc(),
+        )
+
     def __call__(self, scenario: Scenario, **options: Any) -> Any:
         """Return the result of the command.
 
         Args:
             scenario: The scenario.
             options: Options of the command. `level`, `radar`, `runs` and `seed` are always allowed.
-                `workers`, `executor` and `progress` are allowed if the command has them.
 
         Raises:
             InputError: If the scenario is no `Scenario`, or an option is not allowed.
             TypeError: If the command has no such option.
         """
         check_scenario(scenario)
-        for name in options:
-            if name not in self.keywords and name not in _OF_SCENARIO:
+        of_run = self._of_run(options)
+        return self.run(self.selected(scenario, **options), **of_run)
+
+    @property
+    def _shared(self) -> tuple[Option, ...]:
+        """The options that select from the scenario."""
+        return tuple(OPTIONS[name] for name in _OF_SCENARIO if name not in self.keywords)
+
+    def _signature(self) -> inspect.Signature:
+        """Return the signature with the options that select from the scenario."""
+        signature = inspect.signature(self.run)
+        shared = [
+            inspect.Parameter(
+                option.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=None,
+                annotation="str | None" if option.limit is None else "int | None",
+            )
+            for option in self._shared
+        ]
+        return signature.replace(parameters=[*signature.parameters.values(), *shared])
+
+    def _doc(self) -> str:
+        """Return the docstring with the options that select from the scenario."""
+        doc = inspect.getdoc(self.run) or ""
+        if "\nArgs:\n" not in doc:
+            doc = f"{doc}\n\nArgs:\n    scenario: The scenario."
+        before, _, args = doc.partition("\nArgs:\n")
+        args, *others = args.split("\n\n", 1)
+        lines = (f"    {o.name}: {o.help} By default as in the scenario." for o in self._shared)
+        return "\n\n".join(["\n".join([f"{before}\nArgs:", args, *lines]), *others])
+
+    def _of_run(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the options of the function that computes the result, checked.
+
+        None is allowed where None is the default.
+        """
+        parameters = inspect.signature(self.run).parameters
+        declared = {option.name: option for option in self.options}
+        of_run = {}
+        for name, value in options.items():
+            if name in self.keywords:
+                is_default = value is None and parameters[name].default is None
+                unchecked = is_default or name not in declared
+                of_run[name] = value if unchecked else declared[name].checked(value)
+            elif name not in _OF_SCENARIO:
                 allowed = sorted({*self.keywords, *_OF_SCENARIO})
                 raise TypeError(
                     f"{self.name}() has no option {name!r}, allowed: {', '.join(allowed)}"
                     + did_you_mean(name, allowed)
                 )
-        of_run = {name: value for name, value in options.items() if name in self.keywords}
-        return self.run(self.selected(scenario, **options), **of_run)
+        return of_run
 
     def selected(self, scenario: Scenario, **options: Any) -> Scenario:
         """Return the scenario with the chosen level, runs, seed and radar.

@@ -34,8 +34,7 @@ from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
 from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError
-from radar_sense.limits import RUNS, Limit
+from radar_sense.limits import Limit
 from radar_sense.montecarlo.montecarlo import TAIL, Blocks
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler, columns
@@ -313,7 +312,7 @@ def plot(result: Result, figure: Figure) -> None:
 _RUNS = Option(
     "runs",
     "Largest number of runs, rounded down to a power of two.",
-    RUNS,
+    LIMIT,
     default=DEFAULT_RUNS,
 )
 
@@ -361,9 +360,7 @@ def convergence(
     Raises:
         InputError: If runs are out of range.
     """
-    if not LIMIT.allows(runs):
-        raise InputError(f"runs must be {LIMIT} to show how Monte Carlo converges, got {runs}")
-    runs = 1 << (int(runs).bit_length() - 1)
+    runs = 1 << (runs.bit_length() - 1)
     with progress(REPLICATIONS + REFERENCES, "repetitions") as advance:
         measured = measure(scenario, runs, workers=workers, progress=advance)
     errors = {

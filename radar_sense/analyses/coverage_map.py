@@ -208,7 +208,7 @@ def coverage_map(
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
-    --upper adds upper_3sigma, and --worst-heading adds worst_heading_deg. An origin of the scenario
+    The upper bound adds upper_3sigma, and the worst heading adds worst_heading_deg. An origin
     adds latitude_deg and longitude_deg. The figure shows the route in the same colours, by P_D at
     the attitude of each pose. With an origin the map can be GeoJSON or KML too. These files have
     the contours of P_D and of the bound, the radars, and the route with P_D of each leg.
@@ -228,16 +228,15 @@ def coverage_map(
         progress: Shows the cells that are done.
 
     Raises:
-        InputError: If there is no such method, options contradict each other, or the area is not
-            allowed.
+        InputError: If an option or the area is not allowed, or options exclude each other.
     """
     if method != "linear" and not upper:
-        raise InputError("--method needs --upper, which computes the upper bound")
+        raise InputError("method needs upper, which computes the upper bound")
     if worst_heading and upper:
-        raise InputError("--worst-heading and --upper exclude each other; give one of them")
+        raise InputError("worst_heading and upper exclude each other; give one of them")
     if worst_heading and course_deg is not None:
-        raise InputError("--worst-heading and --course-deg exclude each other; give one of them")
-    contours = sorted(set(map(float, p_d)))
+        raise InputError("worst_heading and course_deg exclude each other; give one of them")
+    contours = sorted(set(p_d))
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)

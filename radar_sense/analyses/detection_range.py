@@ -24,9 +24,9 @@ from radar_sense.analyses.report import (
     listed,
 )
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
-from radar_sense.propagation import check_method, nonlinear_in_scenario, propagate_scenario
+from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 
@@ -188,7 +188,7 @@ def detection_range(
     scenario: Scenario,
     *,
     method: str = "linear",
-    p_d: float | Sequence[float] = (P_D,),
+    p_d: Sequence[float] = (P_D,),
     by: str = BEARING,
     step_deg: float = 1.0,
     down_km: float | None = None,
@@ -213,16 +213,11 @@ def detection_range(
         course_deg: Yaw [deg]; the first pose's if None.
 
     Raises:
-        InputError: If there is no such method or axis, or a P_D is not between P_fa and 1.
+        InputError: If an option is not allowed, or a P_D is not between P_fa and 1.
     """
-    check_method(method)
-    if by not in (BEARING, ASPECT):
-        raise InputError(
-            f"by must be {BEARING} or {ASPECT}, got {by!r}" + did_you_mean(by, [BEARING, ASPECT])
-        )
     if by == ASPECT and course_deg is not None:
-        raise InputError("--by aspect turns the aircraft, --course-deg does not; use one of them")
-    values = [float(p_d)] if isinstance(p_d, int | float) else [float(value) for value in p_d]
+        raise InputError("by aspect turns the aircraft, course_deg does not; use one of them")
+    values = list(p_d)
     _check_values(scenario, values)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
     axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s")

@@ -23,7 +23,6 @@ from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import (
     Moments,
-    check_method,
     propagate_scenario,
     std_function,
     upper_bound,
@@ -93,7 +92,6 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     Raises:
         InputError: If there is no such method, or sources are correlated, for Sobol' indices.
     """
-    check_method(method, [MONTE_CARLO])
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.limits import MAP_KM, MAP_STEP_KM
+from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import body_vector
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.propagation import check_method, upper_bound_in_scenario
+from radar_sense.propagation import upper_bound_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, RADAR, YAW, FloatArray
 
@@ -100,12 +100,9 @@ def grid(
         if side is None:
             ends.append((float(centre[axis]) - reach, float(centre[axis]) + reach))
             continue
-        for end in side:
-            if not MAP_KM.allows(end):
-                raise InputError(f"{name} must be {MAP_KM} of km, got {end:g}")
         if not side[0] < side[1]:
             raise InputError(
-                f"{name} must go from a lesser to a greater number of km, "
+                f"{name}_km must go from a lesser to a greater number of km, "
                 f"got {side[0]:g} to {side[1]:g}"
             )
         ends.append((side[0] * 1e3, side[1] * 1e3))
@@ -159,12 +156,7 @@ def p_d_in_cells(
     Returns:
         P_D and bound (rows, columns) in single precision. NaN where the aircraft is at a radar,
         and where the method does not converge.
-
-    Raises:
-        InputError: If there is no such method.
     """
-    if method is not None:
-        check_method(method)
     pose = pose_in_cells(scenario, down, course)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:

@@ -40,7 +40,7 @@ from radar_sense.analyses.report import (
     peak,
 )
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
 from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
@@ -243,13 +243,8 @@ def mission(
         InputError: If the geometry has no times, or an option is not allowed.
     """
     if (m is None) != (n is None):
-        raise InputError("--m and --n belong together, as in --m 3 --n 5")
+        raise InputError("m and n belong together, such as m 3 and n 5")
     m_of_n = None if m is None or n is None else (m, n)
-    if method not in METHODS:
-        raise InputError(
-            f"method must be one of {', '.join(METHODS)} for a mission, got {method!r}"
-            + did_you_mean(method, METHODS)
-        )
     scenario, schedule = with_schedule(scenario.with_analysis(runs=runs))
     along = scenario.axis
     if m_of_n is not None:
@@ -479,16 +474,13 @@ def _report_by_radar(missions: Mapping[str, _Mission]) -> list[str]:
 
 
 def _check_window(m: int, n: int, looks: int, method: str) -> None:
-    for name, value in (("m", m), ("n", n)):
-        if not WINDOW.allows(value):
-            raise InputError(f"{name} of m of n must be {WINDOW}, got {value}")
     if m > n:
         raise InputError(f"m of n needs m not greater than n, got {m} of {n}")
     most = min(MAX_TRACK_LOOKS, math.isqrt(int(MAX_TRACK_WORK) >> (n - 1)))
     if looks > most and method != IMPORTANCE:
         raise InputError(
             f"{m} of {n} by {method} takes at most {most:,} looks, and this path has {looks:,}; "
-            "--method importance takes more"
+            "importance takes more"
         )
 
 

@@ -24,8 +24,6 @@ from radar_sense.analyses import refinement
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses, distribution_warnings
-from radar_sense.errors import InputError
-from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.montecarlo.exceedance import Anywhere, decide, exceeded_anywhere
 from radar_sense.propagation import (
     Moments,
@@ -177,11 +175,7 @@ def require_threshold(
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
         with_draws: Whether draws decide where the bound of the method is unreliable.
-
-    Raises:
-        InputError: If p_max or k is out of range.
     """
-    check_threshold(p_max, k)
     scenario, method = result.scenario, result.method
     tested = _tested(scenario, method, p_max, k, with_draws=with_draws)
     rows, test = tested.path.rows, tested.test
@@ -402,10 +396,3 @@ def _poses_lines(tested: _Tested) -> list[str]:
     if isinstance(geometry, Path) and geometry.step_s is not None:
         return [f"  tested every {geometry.step_s:g} s, the step of geometry.interpolate"]
     return []
-
-
-def check_threshold(p_max: float, k: float) -> None:
-    """Raise InputError if P_max or k is out of range."""
-    for name, value, limit in (("threshold", p_max, THRESHOLD), ("k", k, SIGMAS)):
-        if not limit.allows(value):
-            raise InputError(f"{name} must be {limit}, got {value}")

@@ -26,7 +26,6 @@ from radar_sense.analyses.threshold import (
     AUTOMATIC,
     COLUMNS,
     FORM,
-    check_threshold,
     require_threshold,
 )
 from radar_sense.errors import InputError
@@ -75,8 +74,10 @@ def plot(result: Result, figure: Figure) -> None:
 
 _METHOD = dataclasses.replace(
     OPTIONS["method"],
-    default=None,
-    default_text="linear; with --threshold form, and draws where form is unreliable",
+    help=f"{OPTIONS['method'].help} automatic is linear, and with --threshold form, with draws "
+    "where form is unreliable.",
+    default=AUTOMATIC,
+    also=(AUTOMATIC,),
 )
 _THRESHOLD = Option(
     "threshold",
@@ -136,7 +137,7 @@ def variance(
 ) -> Result:
     """Standard deviation of P_D along the geometry.
 
-    --threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
+    A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
     code 3 means that the test is violated or not known.
 
     Args:
@@ -147,19 +148,17 @@ def variance(
         k: Number of σ in the threshold test, 3 by default.
 
     Raises:
-        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
+        InputError: If an option is not allowed, or k is given alone.
     """
     if k is not None and threshold is None:
-        raise InputError("--k belongs to --threshold, which is not given")
-    if threshold is not None:
-        k = 3.0 if k is None else k
-        check_threshold(threshold, k)
+        raise InputError("k belongs to threshold, which is not given")
     chosen = method
     if method == AUTOMATIC:
         chosen = "linear" if threshold is None else FORM
     result = _along_geometry(scenario, chosen)
-    if threshold is not None and k is not None:
-        result = require_threshold(result, threshold, k, with_draws=method == AUTOMATIC)
+    if threshold is not None:
+        sigmas = 3.0 if k is None else k
+        result = require_threshold(result, threshold, sigmas, with_draws=method == AUTOMATIC)
     return dataclasses.replace(result, table={**result.table, **_places(scenario)})
 
 

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, listed
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
@@ -153,6 +153,9 @@ class NetworkModel:
         if problem:
             raise InputError(problem)
 
+    def __repr__(self) -> str:
+        return f"<NetworkModel: {self.in_words}, {self.rcs!r}>"
+
     @property
     def rcs(self) -> RCS:
         """Radar cross section by aspect."""
@@ -167,6 +170,13 @@ class NetworkModel:
     def names(self) -> tuple[str, ...]:
         """The names of the radars (m,); () for a single radar without a name."""
         return tuple(radar.name for radar in self.radars if radar.name)
+
+    @property
+    def in_words(self) -> str:
+        """The number of radars, and names of radars."""
+        count = len(self.radars)
+        names = f" ({listed(self.names)})" if self.names else ""
+        return f"{count} radar{'s' if count > 1 else ''}{names}"
 
     @property
     def sizes(self) -> tuple[int, int, int]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError, check_choice
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 #: Bits of a coordinate of a Sobol' point. SciPy 1.17 can skip ahead with up to 32 bits.
@@ -154,11 +154,7 @@ SAMPLERS: Mapping[str, Any] = {"random": Random, "sobol": Sobol}
 
 def check_sampler(name: str, runs: int) -> None:
     """Raise InputError if there is no such sampler, or if it allows fewer runs."""
-    if name not in SAMPLERS:
-        raise InputError(
-            f"sampler must be one of {', '.join(SAMPLERS)}, got {name!r}"
-            + did_you_mean(name, SAMPLERS)
-        )
+    check_choice("sampler", name, SAMPLERS)
     if name == "sobol" and runs > MAX_SOBOL_RUNS:
         raise InputError(
             f"runs with Sobol' points must be at most {MAX_SOBOL_RUNS:,}, got {runs:,}"

@@ -5,7 +5,7 @@ To add a method, write a file with its function and add a row to `METHODS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtri
 
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import check_choice
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
@@ -285,14 +285,9 @@ def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
     return lambda *covariances: chosen.moments(states.with_covariances(*covariances), 3.0).std
 
 
-def check_method(method: str, besides: Sequence[str] = ()) -> None:
+def check_method(method: str) -> None:
     """Raise InputError, which is a ValueError, unless there is such a method."""
-    allowed = [*METHODS, *besides]
-    if method not in allowed:
-        raise InputError(
-            f"method must be one of {', '.join(allowed)}, got {method!r}"
-            + did_you_mean(method, allowed)
-        )
+    check_choice("method", method, METHODS)
 
 
 def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta: float) -> Moments:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from radar_sense import covariance, keys
+from radar_sense.errors import InputError, describe
 from radar_sense.limits import DEG, MIN_RANGE
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import body_vector, slant_range
@@ -58,6 +59,8 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     Raises:
         InputError: If anything in the text is not allowed.
     """
+    if not isinstance(text, str):
+        raise InputError(f"text must be YAML as text, got {describe(text)}")
     root = parse(text, source)
     present = root.entries() if root.is_mapping() else {}
     several = "radars" in present

@@ -25,6 +25,7 @@ Files in GPX, KML and of ADS-B state vectors are read by `track_file`.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,9 +33,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense import keys
 from radar_sense.covariance import first_problem
-from radar_sense.errors import InputError
-from radar_sense.limits import DEG, Limit
+from radar_sense.errors import InputError, check_choice, describe
+from radar_sense.limits import DEG, Limit, check_number
 from radar_sense.model import geodesy
 from radar_sense.model.track import (
     ATTITUDE_COLUMNS,
@@ -45,6 +47,7 @@ from radar_sense.model.track import (
 from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route
 from radar_sense.provenance import Conventions
 from radar_sense.reading.csv_reader import Block, Column, Format, Header, read_csv
+from radar_sense.reading.text_file import check_path
 from radar_sense.reading.track_file import Samples, is_track, read_track
 from radar_sense.states import AIRCRAFT, POSITION, FloatArray
 
@@ -138,7 +141,16 @@ def load_route(
         InputError: If the origin is no place, or if the file cannot be read or holds anything that
             is not allowed.
     """
+    check_path(path)
     conventions = Conventions(altitude_above, geoid_height_m, speed_m_s, icao24)
+    given = (max_gap_s, altitude_above, geoid_height_m, speed_m_s, icao24)
+    for key, value in zip((keys.MAX_GAP, *keys.CONVENTIONS), given, strict=True):
+        if value is not None and key.limit is not None:
+            check_number(key.name, value, key.limit)
+        elif value is not None and key.choices:
+            check_choice(key.name, value, key.choices)
+        elif value is not None and not re.fullmatch(key.pattern, str(value)):
+            raise InputError(f"{key.name} must be {key.allowed}, got {describe(value)}")
     route, _ = read_route(path, origin=origin, max_gap_s=max_gap_s, conventions=conventions)
     return route
 
@@ -168,8 +180,6 @@ def read_route(
         raise InputError(
             f"origin must be latitude and longitude [rad] and height [m], got {origin!r}"
         )
-    if max_gap_s is not None and not max_gap_s > 0:
-        raise InputError(f"max_gap_s must be a number greater than 0, got {max_gap_s}")
     conventions = conventions or Conventions()
     if is_track(path):
         return _track(path, origin, max_gap_s, conventions, sha256)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
 
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, describe
 
 #: A number, with ASCII digits. Python's `float` also takes 1_000, ١٢ and infinity.
 NUMBER = re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", re.ASCII)
@@ -65,6 +65,12 @@ class TextFile:
         return digest
 
 
+def check_path(path: object) -> None:
+    """Raise InputError unless a path is text or a `Path`. `open` takes a number as an open file."""
+    if not isinstance(path, str | Path):
+        raise InputError(f"path must be text or a Path, got {describe(path)}")
+
+
 @contextmanager
 def open_text(path: str | Path, kind: str, allowed_bytes: int) -> Iterator[TextFile]:
     """Open a regular file.
@@ -78,6 +84,7 @@ def open_text(path: str | Path, kind: str, allowed_bytes: int) -> Iterator[TextF
         InputError: If the file cannot be read, or is a folder, a pipe or a device. A pipe may block
             without end, and a device has no end.
     """
+    check_path(path)
     try:
         with open(path, "rb", opener=_without_blocking) as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):

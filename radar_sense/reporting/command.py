@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from radar_sense import files
 from radar_sense.analyses.contract import (
@@ -16,6 +16,7 @@ from radar_sense.analyses.contract import (
     Written,
     silent,
 )
+from radar_sense.analyses.threshold import AUTOMATIC
 from radar_sense.analyses.variance import variance
 from radar_sense.reporting.evidence import Evidence, gather
 from radar_sense.reporting.page import page
@@ -110,11 +111,16 @@ class Gathering(Command):
     endings: ClassVar[tuple[str, ...]] = ("html",)
     has_figures: ClassVar[bool] = False
 
+    def __call__(self, scenario: Scenario, **options: Any) -> Report:
+        """Return the report, as `Command.__call__` does."""
+        made: Report = super().__call__(scenario, **options)
+        return made
+
 
 def _report(
     scenario: Scenario,
     *,
-    method: str | None = None,
+    method: str = AUTOMATIC,
     threshold: float | None = None,
     k: float | None = None,
     workers: int = 1,
@@ -123,21 +129,21 @@ def _report(
     """One HTML page: the questions about a scenario, and the answers.
 
     The page has P_D with its band, the error budget, and a comparison of the methods. The mission
-    along a path, a map, all warnings, and the scenario follow. With --threshold the page has the
+    along a path, a map, all warnings, and the scenario follow. With a threshold the page has the
     threshold test too. Exit code 3 means that the test is violated or not known. The page needs no
     network and no script. There is no JSON record: the page has the command, the versions, the seed
     and the scenario.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation; None for the default methods of `variance` and `budget`.
+        method: Method of propagation. "automatic" is as in `variance` and `budget`.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
         workers: Threads to compute with; the page does not depend on their number.
         progress: Shows the analyses that are done.
 
     Raises:
-        InputError: If there is no such method, P_max or k is out of range, or k is given alone.
+        InputError: If an option is not allowed, or k is given alone.
     """
     evidence = gather(
         scenario, method=method, threshold=threshold, k=k, workers=workers, progress=progress

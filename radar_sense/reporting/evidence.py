@@ -70,14 +70,13 @@ class Evidence:
 def gather(
     scenario: Scenario,
     *,
-    method: str | None,
+    method: str,
     threshold: float | None,
     k: float | None,
     workers: int,
     progress: Progress,
 ) -> Evidence:
     """Run the analyses of a report, with the options of the command `report`."""
-    chosen = {} if method is None else {"method": method}
     with progress(6, "analyses") as advance:
 
         def done(result: Any) -> Any:
@@ -85,9 +84,9 @@ def gather(
                 advance(1)
             return result
 
-        along = done(variance(scenario, threshold=threshold, k=k, **chosen))
+        along = done(variance(scenario, method=method, threshold=threshold, k=k))
         goal = {} if threshold is None else _goal(along)
-        sources = done(budget(scenario, **chosen, **goal))
+        sources = done(budget(scenario, method=method, **goal))
         compared = scenario.at_poses(compared_poses(along)).with_analysis(runs=DRAWS)
         comparison = done(compare(compared, workers=workers))
         repeated = done(compare(compared, seed=compared.seed + 1, workers=workers))

@@ -5,22 +5,29 @@ everywhere.
 import dataclasses
 import json
 import sys
-from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
-from helpers import document, few_draws, lay_out, scenario, small_batches, without_pixels
+import yaml
+from helpers import (
+    document,
+    few_draws,
+    lay_out,
+    no_physics,
+    scenario,
+    small_batches,
+    without_pixels,
+    yaml_text,
+)
 
 import radar_sense as rs
 from radar_sense import cli as command_line
 from radar_sense.analyses.contract import OPTIONS, Analysis, Option, Result, analysis
 from radar_sense.limits import POSITIVE, parameter
-from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, North
-from radar_sense.model.network import NetworkModel
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS, Method
 from radar_sense.propagation.linear import linear
@@ -35,34 +42,29 @@ SHORT = {
     "validate": {"digits": 1},
     "map": {"step_km": 200},
     "range": {"step_deg": 30},
+    "mission": {"m": 2, "n": 3},
 }
 FEW = {"start": 40, "stop": 60, "step": 20}
 
 
-def inputs(name: str):
-    """Yield a scenario of one radar and one of a network for an analysis."""
-    if name == "mission":
-        text = (ROOT / "configs/mission.yaml").read_text(encoding="utf-8")
-        text = text.replace("scan_period_s: 10", "scan_period_s: 60")  # fewer looks
-        yield rs.parse_scenario(text.replace("path_route", str(ROOT / "configs/path_route")))
+def read_config(name):
+    return yaml.safe_load((ROOT / f"configs/{name}.yaml").read_text(encoding="utf-8"))
+
+
+def documents(name: str):
+    """Yield the documents of a small scenario of one radar and of a network."""
+    network = document(read_config("network"), geometry__azimuth_deg__step=60)
+    if name != "mission":
+        yield document(geometry__azimuth_deg=FEW)
+        yield network
         return
-    yield scenario(geometry__azimuth_deg=FEW)
-    network = rs.load_scenario(ROOT / "configs/network.yaml")
-    yield network.at_poses(slice(0, None, 120))
-
-
-@contextmanager
-def no_physics():
-    """Let every model fail: a figure, a table and a record are made from the result alone."""
-
-    def forbidden(*args, **options):
-        pytest.fail("the model is evaluated after the analysis")
-
-    with pytest.MonkeyPatch.context() as patch:
-        for cls in (DetectionModel, NetworkModel):
-            for name in ("p_d", "snr", "linearize", "linearize_probit"):
-                patch.setattr(cls, name, forbidden)
-        yield
+    route = str(ROOT / "configs/path_route.csv")
+    one = document(read_config("mission"), geometry__file=route, radar__scan_period_s=60)
+    yield one
+    for radar, period in zip(network["radars"], (60, 60, 90), strict=True):
+        radar["scan_period_s"] = period
+    del network["aircraft"]["attitude_deg"]
+    yield network | {"geometry": one["geometry"], "uncertainty": {}}
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -72,7 +74,9 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     small_batches(monkeypatch)
     few_draws(monkeypatch)
     monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
-    for s in inputs(name):
+    for number, content in enumerate(documents(name)):
+        s = rs.parse_scenario(yaml_text(content))
+        assert len(s.model.radars) == (1, 3)[number]
         result = ALL[name](s, **SHORT.get(name, {}))
         assert isinstance(result, Result)
         columns = [column for column in result.table.values() if column.ndim == 1]
@@ -83,7 +87,7 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         assert all(isinstance(line, str) and line.isascii() and "\n" not in line for line in lines)
         assert len(repr(result)) < 400
         assert "<pre>" in result._repr_html_()
-        with no_physics():
+        with no_physics():  # a figure, a table and a record are made from the result alone
             table, figure, record = result.save(tmp_path, ["png"])
         assert table.stem == figure.stem == record.stem == f"{s.name}_{name}"
         written = json.loads(record.read_text(encoding="utf-8"))
@@ -102,14 +106,14 @@ def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
     small_batches(monkeypatch)
     few_draws(monkeypatch)
     monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
-    s = next(inputs(name))
-    Path("my.yaml").write_text(json.dumps(s.resolved()), encoding="utf-8")
     options = [f"--{key.replace('_', '-')}={v}" for key, v in SHORT.get(name, {}).items()]
-    code = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code
-    result = ALL[name](rs.load_scenario("my.yaml"), **SHORT.get(name, {}))
-    assert code == (0 if result.passed else 3)
-    table, *_ = result.save("notebook", [])
-    assert table.read_bytes() == Path("shell", table.name).read_bytes()
+    for content in documents(name):
+        Path("my.yaml").write_text(yaml_text(content), encoding="utf-8")
+        code = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code
+        result = ALL[name](rs.load_scenario("my.yaml"), **SHORT.get(name, {}))
+        assert code == (0 if result.passed else 3)
+        table, *_ = result.save("notebook", [])
+        assert table.read_bytes() == Path("shell", table.name).read_bytes()
 
 
 def test_the_list_of_commands_agrees_with_the_analyses():

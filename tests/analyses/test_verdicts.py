@@ -382,9 +382,9 @@ def test_the_budget_of_a_threshold(tool):
     )
     assert "may grow" in tool("budget", "--threshold", "0.9", "--at", "45", "--no-plot").out
     for options, words in (
-        (["--k", "2"], "--k belongs to --threshold"),
+        (["--k", "2"], "k belongs to threshold"),
         (["--target", "0.1", "--threshold", "0.5"], "exclude each other; give one"),
-        (["--target", "0.1", "--k", "2"], "--k belongs to --threshold"),
+        (["--target", "0.1", "--k", "2"], "k belongs to threshold"),
         (["--method", "montecarlo", "--threshold", "0.5"], "a threshold needs one of the methods"),
         (["--threshold", "0.5", "--k", "11"], "not greater than 10"),
     ):

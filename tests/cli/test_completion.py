@@ -28,7 +28,7 @@ def completed(*words):
     [
         (["va"], ["validate", "variance"]),
         (["budget", "--meth"], ["--method"]),
-        (["variance", "--method", ""], list(METHODS)),
+        (["variance", "--method", ""], [*METHODS, "automatic"]),
         (["variance", "--method", "p"], ["probit"]),
         (["variance", "--method=p"], ["probit"]),
         (["budget", "--method", "m"], ["montecarlo"]),

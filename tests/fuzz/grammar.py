@@ -666,7 +666,7 @@ def options(command: Command, scenario: RandomScenario) -> list[str]:
 def _option_value(option: Option, scenario: RandomScenario, wrong: float) -> str:
     rng = scenario.rng
     if option.limit is None:
-        words = option.choices or (scenario.levels if option.name == "level" else ("r0", "r1"))
+        words = option.words or (scenario.levels if option.name == "level" else ("r0", "r1"))
         return rng.choice(_WORDS if rng.random() < wrong else tuple(words))
     if option.name in _CHEAP:
         return rng.choice(_CHEAP[option.name][: None if rng.random() < wrong else 2])

@@ -197,10 +197,10 @@ def refused(words, *args, **options):
 def test_refusals(tmp_path):
     refused("needs times, which an orbit does not have", scenario(radar__scan_period_s=3))
     s = load(tmp_path)
-    refused("one of importance, linear, probit for a mission, got 'form'", s, method="form")
+    refused("one of importance, linear, probit, got 'form'", s, method="form")
     refused("did you mean 'probit'", s, method="probti")
-    refused("m of m of n must be a whole number", s, m_of_n=(0, 3))
-    refused("n of m of n must be a whole number", s, m_of_n=(1, 13))
+    refused("m must be a whole number", s, m_of_n=(0, 3))
+    refused("n must be a whole number", s, m_of_n=(1, 13))
     refused("m not greater than n, got 3 of 2", s, m_of_n=(3, 2))
     refused("runs must be", s, runs=1)
     refused("radar.scan_period_s makes more than", load(tmp_path, radar__scan_period_s=1e-4))
@@ -440,13 +440,13 @@ def test_the_record_makes_the_same_mission_again(tool):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ("--m 3", "--m and --n belong together"),
-        ("--n 3", "--m and --n belong together"),
+        ("--m 3", "m and n belong together"),
+        ("--n 3", "m and n belong together"),
         ("--m 3 --n 2", "m not greater than n"),
         ("--m 0 --n 2", "not less than 1"),
         ("--m 1 --n 13", "not greater than 12"),
         ("--runs 1", "not less than 2"),
-        ("--method form", "one of importance, linear, probit for a mission"),
+        ("--method form", "one of importance, linear, probit"),
         ("--level hgih", "did you mean 'high'"),
     ],
 )

@@ -379,7 +379,7 @@ def test_a_figure_is_the_same_bytes_again(flight):
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        (["--k", "2"], 2, "--k belongs to --threshold"),
+        (["--k", "2"], 2, "k belongs to threshold"),
         (["--method", "monte"], 2, "method must be one of"),
         (["--level", "hi"], 2, "level must be one of"),
         (["--radar", "x"], 2, "single radar"),

@@ -1,0 +1,56 @@
+"""The public names: `rs.__all__`, old names, and the help of the analyses."""
+
+import inspect
+import pydoc
+
+import pytest
+
+import radar_sense as rs
+from radar_sense import cli
+from radar_sense.analyses.contract import Analysis
+
+ANALYSES = {name: value for name, value in vars(rs.analyses).items() if isinstance(value, Analysis)}
+OLD = {name: getattr(rs.analyses, name) for name in ("budget", "compare", "detectors")}
+OLD |= {name: getattr(rs.analyses, name) for name in ("sensitivity", "validate", "variance")}
+OLD |= {"ScenarioError": rs.InputError, "Station": rs.Radar}
+
+
+def test_each_public_object_has_one_name():
+    values = [getattr(rs, name) for name in rs.__all__]
+    assert len({id(value) for value in values}) == len(values)
+    assert rs.__all__ == sorted(set(rs.__all__))
+    for name in ("Axis", "ComputationError", "FigureError", "Result", "Route", "Tolerance"):
+        assert name in rs.__all__
+    assert set(rs.__all__) <= set(dir(rs))
+
+
+def test_every_analysis_is_in_analyses_alone():
+    assert not any(isinstance(getattr(rs, name), Analysis) for name in rs.__all__)
+    assert {value.name for value in ANALYSES.values()} == set(cli.ANALYSES)
+
+
+@pytest.mark.parametrize("name", OLD)
+def test_old_names_can_be_imported(name):
+    assert getattr(rs, name) is OLD[name]
+    assert name not in rs.__all__
+
+
+def test_only_the_listed_names_can_be_imported():
+    with pytest.raises(AttributeError, match="has no attribute 'mission_of'"):
+        _ = rs.mission_of
+
+
+@pytest.mark.parametrize("name", [*ANALYSES, "report"])
+def test_help_and_signature_have_all_options(name):
+    command = ANALYSES.get(name) or rs.report
+    assert command.__name__ == name
+    parameters = inspect.signature(command).parameters
+    shared = {"level", "radar", "runs", "seed"}
+    assert set(parameters) == {"scenario", *command.keywords} | shared
+    shown = pydoc.render_doc(command, renderer=pydoc.plaintext)
+    assert command.help.splitlines()[0] in shown
+    assert "Attributes:" not in shown
+    arguments = shown.partition("Args:\n")[2].partition("Raises:")[0]
+    listed = [line.split(":")[0].strip() for line in arguments.splitlines() if ": " in line]
+    assert [word for word in listed if word in parameters] == list(parameters)
+    assert inspect.unwrap(command).__name__.lstrip("_") == name
