@@ -20,7 +20,7 @@ from radar_sense.keys import Key, declared, declared_sections, in_unit, shortest
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import DETECTORS, Detector
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.radar_constant import Tolerance, nested, relative_std
+from radar_sense.model.radar_constant import Tolerance, nest_losses, relative_std
 from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.provenance import (
@@ -54,7 +54,7 @@ def radar_block(
         block["position_m"] = state[POSITION].tolist()
     sheet = _sheet(source, state)
     if sheet:
-        block[sheet.kind] = nested(sheet.values)
+        block[sheet.kind] = nest_losses(sheet.values)
         if sheet.search_factor is not None:
             block[sheet.kind]["search_factor"] = sheet.search_factor
     else:
@@ -104,7 +104,7 @@ def level_block(
         block[keys.ATTENUATION_STD.name] = in_unit(attenuation_std, keys.ATTENUATION_STD.unit)
     if not tolerances:
         return block
-    by_key = nested({tolerance.key: tolerance.std for tolerance in tolerances})
+    by_key = nest_losses({tolerance.key: tolerance.std for tolerance in tolerances})
     sheet = _sheet(source, state)
     std = float(state[CONSTANT]) * relative_std(tolerances)
     if sheet and "constant" in block and covariance[CONSTANT, CONSTANT] == std * std:
@@ -121,7 +121,7 @@ def rcs_block(rcs: RCS, source: TableFile | None) -> Block:
         else:
             optional = (rcs.azimuth, rcs.rcs, rcs.elevation, rcs.std_db)
             arrays = [array for array in optional if array is not None]
-            block |= {"nodes": rcs.rcs.size, "sha256": digest(*arrays)}
+            block |= {"nodes": rcs.rcs.size, "sha256": hash_arrays(*arrays)}
         if rcs.envelope is not None:
             block["envelope_deg"] = in_unit(rcs.envelope, keys.ENVELOPE_WIDTH.unit)
         return block
@@ -182,7 +182,7 @@ def geometry_block(aircraft: FloatArray, axis: Axis, provenance: Provenance) -> 
             "type": "states",
             "axis": axis.key,
             "poses": len(aircraft),
-            "sha256": digest(aircraft),
+            "sha256": hash_arrays(aircraft),
         }
     if isinstance(geometry, Orbit):
         return {
@@ -221,7 +221,7 @@ def cov_aircraft_block(
     matrix = as_stated(covariance, stated)
     block: Block = {}
     if matrix is not None and matrix.ndim == 3:
-        block = {"poses": len(matrix), "sha256": digest(matrix)}
+        block = {"poses": len(matrix), "sha256": hash_arrays(matrix)}
     elif matrix is not None:
         block = covariance_block(matrix, keys.COV_AIRCRAFT)
     if rcs_db:
@@ -285,7 +285,7 @@ def as_stated(covariance: FloatArray, stated: StatedCovariance | None) -> Any:
     return stated.stated
 
 
-def digest(*arrays: FloatArray) -> str:
+def hash_arrays(*arrays: FloatArray) -> str:
     """Return the SHA-256 of numbers as little-endian doubles."""
     return hashlib.sha256(
         b"".join(np.asarray(a, dtype="<f8").tobytes() for a in arrays)

@@ -252,11 +252,6 @@ class Scenario:
         return f"<table><caption>Scenario {html.escape(self.name)}</caption>{cells}</table>"
 
     @property
-    def scan_period_s(self) -> float | None:
-        """Time from look to look of the first radar [s]; None if unknown."""
-        return self.model.radars[0].scan_period
-
-    @property
     def rcs_std(self) -> float:
         """Standard deviation of the error ε of the RCS, see `model.rcs`; 0 without an error."""
         return self.rcs_db if self._rcs_spread is None else 1.0

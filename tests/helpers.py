@@ -88,7 +88,7 @@ def without_pixels(patch, then=lambda figure: figure):
 
 
 def small_batches(patch):
-    """Let `validate` draw small batches: its accuracy is tested in `test_adaptive`."""
+    """Let `validate_method` draw small batches: its accuracy is tested in `test_adaptive`."""
     patch.setattr("radar_sense.montecarlo.adaptive.LEAST_DRAWS", 500)
     patch.setattr("radar_sense.montecarlo.adaptive.LEAST_OUTSIDE", 5)
 

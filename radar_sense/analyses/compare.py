@@ -111,7 +111,7 @@ def compare(
         table={
             axis.key: axis.values,
             "p_d": mc.band.p_d,
-            **monte_carlo_columns(mc.mean, mc.std, mc.lower, mc.upper),
+            **monte_carlo_columns(mc),
             **{
                 f"{name}_{method}": column
                 for method, m in moments.items()

@@ -23,30 +23,29 @@ up to σ²/n. The control removes this error too. The control needs a gradient o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
-from radar_sense.analyses.report import describe_poses
+from radar_sense.analyses.report import problem_warnings
 from radar_sense.axis import Axis
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.montecarlo import TAIL, Blocks
-from radar_sense.montecarlo.parallel import in_order
-from radar_sense.montecarlo.sampler import Sampler, columns
+from radar_sense.montecarlo.parallel import all_in_order
+from radar_sense.montecarlo.sampler import Sampler, columns_of_normals
 from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
-from radar_sense.montecarlo.statistics import order_statistics, quantile_position
+from radar_sense.montecarlo.statistics import order_statistics, tail_quantiles
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray, constants_of
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
-T = TypeVar("T")
 
 #: Largest number of runs: default and limit.
 DEFAULT_RUNS = 2**14
@@ -92,7 +91,7 @@ class LinearModel:
         by_radar = np.hstack([by_radar, np.zeros((len(by_radar), added))])
         constants = constants_of(len(sampler.model.radars))
         by_log_constant = (lin.jac_radar * sampler.radar)[:, constants]
-        columns_by_radar = columns(len(sampler.radar), sampler.parts)
+        columns_by_radar = columns_of_normals(len(sampler.radar), sampler.parts)
         for i, (parts, part_columns) in enumerate(
             zip(sampler.parts, columns_by_radar, strict=True)
         ):
@@ -143,9 +142,8 @@ def draw(
 
 def plain(p_d: FloatArray) -> FloatArray:
     """Return mean, standard deviation, lower and upper quantile (4, n) of draws (runs, n)."""
-    position = np.full(p_d.shape[1], quantile_position(len(p_d), TAIL))
-    lower, upper = order_statistics(p_d, position), -order_statistics(-p_d, position)
-    return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), lower, upper])
+    quantiles = tail_quantiles(p_d, len(p_d), TAIL)
+    return np.stack([p_d.mean(axis=0), p_d.std(axis=0, ddof=1), *quantiles])
 
 
 def controlled(p_d: FloatArray, deviation: FloatArray, std: FloatArray) -> FloatArray:
@@ -223,25 +221,23 @@ def measure(
     scenario: Scenario,
     runs: int,
     *,
-    replications: int = REPLICATIONS,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Convergence:
-    """Estimate repeatedly with up to `runs` runs, a power of two, and compute the reference.
+    """Estimate REPLICATIONS times with up to `runs` runs, a power of two, and the reference.
 
     Args:
         scenario: The scenario, at its level. The seed determines the seeds of the repetitions.
         runs: Largest number of runs.
-        replications: Number of independent repetitions.
         workers: Threads to compute with; the result does not depend on their number.
-        progress: Called with 1 after each of `replications` + REFERENCES parts.
+        progress: Called with 1 after each of REPLICATIONS + REFERENCES parts.
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
     subset = scenario.at_poses(poses)
     sampler = Sampler.of(subset)
     linear = LinearModel.of(sampler)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]
-    seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + replications)
+    seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + REPLICATIONS)
 
     def reference(number: int) -> FloatArray:
         seed = int(seeds[number])
@@ -259,8 +255,8 @@ def measure(
             )
         return estimates
 
-    references = _all(in_order(reference, REFERENCES, workers), progress)
-    repetitions = _all(in_order(repetition, replications, workers), progress)
+    references = all_in_order(reference, REFERENCES, workers, progress)
+    repetitions = all_in_order(repetition, REPLICATIONS, workers, progress)
     statistics = np.stack(references)
     return Convergence(
         runs=np.array(sizes),
@@ -269,16 +265,6 @@ def measure(
         reference_error=statistics.std(axis=0, ddof=1) / np.sqrt(REFERENCES),
         estimates={name: np.stack([r[name] for r in repetitions]) for name in ESTIMATORS},
     )
-
-
-def _all(results: Iterable[T], progress: Callable[[int], None] | None) -> list[T]:
-    """Return all results, with a call of `progress` after each."""
-    collected = []
-    for result in results:
-        collected.append(result)
-        if progress:
-            progress(1)
-    return collected
 
 
 def plot(result: Result, figure: Figure) -> None:
@@ -450,10 +436,9 @@ def _warnings(measured: Convergence) -> tuple[str, ...]:
         (undefined, "there is no control variate, as the gradient is undefined"),
         (~measured.usable, "sigma of P_D, the unit of the errors, is zero"),
     )
-    return tuple(
-        f"{words} {place}" + ("" if mask.all() else "; the errors are of the other poses")
-        for mask, words in reasons
-        if (place := describe_poses(mask, measured.axis))
+    others = "; the errors are of the other poses"
+    return problem_warnings(
+        [(mask, words, "" if mask.all() else others) for mask, words in reasons], measured.axis
     )
 
 

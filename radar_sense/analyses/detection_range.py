@@ -22,6 +22,7 @@ from radar_sense.analyses.report import (
     gathered,
     level_and_method,
     listed,
+    problem_warnings,
 )
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
@@ -248,12 +249,11 @@ def detection_range(
         report += [*([f"{name}:"] if name else []), *(f"  {_line(at, axis)}" for at in ranges)]
         report += [f"  {line}" for at in ranges for line in _exceptions(at, axis)]
         unreliable = np.any([at.unreliable for at in ranges], axis=0)
-        place = describe_poses(unreliable, axis)
-        if place:
-            remedy = ": use --method form"
-            if method == "form":
-                remedy = ": compare with `radar-sense montecarlo` at poses of this range"
-            warnings.append((name, f"the {method} band of the range is unreliable {place}{remedy}"))
+        remedy = ": use --method form"
+        if method == "form":
+            remedy = ": compare with `radar-sense montecarlo` at poses of this range"
+        problem = unreliable, f"the {method} band of the range is unreliable", remedy
+        warnings += [(name, text) for text in problem_warnings([problem], axis)]
     pose = around.pose
     height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
     heading = "" if by == ASPECT else f", heading {math.degrees(pose[YAW]) % 360:.4g} deg"

@@ -18,7 +18,7 @@ from radar_sense import covariance
 from radar_sense.analyses.report import reached
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance, relative_std
-from radar_sense.montecarlo.sampler import Sampler, columns, made_of_parts
+from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, components_with_parts
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import (
@@ -413,7 +413,9 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         if whose == "radar":
             states = np.arange(len(cov_radar))[components].tolist()
             independent = [
-                states.index(c) for c in made_of_parts(scenario.tolerances_at_level) if c in states
+                states.index(c)
+                for c in components_with_parts(scenario.tolerances_at_level)
+                if c in states
             ]
             sqrt_cov[whose][block] = covariance.block_square_root(cov_radar[block], independent)
         else:
@@ -431,7 +433,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         name: np.array(inputs[whose])[components].tolist()
         for name, (whose, components) in blocks_by_name.items()
     }
-    part_columns = columns(len(cov_radar), scenario.tolerances_at_level)
+    part_columns = columns_of_normals(len(cov_radar), scenario.tolerances_at_level)
     for part, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
         # The group of a radar constant has the inputs of all its parts.
         groups[part.name] = [inputs["radar"][column]]

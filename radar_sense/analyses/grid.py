@@ -140,8 +140,8 @@ def p_d_in_cells(
 ) -> tuple[Plane, Plane | None]:
     """Return P_D in each cell, and its upper bound at Φ(3) if a method of propagation is given.
 
-    Roll, pitch and the covariance of the aircraft are taken from the first pose. The defaults of
-    height and course are, too.
+    The first pose gives roll, pitch and the covariance of the aircraft. The first pose also
+    gives height and course if these are left out.
 
     Args:
         scenario: The scenario.

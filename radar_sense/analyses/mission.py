@@ -34,23 +34,25 @@ from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, ana
 from radar_sense.analyses.report import (
     clipping_warnings,
     describe_extreme,
-    describe_poses,
     distribution_warnings,
     listed,
+    monte_carlo_columns,
+    outside_unit_interval,
     peak,
+    problem_warnings,
 )
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
 from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
-from radar_sense.mission.draws import Drawn, MissionDraws, mission_monte_carlo
+from radar_sense.mission.draws import MissionDraws, mission_monte_carlo
 from radar_sense.mission.importance.sampling import REPLICATES, importance_sampling
-from radar_sense.mission.looks import linearize_looks
 from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.mission.tracks import track_initiation
 from radar_sense.model.geometry import slant_range
 from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
 
@@ -261,7 +263,7 @@ def mission(
     differences = (
         {}
         if drawn is None
-        else {e: _differences(v, _of(drawn, e), along) for e, v in network.events.items()}
+        else {e: _differences(v, drawn.events[e], along) for e, v in network.events.items()}
     )
     errors = _standard_errors(network.events, along)
     return Result(
@@ -367,14 +369,8 @@ def _first_order(
     scenario: Scenario, schedule: Schedule, m_of_n: tuple[int, int] | None, method: str
 ) -> tuple[Cumulative, ...]:
     """Return the probability by each time (K,) of detection, and of a track, to first order."""
-    at_looks = scenario.at_poses(schedule.pose)
-    looks = linearize_looks(
-        schedule.model(scenario.model),
-        schedule.time[schedule.pose],
-        at_looks.aircraft,
-        scenario.shared,
-    )
-    covariances = at_looks.cov_aircraft, scenario.cov_shared
+    looks = schedule.linearize(scenario)
+    covariances = scenario.at_poses(schedule.pose).cov_aircraft, scenario.cov_shared
     tau = scenario.correlation_s
     events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]
     if m_of_n is not None:
@@ -414,19 +410,14 @@ def _draw(
         workers=workers,
         progress=progress,
     )
-    detection, track = (
-        None if event is None else Drawn(*(values[schedule.last] for values in event))
-        for event in (drawn.detection, drawn.track)
-    )
-    assert detection is not None
-    return dataclasses.replace(drawn, detection=detection, track=track)
+    by_time = {event: statistics.at(schedule.last) for event, statistics in drawn.events.items()}
+    return dataclasses.replace(drawn, events=by_time)
 
 
 def _p_d(scenario: Scenario, schedule: Schedule) -> FloatArray:
     """Return P_D of all radars that look at each time (K,)."""
-    pose = schedule.pose
-    p_d = schedule.model(scenario.model).p_d(scenario.aircraft[pose], scenario.radar)
-    if len(pose) == len(schedule.time):
+    p_d = schedule.p_d(scenario)
+    if len(p_d) == len(schedule.time):
         return p_d
     with np.errstate(divide="ignore"):  # P_D may round to 1
         hazard = -np.log1p(-p_d)
@@ -484,12 +475,6 @@ def _check_window(m: int, n: int, looks: int, method: str) -> None:
         )
 
 
-def _of(drawn: MissionDraws, event: str) -> Drawn:
-    statistics = drawn.detection if event == "detection" else drawn.track
-    assert statistics is not None
-    return statistics
-
-
 def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:
     """Return the columns of the probability, deviation and bounds of each event, and of draws."""
     table = {"p_d": mission.p_d}
@@ -500,8 +485,7 @@ def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, Fl
         table[f"{before}lower_3sigma"] = cumulative.lower
         table[f"{before}upper_3sigma"] = cumulative.upper
         if drawn is not None:
-            for statistic, column in _of(drawn, event)._asdict().items():
-                table[f"{before}mc_{statistic}"] = column
+            table |= monte_carlo_columns(drawn.events[event], before)
         table[f"mean_{stem}"] = cumulative.mean
     return table
 
@@ -562,7 +546,7 @@ def _reaches(cumulative: Cumulative, level: float, along: Axis) -> dict[str, flo
     }
 
 
-def _differences(cumulative: Cumulative, drawn: Drawn, along: Axis) -> dict[str, Any]:
+def _differences(cumulative: Cumulative, drawn: DrawStatistics, along: Axis) -> dict[str, Any]:
     lower, upper = abs(cumulative.lower - drawn.lower), abs(cumulative.upper - drawn.upper)
     return {
         "bounds": peak(np.maximum(lower, upper), along),
@@ -620,7 +604,7 @@ def _report_of_draws(
         return []
     lines = [f"{drawn.runs} runs (seed {drawn.seed}), largest difference of {method}:"]
     for event, name in names.items():
-        end = _of(drawn, event)
+        end = drawn.events[event]
         lines += [
             f"  {name}: bounds {describe_extreme(differences[event]['bounds'], along)}, "
             f"sigma {describe_extreme(differences[event]['sigma'], along)}",
@@ -637,17 +621,19 @@ def _warnings(
     names: dict[str, str],
     drawn: MissionDraws | None,
 ) -> tuple[str, ...]:
-    warnings = []
+    warnings: list[str] = []
     for event, cumulative in events.items():
-        if place := describe_poses(~np.isfinite(cumulative.std), scenario.axis):
-            warnings.append(
-                f"{names[event]}: the uncertainty is undefined {place}; the radar is straight "
-                "above or below the aircraft at a look, where the gradient is undefined: "
-                f"use --method {IMPORTANCE}"
-            )
-        outside = (cumulative.lower < 0) | (cumulative.upper > 1)
-        if place := describe_poses(outside, scenario.axis):
-            warnings.append(f"{names[event]}: the {method} 3-sigma band leaves [0, 1] {place}")
+        problems = (
+            (
+                ~np.isfinite(cumulative.std),
+                "the uncertainty is undefined",
+                "; the radar is straight above or below the aircraft at a look, where the gradient "
+                f"is undefined: use --method {IMPORTANCE}",
+            ),
+            outside_unit_interval(cumulative.lower, cumulative.upper, method),
+        )
+        texts = problem_warnings(problems, scenario.axis)
+        warnings += [f"{names[event]}: {text}" for text in texts]
     if method != IMPORTANCE:  # first order assumes a distribution of c_r
         warnings += distribution_warnings(scenario, method)
     if drawn is not None and drawn.clipped:

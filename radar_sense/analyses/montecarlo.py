@@ -132,7 +132,7 @@ def montecarlo(
         table={
             axis.key: axis.values,
             **band_columns(mc.band),
-            **monte_carlo_columns(mc.mean, mc.std, mc.lower, mc.upper),
+            **monte_carlo_columns(mc),
             "coverage_3sigma": mc.coverage,
             **mean_column(mc.band.mean, method),
         },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import shape_warning
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import (
     BOUND_CHANGE,
     METHODS,
@@ -27,6 +28,8 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
+#: The poses with a problem (n,), and the words before and after these poses in a warning.
+Problem: TypeAlias = tuple[NDArray[np.bool_], str, str]
 #: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
 
@@ -127,11 +130,14 @@ def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
     return {"largest_three_sigma_by_itself": dict(largest)} if largest else {}
 
 
-def monte_carlo_columns(
-    mean: FloatArray, std: FloatArray, lower: FloatArray, upper: FloatArray
-) -> dict[str, FloatArray]:
-    """Return the columns of the draws."""
-    return {"mc_mean": mean, "mc_std": std, "mc_lower": lower, "mc_upper": upper}
+def monte_carlo_columns(draws: DrawStatistics, before: str = "") -> dict[str, FloatArray]:
+    """Return the columns of the draws, with text before the names."""
+    return {
+        f"{before}mc_mean": draws.mean,
+        f"{before}mc_std": draws.std,
+        f"{before}mc_lower": draws.lower,
+        f"{before}mc_upper": draws.upper,
+    }
 
 
 def band_columns(moments: Moments) -> dict[str, FloatArray]:
@@ -170,10 +176,10 @@ def validity_warnings(
     axis = scenario.axis
     nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
-    outside = (moments.lower < 0) | (moments.upper > 1)
+    outside = outside_unit_interval(moments.lower, moments.upper, method)
     remedy = remedy or f"use {'--method form or ' if method != 'form' else ''}montecarlo"
     if scenario.model.rcs.lobed:
-        place = describe_poses(nonlinear | undefined | outside, axis)
+        place = describe_poses(nonlinear | undefined | outside[0], axis)
         lobes = f"the RCS has lobes that the {method} band does not follow: it is unreliable"
         return (f"{lobes} {place}: use montecarlo",) if place else ()
     problems = (
@@ -187,7 +193,7 @@ def validity_warnings(
             "the gradient is undefined (radar straight above or below the aircraft)",
             ": use montecarlo",
         ),
-        (outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
+        outside,
         (
             nonlinear & ~undefined,
             f"the {method} band is unreliable",
@@ -195,6 +201,16 @@ def validity_warnings(
             f"{remedy}",
         ),
     )
+    return problem_warnings(problems, axis)
+
+
+def outside_unit_interval(lower: FloatArray, upper: FloatArray, method: str) -> Problem:
+    """Return where the 3-sigma band of a method leaves [0, 1], and the words for a warning."""
+    return (lower < 0) | (upper > 1), f"the {method} 3-sigma band leaves [0, 1]", ""
+
+
+def problem_warnings(problems: Iterable[Problem], axis: Axis) -> tuple[str, ...]:
+    """Return a warning of each problem that a pose has."""
     return tuple(
         f"{words} {place}{ending}"
         for mask, words, ending in problems
@@ -232,10 +248,11 @@ def points_named(mc: MonteCarlo) -> str:
 
 def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
     """Return a warning if the processes of a cluster rounded differently."""
-    if len(mc.canaries) < 2:
+    ways = len(mc.rounding_digests)
+    if ways < 2:
         return ()
     return (
-        f"the workers round in {len(mc.canaries)} different ways, as their CPUs differ: the last "
+        f"the workers round in {ways} different ways, as their CPUs differ: the last "
         "digits depend on which worker computed which runs",
     )
 

@@ -141,7 +141,7 @@ def _share_above(margin: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class _Tested:
+class _PathTest:
     """A threshold test of a scenario, at the poses of its refined path.
 
     Attributes:
@@ -199,7 +199,7 @@ def require_threshold(
 
 def _tested(
     scenario: Scenario, method: str, p_max: float, k: float, *, with_draws: bool
-) -> _Tested:
+) -> _PathTest:
     def propagate(path_scenario: Scenario) -> Moments:
         return propagate_scenario(path_scenario, method=method, beta=k)
 
@@ -228,7 +228,7 @@ def _tested(
     )
     if not path.resolved:
         test = dataclasses.replace(test, unknown=~test.violated)
-    return _Tested(
+    return _PathTest(
         path=path,
         test=test,
         probability=probability,
@@ -243,7 +243,7 @@ def _unit(scenario: Scenario) -> str:
     return scenario.axis.unit if scenario.time_s is None else "s"
 
 
-def _summary(tested: _Tested, column: str, k: float) -> dict[str, Any]:
+def _summary(tested: _PathTest, column: str, k: float) -> dict[str, Any]:
     test, axis = tested.test, tested.path.scenario.axis
     unit = _unit(tested.path.scenario)
     highest = int(np.argmax(np.nan_to_num(tested.probability, nan=-1.0)))
@@ -286,7 +286,7 @@ def _share(test: ThresholdTest) -> float:
     return test.above / test.total if test.total > 0 else float(not test.passed)
 
 
-def _report(tested: _Tested, method: str, k: float) -> list[str]:
+def _report(tested: _PathTest, method: str, k: float) -> list[str]:
     test, scenario = tested.test, tested.path.scenario
     axis = scenario.axis
     limit = f"{test.p_max:g}"
@@ -316,13 +316,13 @@ def _report(tested: _Tested, method: str, k: float) -> list[str]:
     return lines
 
 
-def _bound_by(tested: _Tested, method: str) -> str:
+def _bound_by(tested: _PathTest, method: str) -> str:
     if not tested.drawn.any():
         return method
     return f"{method}, and by draws {describe_poses(tested.drawn, tested.path.scenario.axis)}"
 
 
-def _verdict(tested: _Tested) -> str:
+def _verdict(tested: _PathTest) -> str:
     test, axis = tested.test, tested.path.scenario.axis
     if test.violated.any():
         return f"VIOLATED {describe_poses(test.violated, axis)}"
@@ -331,7 +331,7 @@ def _verdict(tested: _Tested) -> str:
     return "holds at every pose" + (" and between them" if tested.path.added else "")
 
 
-def _remedy(tested: _Tested, method: str) -> str:
+def _remedy(tested: _PathTest, method: str) -> str:
     """Return the reason why the test has no answer, and the remedy."""
     if not tested.path.resolved:
         return f"  {refinement.unresolved(tested.path)}"
@@ -344,7 +344,7 @@ def _remedy(tested: _Tested, method: str) -> str:
     return f"  the {method} bound is unreliable there: {remedy}"
 
 
-def _why(tested: _Tested, k: float) -> str:
+def _why(tested: _PathTest, k: float) -> str:
     """Return whether P_D itself is above P_max, or only its bound."""
     test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.moments.p_d
     place = describe_poses(p_d > test.p_max, axis)
@@ -357,7 +357,7 @@ def _why(tested: _Tested, k: float) -> str:
     )
 
 
-def _probability_lines(tested: _Tested, limit: str) -> list[str]:
+def _probability_lines(tested: _PathTest, limit: str) -> list[str]:
     axis, probability = tested.path.scenario.axis, tested.probability
     if np.isnan(probability).all():
         return []
@@ -383,7 +383,7 @@ def _correlation(scenario: Scenario) -> str:
     return f"errors of the aircraft correlated over {scenario.correlation_s:g} s"
 
 
-def _poses_lines(tested: _Tested) -> list[str]:
+def _poses_lines(tested: _PathTest) -> list[str]:
     """Return the number or the step of the poses tested on a path."""
     scenario = tested.path.scenario
     if tested.path.tolerance is not None:

@@ -124,7 +124,7 @@ def validate(
     """
     axis = scenario.axis
     with progress(len(axis), "poses") as advance:
-        verdict = adaptive.validate(
+        verdict = adaptive.validate_method(
             scenario, method=method, digits=digits, workers=workers, progress=advance
         )
     low, high = verdict.coverage_interval()
@@ -162,9 +162,7 @@ def validate(
         table={
             axis.key: axis.values,
             **band_columns(verdict.moments),
-            **monte_carlo_columns(
-                verdict.mc_mean, verdict.mc_std, verdict.mc_lower, verdict.mc_upper
-            ),
+            **monte_carlo_columns(verdict.draws),
             "delta": verdict.delta,
             "distance_lower": verdict.distance_lower,
             "distance_upper": verdict.distance_upper,

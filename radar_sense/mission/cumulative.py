@@ -11,7 +11,6 @@ whose terms do not depend on k. With an exponential correlation the sum needs on
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +22,10 @@ from radar_sense.mission.looks import Looks, pose_variance
 from radar_sense.propagation import Moments, probit_moments
 from radar_sense.states import FloatArray
 
+#: Methods of first order.
+METHODS = ("linear", "probit")
+#: Bounds are at Φ(−β) and Φ(β).
+BETA = 3.0
 #: The normal density underflows farther out in the tails.
 FAR = 37.5
 _SQRT_2 = math.sqrt(2.0)
@@ -37,8 +40,8 @@ class Cumulative:
         p: Probability with the nominal states.
         mean: Mean over the errors of the states.
         std: Standard deviation.
-        lower: Bound that the probability falls below with probability Φ(−β).
-        upper: Bound that the probability stays below with probability Φ(β).
+        lower: Bound that the probability falls below with probability Φ(−3).
+        upper: Bound that the probability stays below with probability Φ(3).
         lower_se: Standard error of `lower`, None for a method that draws nothing.
         upper_se: Standard error of `upper`.
     """
@@ -83,7 +86,6 @@ def cumulative_detection(
     *,
     correlation_time: float,
     method: str = "probit",
-    beta: float = 3.0,
 ) -> Cumulative:
     """Return P_c up to each look, with its uncertainty to first order.
 
@@ -95,7 +97,6 @@ def cumulative_detection(
         cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
         correlation_time: τ [s] of the pose errors, from 0 to infinity.
         method: Name of the method, one of `METHODS`.
-        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
 
     Raises:
         ValueError: If there is no such method, a shape does not fit or a number is out of range.
@@ -108,54 +109,33 @@ def cumulative_detection(
     std = np.sqrt(variance + variance_along(by_radar, checked("radar", cov_radar)))
     # Before the first look of a visible aircraft, P_c is 0 with certainty.
     z = np.where(hazard == 0, -FAR, -ndtri_exp(-hazard))
-    moments = bounds_method(method, beta)(z, std * np.exp(-hazard), std / inverse_mills(z), beta)
+    moments = first_order_moments(method, z, std * np.exp(-hazard), std / inverse_mills(z))
     return in_time_order(-np.expm1(-hazard), moments, std)
 
 
-def linear(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Moments:
-    """Return moments to first order in the probability itself. Bounds may leave [0, 1].
+def first_order_moments(method: str, z: FloatArray, std: FloatArray, std_z: FloatArray) -> Moments:
+    """Return moments of a probability to first order.
+
+    The method `linear` linearizes the probability, and bounds may leave [0, 1]. The method `probit`
+    linearizes z. For a single look, propagation by the method of the same name gives these moments.
 
     Args:
+        method: Name of the method, one of `METHODS`.
         z: Probit of the probability (K,).
         std: Standard deviation of the probability to first order (K,).
         std_z: Standard deviation of z to first order (K,).
-        beta: β.
-    """
-    p = ndtr(z)
-    return Moments(p, p, std, p - beta * std, p + beta * std, np.isfinite(p))
-
-
-def probit(z: FloatArray, std: FloatArray, std_z: FloatArray, beta: float) -> Moments:
-    """Return moments to first order in the probit of the probability.
-
-    For a single look these are the moments of the propagation method `probit`. Arguments are as in
-    `linear`.
-    """
-    p, (mean, deviation) = ndtr(z), probit_moments(z, std_z)
-    bounds = ndtr(z - beta * std_z), ndtr(z + beta * std_z)
-    return Moments(p, mean, deviation, *bounds, np.isfinite(p))
-
-
-#: Methods: from z, σ, σ_z and β to mean, deviation and bounds.
-METHODS: Mapping[str, Callable[[FloatArray, FloatArray, FloatArray, float], Moments]] = {
-    "linear": linear,
-    "probit": probit,
-}
-
-
-def bounds_method(
-    name: str, beta: float
-) -> Callable[[FloatArray, FloatArray, FloatArray, float], Moments]:
-    """Return the method with a name.
 
     Raises:
-        ValueError: If there is no such method, or β is not positive.
+        ValueError: If there is no such method.
     """
-    if name not in METHODS:
-        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {name!r}")
-    if not 0 < beta < math.inf:
-        raise ValueError(f"beta must be positive, got {beta}")
-    return METHODS[name]
+    if method not in METHODS:
+        raise ValueError(f"method must be one of {', '.join(METHODS)}, got {method!r}")
+    p = ndtr(z)
+    if method == "linear":
+        return Moments(p, p, std, p - BETA * std, p + BETA * std, np.isfinite(p))
+    mean, deviation = probit_moments(z, std_z)
+    bounds = ndtr(z - BETA * std_z), ndtr(z + BETA * std_z)
+    return Moments(p, mean, deviation, *bounds, np.isfinite(p))
 
 
 def in_time_order(p: FloatArray, moments: Moments, std: FloatArray) -> Cumulative:

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.mission.looks import Model, look_times, pose_correlation, pose_sqrt_cov
-from radar_sense.mission.tracks import any_group, histories
+from radar_sense.mission.looks import Model, look_times, pose_sqrt_cov
+from radar_sense.mission.tracks import any_group, check_window
+from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
 from radar_sense.montecarlo.parallel import merged
 from radar_sense.montecarlo.sequences import random_stream
-from radar_sense.montecarlo.statistics import RunningMoments, Tails
+from radar_sense.montecarlo.statistics import DrawStatistics, RunningStatistics
 from radar_sense.states import AIRCRAFT, FloatArray
 
 
@@ -31,15 +32,6 @@ class RadarSampler(Protocol):
         ...
 
 
-class Drawn(NamedTuple):
-    """Statistics of draws at each look, each (K,); the bounds are quantiles at Φ(−3) and Φ(3)."""
-
-    mean: FloatArray
-    std: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-
-
 @dataclass(frozen=True, eq=False)
 class MissionDraws:
     """Statistics of draws of a whole mission.
@@ -47,15 +39,14 @@ class MissionDraws:
     Attributes:
         runs: Number of runs.
         seed: Seed of the draws.
-        detection: P_c up to each look.
-        track: Probability of m-of-n up to each look; None without m and n.
+        events: Statistics, at each look (K,), of P_c as "detection", and of m-of-n as "track" if m
+            and n are given. The quantiles are at Φ(−3) and Φ(3).
         clipped: Number of runs in which a radar constant was drawn below zero and set to zero.
     """
 
     runs: int
     seed: int
-    detection: Drawn
-    track: Drawn | None
+    events: dict[str, DrawStatistics]
     clipped: int
 
 
@@ -80,14 +71,12 @@ class PoseProcess:
         cls, time: FloatArray, aircraft: FloatArray, cov: ArrayLike, correlation_time: float
     ) -> PoseProcess:
         """Make the process from times (K,), poses (K, 6) and C_aa (6, 6) or (K, 6, 6)."""
-        correlation = pose_correlation(time, correlation_time)
+        correlation = successive_correlation(time, correlation_time)
         return cls(aircraft, pose_sqrt_cov(cov, len(time)), *correlation)
 
     def poses(self, normals: FloatArray) -> FloatArray:
         """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
-        for k in range(1, len(normals)):
-            normals[k] *= self.innovation_std[k - 1]
-            normals[k] += self.rho[k - 1] * normals[k - 1]
+        correlate(normals, self.rho, self.innovation_std)
         states = np.empty((len(AIRCRAFT), len(normals), normals.shape[-1]))
         for i, state in enumerate(states):
             state[:] = self.aircraft[:, i, np.newaxis]
@@ -131,29 +120,26 @@ class _Runs:
             events.append(any_group(p_d, 1.0 - p_d, *self.m_of_n, self.scan_group)[0])
         statistics = []
         for rows in events:
-            moments, tails = RunningMoments(looks), Tails(looks, self.runs, TAIL)
-            moments.add(rows)
-            tails.add(rows)
-            statistics.append((moments, tails))
+            statistics.append(RunningStatistics(looks, self.runs, TAIL))
+            statistics[-1].add(rows)
         return _Statistics(statistics, int(np.count_nonzero(negative)))
 
 
 class _Statistics:
-    """Moments and tails of each event, and the number of runs with a c_r set to zero."""
+    """Statistics of each event, and the number of runs with a c_r set to zero."""
 
-    def __init__(self, events: list[tuple[RunningMoments, Tails]], clipped: int) -> None:
+    def __init__(self, events: list[RunningStatistics], clipped: int) -> None:
         self.events, self.clipped = events, clipped
 
     @property
     def runs(self) -> int:
         """Number of runs."""
-        return self.events[0][0].count
+        return self.events[0].count
 
     def merge(self, other: _Statistics) -> None:
         """Merge the statistics of more runs."""
-        for (moments, tails), (more, ends) in zip(self.events, other.events, strict=True):
-            moments.merge(more)
-            tails.merge(ends)
+        for event, more in zip(self.events, other.events, strict=True):
+            event.merge(more)
         self.clipped += other.clipped
 
 
@@ -199,7 +185,7 @@ def mission_monte_carlo(
     if runs < 2:
         raise ValueError(f"needs 2 runs or more, got {runs}")
     if m_of_n is not None:
-        histories(*m_of_n)
+        check_window(*m_of_n)
     blocks = _Runs(
         model=model,
         process=PoseProcess.of(time, aircraft, cov_aircraft, correlation_time),
@@ -211,16 +197,9 @@ def mission_monte_carlo(
         seed=seed,
     )
     total = merged(blocks.statistics, blocks.blocks, workers, progress=progress)
-    drawn = [
-        Drawn(moments.mean, moments.std(), *tails.quantiles()) for moments, tails in total.events
-    ]
-    return MissionDraws(
-        runs=runs,
-        seed=seed,
-        detection=drawn[0],
-        track=drawn[1] if m_of_n else None,
-        clipped=total.clipped,
-    )
+    statistics = [event.statistics() for event in total.events]
+    events = dict(zip(("detection", "track"), statistics, strict=False))
+    return MissionDraws(runs=runs, seed=seed, events=events, clipped=total.clipped)
 
 
 def _accumulated(p_d: FloatArray) -> FloatArray:

@@ -1,10 +1,9 @@
 """A sequence of looks: the model of P_D at each look, and the correlation of the pose errors.
 
-The pose errors are a first-order Gauss-Markov process (A. Gelb, *Applied Optimal Estimation*,
-1974, ch. 3). The pose at look i is x̄_i + F_i u_i. The unit normals u_i have the covariance
-exp(−|t_i − t_j|/τ) I, and F_i is the symmetric square root of C_i, F_i F_iᵀ = C_i. At τ = 0 looks
-at different times have independent errors. At τ = ∞ all looks have the same error. Two looks at one
-time have one pose with one error, for every τ.
+The pose errors are a first-order Gauss-Markov process, see `montecarlo.gauss_markov`. The pose at
+look i is x̄_i + F_i u_i. The unit normals u_i have the covariance exp(−|t_i − t_j|/τ) I, and F_i is
+the symmetric square root of C_i, F_i F_iᵀ = C_i. Two looks at one time have one pose with one
+error, for every τ.
 """
 
 from __future__ import annotations
@@ -17,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr
 
 from radar_sense.covariance import checked, symmetric_square_root
+from radar_sense.montecarlo.gauss_markov import successive_correlation
 from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
 
@@ -141,22 +141,6 @@ def look_times(time: ArrayLike) -> FloatArray:
     return time
 
 
-def pose_correlation(time: FloatArray, correlation_time: float) -> tuple[FloatArray, FloatArray]:
-    """Return ρ (K − 1,) of the pose errors of successive looks, and √(1 − ρ²) of the innovation.
-
-    Raises:
-        ValueError: If the correlation time is negative.
-    """
-    if not correlation_time >= 0:
-        raise ValueError(f"correlation time must not be negative, got {correlation_time}")
-    step = np.diff(time)
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        x = np.where(
-            step > 0, step / correlation_time, 0.0
-        )  # one time has one pose error, also at τ = 0
-    return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))
-
-
 def pose_sqrt_cov(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
     """Return the symmetric square roots F (K, 6, 6) of C_aa.
 
@@ -183,7 +167,7 @@ def pose_variance(
     A_k = Σ_{i≤k} ρ_ik a_i = ρ_{k−1,k} A_{k−1} + a_k and V_k = V_{k−1} + a_k·(2 A_k − a_k).
     """
     weights = pose_slopes(looks, cov_aircraft)
-    rho, _ = pose_correlation(looks.time, correlation_time)
+    rho, _ = successive_correlation(looks.time, correlation_time)
     variance = np.zeros(slope.shape)
     along, total = np.zeros((*slope.shape[:-1], len(AIRCRAFT))), np.zeros(slope.shape[:-1])
     for k, weight in enumerate(weights):

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.mission.looks import Interleaved, Model
+from radar_sense.mission.looks import Interleaved, Looks, Model, linearize_looks
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times, interpolate
+from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
 
@@ -63,6 +64,17 @@ class Schedule:
             return model
         networks = (NetworkModel(tuple(model.radars[i] for i in group)) for group in self.radars)
         return Interleaved(tuple(networks), scan_group, self.radars)
+
+    def linearize(self, scenario: Scenario) -> Looks:
+        """Return the L looks at a scenario with a pose for each time, linearized."""
+        pose = self.pose
+        return linearize_looks(
+            self.model(scenario.model), self.time[pose], scenario.aircraft[pose], scenario.shared
+        )
+
+    def p_d(self, scenario: Scenario) -> FloatArray:
+        """Return P_D of the L looks at a scenario with a pose for each time."""
+        return self.model(scenario.model).p_d(scenario.aircraft[self.pose], scenario.radar)
 
     def group_of(self, radar: int) -> int:
         """Return the scan group of a radar."""

@@ -20,8 +20,8 @@ from radar_sense.covariance import checked, variance_along
 from radar_sense.mission.cumulative import (
     FAR,
     Cumulative,
-    bounds_method,
     density,
+    first_order_moments,
     in_time_order,
 )
 from radar_sense.mission.looks import Looks, pose_variance
@@ -43,7 +43,6 @@ def track_initiation(
     correlation_time: float,
     scan_group: NDArray[np.intp] | None = None,
     method: str = "probit",
-    beta: float = 3.0,
 ) -> Cumulative:
     """Return the probability of m of n looks by each look, with its uncertainty to first order.
 
@@ -58,7 +57,6 @@ def track_initiation(
         correlation_time: τ [s] of the pose errors, from 0 to infinity.
         scan_group: The scan group of each look (K,); None if all looks are of one group.
         method: Name of the method, one of `cumulative.METHODS`.
-        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
 
     Raises:
         ValueError: If there is no such method, a shape does not fit or a number is out of range.
@@ -74,7 +72,7 @@ def track_initiation(
     # P is 0 before look m and may round to 1 later; φ(z) underflows in both cases.
     z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(no_track)), -FAR, FAR)
     std_z = np.where(abs(z) < FAR, std / density(z), 0.0)
-    return in_time_order(p, bounds_method(method, beta)(z, std, std_z, beta), std)
+    return in_time_order(p, first_order_moments(method, z, std, std_z), std)
 
 
 def any_group(
@@ -139,7 +137,7 @@ def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArra
     Raises:
         ValueError: If m or n is out of range.
     """
-    detections = histories(m, n)
+    detections = _detections(m, n)
     shape, states = p_d.shape, len(detections)
     p_d, miss = (np.ascontiguousarray(a.reshape(-1, shape[-1]).T) for a in (p_d, miss))
     p, no_track = np.empty(p_d.shape), np.empty(p_d.shape)
@@ -186,7 +184,7 @@ def m_of_n_gradient(
     difference between a detection and a miss at j. Where success is likely, the backward pass gives
     the probability of failure, because a difference of two numbers near 1 would lose digits.
     """
-    detections = histories(m, n)
+    detections = _detections(m, n)
     looks, states = len(p_d), len(detections)
     before = np.zeros((looks, states))
     weight = np.zeros(states)
@@ -212,14 +210,19 @@ def m_of_n_gradient(
     return gradient
 
 
-def histories(m: int, n: int) -> NDArray[np.intp]:
+def check_window(m: int, n: int) -> None:
+    """Raise ValueError if m or n is out of range."""
+    if not 1 <= m <= n <= MAX_WINDOW:
+        raise ValueError(f"m of n must have 1 <= m <= n <= {MAX_WINDOW}, got {m} of {n}")
+
+
+def _detections(m: int, n: int) -> NDArray[np.intp]:
     """Return the detections in each history of the last n − 1 looks; bit 0 is the latest look.
 
     Raises:
         ValueError: If m or n is out of range.
     """
-    if not 1 <= m <= n <= MAX_WINDOW:
-        raise ValueError(f"m of n must have 1 <= m <= n <= {MAX_WINDOW}, got {m} of {n}")
+    check_window(m, n)
     return np.array([state.bit_count() for state in range(2 ** (n - 1))])
 
 

@@ -8,7 +8,7 @@ case 3.
 
 A single pulse with a fixed threshold has closed forms and a short series. Its threshold is
 X = −ln P_fa, in units of the mean noise power. Everything else is computed by `integration` and
-interpolated by `lookup`: N pulses, CFAR, m of n pulses.
+interpolated by `probit_table`: N pulses, CFAR, m of n pulses.
 
 All detectors keep their relative accuracy in both tails. z = Φ⁻¹(P_D) is computed from the lesser
 of P_D and 1 − P_D, which is never a difference from 1.
@@ -29,7 +29,7 @@ from scipy.special import erfc, erfcx, gammainc, i0e, ndtr, ndtri, ndtri_exp
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit, check_number, check_parameters, parameter, section
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
-from radar_sense.model.lookup import ProbitTable
+from radar_sense.model.probit_table import ProbitTable
 from radar_sense.states import FloatArray
 
 _HALF_OVER_SQRT_PI = 0.5 / np.sqrt(np.pi)

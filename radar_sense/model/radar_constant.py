@@ -141,7 +141,7 @@ def column_name(key: str) -> str:
     return f"{key.removeprefix(_LOSS)}_db" if key.startswith(_LOSS) else key
 
 
-def nested(by_key: Mapping[str, float]) -> dict[str, Any]:
+def nest_losses(by_key: Mapping[str, float]) -> dict[str, Any]:
     """Return values by key with the losses in an inner mapping, as in a scenario file."""
     losses = {k.removeprefix(_LOSS): v for k, v in by_key.items() if k.startswith(_LOSS)}
     others = {key: value for key, value in by_key.items() if not key.startswith(_LOSS)}

@@ -21,15 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
-from radar_sense.errors import InputError
-from radar_sense.limits import RUNS, Limit
+from radar_sense.limits import Limit, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import (
+    DrawStatistics,
     binomial_interval,
-    order_statistics,
-    quantile_position,
+    tail_quantiles,
+    tail_share,
 )
 from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
@@ -45,9 +45,11 @@ ROUNDING = 1e-13
 #: Limit of the numbers kept for the quantiles (256 MB), which limits the poses drawn together.
 MAX_KEPT = 32_000_000
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
-#: A batch has 1.6 million draws for a β of 4, and would have 174 million for a β of 5.
-BETA = Limit(above=0, at_most=4)
-FRACTION = Limit(above=0, at_most=1)
+#: The interval reaches from Φ(−β) to Φ(β).
+BETA = 3.0
+#: Tolerance of the stability, as a part of δ.
+FRACTION = 1.0
+#: Draws after which a pose is undecided. Stability needs two batches or more, 7.9.4 f).
 MAX_RUNS = 20_000_000
 
 
@@ -62,10 +64,7 @@ class Validation:
         runs: Draws used (n,).
         delta: Numerical tolerance δ of P_D (n,).
         moments: Moments by the method.
-        mc_mean: Mean of the draws (n,).
-        mc_std: Standard deviation of the draws (n,).
-        mc_lower: Quantile of the draws at Φ(−β), with β of `validate` (n,).
-        mc_upper: Quantile of the draws at Φ(β), with β of `validate` (n,).
+        draws: Statistics of the draws, with quantiles at Φ(−3) and Φ(3).
         distance_lower: Distance between the lower bounds by the method and the draws (n,).
         distance_upper: Distance between the upper bounds by the method and the draws (n,).
         stable: Where the draws became stable within the runs allowed (n,).
@@ -82,10 +81,7 @@ class Validation:
     runs: NDArray[np.int64]
     delta: FloatArray
     moments: Moments
-    mc_mean: FloatArray
-    mc_std: FloatArray
-    mc_lower: FloatArray
-    mc_upper: FloatArray
+    draws: DrawStatistics
     distance_lower: FloatArray
     distance_upper: FloatArray
     stable: NDArray[np.bool_]
@@ -122,35 +118,29 @@ class Validation:
         )
 
 
-def validate(
+def validate_method(
     scenario: Scenario,
     *,
     method: str = "linear",
     digits: int = 2,
-    beta: float = 3.0,
-    fraction: float = 1.0,
-    max_runs: int = MAX_RUNS,
     workers: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> Validation:
     """Compare the interval of a method with the interval by Monte Carlo, drawn until stable.
 
     Stable means that twice the standard error of mean, standard deviation and interval ends is
-    within `fraction` of δ (7.9.4). With a fraction of 1 the draws can be off by more than δ. Clause
-    8.2 therefore requires a fraction of 1/5 to validate a method, which takes 25 times the draws.
+    within δ (7.9.4). The draws can be off by more than δ. Clause 8.2 therefore requires δ/5 to
+    validate a method, which takes 25 times the draws.
 
-    A larger fraction is enough here. Where a distance exceeds δ, but not significantly, the pose is
-    neither validated nor refuted, and more batches are drawn. With a smaller fraction a method with
-    an error just above δ is less often validated by chance.
+    δ is enough here. Where a distance exceeds δ, but not significantly, the pose is neither
+    validated nor refuted, and more batches are drawn. With a smaller tolerance a method with an
+    error just above δ would less often be validated by chance.
 
     Args:
         scenario: The scenario, at its level and with its seed.
         method: A name in `propagation.METHODS`.
         digits: Significant digits of the standard deviation, 1 to 4. One more digit takes 100 times
             the draws.
-        beta: The interval reaches from Φ(−β) to Φ(β).
-        fraction: Tolerance of the stability, as a part of δ, up to 1.
-        max_runs: Draws after which a pose is undecided.
         workers: Threads to compute with; the result does not depend on their number.
         progress: Called after every batch with the number of new poses with a verdict.
 
@@ -159,24 +149,10 @@ def validate(
         ComputationError: If memory or threads run out.
     """
     check_method(method)
-    for name, value, limit in (
-        ("digits", digits, DIGITS),
-        ("beta", beta, BETA),
-        ("fraction", fraction, FRACTION),
-        ("max_runs", max_runs, RUNS),
-    ):
-        if not limit.allows(value):
-            raise InputError(f"{name} must be {limit}, got {value}")
-    digits, max_runs = int(digits), int(max_runs)  # 2.0 is a whole number too
-    batches = Batches.of(scenario, beta)
-    # 7.9.4 f): stability needs two batches or more
-    if max_runs < 2 * batches.draws:
-        raise InputError(
-            f"max_runs must be at least {2 * batches.draws}, two batches for a beta of {beta:g}, "
-            f"got {max_runs}"
-        )
-    moments = propagate_scenario(scenario, method=method, beta=beta)
-    most = max_runs // batches.draws
+    digits = int(check_number("digits", digits, DIGITS))  # 2.0 is a whole number too
+    batches = Batches.of(scenario)
+    moments = propagate_scenario(scenario, method=method, beta=BETA)
+    most = MAX_RUNS // batches.draws
     together = max(1, MAX_KEPT // (2 * batches.kept * most))
     results = np.zeros(len(scenario.aircraft), dtype=_RESULT)
     clipped: dict[int, int] = {}
@@ -189,7 +165,7 @@ def validate(
                 pose.batches.append(batch)
             undecided = []
             for pose in active:
-                result = pose.result(batches, digits, fraction, last=number == most - 1)
+                result = pose.result(batches, digits, last=number == most - 1)
                 if result is None:
                     undecided.append(pose)
                 else:
@@ -206,10 +182,7 @@ def validate(
         runs=results["runs"],
         delta=results["delta"],
         moments=moments,
-        mc_mean=results["mean"],
-        mc_std=results["std"],
-        mc_lower=results["lower"],
-        mc_upper=results["upper"],
+        draws=DrawStatistics(*(results[name] for name in ("mean", "std", "lower", "upper"))),
         distance_lower=abs(moments.lower - results["lower"]),
         distance_upper=abs(moments.upper - results["upper"]),
         stable=results["stable"],
@@ -267,16 +240,12 @@ class Batches:
     kept: int
 
     @classmethod
-    def of(cls, scenario: Scenario, beta: float) -> Batches:
+    def of(cls, scenario: Scenario) -> Batches:
         """Return the batches of a scenario, of a size for the bounds at Φ(−β) and Φ(β)."""
-        tail = float(ndtr(-beta))
+        tail = float(ndtr(-BETA))
         # 7.9.4 b): 1 − p is the probability of both tails together.
         draws = max(LEAST_DRAWS, math.ceil(LEAST_OUTSIDE / (2 * tail)))
-        # A batch has on average `expected` draws beyond the quantile of all batches. The
-        # probability of more than `kept` is below 1e-13.
-        expected = draws * tail
-        kept = math.ceil(expected + 8 * math.sqrt(expected) + 8)
-        return cls(Sampler.of(scenario), scenario.seed, tail, draws, min(kept, draws))
+        return cls(Sampler.of(scenario), scenario.seed, tail, draws, tail_share(draws, tail))
 
     def radar(self, number: int) -> tuple[FloatArray, int]:
         """Return radar states (draws, 4m), and the number of draws with a c_r set to zero."""
@@ -306,9 +275,7 @@ class Batches:
     def quantiles(self, ends: list[FloatArray]) -> tuple[float, float]:
         """Return the quantiles of all draws of some batches, from the ends of each batch."""
         values = np.concatenate(ends)[:, np.newaxis]
-        # The rank from either end is the same among the ends as among all draws.
-        position = np.array([quantile_position(len(ends) * self.draws, self.tail)])
-        lower, upper = order_statistics(values, position), -order_statistics(-values, position)
+        lower, upper = tail_quantiles(values, len(ends) * self.draws, self.tail)
         return float(lower[0]), float(upper[0])
 
     def _stream(self, *key: int) -> np.random.Generator:
@@ -346,11 +313,9 @@ class _Pose:
         self.upper = moments.upper[index] + slack
         self.batches: list[_Batch] = []
 
-    def result(
-        self, batches: Batches, digits: int, fraction: float, *, last: bool
-    ) -> tuple[float, ...] | None:
+    def result(self, batches: Batches, digits: int, *, last: bool) -> tuple[float, ...] | None:
         """Return the result, a row of `_RESULT`; None if more batches are needed."""
-        delta, errors, stable = self.stability(batches.draws, digits, fraction)
+        delta, errors, stable = self.stability(batches.draws, digits)
         if not stable and not last:
             return None
         summary = self.summary(batches)
@@ -359,7 +324,7 @@ class _Pose:
             return None
         return (*summary, delta, stable, verdict)
 
-    def stability(self, draws: int, digits: int, fraction: float) -> tuple[float, FloatArray, bool]:
+    def stability(self, draws: int, digits: int) -> tuple[float, FloatArray, bool]:
         """Return δ, errors of mean, deviation and quantiles, and whether all are stable."""
         mean, std = self._moments(draws)
         # 7.9.4 i), j): u(y) from all draws, and δ from u(y)
@@ -370,7 +335,7 @@ class _Pose:
         estimates = np.array([batch.estimates for batch in self.batches])
         errors = estimates.std(axis=0, ddof=1) / math.sqrt(len(estimates))
         # 7.9.4 k); a fraction of 1/5 gives the δ/5 of 8.2
-        return delta, errors, bool(np.all(2 * errors <= fraction * delta))
+        return delta, errors, bool(np.all(2 * errors <= FRACTION * delta))
 
     def verdict(self, ends: tuple[float, float], delta: float, errors: FloatArray) -> int:
         """Compare the method's bounds with the quantiles of stable draws, 8.1."""

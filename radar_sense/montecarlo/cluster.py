@@ -36,21 +36,15 @@ LOGGERS = (
 )
 
 
-def _print(line: str) -> None:
-    print(line, file=sys.stderr, flush=True)
-
-
 @contextmanager
-def cluster(
-    address: str, report: Callable[[str], None] = _print
-) -> Iterator[tuple[ClusterExecutor, int]]:
+def cluster(address: str) -> Iterator[tuple[ClusterExecutor, int]]:
     """Connect to the scheduler of a Dask cluster.
 
-    The scheduler gives the tasks of a lost worker to another worker.
+    The scheduler gives the tasks of a lost worker to another worker. If no results arrive, standard
+    error gets a line on the state of the cluster.
 
     Args:
         address: Address of the scheduler, such as tcp://host:8786.
-        report: Called with a line on the state of the cluster, if no results arrive.
 
     Yields:
         An executor, and the number of threads of all workers.
@@ -79,7 +73,7 @@ def cluster(
                 raise InputError(f"--dask: the scheduler at {address} has no workers")
             _require_package(client)
             # pure=False gives each task a unique name, in place of a digest of the arguments
-            executor = ClusterExecutor(client, client.get_executor(pure=False), address, report)
+            executor = ClusterExecutor(client, client.get_executor(pure=False), address)
             with executor:
                 yield executor, threads
         except asyncio.CancelledError as error:  # from Dask, when the scheduler is lost
@@ -96,13 +90,10 @@ class ClusterExecutor(Executor):
         client: The Dask client.
         inner: Executor of the client.
         address: Address of the scheduler.
-        report: Called with a line on the state of the cluster.
     """
 
-    def __init__(
-        self, client: Any, inner: Executor, address: str, report: Callable[[str], None]
-    ) -> None:
-        self._client, self._inner, self._address, self._report = client, inner, address, report
+    def __init__(self, client: Any, inner: Executor, address: str) -> None:
+        self._client, self._inner, self._address = client, inner, address
         self._pending: set[Future[Any]] = set()
         self._last_result = time.monotonic()
         self._reported = ""
@@ -170,7 +161,7 @@ class ClusterExecutor(Executor):
                 self._pending.clear()
             elif state != self._reported:
                 self._reported = state
-                self._report(f"No results for {stalled:.0f} s: {state}")
+                print(f"No results for {stalled:.0f} s: {state}", file=sys.stderr, flush=True)
 
     def _state(self) -> tuple[str, bool]:
         """Return the state of the cluster in words, and whether no worker computes."""

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.covariance import component_first, symmetric_square_root
+from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import random_stream
-from radar_sense.montecarlo.statistics import binomial_interval
+from radar_sense.montecarlo.statistics import binomial_interval, highest, order_statistics
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
@@ -88,8 +89,7 @@ def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
         for p_d in _independent(sampler, scenario.seed, stage, target - done):
             above[undecided] += np.count_nonzero(p_d > p_max, axis=0)
             candidates = np.concatenate([largest[:, undecided], p_d])
-            kept = np.partition(candidates, len(candidates) - keep, axis=0)[-keep:]
-            largest[:, undecided] = kept
+            largest[:, undecided] = highest(candidates, keep)
         runs[undecided] = target
         spent += len(undecided) * radars * (target - done)
         low, high = binomial_interval(above[undecided], runs[undecided], CONFIDENCE)
@@ -97,8 +97,7 @@ def decide(scenario: Scenario, p_max: float, tail: float) -> Decision:
         target, stage = target * GROWTH, stage + 1
     low, high = binomial_interval(above, runs, CONFIDENCE)
     rank = np.clip(np.ceil(tail * runs).astype(int), 1, keep)
-    ordered = np.sort(largest, axis=0)
-    upper = ordered[keep - rank, np.arange(n)]
+    upper = order_statistics(largest, keep - rank)
     return Decision(above / runs, upper, runs, high <= tail, low > tail)
 
 
@@ -168,22 +167,15 @@ def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
         Sampler.of(path),
         sqrt_cov_aircraft=component_first(symmetric_square_root(path.cov_aircraft)),
     )
-    rho, innovation_std = _correlations(path)
+    # the poses of an orbit have no times; their steps count as 1 s
+    time = np.arange(float(poses)) if path.time_s is None else path.time_s
+    correlation = successive_correlation(time, path.correlation_s)
     size = max(1, _BLOCK // (poses * len(path.model.models)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)
         generator = random_stream(path.seed, _PATH, block)
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((poses, count, len(AIRCRAFT)))
-        for i in range(1, poses):
-            normals[i] = rho[i - 1] * normals[i - 1] + innovation_std[i - 1] * normals[i]
+        correlate(normals, *correlation)
         yield sampler.draw_p_d(normals.swapaxes(0, 1), radar)
         report("runs along the path", start + count, runs)
-
-
-def _correlations(path: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Return ρ (n − 1,) of the errors of successive poses, and √(1 − ρ²)."""
-    steps = np.ones(len(path.aircraft) - 1) if path.time_s is None else np.diff(path.time_s)
-    with np.errstate(divide="ignore"):
-        x = steps / path.correlation_s
-    return np.exp(-x), np.sqrt(-np.expm1(-2.0 * x))

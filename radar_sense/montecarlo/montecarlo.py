@@ -19,11 +19,16 @@ from scipy.special import ndtr
 from radar_sense.limits import RUNS, SEED, WORKERS, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
-from radar_sense.montecarlo.canary import canary
 from radar_sense.montecarlo.parallel import merged
+from radar_sense.montecarlo.rounding import rounding_digest
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
-from radar_sense.montecarlo.statistics import RunningMoments, Tails, binomial_interval
+from radar_sense.montecarlo.statistics import (
+    DrawStatistics,
+    RunningStatistics,
+    Tails,
+    binomial_interval,
+)
 from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import RADAR, FloatArray
@@ -45,37 +50,34 @@ WITHIN_3_SIGMA = 1.0 - 2.0 * TAIL
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MonteCarlo:
+class MonteCarlo(DrawStatistics):
     """Statistics of the draws at each of n poses, beside the band of a method of propagation.
 
     Attributes:
-        runs: Number of runs.
-        seed: Seed of the draws.
-        band: Moments by the method, with bounds at Φ(−3) and Φ(3).
         mean: Mean of the draws (n,).
         std: Standard deviation of the draws (n,).
         lower: Quantile of the draws at Φ(−3) (n,), exact.
         upper: Quantile of the draws at Φ(3) (n,), exact.
+        runs: Number of runs.
+        seed: Seed of the draws.
+        band: Moments by the method, with bounds at Φ(−3) and Φ(3).
         inside: Number of draws within the method's bounds (n,).
         clipped: Number of runs whose radar constant was drawn below zero and set to zero.
         sample_paths: P_D of the first runs (h, n), h at most MAX_SAMPLE_PATHS.
         sampler: Source of the draws, "random" or "sobol".
-        canaries: Digests of one fixed computation by each process of an executor. With more than
-            one digest, the last digits of the result depend on which process computed which runs.
+        rounding_digests: Digests of one fixed computation by each process of an executor. With more
+            than one digest, the last digits of the result depend on which process computed which
+            runs.
     """
 
     runs: int
     seed: int
     band: Moments
-    mean: FloatArray
-    std: FloatArray
-    lower: FloatArray
-    upper: FloatArray
     inside: FloatArray
     clipped: int
     sample_paths: FloatArray
     sampler: str = "random"
-    canaries: frozenset[str] = frozenset()
+    rounding_digests: frozenset[str] = frozenset()
 
     @property
     def coverage(self) -> FloatArray:
@@ -106,21 +108,20 @@ class _Statistics:
     """Statistics of runs."""
 
     def __init__(self, poses: int, runs: int) -> None:
-        self.moments, self.tails = RunningMoments(poses), Tails(poses, runs, TAIL)
+        self.draws = RunningStatistics(poses, runs, TAIL)
         self.inside = np.zeros(poses)
         self.clipped = 0
         self.sample_paths: list[FloatArray] = []
-        self.canaries: set[str] = set()
+        self.rounding_digests: set[str] = set()
 
     @property
     def runs(self) -> int:
         """Number of runs added."""
-        return self.moments.count
+        return self.draws.count
 
     def add(self, p_d: FloatArray, clipped: int, sample_paths: int, band: Moments) -> None:
         """Add P_D of runs (m, n), and keep the first `sample_paths` runs for the figure."""
-        self.moments.add(p_d)
-        self.tails.add(p_d)
+        self.draws.add(p_d)
         self.inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
         self.clipped += clipped
         if sample_paths:
@@ -128,12 +129,11 @@ class _Statistics:
 
     def merge(self, other: _Statistics) -> None:
         """Add all runs of another instance."""
-        self.moments.merge(other.moments)
-        self.tails.merge(other.tails)
+        self.draws.merge(other.draws)
         self.inside += other.inside
         self.clipped += other.clipped
         self.sample_paths += other.sample_paths
-        self.canaries |= other.canaries
+        self.rounding_digests |= other.rounding_digests
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class Tasks:
     blocks: Blocks
     band: Moments
     sample_paths: int
-    with_canary: bool = False
+    with_digest: bool = False
 
     @property
     def blocks_per_task(self) -> int:
@@ -208,8 +208,8 @@ class Tasks:
         for block in range(first, min(first + self.blocks_per_task, blocks.blocks)):
             sample_paths = max(0, self.sample_paths - blocks.runs_of(block).start)
             statistics.add(*blocks.p_d(*blocks.normals(block)), sample_paths, self.band)
-        if self.with_canary:
-            statistics.canaries.add(canary())
+        if self.with_digest:
+            statistics.rounding_digests.add(rounding_digest())
         return statistics
 
 
@@ -342,21 +342,21 @@ def _compare(
         Blocks(states, source, runs, runs_per_block),
         band,
         sample_paths=min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs),
-        with_canary=executor is not None,
+        with_digest=executor is not None,
     )
     total = merged(tasks.statistics, tasks.count, workers, executor, progress)
-    lower, upper = total.tails.quantiles()
+    statistics = total.draws.statistics()
     return MonteCarlo(
+        mean=statistics.mean,
+        std=statistics.std,
+        lower=statistics.lower,
+        upper=statistics.upper,
         runs=runs,
         seed=seed,
         band=band,
-        mean=total.moments.mean,
-        std=total.moments.std(),
-        lower=lower,
-        upper=upper,
         inside=total.inside,
         clipped=total.clipped,
         sample_paths=np.vstack(total.sample_paths),
         sampler=sampler,
-        canaries=frozenset(total.canaries),
+        rounding_digests=frozenset(total.rounding_digests),
     )

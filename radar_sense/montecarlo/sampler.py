@@ -20,7 +20,7 @@ from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, consta
 ALL_POSES = slice(None)
 
 
-def normals(components: int, parts: Sequence[Sequence[Tolerance]]) -> int:
+def count_normals(components: int, parts: Sequence[Sequence[Tolerance]]) -> int:
     """Return the number of unit normals of a radar state.
 
     Each component has one normal. A radar constant made of k uncertain parameters has k normals.
@@ -28,12 +28,12 @@ def normals(components: int, parts: Sequence[Sequence[Tolerance]]) -> int:
     return components + sum(max(0, len(radar_parts) - 1) for radar_parts in parts)
 
 
-def made_of_parts(parts: Sequence[Sequence[Tolerance]]) -> list[int]:
+def components_with_parts(parts: Sequence[Sequence[Tolerance]]) -> list[int]:
     """Return the places of the radar constants made of uncertain parameters, in all states."""
     return [len(RADAR) * i + CONSTANT for i, radar_parts in enumerate(parts) if radar_parts]
 
 
-def columns(components: int, parts: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
+def columns_of_normals(components: int, parts: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
     """Return the columns of the unit normals that the parameters of each radar constant use.
 
     The first parameter uses the column of its c_r. The other parameters use columns after the
@@ -103,14 +103,16 @@ class Sampler:
             aircraft=aircraft,
             radar=radar,
             sqrt_cov_aircraft=component_first(square_root(checked("aircraft", cov_aircraft))),
-            sqrt_cov_radar=block_square_root(checked("radar", cov_radar), made_of_parts(parts)),
+            sqrt_cov_radar=block_square_root(
+                checked("radar", cov_radar), components_with_parts(parts)
+            ),
             parts=parts,
         )
 
     @property
     def radar_normals(self) -> int:
         """Number of unit normals of all radars: 4 each, or 3 and one for each part of c_r."""
-        return normals(len(self.radar), self.parts)
+        return count_normals(len(self.radar), self.parts)
 
     def draw_radar(self, normals: FloatArray) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Draw radar states from unit normals.
@@ -126,7 +128,7 @@ class Sampler:
         constants = radar[:, places]  # a view: assignments change `radar`
         negative = constants < 0
         constants[negative] = 0.0
-        columns_by_radar = columns(len(self.radar), self.parts)
+        columns_by_radar = columns_of_normals(len(self.radar), self.parts)
         for i, (parts, part_columns) in enumerate(zip(self.parts, columns_by_radar, strict=True)):
             if parts:  # `draw` returns 0 for a negative parameter
                 constants[:, i] = draw(self.radar[places][i], parts, normals[:, part_columns])

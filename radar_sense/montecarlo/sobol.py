@@ -27,7 +27,7 @@ MAX_BYTES = 4_000_000_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SobolIndices:
-    """Indices of g groups for s outputs, with standard errors.
+    """Indices of g groups for s outputs, with the standard errors of the first-order indices.
 
     Attributes:
         mean: Mean of the outputs (s,).
@@ -35,7 +35,6 @@ class SobolIndices:
         first: First-order indices (g, s).
         total: Total indices (g, s).
         first_error: Standard errors of the first-order indices (g, s).
-        total_error: Standard errors of the total indices (g, s).
     """
 
     mean: FloatArray
@@ -43,7 +42,6 @@ class SobolIndices:
     first: FloatArray
     total: FloatArray
     first_error: FloatArray
-    total_error: FloatArray
 
 
 def sobol_indices(
@@ -104,14 +102,12 @@ def sobol_indices(
     means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
     constant = variances.mean(axis=0) == 0
     firsts[..., constant] = totals[..., constant] = np.nan
-    error = np.sqrt(REPLICATES)
     return SobolIndices(
         mean=means.mean(axis=0),
         variance=variances.mean(axis=0),
         first=firsts.mean(axis=0),
         total=totals.mean(axis=0),
-        first_error=firsts.std(axis=0, ddof=1) / error,
-        total_error=totals.std(axis=0, ddof=1) / error,
+        first_error=firsts.std(axis=0, ddof=1) / np.sqrt(REPLICATES),
     )
 
 

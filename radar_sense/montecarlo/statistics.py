@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,59 @@ MAX_SORTED = 512
 MAX_TAIL_BYTES = 4_000_000_000
 #: A tail is trimmed when it holds this many times the rows that its quantile needs.
 TAIL_ROOM = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class DrawStatistics:
+    """Statistics of draws at each of n poses or looks.
+
+    Attributes:
+        mean: Mean of the draws (n,).
+        std: Standard deviation of the draws (n,).
+        lower: Quantile of the draws at the probability of a tail (n,).
+        upper: Quantile of the draws at 1 minus this probability (n,).
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+    def at(self, rows: NDArray[np.intp]) -> DrawStatistics:
+        """Return the statistics at some poses or looks, which may recur."""
+        return DrawStatistics(self.mean[rows], self.std[rows], self.lower[rows], self.upper[rows])
+
+
+class RunningStatistics:
+    """Statistics of each column of many rows.
+
+    Args:
+        columns: Number of columns.
+        count: Number of rows that will be added in total.
+        probability: Probability of a tail.
+    """
+
+    def __init__(self, columns: int, count: int, probability: float) -> None:
+        self._moments, self._tails = RunningMoments(columns), Tails(columns, count, probability)
+
+    @property
+    def count(self) -> int:
+        """Number of rows added."""
+        return self._moments.count
+
+    def add(self, rows: FloatArray) -> None:
+        """Add rows (m, columns)."""
+        self._moments.add(rows)
+        self._tails.add(rows)
+
+    def merge(self, other: RunningStatistics) -> None:
+        """Add all rows of another instance, made for the same columns and count."""
+        self._moments.merge(other._moments)
+        self._tails.merge(other._tails)
+
+    def statistics(self) -> DrawStatistics:
+        """Return the statistics of all rows."""
+        return DrawStatistics(self._moments.mean, self._moments.std(), *self._tails.quantiles())
 
 
 class RunningMoments:
@@ -131,9 +185,8 @@ class _Tail:
         return self._buffer.nbytes
 
     def share(self, rows: int) -> int:
-        """Return the number of rows of a block to keep: the expected number in the tail plus 8σ."""
-        expected = rows * self._probability
-        return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), self._keep, rows)
+        """Return the number of rows of a block to keep."""
+        return min(tail_share(rows, self._probability), self._keep)
 
     def add(self, smallest: FloatArray, rows: int) -> None:
         """Add the smallest entries of each column of a block of `rows` rows."""
@@ -177,6 +230,19 @@ class _Tail:
         return self._buffer.shape[1:]
 
 
+def tail_share(rows: int, probability: float) -> int:
+    """Return the number of rows in a tail that a block exceeds with a probability below 1e-13.
+
+    The number is the expected number in the tail plus 8σ, at most all rows of the block.
+
+    Args:
+        rows: Number of rows of the block.
+        probability: Probability of the tail.
+    """
+    expected = rows * probability
+    return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), rows)
+
+
 def _needed(count: int, probability: float) -> int:
     """Return the number of the smallest of `count` rows that determine the quantile."""
     return min(math.floor(quantile_position(count, probability)) + 2, count)
@@ -212,6 +278,26 @@ def order_statistics(rows: FloatArray, position: FloatArray) -> FloatArray:
     return values
 
 
+def tail_quantiles(
+    rows: FloatArray, count: int, probability: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the quantiles (columns,) of `count` rows at a probability and at 1 − probability.
+
+    Args:
+        rows: All rows, or at least the rows of both tails (m, columns).
+        count: Number of all rows.
+        probability: Probability of the lower quantile.
+    """
+    # The rank from either end is the same in the tails as among all rows.
+    position = np.full(rows.shape[1], quantile_position(count, probability))
+    return order_statistics(rows, position), -order_statistics(-rows, position)
+
+
+def highest(rows: FloatArray, keep: int) -> FloatArray:
+    """Return the largest entries of each column (keep, columns), in no order."""
+    return np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
+
+
 def _lowest(rows: FloatArray, keep: int) -> FloatArray:
     """Return the smallest entries of each column (keep, columns), in no order."""
     return np.partition(rows, keep - 1, axis=0)[:keep]
@@ -222,7 +308,7 @@ def _ends(rows: FloatArray, keep: int) -> tuple[FloatArray, FloatArray]:
     if len(rows) <= MAX_SORTED:
         ordered = np.sort(rows, axis=0)
         return ordered[:keep], ordered[len(rows) - keep :]
-    return _lowest(rows, keep), np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
+    return _lowest(rows, keep), highest(rows, keep)
 
 
 def binomial_interval(

@@ -16,7 +16,7 @@ from scipy.special import ndtr, ndtri
 
 from radar_sense.covariance import MANY, square_root, variance_along
 from radar_sense.propagation import form as _form
-from radar_sense.propagation.lobes import scan
+from radar_sense.propagation.aspect_scan import scan_aspects
 from radar_sense.propagation.moments import BOUND_CHANGE, STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
     BLOCK,
@@ -164,7 +164,7 @@ def _lobe_beyond(
 ) -> NDArray[np.bool_]:
     """Return where (k,) a lobe of the RCS within the ball |u| ≤ β takes P_D beyond a bound."""
     sqrt_cov = probit.sqrt_cov
-    scanned = scan(
+    scanned = scan_aspects(
         probit, np.broadcast_to(sqrt_cov, (len(probit.states), *sqrt_cov.shape[1:])), beta
     )
     _, lower, upper = std_and_bounds

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.propagation.lobes import scan
+from radar_sense.propagation.aspect_scan import scan_aspects
 from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
 from radar_sense.propagation.standard_space import (
     MAX_NUMBERS,
@@ -244,7 +244,7 @@ def _highest_lobes(
     rows = np.flatnonzero(searched)
     if not rows.size:
         return first
-    scanned = scan(space.probit, space.sqrt_cov, float(radius[rows[0]]))
+    scanned = scan_aspects(space.probit, space.sqrt_cov, float(radius[rows[0]]))
     up = sign[rows] > 0
     promise = np.where(up, scanned.promise[:, row[rows]], -scanned.threat[:, row[rows]])
     point = np.argmax(promise, axis=0)

@@ -16,7 +16,9 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -151,13 +153,8 @@ def read_csv(
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
     with open_text(path, layout.kind, layout.max_bytes) as file:
-        try:
+        with _digest_first(file, sha256):
             header, blocks = _read(file, layout, check_header, check_block)
-        except FileError:
-            raise
-        except InputError:
-            file.sha256(sha256)  # a wrong digest explains all other errors
-            raise
         return Table(header, blocks, file.sha256(sha256))
 
 
@@ -184,25 +181,23 @@ def read_rows(
         InputError: If the file cannot be read, or `check_header` or `take` raises it.
     """
     with open_text(path, kind, max_bytes) as file:
-        header: Header | None = None
-        try:
-            for first_line, content in _pieces(file):
-                content = _without_comments(content, file.source, first_line)
-                if header is None:
-                    header = _names(content, first_line, file.source)
-                    if header is None:
-                        continue
-                    check_header(header)
-                    content, first_line = _below(content, first_line, header.line)
-                block = Block(header, first_line, content, np.empty((0, len(header.names))))
+        with _digest_first(file, sha256):
+            for block in _blocks(file, _names, check_header):
                 for line, text in block.lines():
-                    take(header, line, _row(block, line, text))
-        except FileError:
-            raise
-        except InputError:
-            file.sha256(sha256)  # a wrong digest explains all other errors
-            raise
+                    take(block.header, line, _row(block, line, text))
         return file.sha256(sha256)
+
+
+@contextmanager
+def _digest_first(file: TextFile, sha256: str | None) -> Iterator[None]:
+    """Check the digest before an error in the content: a wrong digest explains all other errors."""
+    try:
+        yield
+    except FileError:
+        raise
+    except InputError:
+        file.sha256(sha256)
+        raise
 
 
 def _read(
@@ -214,16 +209,9 @@ def _read(
     header: Header | None = None
     blocks: list[FloatArray] = []
     count, mark = 0, ""
-    for first_line, content in _pieces(file):
-        content = _without_comments(content, file.source, first_line)
-        if header is None:
-            header = _header(content, first_line, file.source, layout)
-            if header is None:
-                continue
-            check_header(header)
-            content, first_line = _below(content, first_line, header.line)
-        block = Block(header, first_line, content, np.empty((0, len(header.names))))
-        block = replace(block, rows=_numbers(block, layout))
+    for lines in _blocks(file, partial(_header, layout=layout), check_header):
+        header = lines.header
+        block = replace(lines, rows=_numbers(lines, layout))
         if not len(block.rows):
             continue
         mark = _decimal_mark(block, mark)
@@ -240,6 +228,24 @@ def _read(
     if not blocks:
         raise InputError(f"{file.source}: has no rows below the names of its columns")
     return header, blocks
+
+
+def _blocks(
+    file: TextFile,
+    read_header: Callable[[bytes, int, str], Header | None],
+    check_header: Callable[[Header], None],
+) -> Iterator[Block]:
+    """Yield the lines below the names of the columns, without numbers."""
+    header: Header | None = None
+    for first_line, content in _pieces(file):
+        content = _without_comments(content, file.source, first_line)
+        if header is None:
+            header = read_header(content, first_line, file.source)
+            if header is None:
+                continue
+            check_header(header)
+            content, first_line = _below(content, first_line, header.line)
+        yield Block(header, first_line, content, np.empty((0, len(header.names))))
 
 
 def _pieces(file: TextFile) -> Iterator[tuple[int, bytes]]:

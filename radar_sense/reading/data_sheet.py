@@ -15,7 +15,7 @@ from radar_sense.model.radar_constant import (
     Tolerance,
     column_name,
     loss_key,
-    nested,
+    nest_losses,
 )
 from radar_sense.model.radar_equation import LOSSES, RADARS, SEARCH_FACTORS
 from radar_sense.reading.yaml_reader import Entry
@@ -104,13 +104,13 @@ def read_tolerances(entry: Entry, sheet: DataSheet) -> tuple[Tolerance, ...]:
         InputError: If a key is not in the data sheet, or a number is not allowed.
     """
     losses_key = keys.LOSSES_DB.name
-    allowed = [key for key in nested(sheet.values) if key != "coherent_pulses"]
+    allowed = [key for key in nest_losses(sheet.values) if key != "coherent_pulses"]
     entries = entry.mapping([], allowed)
     if not entries:
         raise entry.error(f"needs at least one of the keys {', '.join(allowed)}")
     if losses_key in entries:
         losses = entries.pop(losses_key)
-        by_name = losses.mapping([], list(nested(sheet.values)[losses_key]))
+        by_name = losses.mapping([], list(nest_losses(sheet.values)[losses_key]))
         if not by_name:
             raise losses.error("needs at least one loss")
         entries |= {loss_key(name): of_loss for name, of_loss in by_name.items()}
@@ -122,6 +122,6 @@ def read_tolerances(entry: Entry, sheet: DataSheet) -> tuple[Tolerance, ...]:
         if tolerance.power < 0 and not tolerance.decibels and std[key] > most:
             raise value.error(
                 f"must be a number not less than 0 and not greater than {most:g}, 1/6 of the "
-                f"parameter, as c_r is divided by it; got {std[key]:g}"
+                f"parameter because c_r is divided by this parameter; got {std[key]:g}"
             )
     return sheet.tolerances(std)

@@ -21,7 +21,7 @@ from radar_sense.reading.geometry import Poses, read_geometry
 from radar_sense.reading.radars import (
     RadarEntry,
     network,
-    placed,
+    place_radar,
     read_radar,
     read_radars,
     with_levels,
@@ -65,14 +65,14 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     present = root.entries() if root.is_mapping() else {}
     several = "radars" in present
     if several and "radar" in present:
-        raise present["radar"].error("must be left out, or 'radars'; allowed is one or the other")
+        raise present["radar"].error("stands beside 'radars'; give only one of the two")
     unused = "radar" if several else "radars"
     entries = root.mapping([key.name for key in keys.SCENARIO if key.name != unused])
     name = entries["name"].value(keys.NAME)
     radars = read_radars(entries["radars"]) if several else [read_radar(entries["radar"])]
     rcs, rcs_source, attitude = read_aircraft(entries["aircraft"], entries["geometry"])
     poses = read_geometry(entries["geometry"], attitude)
-    radars = [placed(radar, poses) for radar in radars]
+    radars = [place_radar(radar, poses) for radar in radars]
     for radar in radars:
         _refuse_collision(entries["geometry"], poses, radar)
         _refuse_uncovered(entries["geometry"], rcs, poses, radar)

@@ -34,7 +34,7 @@ class RadarEntry:
     """A radar of a scenario file.
 
     Attributes:
-        state: North, east, down [m] and c_r (4,). `placed` sets the position of a radar with a
+        state: North, east, down [m] and c_r (4,). `place_radar` sets the position of a radar with a
             `place`.
         p_fa: Probability of false alarm.
         detector: Detector.
@@ -47,7 +47,7 @@ class RadarEntry:
         max_range: Slant range beyond which it detects nothing [m].
         min_range: Slant range within which it detects nothing [m].
         horizon: Whether P_D is 0 below the horizon.
-        levels: Uncertainty of the radar, in the frame of the poses after `placed`.
+        levels: Uncertainty of the radar, in the frame of the poses after `place_radar`.
         stated: Uncertainty of the radar as in the file.
     """
 
@@ -73,7 +73,7 @@ class RadarEntry:
 
     @property
     def source(self) -> RadarSource:
-        """The state and the covariances before and after `placed`, for the record."""
+        """The state and the covariances before and after `place_radar`, for the record."""
         covariances = {
             level: StatedCovariance(matrix, self.levels.covariance[level])
             for level, matrix in self.stated.covariance.items()
@@ -94,7 +94,7 @@ def read_radar(
     position, place = keys.RADAR_POSITION.name, keys.RADAR_PLACE.name
     present = entry.entries()
     if position in present and place in present:
-        raise present[place].error("must be left out, or 'position_m'; allowed is one or the other")
+        raise present[place].error("stands beside 'position_m'; give only one of the two")
     first, other = (place, []) if place in present else (position, [place])
     constants = [keys.CONSTANT.name, *RADARS]
     further = [keys.DETECTOR.name, keys.SCAN_PERIOD.name, keys.ATTENUATION.name]
@@ -150,7 +150,7 @@ def _looks(detector: Detector) -> int:
     return detector.pulses * (detector.binary.n if detector.binary else 1)
 
 
-def placed(radar: RadarEntry, poses: Poses) -> RadarEntry:
+def place_radar(radar: RadarEntry, poses: Poses) -> RadarEntry:
     """Return a radar with its position in the frame of the poses."""
     if radar.place is None or radar.place_entry is None:
         return radar
@@ -213,7 +213,7 @@ def _read_one_of_several(entry: Entry) -> RadarEntry:
     section = Section(entry.entries())
     name = section.value(keys.RADAR_NAME)
     if uncertainty not in section:
-        raise entry.error("missing key 'uncertainty'; every one of 'radars' has one of its own")
+        raise entry.error("missing key 'uncertainty'; every radar of 'radars' needs this key")
     levels = read_levels(section[uncertainty], radar.data_sheet, radar.attenuation)
     return dataclasses.replace(radar, name=name, levels=levels, stated=levels)
 

@@ -462,19 +462,21 @@ def _layout(header: Header, speed: float | None) -> _Layout:
     for axis in _NED:
         present = [name for name in (f"{axis}_m", f"{axis}_km") if name in names]
         if len(present) > 1:
-            raise header.error(f"has {' and '.join(present)}; allowed is one of them")
+            raise header.error(f"has {' and '.join(present)}; give only one of them")
         ned.append(present[0] if present else f"{axis}_m")
     geodetic = bool(set(GEODETIC) & set(names))
     if geodetic and set(ned) & set(names):
         raise header.error(
-            "has north, east, down beside latitude, longitude, altitude; allowed is one or other"
+            "has north, east, down beside latitude, longitude, altitude; give only one of the two"
         )
     position = GEODETIC if geodetic else tuple(ned)
     has_times, has_speeds = "time_s" in names, "speed_m_s" in names
     if has_times and (has_speeds or speed is not None):
         raise header.error(f"has time_s; {_UNUSED_SPEED}")
     if has_speeds and speed is not None:
-        raise header.error("has the column speed_m_s beside geometry.speed_m_s; allowed is one")
+        raise header.error(
+            "has the column speed_m_s beside geometry.speed_m_s; give only one of the two"
+        )
     if not (has_times or has_speeds or speed is not None):
         raise header.error(f"missing column 'time_s'; {_NEEDS_SPEED}")
     moment = "time_s" if has_times else "speed_m_s"
@@ -489,7 +491,7 @@ def _layout(header: Header, speed: float | None) -> _Layout:
         cov=optional(COV),
     )
     if layout.std and layout.cov:
-        raise header.error(f"has {STD[0]} beside {COV[0]}; allowed is one or other")
+        raise header.error(f"has {STD[0]} beside {COV[0]}; give only one of the two")
     return layout
 
 

@@ -10,12 +10,6 @@ from pathlib import Path
 from radar_sense import schema
 from radar_sense.reading.parse import default_text
 
-#: What there is to start from besides the scenario of the paper, and what each shows.
-STARTERS = {
-    "network": "several radars",
-    "route": "a flight from a CSV file, which is written too",
-    "data_sheet": "a radar by its data sheet",
-}
 #: The route of the starter, as its scenario names it.
 _ROUTE = "route.csv"
 _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
@@ -25,7 +19,7 @@ def starter_text(kind: str) -> str:
     """Return the text of a commented scenario.
 
     Args:
-        kind: A name in `STARTERS`; "" for the scenario of the paper.
+        kind: "network", "route", "data_sheet", or "" for the scenario of the paper.
     """
     return _template(f"{kind}.yaml") if kind else default_text()
 
@@ -34,14 +28,14 @@ def starter_files(kind: str, file: Path) -> dict[str, bytes]:
     """Return the files of a starter by name: the scenario, its schema, its route.
 
     Args:
-        kind: A name in `STARTERS`; "" for the scenario of the paper.
+        kind: "network", "route", "data_sheet", or "" for the scenario of the paper.
         file: The scenario file. The other files are for the folder of this file.
 
     Raises:
         ValueError: If the scenario file would have the name of the schema.
     """
     if file.name == schema.FILE_NAME:
-        raise ValueError("this is the name of the schema beside a scenario")
+        raise ValueError(f"{file.name} is the name of the schema; choose another name")
     text = schema.MODELINE + starter_text(kind)
     files = {file.name: text.encode()}
     if kind == "route":

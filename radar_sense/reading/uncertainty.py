@@ -54,7 +54,7 @@ def read_uncertainty(
     aircraft, radar = (key.name for key in keys.UNCERTAINTY if key is not keys.CORRELATION)
     if not of_radar and radar in entry.entries():
         raise entry.entries()[radar].error(
-            "must be left out here: each of 'radars' has an 'uncertainty' of its own"
+            "must be left out here: give 'uncertainty' of each radar in 'radars'"
         )
     radars = [radar] if of_radar else []
     correlation = keys.CORRELATION
@@ -95,8 +95,8 @@ def _read_rcs_db(entry: Entry, rcs: RCS) -> float:
     value = present[keys.RCS_DB.name]
     if getattr(rcs, "spread", None) is not None:
         raise value.error(
-            "must be left out, or the column std_db of the RCS table: both state the uncertainty "
-            "of the RCS"
+            "stands beside the column std_db of the RCS table; give only one of the two: both are "
+            "the uncertainty of the RCS"
         )
     return float(value.value(keys.RCS_DB))
 
@@ -161,7 +161,7 @@ def _read_covariance(
     if whole in entries:
         if any(name in entries for name in names):
             raise entry.error(
-                f"has 'covariance' beside {', '.join(names)}; allowed is one or other"
+                f"has 'covariance' beside {', '.join(names)}; give only one of the two"
             )
         return _read_matrix(entries[whole], len(units)) * np.outer(units, units), ()
     entries = entry.mapping(names, [whole, *besides])

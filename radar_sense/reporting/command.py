@@ -18,8 +18,8 @@ from radar_sense.analyses.contract import (
 )
 from radar_sense.analyses.threshold import AUTOMATIC
 from radar_sense.analyses.variance import variance
-from radar_sense.reporting.evidence import Evidence, gather
 from radar_sense.reporting.page import page
+from radar_sense.reporting.results import Results, run_analyses
 from radar_sense.reporting.sections import Section, sections
 from radar_sense.scenario import Scenario
 
@@ -29,22 +29,22 @@ class Report:
     """The report of a scenario: results of analyses, and sections with answers.
 
     Attributes:
-        evidence: The results of the analyses.
+        results: The results of the analyses.
         sections: The questions, with their answers.
     """
 
-    evidence: Evidence
+    results: Results
     sections: tuple[Section, ...]
 
     @property
     def stem(self) -> str:
         """Name of the file, without folder and ending."""
-        return report.stem(self.evidence.scenario)
+        return report.stem(self.results.scenario)
 
     @property
     def passed(self) -> bool:
         """Whether the threshold test holds, if there is one."""
-        return self.evidence.variance.passed
+        return self.results.variance.passed
 
     @property
     def report(self) -> tuple[str, ...]:
@@ -66,11 +66,11 @@ class Report:
             FigureError: If a figure cannot be drawn.
         """
         return page(
-            self.evidence.scenario,
+            self.results.scenario,
             self.sections,
             command=command,
             versions=files.versions(),
-            document=files.yaml_text(self.evidence.scenario.resolved()),
+            document=files.yaml_text(self.results.scenario.resolved()),
         )
 
     def save(self, folder: str | Path = ".", *, command: Sequence[str] = ()) -> list[Path]:
@@ -145,10 +145,10 @@ def _report(
     Raises:
         InputError: If an option is not allowed, or k is given alone.
     """
-    evidence = gather(
+    results = run_analyses(
         scenario, method=method, threshold=threshold, k=k, workers=workers, progress=progress
     )
-    return Report(evidence, sections(evidence))
+    return Report(results, sections(results))
 
 
 _OF_VARIANCE = {option.name: option for option in variance.options}

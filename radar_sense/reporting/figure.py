@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from xml.etree import ElementTree
 
 from radar_sense.analyses.contract import FigureError, Result
-from radar_sense.reporting.elements import Html, element
+from radar_sense.reporting.html_elements import Html, element
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _HREF = "{http://www.w3.org/1999/xlink}href"

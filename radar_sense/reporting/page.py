@@ -6,7 +6,8 @@ import shlex
 from collections.abc import Mapping, Sequence
 from importlib import resources
 
-from radar_sense.reporting.elements import (
+from radar_sense.reporting.figure import Drawing
+from radar_sense.reporting.html_elements import (
     Html,
     code,
     element,
@@ -16,7 +17,6 @@ from radar_sense.reporting.elements import (
     scrolling,
     table,
 )
-from radar_sense.reporting.figure import Drawing
 from radar_sense.reporting.sections import Section
 from radar_sense.scenario import Scenario
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from radar_sense.reporting.elements import Html, table
+from radar_sense.reporting.html_elements import Html, table
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANTS, FloatArray
 

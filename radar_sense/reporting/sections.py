@@ -22,9 +22,9 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS
-from radar_sense.reporting.elements import Html, code, element, items, table
-from radar_sense.reporting.evidence import Evidence, first_largest
 from radar_sense.reporting.figure import Drawing
+from radar_sense.reporting.html_elements import Html, code, element, items, table
+from radar_sense.reporting.results import Results, first_largest
 from radar_sense.reporting.scenario_words import (
     flight_table,
     levels_sentence,
@@ -57,9 +57,9 @@ class Section:
     by: str = ""
 
 
-def sections(evidence: Evidence) -> tuple[Section, ...]:
+def sections(results: Results) -> tuple[Section, ...]:
     """Return the sections of a report in their order."""
-    makers: tuple[Callable[[Evidence], Section | None], ...] = (
+    makers: tuple[Callable[[Results], Section | None], ...] = (
         _scenario,
         _detection,
         _sources,
@@ -68,26 +68,26 @@ def sections(evidence: Evidence) -> tuple[Section, ...]:
         _mission,
         _map,
     )
-    return tuple(section for make in makers if (section := make(evidence)) is not None)
+    return tuple(section for make in makers if (section := make(results)) is not None)
 
 
-def _scenario(evidence: Evidence) -> Section:
-    scenario = evidence.scenario
+def _scenario(results: Results) -> Section:
+    scenario = results.scenario
     return Section(
         key="scenario",
         question="Who looks at whom?",
         answer=scenario_sentence(scenario),
         body=(
             element("p", levels_sentence(scenario)),
-            radar_table(scenario, evidence.variance.table),
+            radar_table(scenario, results.variance.table),
             flight_table(scenario),
         ),
-        warnings=evidence.implausible,
+        warnings=results.implausible,
     )
 
 
-def _detection(evidence: Evidence) -> Section:
-    result = evidence.variance
+def _detection(results: Results) -> Section:
+    result = results.variance
     axis, columns = result.scenario.axis, result.table
     low, high = result.summary["lowest_p_d"], result.summary["highest_p_d"]
     worst = result.summary["largest_three_sigma"]
@@ -118,7 +118,7 @@ def _detection(evidence: Evidence) -> Section:
                 _number(columns["upper_3sigma"][pose]),
             )
         )
-    limit = evidence.threshold
+    limit = results.threshold
     return Section(
         key="p-d",
         question="How sure is the probability of detection?",
@@ -149,7 +149,7 @@ def _detection(evidence: Evidence) -> Section:
             ),
             *_radars_by_themselves(result),
         ),
-        warnings=evidence.warnings_of(result),
+        warnings=results.warnings_of(result),
         by=_by(result),
     )
 
@@ -178,8 +178,8 @@ def _radars_by_themselves(result: Result) -> Iterator[Html]:
     )
 
 
-def _sources(evidence: Evidence) -> Section:
-    result = evidence.budget
+def _sources(results: Results) -> Section:
+    result = results.budget
     summary, axis = result.summary, result.scenario.axis
     total = result.table["three_sigma_total"]
     pose = first_largest(total)
@@ -197,16 +197,16 @@ def _sources(evidence: Evidence) -> Section:
             f"At {place}, where 3 sigma is largest ({_number(total[pose])}), "
             f"{shares[first]:.0%} of the variance of P_D comes from {_source(first, result)}. "
             f"Measure {_source(first, result)} better first: with half its deviation 3 sigma there "
-            f"would be {_number(evidence.halved[first])}."
+            f"would be {_number(results.halved[first])}."
         )
         parts = dict(_parts(first, result))
         if len(parts) > 2:  # a radar of a network, with the constant and the parts of the constant
             parts.pop(f"{first}_constant", None)
         if parts:
-            part = min(parts, key=lambda name: np.nan_to_num(evidence.halved[name], nan=np.inf))
+            part = min(parts, key=lambda name: np.nan_to_num(results.halved[name], nan=np.inf))
             answer += (
                 f" The most important part is {parts[part]}: with half its deviation alone "
-                f"3 sigma would be {_number(evidence.halved[part])}."
+                f"3 sigma would be {_number(results.halved[part])}."
             )
         if shares["interaction"] < -0.005:
             answer += (
@@ -216,10 +216,10 @@ def _sources(evidence: Evidence) -> Section:
     rows: list[tuple[str, ...]] = []
     at_largest = summary["at_largest"]
     for name in sorted(at_largest, key=lambda source: -np.nan_to_num(at_largest[source])):
-        rows.append(_source_row(name, _words(name), shares[name], pose, evidence))
+        rows.append(_source_row(name, _words(name), shares[name], pose, results))
         split = shares[name] >= SPLIT
         rows += [
-            _source_row(part, f"of this, {label}", math.nan, pose, evidence)
+            _source_row(part, f"of this, {label}", math.nan, pose, results)
             for part, label in _parts(name, result)
             if split
         ]
@@ -254,20 +254,20 @@ def _sources(evidence: Evidence) -> Section:
                 rows,
             ),
         ),
-        warnings=evidence.warnings_of(result),
+        warnings=results.warnings_of(result),
         by=_by(result),
     )
 
 
 def _source_row(
-    name: str, label: str, share: float, pose: int, evidence: Evidence
+    name: str, label: str, share: float, pose: int, results: Results
 ) -> tuple[str, ...]:
-    result = evidence.budget
+    result = results.budget
     return (
         label,
         _number(result.table[f"three_sigma_{name}"][pose]),
         "" if math.isnan(share) else f"{share:.1%}",
-        _number(evidence.halved[name]),
+        _number(results.halved[name]),
         result.summary["dominates"].get(name, ""),
     )
 
@@ -282,10 +282,10 @@ def _parts(source: str, result: Result) -> Iterator[tuple[str, str]]:
             yield part["name"], part["label"].removeprefix(f"{source} ")
 
 
-def _methods(evidence: Evidence) -> Section:
-    result, other = evidence.comparison, evidence.repeated
+def _methods(results: Results) -> Section:
+    result, other = results.comparison, results.repeated
     axis, worst = result.scenario.axis, result.summary["largest_difference"]
-    runs, used = result.summary["runs"], evidence.variance.method
+    runs, used = result.summary["runs"], results.variance.method
     noise = max(
         float(np.nanmax(abs(result.table[end] - other.table[end])))
         for end in ("mc_lower", "mc_upper")
@@ -308,7 +308,7 @@ def _methods(evidence: Evidence) -> Section:
         body=(
             element(
                 "p",
-                f"Compared at {len(axis)} of {len(evidence.scenario.axis)} poses, between "
+                f"Compared at {len(axis)} of {len(results.scenario.axis)} poses, between "
                 f"{axis.number(float(axis.values[0]))} and {axis.at(-1)}. Two sets of draws "
                 f"differ from each other by up to {_number(noise)}: differences of that size are "
                 "noise of the draws. With more draws: ",
@@ -344,17 +344,17 @@ def _methods(evidence: Evidence) -> Section:
                 ],
             ),
         ),
-        warnings=evidence.warnings_of(result),
+        warnings=results.warnings_of(result),
         by=f"compare, {runs:,} random draws at each of {len(axis)} poses, seeds "
         f"{result.scenario.seed} and {other.scenario.seed}",
     )
 
 
-def _threshold(evidence: Evidence) -> Section | None:
-    test = evidence.threshold
+def _threshold(results: Results) -> Section | None:
+    test = results.threshold
     if test is None:
         return None
-    result = evidence.variance
+    result = results.variance
     bound = f"P_D + {test['k']:g} sigma"
     start = f"{bound} <= {test['p_max']:g}"
     lines = [line.strip() for line in result.report]
@@ -378,7 +378,7 @@ def _threshold(evidence: Evidence) -> Section | None:
         answer=verdicts[test["verdict"]],
         body=(
             items(lines),
-            *_required(evidence),
+            *_required(results),
         ),
         by=_by(result),
     )
@@ -389,8 +389,8 @@ def _first_place(test: Mapping[str, Any], result: Result) -> str:
     return "an unknown place" if first is None else result.scenario.axis.format(*first.values())
 
 
-def _required(evidence: Evidence) -> Iterator[Html]:
-    result = evidence.budget
+def _required(results: Results) -> Iterator[Html]:
+    result = results.budget
     axis, asked = result.scenario.axis, result.summary["threshold"]
     accuracies = {
         name: RequiredAccuracy(
@@ -416,8 +416,8 @@ def _required(evidence: Evidence) -> Iterator[Html]:
     )
 
 
-def _mission(evidence: Evidence) -> Section | None:
-    result = evidence.mission
+def _mission(results: Results) -> Section | None:
+    result = results.mission
     question = "Will the flight have been detected?"
     if result is None:
         return None
@@ -481,13 +481,13 @@ def _mission(evidence: Evidence) -> Section | None:
                 else []
             ),
         ),
-        warnings=evidence.warnings_of(result),
+        warnings=results.warnings_of(result),
         by=_by(result),
     )
 
 
-def _map(evidence: Evidence) -> Section:
-    result, question = evidence.map, "Where in the area is P_D high?"
+def _map(results: Results) -> Section:
+    result, question = results.map, "Where in the area is P_D high?"
     if isinstance(result, InputError):
         return _without(result, "map", question)
     summary = result.summary
@@ -525,7 +525,7 @@ def _map(evidence: Evidence) -> Section:
                 [(level, f"{areas[level]:,.0f}", f"{shares[level]:.1%}") for level in areas],
             ),
         ),
-        warnings=evidence.warnings_of(result),
+        warnings=results.warnings_of(result),
         by="map",
     )
 

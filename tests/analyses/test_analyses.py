@@ -260,7 +260,7 @@ def test_validate_names_the_pose_with_the_largest_error_per_tolerance():
 def test_refuted_undecided_and_poses_without_a_result_are_told_apart(monkeypatch):
     """The poses are validated, refuted, undecided, without a result, and wrong where δ is 0."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 40, "step": 10})
-    verdict = adaptive.validate(s, digits=1)
+    verdict = adaptive.validate_method(s, digits=1)
 
     def validate(*args, **options):
         nan = np.where(np.arange(5) == 3, np.nan, 0.0)
@@ -275,7 +275,7 @@ def test_refuted_undecided_and_poses_without_a_result_are_told_apart(monkeypatch
             validated=np.array([1, 0, 0, 0, 0], dtype=bool),
         )
 
-    monkeypatch.setattr(adaptive, "validate", validate)
+    monkeypatch.setattr(adaptive, "validate_method", validate)
     result = analyses.validate(s, digits=1)
     assert result.report[:6] == (
         "linear 3-sigma interval (medium), 1 significant digit: NOT validated",

@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, network_document, parsed_network, radar_entry, write, yaml_text
+from helpers import assert_refused, network_document, radar_entry, write, yaml_text
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs
-from radar_sense.analyses.rcs import rcs
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -138,15 +137,3 @@ def test_the_map_where_no_radar_sees_is_zero(tool):
     assert found["upper_3sigma"][0, 0] == found["p_d"][0, 0] == 0
     assert np.isfinite(found["upper_3sigma"]).all()
     assert found["p_d"].max() > 0.99
-
-
-def test_the_cross_sections_seen_are_those_towards_every_radar():
-    above, below = (
-        radar_entry("a", position_m=[0, 0, -60e3]),
-        radar_entry("b", position_m=[0, 0, -30]),
-    )
-    seen = [rcs(parsed_network(*radars)).summary["geometry"] for radars in ([above], [below])]
-    both = rcs(parsed_network(below, above)).summary["geometry"]
-    for key in ("elevation_deg", "rcs_m2"):
-        ends = np.array([part[key] for part in seen])
-        assert_array_equal(both[key], [ends.min(), ends.max()])

@@ -103,7 +103,7 @@ def examples(text: str) -> list[str]:
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
-    monkeypatch.setattr("radar_sense.reporting.evidence.DRAWS", 40)
+    monkeypatch.setattr("radar_sense.reporting.results.DRAWS", 40)
     monkeypatch.setattr("radar_sense.reporting.figure.Drawing.draw", lambda drawing: "")
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")

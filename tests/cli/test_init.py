@@ -8,10 +8,14 @@ import yaml
 
 from radar_sense import schema
 from radar_sense.reading.parse import default_text
-from radar_sense.reading.starters import STARTERS
 
 SCHEMA = schema.FILE_NAME
-OPTIONS = {"": [], **{kind: [f"--{kind.replace('_', '-')}"] for kind in STARTERS}}
+OPTIONS = {
+    "": [],
+    "network": ["--network"],
+    "route": ["--route"],
+    "data_sheet": ["--data-sheet"],
+}
 #: What each starter is for.
 ANALYSES = {
     "": ["sensitivity"],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import functools
 import os
 import signal
 import sys
@@ -17,7 +16,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from fuzz.properties import BrokenError, failures, reproducer
 
 from radar_sense.montecarlo import adaptive
-from radar_sense.reporting import evidence
+from radar_sense.reporting import results
 
 #: Seconds of this process, and of the clock, after which a case hangs.
 TOO_LONG = {signal.ITIMER_PROF: 60, signal.ITIMER_REAL: 600}
@@ -30,8 +29,8 @@ def _hangs(number: int, frame: object) -> NoReturn:
 def _draw_few() -> None:
     """Let `validate` and `report` draw less, because their draws take most of the time."""
     adaptive.LEAST_DRAWS, adaptive.LEAST_OUTSIDE = 100, 1
-    adaptive.validate = functools.partial(adaptive.validate, max_runs=5000)
-    evidence.DRAWS = 200
+    adaptive.MAX_RUNS = 5000
+    results.DRAWS = 200
 
 
 def main() -> int:

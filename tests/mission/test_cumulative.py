@@ -191,11 +191,11 @@ def test_one_look_is_propagate(method):
     time, aircraft = flight(3, -500e3, -300e3)
     looks = lk.linearize_looks(MODEL, time[:1], aircraft[:1], RADAR)
     for cov_radar in COV_RADAR.values():
-        options = {"method": method, "beta": 2.5}
         found = cu.cumulative_detection(
-            looks, COV_AIRCRAFT, cov_radar, correlation_time=3.0, **options
+            looks, COV_AIRCRAFT, cov_radar, correlation_time=3.0, method=method
         )
-        expected = rs.propagate(MODEL, aircraft[:1], RADAR, COV_AIRCRAFT, cov_radar, **options)
+        states = aircraft[:1], RADAR, COV_AIRCRAFT, cov_radar
+        expected = rs.propagate(MODEL, *states, method=method)
         for name in ("mean", "std", "lower", "upper"):
             np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=1e-9)
 
@@ -361,13 +361,13 @@ def test_mean_of_draws_is_that_of_correlated_normals(tau):
         exact = 1 - multivariate_normal.cdf(
             np.zeros(k + 1), aircraft[parts, 0], both[parts, parts], abseps=1e-7, releps=1e-7
         )
-        error = found.detection.std[k] / math.sqrt(runs)
-        assert abs(found.detection.mean[k] - exact) < 4.5 * error
+        error = found.events["detection"].std[k] / math.sqrt(runs)
+        assert abs(found.events["detection"].mean[k] - exact) < 4.5 * error
     # two in a row of the first two looks: both detect
     exact = multivariate_normal.cdf(np.zeros(2), -aircraft[:2, 0], both[:2, :2])
-    error = found.track.std[1] / math.sqrt(runs)
-    assert abs(found.track.mean[1] - exact) < 4.5 * error
-    assert found.track.mean[0] == 0
+    error = found.events["track"].std[1] / math.sqrt(runs)
+    assert abs(found.events["track"].mean[1] - exact) < 4.5 * error
+    assert found.events["track"].mean[0] == 0
     assert found.clipped == 0
 
 
@@ -403,7 +403,7 @@ def test_constants_below_zero_are_set_to_zero_and_counted():
         Constant(), [0.0, 1.0], np.zeros((2, 6)), np.array([0, 0, 0, 1.0]), np.eye(6), np.eye(4),
         correlation_time=1.0, runs=3000, seed=1,
     )  # fmt: skip
-    assert drawn.detection.mean == pytest.approx([drawn.clipped / 3000] * 2, rel=1e-12)
+    assert drawn.events["detection"].mean == pytest.approx([drawn.clipped / 3000] * 2, rel=1e-12)
     assert drawn.clipped == pytest.approx(3000 * ndtr(-1.0), abs=5 * math.sqrt(3000 * 0.16))
 
 
@@ -418,8 +418,10 @@ def test_draws_are_the_same_for_any_number_of_workers(workers):
     assert sum(steps) == runs
     assert len(steps) > 1
     assert one.clipped == other.clipped > 0
-    for a, b in zip(one.detection + one.track, other.detection + other.track, strict=True):
-        np.testing.assert_array_equal(a, b)
+    assert list(one.events) == ["detection", "track"]
+    for event, statistics in one.events.items():
+        for name, values in vars(statistics).items():
+            np.testing.assert_array_equal(values, getattr(other.events[event], name))
 
 
 @pytest.mark.parametrize(
@@ -438,8 +440,12 @@ def test_the_probit_is_near_the_draws(level, of_detection, of_track):
     )  # fmt: skip
     options = {"correlation_time": 100.0}
     for mc, find, (part, bound) in (
-        (drawn.detection, cu.cumulative_detection, of_detection),
-        (drawn.track, lambda *a, **o: tracks.track_initiation(a[0], 3, 5, *a[1:], **o), of_track),
+        (drawn.events["detection"], cu.cumulative_detection, of_detection),
+        (
+            drawn.events["track"],
+            lambda *a, **o: tracks.track_initiation(a[0], 3, 5, *a[1:], **o),
+            of_track,
+        ),
     ):
         found = find(looks, COV_AIRCRAFT, cov_radar, **options)
         shown = mc.std > 1e-3
@@ -451,7 +457,7 @@ def test_the_probit_is_near_the_draws(level, of_detection, of_track):
         assert np.all((found.lower >= 0) & (found.upper <= 1))
     plain = cu.cumulative_detection(looks, COV_AIRCRAFT, cov_radar, method="linear", **options)
     if level == "high":
-        assert np.max(abs(plain.upper - drawn.detection.upper)) > 0.03
+        assert np.max(abs(plain.upper - drawn.events["detection"].upper)) > 0.03
 
 
 def test_radars_that_take_turns():
@@ -482,7 +488,7 @@ def test_radars_that_take_turns():
         correlation_time=20.0, runs=4000, seed=1,
     )  # fmt: skip
     better = cu.cumulative_detection(looks, COV_AIRCRAFT, cov_radar, correlation_time=20.0)
-    assert np.max(abs(drawn.detection.std - better.std)) < 0.06 * better.std.max()
+    assert np.max(abs(drawn.events["detection"].std - better.std)) < 0.06 * better.std.max()
 
 
 # Refused arguments.
@@ -511,7 +517,6 @@ def test_refusals():
         (lambda: detection(cov=cov[:5, :5]), "aircraft covariance"),
         (lambda: detection(radar=radar[:3, :3]), r"\(..., 4, 4\)"),
         (lambda: detection(method="form"), "linear, probit"),
-        (lambda: detection(beta=0.0), "beta"),
         (lambda: m_of_n([0.1], 0, 3), "m of n"),
         (lambda: m_of_n([0.1], 4, 3), "m of n"),
         (lambda: m_of_n_gradient([0.1], 1, 13), "m of n"),

@@ -78,21 +78,25 @@ def looks_of(s):
 @pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
 def test_keys_are_read_and_read_back(tmp_path, given, value, text):
     s = load(tmp_path, text, uncertainty__aircraft_correlation_s=given, radar__scan_period_s=4)
-    assert (s.correlation_s, s.scan_period_s) == (value, 4.0)
+    assert (s.correlation_s, s.model.radars[0].scan_period) == (value, 4.0)
     for dump in (yaml.safe_dump, lambda d: json.dumps(d, allow_nan=False)):
         again = rs.parse_scenario(dump(s.resolved()))
-        assert (again.correlation_s, again.scan_period_s) == (value, 4.0)
+        assert (again.correlation_s, again.model.radars[0].scan_period) == (value, 4.0)
         assert again.resolved() == s.resolved()
 
 
 def test_defaults(tmp_path):
     s = load(tmp_path, radar__scan_period_s=3)
-    assert (s.correlation_s, s.scan_period_s) == (0.0, 3.0)
+    assert (s.correlation_s, s.model.radars[0].scan_period) == (0.0, 3.0)
     assert s.resolved()["uncertainty"]["aircraft_correlation_s"] == 0
     np.testing.assert_array_equal(s.time_s, [100, 500, 1000, 1500])
     np.testing.assert_array_equal(s.at_poses(slice(1, 3)).time_s, [500, 1000])
     orbit = rs.load_scenario()
-    assert (orbit.time_s, orbit.correlation_s, orbit.scan_period_s) == (None, 0.0, None)
+    assert (orbit.time_s, orbit.correlation_s, orbit.model.radars[0].scan_period) == (
+        None,
+        0.0,
+        None,
+    )
     assert orbit.at_poses(slice(3)).time_s is None
 
 

@@ -376,8 +376,8 @@ def test_one_period_for_all_is_one_scan_group_of_their_fused_looks(tmp_path):
         s.model, looks.axis.values, looks.aircraft, looks.cov_aircraft, Sampler.of(s),
         m_of_n=(2, 3), runs=300, seed=s.seed, **options,
     )  # fmt: skip
-    assert found.table["mc_upper"].tobytes() == drawn.detection.upper.tobytes()
-    assert found.table["track_mc_std"].tobytes() == drawn.track.std.tobytes()
+    assert found.table["mc_upper"].tobytes() == drawn.events["detection"].upper.tobytes()
+    assert found.table["track_mc_std"].tobytes() == drawn.events["track"].std.tobytes()
     assert np.isfinite(found.table["p_d_near"]).all()
 
 

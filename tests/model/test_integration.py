@@ -23,7 +23,7 @@ from radar_sense.model.detectors import (
     required_snr,
 )
 from radar_sense.model.integration import PulseSum
-from radar_sense.model.lookup import HIGHEST
+from radar_sense.model.probit_table import HIGHEST
 
 #: Shape K of the signal's count by N pulses.
 SHAPES = {

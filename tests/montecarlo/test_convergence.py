@@ -52,6 +52,14 @@ NOTHING = {
 }
 
 
+def measured_with(replications, s, runs):
+    """Measure with another number of repetitions."""
+    with pytest.MonkeyPatch.context() as patch:
+        module = import_module("radar_sense.analyses.convergence")
+        patch.setattr(module, "REPLICATIONS", replications)
+        return measure(s, runs)
+
+
 @contextmanager
 def small_blocks():
     """Use small blocks, because blocks of 4096 runs take a second."""
@@ -219,7 +227,7 @@ def test_the_control_variate_removes_the_correlated_error():
 @pytest.fixture(scope="module")
 def measured():
     """The paper's scenario with fewer runs than by default."""
-    return measure(load_scenario(), 2**11, replications=64)
+    return measured_with(64, load_scenario(), 2**11)
 
 
 def test_random_errors_fall_as_the_root_of_runs(measured):
@@ -297,7 +305,7 @@ def test_errors_are_root_mean_squares_in_units_of_sigma():
 
 def test_the_reference_is_the_mean_of_independent_sequences_with_its_standard_error():
     s = load_scenario().at_poses(slice(0, 5))
-    measured = measure(s, 64, replications=1)
+    measured = measured_with(1, s, 64)
     seeds = random_stream(s.seed, 2**32 - 3).integers(2**63, size=REFERENCES)
     drawn = [draw(Sampler.of(s), None, "sobol", int(seed), 8 * 64)[0] for seed in seeds]
     p = [TAIL, 1 - TAIL]
@@ -332,7 +340,7 @@ def test_columns_and_sizes(small):
     ]
     np.testing.assert_array_equal(small.table["runs"], [2, 4, 8, 16, 32, 64])
     assert small.scenario.runs == 64
-    nine = measure(load_scenario(), 1024, replications=2).runs
+    nine = measured_with(2, load_scenario(), 1024).runs
     np.testing.assert_array_equal(nine, 2 ** np.arange(2, 11))
     assert np.all([np.isfinite(column).all() for column in small.table.values()])
     assert small.warnings == ()

@@ -22,8 +22,7 @@ from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.model.network import NetworkModel, Radar
-from radar_sense.montecarlo import canary as canary_module
-from radar_sense.montecarlo import montecarlo
+from radar_sense.montecarlo import montecarlo, rounding
 from radar_sense.montecarlo.montecarlo import (
     MAX_SAMPLE_PATHS,
     TAIL,
@@ -370,14 +369,14 @@ def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):
 
 
 class Inline(Executor):
-    """Computes in place. Each call has a different canary."""
+    """Computes in place. Each call has a different digest."""
 
-    def __init__(self, monkeypatch, *canaries):
-        self.monkeypatch, self.canaries, self.calls = monkeypatch, canaries, 0
+    def __init__(self, monkeypatch, *rounding_digests):
+        self.monkeypatch, self.rounding_digests, self.calls = monkeypatch, rounding_digests, 0
 
     def submit(self, function, /, *args):
-        of_call = self.canaries[self.calls % len(self.canaries)]
-        self.monkeypatch.setattr(montecarlo, "canary", lambda: of_call)
+        of_call = self.rounding_digests[self.calls % len(self.rounding_digests)]
+        self.monkeypatch.setattr(montecarlo, "rounding_digest", lambda: of_call)
         self.calls += 1
         future = Future()
         future.set_result(function(*args))
@@ -387,8 +386,8 @@ class Inline(Executor):
 def test_workers_that_round_differently_are_a_warning(monkeypatch):
     s = scenario(geometry__azimuth_deg=FEW)
     here = monte_carlo(s, runs=20_000)
-    for canaries, count in (("a", 0), ("ab", 1)):
-        executor = Inline(monkeypatch, *canaries)
+    for rounding_digests, count in (("a", 0), ("ab", 1)):
+        executor = Inline(monkeypatch, *rounding_digests)
         assert_same(here, monte_carlo(s, runs=20_000, executor=executor))
         for analysis in (analyses.montecarlo, analyses.compare):
             result = analysis(s.with_analysis(runs=20_000), executor=executor)
@@ -396,15 +395,15 @@ def test_workers_that_round_differently_are_a_warning(monkeypatch):
     assert executor.calls > 4
 
 
-def test_the_canary_shows_a_last_digit(monkeypatch):
-    before = canary_module.canary.__wrapped__()
-    assert before == canary_module.canary() == canary_module.canary.__wrapped__()
-    p_d = canary_module.DetectionModel.p_d
+def test_the_rounding_digest_shows_a_last_digit(monkeypatch):
+    before = rounding.rounding_digest.__wrapped__()
+    assert before == rounding.rounding_digest() == rounding.rounding_digest.__wrapped__()
+    p_d = rounding.DetectionModel.p_d
 
     def other(self, *states):
         values = p_d(self, *states).copy()
         values[3, 5] = np.nextafter(values[3, 5], 1)
         return values
 
-    monkeypatch.setattr(canary_module.DetectionModel, "p_d", other)
-    assert canary_module.canary.__wrapped__() != before
+    monkeypatch.setattr(rounding.DetectionModel, "p_d", other)
+    assert rounding.rounding_digest.__wrapped__() != before

@@ -22,7 +22,7 @@ from scipy.special import erfc
 
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler, columns, normals
+from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, count_normals
 from radar_sense.propagation import (
     propagate_scenario,
 )
@@ -102,11 +102,12 @@ def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
 
 def test_every_part_has_a_unit_normal_of_its_own():
     s = mixed_network()
-    inputs = columns(12, s.tolerances_at_level)
+    inputs = columns_of_normals(12, s.tolerances_at_level)
     assert inputs == [[3, 12, 13], [7, 14, 15], []]
-    assert normals(12, s.tolerances_at_level) == Sampler.of(s).radar_normals == 16
-    assert columns(4, s.tolerances_at_level[:1]) == [[3, 4, 5]]  # as ever for a single radar
-    assert columns(12, ()) == [] == columns(12, ((), (), ()))[0]
+    assert count_normals(12, s.tolerances_at_level) == Sampler.of(s).radar_normals == 16
+    # as ever for a single radar
+    assert columns_of_normals(4, s.tolerances_at_level[:1]) == [[3, 4, 5]]
+    assert columns_of_normals(12, ()) == [] == columns_of_normals(12, ((), (), ()))[0]
     sampler = Sampler.of(s)
     at_rest = sampler.draw_radar(np.zeros((1, 16)))[0][0]
     assert_array_equal(at_rest, s.radar)
@@ -137,7 +138,7 @@ def test_a_part_moves_its_constant_and_nothing_else():
         s = mixed_network(radar)
         sampler = Sampler.of(s)
         moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - s.radar
-        own = columns(len(s.radar), s.tolerances_at_level)
+        own = columns_of_normals(len(s.radar), s.tolerances_at_level)
         for i, of_radar in enumerate(own):
             assert np.all(moved[of_radar, 4 * i + 3])
             assert_array_equal(np.delete(moved[of_radar], 4 * i + 3, axis=1), 0.0)

@@ -23,7 +23,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
 from radar_sense.reading.parse import load_scenario
-from radar_sense.reporting import evidence
+from radar_sense.reporting import results
 from radar_sense.reporting.command import report
 
 RADARS = (1, 6)
@@ -257,9 +257,9 @@ def test_evaluations_of_ranges(method, radars, count):
 @pytest.mark.parametrize("method", METHODS)
 def test_evaluations_of_a_report(method, radars, count, monkeypatch):
     """A report costs its analyses: variance, budget, two comparisons, a halved budget, a map."""
-    monkeypatch.setattr(evidence, "DRAWS", 100)
+    monkeypatch.setattr(results, "DRAWS", 100)
     s = problem(radars)
-    cells = report(s).evidence.map.table["p_d"].size / len(s.aircraft)
+    cells = report(s).results.map.table["p_d"].size / len(s.aircraft)
     gradients, values = count(lambda s: report(s, method=method), s)
     once = sum(once_checked(other) for other in METHODS)
     # of the budget, and of the halved budget at one pose

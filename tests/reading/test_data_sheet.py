@@ -192,7 +192,7 @@ BAD = {
     "divisor that may be zero": (
         changed("surveillance", tolerances={"temperature_k": 48.334}),
         "sheet.constant.temperature_k: must be a number not less than 0 and not greater than "
-        "48.3333, 1/6 of the parameter, as c_r is divided by it; got 48.334",
+        "48.3333, 1/6 of the parameter because c_r is divided by this parameter; got 48.334",
     ),
     "divisor in inverse units": (
         changed("surveillance", tolerances={"rotation_rpm": 2}),

@@ -263,7 +263,7 @@ def test_a_radar_that_is_no_mapping(tool, value):
 def test_radar_beside_radars(tool):
     path, complaint, line = refused(tool, radar_entry("a"), radar=radar_entry("b"))
     assert path == "radar"
-    assert complaint == "must be left out, or 'radars'; allowed is one or the other"
+    assert complaint == "stands beside 'radars'; give only one of the two"
     assert line == "name: b"  # the first line of the mapping
 
 
@@ -298,7 +298,7 @@ def test_uncertainty_of_a_single_radar_beside_radars(tool):
     uncertainty = yaml.safe_load(default_text())["uncertainty"]
     path, complaint, _ = refused(tool, radar_entry("a"), uncertainty=uncertainty)
     assert path == "uncertainty.radar"
-    assert complaint == "must be left out here: each of 'radars' has an 'uncertainty' of its own"
+    assert complaint == "must be left out here: give 'uncertainty' of each radar in 'radars'"
     path, complaint, _ = refused(tool, radar_entry("a"), uncertainty={"aircrft": 1})
     assert path == "uncertainty"
     assert complaint.endswith("did you mean 'aircraft'?")

@@ -20,7 +20,7 @@ from radar_sense.analyses.report import describe_extreme as at
 from radar_sense.analyses.report import describe_poses, peak
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.montecarlo.adaptive import validate
+from radar_sense.montecarlo.adaptive import validate_method
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
@@ -112,10 +112,10 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
     orbit = rs.load_scenario().at_poses(slice(80, 83))
     text = orbit_route(orbit.aircraft, orbit.theta_r_deg, "10,10,10,1,1,1")
     expected, found = (
-        validate(orbit, digits=1),
-        validate(load(tmp_path, text, radar__constant=167), digits=1),
+        validate_method(orbit, digits=1),
+        validate_method(load(tmp_path, text, radar__constant=167), digits=1),
     )
-    assert (expected.mc_upper == found.mc_upper).all()
+    assert (expected.draws.upper == found.draws.upper).all()
     assert (expected.runs == found.runs).all()
 
 
@@ -205,8 +205,8 @@ def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
 
 def test_the_verdict_at_a_pose_is_by_its_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
-    found = validate(s, digits=1, method="form")
-    assert found.mc_std == pytest.approx(found.moments.std, rel=0.03)
+    found = validate_method(s, digits=1, method="form")
+    assert found.draws.std == pytest.approx(found.moments.std, rel=0.03)
     assert found.verdict == "validated"
 
 
@@ -360,7 +360,7 @@ def _without(key):
     ("place", "changes", "says"),
     [
         (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
-        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_geodetic: must be left out, or 'posit"),
+        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_geodetic: stands beside 'position_m'"),
         ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
         ({**ALPS, "longitude_deg": 361}, {}, "longitude_deg: must be .* 360, got 361"),
         ({**ALPS, "altitude_m": 2e5}, {}, "altitude_m: must be .*, got 200000"),

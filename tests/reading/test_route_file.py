@@ -605,7 +605,7 @@ REFUSED = {
         "time_s,latitude_deg,longitude_deg\n",
         "route.csv:1: missing column 'altitude_m'",
     ),
-    "two units": (f"{HEAD},north_km\n", "route.csv:1: has north_m and north_km; allowed is one"),
+    "two units": (f"{HEAD},north_km\n", "route.csv:1: has north_m and north_km; give only one"),
     "two frames": (f"{HEAD},latitude_deg\n", "route.csv:1: has north, east, down beside latitude"),
     "half an attitude": (
         f"{HEAD},roll_deg,yaw_deg\n",
@@ -617,7 +617,7 @@ REFUSED = {
     ),
     "two covariances": (
         f"{WITH_STD},{','.join(COV)}\n",
-        "route.csv:1: has std_north_m beside cov_north_north_m2; allowed is one or other",
+        "route.csv:1: has std_north_m beside cov_north_north_m2; give only one of the two",
     ),
     "lower triangle": (f"{HEAD},cov_east_north_m2\n", "did you mean 'cov_"),
     "text": (f"{HEAD}\n0,0,0,0\n1,x,0,0\n", "route.csv:3: north_m: must be a number"),

@@ -335,7 +335,7 @@ IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
         ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: -1, floor_m2: 2}", "got -1"),
         ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 1, floor_m2: -1}", "got -1"),
         (AIRCRAFT, f"{{covariance: {IDENTITY_4}}}", "a list of 6 rows of 6 numbers"),
-        (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "one or "),
+        (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "give only one"),
         (RADAR, "{covariance: 5}", "a list of 4 rows"),
         (RADAR, f"{{covariance: {IDENTITY_4.replace('[1, 0', '[1, 2')}}}", "not symmetric"),
         (RADAR, "{positon_m: 1, constant: 1}", "did you mean 'position_m'?"),

@@ -20,7 +20,7 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 import radar_sense as rs
 from radar_sense import plotting
 from radar_sense.reading.parse import default_text, parse_scenario
-from radar_sense.reporting import elements, evidence, figure
+from radar_sense.reporting import figure, html_elements, results
 
 ROOT = Path(__file__).parents[2]
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -106,7 +106,7 @@ class Tree(HTMLParser):
 
 def shown(line: str) -> str:
     """Return the text of a line as the page shows it."""
-    return Tree(elements.prose(line)).root.text
+    return Tree(html_elements.prose(line)).root.text
 
 
 def write_flight(folder: Path) -> Path:
@@ -120,15 +120,15 @@ def write_flight(folder: Path) -> Path:
 @pytest.fixture(scope="module", autouse=True)
 def quick() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(evidence, "DRAWS", 2000)
-        patch.setattr(evidence, "POSES", 5)
+        patch.setattr(results, "DRAWS", 2000)
+        patch.setattr(results, "POSES", 5)
         yield
 
 
 @pytest.fixture
 def undrawn(monkeypatch) -> None:
     """Draw no figures, which take most of the time."""
-    monkeypatch.setattr(figure.Drawing, "draw", lambda drawing: elements.Html(""))
+    monkeypatch.setattr(figure.Drawing, "draw", lambda drawing: html_elements.Html(""))
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +154,7 @@ def page(html) -> Node:
 
 
 def test_every_answer_and_every_warning_is_on_the_page(flight, page):
-    sources = flight.evidence
+    sources = flight.results
     results = (sources.variance, sources.budget, sources.comparison, sources.mission, sources.map)
     given = {w for r in results for w in sources.warnings_of(r)} | {*sources.implausible}
     assert given == set(flight.warnings)
@@ -180,7 +180,7 @@ def test_warnings_stand_in_the_section_they_are_about(flight, page):
 
 
 def test_numbers_are_those_of_the_analyses(flight, page):
-    s = flight.evidence.scenario
+    s = flight.results.scenario
     along, sources = rs.variance(s, threshold=0.5, method="linear"), rs.budget(s)
     text = page.text
     for worst in ("p_d", "sigma_pd", "upper_3sigma"):
@@ -204,11 +204,11 @@ def printed(value: float) -> str:
 def test_half_the_deviation_of_the_largest_source_of_the_paper():
     """The sources of the paper are independent, so their variances add up."""
     answers = rs.report(scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 5}))
-    table = answers.evidence.budget.table
+    table = answers.results.budget.table
     for name in ("radar_constant", "aircraft_orientation"):
         total, part = table["three_sigma_total"][1], table[f"three_sigma_{name}"][1]
         expected = math.sqrt(total**2 - 0.75 * part**2)
-        assert answers.evidence.halved[name] == pytest.approx(expected, rel=1e-9)
+        assert answers.results.halved[name] == pytest.approx(expected, rel=1e-9)
     assert any("from the radar constant. Measure the radar" in line for line in answers.report)
     assert answers.passed
 
@@ -221,9 +221,9 @@ def test_the_part_to_measure_and_shares_above_one_are_reported():
     sheet["geometry"]["azimuth_deg"] = {"start": 10, "stop": 90, "step": 40}
     sheet["uncertainty"]["radar"] = {"data_sheet": TOLERANCES}
     answers = rs.report(parse_scenario(yaml_text(sheet)), method="form")
-    result = answers.evidence.budget
+    result = answers.results.budget
     (sources,) = (section for section in answers.sections if section.key == "sources")
-    halved = answers.evidence.halved["radar_constant_gain_dbi"]
+    halved = answers.results.halved["radar_constant_gain_dbi"]
     assert "The most important part is gain_dbi" in sources.answer
     assert f"3 sigma would be {printed(halved)}" in sources.answer
     interaction = result.summary["shares_at_largest"]["interaction"]
@@ -240,7 +240,7 @@ def test_sources_without_uncertainty_are_in_the_order_of_the_budget():
     )
     answers = rs.report(certain)
     text = Tree(answers.html()).root.text.partition("by source")[2]
-    names = [name.replace("_", " ") for name in answers.evidence.budget.summary["at_largest"]]
+    names = [name.replace("_", " ") for name in answers.results.budget.summary["at_largest"]]
     places = [text.index(name) for name in names]
     assert places == sorted(places)
 
@@ -259,7 +259,7 @@ def test_the_scenario_on_the_page_is_the_scenario(flight, html, tmp_path, monkey
     monkeypatch.chdir(tmp_path)
     raw = re.search(r"<pre><code>(.*?)</code></pre>", html, re.S).group(1)
     again = parse_scenario(unescape(raw))
-    assert again.resolved() == flight.evidence.scenario.resolved()
+    assert again.resolved() == flight.results.scenario.resolved()
 
 
 def test_nothing_of_a_scenario_becomes_html(page, html):
@@ -271,17 +271,19 @@ def test_nothing_of_a_scenario_becomes_html(page, html):
 
 def test_escaping():
     text = """<&>"'"""
-    for function in (elements.escaped, elements.prose, elements.code):
+    for function in (html_elements.escaped, html_elements.prose, html_elements.code):
         assert "<&" not in function(text)
-    one = elements.element("p", text, title=text, class_="a")
+    one = html_elements.element("p", text, title=text, class_="a")
     (node,) = Tree(one).root.all("p")
     assert (node.text, node.attributes) == (text, {"title": text, "class": "a"})
-    assert elements.prose("P_D + 3 sigma, P_DX") == "<i>P</i><sub>D</sub> + 3σ, P_DX"
-    assert elements.prose(one) is one
+    assert html_elements.prose("P_D + 3 sigma, P_DX") == "<i>P</i><sub>D</sub> + 3σ, P_DX"
+    assert html_elements.prose(one) is one
 
 
 def test_the_columns_of_numbers_are_aligned():
-    node = Tree(elements.table("c", ("", "x", "y"), [("a", "1.5", "2 km"), ("b", "3e-05", "")]))
+    node = Tree(
+        html_elements.table("c", ("", "x", "y"), [("a", "1.5", "2 km"), ("b", "3e-05", "")])
+    )
     cells = [cell.attributes.get("class") for cell in node.root.all("td")]
     assert cells == ["number", None, "number", None]
 
@@ -431,7 +433,7 @@ def test_scenarios_in_which_something_has_no_answer(changes, monkeypatch):
     def refuse(scenario, workers):
         raise rs.InputError("no <map>")
 
-    monkeypatch.setattr(evidence, "coverage_map", refuse)
+    monkeypatch.setattr(results, "coverage_map", refuse)
     for options in ({"method": "form"}, {"threshold": 0.5, "method": "linear"}):
         answers = rs.report(scenario(**changes), **options)
         text = Tree(answers.html()).root.text
@@ -457,7 +459,7 @@ def test_a_scenario_made_in_python():
 
 
 def test_the_report_has_no_physics():
-    """No module of the report imports a model; only `evidence` runs analyses."""
+    """No module of the report imports a model; only `results` runs analyses."""
     for path in (ROOT / "radar_sense/reporting").glob("*.py"):
         nodes = ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         homes = {node.module for node in nodes if isinstance(node, ast.ImportFrom)}

@@ -15,7 +15,7 @@ from radar_sense.mission.draws import PoseProcess
 from radar_sense.mission.importance.events import MissionEvents
 from radar_sense.mission.importance.mixtures import DISTANCE, NEGLIGIBLE, Directions, Mixture
 from radar_sense.mission.importance.pilot import Pilot, PilotStatistics
-from radar_sense.mission.looks import linearize_looks, pose_slopes
+from radar_sense.mission.looks import pose_slopes
 from radar_sense.mission.tracks import any_group_gradient
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
@@ -214,12 +214,7 @@ def _pose_slopes(
     scenario, schedule = events.scenario, events.schedule
     pose = schedule.pose
     covariance = scenario.cov_aircraft
-    looks = linearize_looks(
-        schedule.model(scenario.model),
-        schedule.time[pose],
-        scenario.aircraft[pose],
-        scenario.shared,
-    )
+    looks = schedule.linearize(scenario)
     slopes = pose_slopes(looks, covariance if covariance.ndim == 2 else covariance[pose])
     last = schedule.last[times]
     miss = np.exp(-np.cumsum(looks.hazard))[last, np.newaxis]

@@ -20,7 +20,7 @@ SORTED = 1024
 PARTS = (8, 3)
 
 
-class Statistics(NamedTuple):
+class WeightedStatistics(NamedTuple):
     """Statistics of weighted draws at J times.
 
     Attributes:
@@ -38,7 +38,7 @@ class Statistics(NamedTuple):
     spread: FloatArray
 
 
-def weighted_statistics(values: FloatArray, weights: FloatArray) -> Statistics:
+def weighted_statistics(values: FloatArray, weights: FloatArray) -> WeightedStatistics:
     """Return the statistics of values (draws, J) with weights (draws,)."""
     share = weights / weights.sum()
     mean = np.einsum("d,dj->j", share, values)
@@ -46,7 +46,7 @@ def weighted_statistics(values: FloatArray, weights: FloatArray) -> Statistics:
     columns = np.ascontiguousarray(values.T)
     lower = np.array([_tail_quantiles(column, share) for column in columns])
     upper = np.array([-_tail_quantiles(-column, share) for column in columns])
-    return Statistics(mean, variance, lower.T, upper.T, np.ptp(values, axis=0))
+    return WeightedStatistics(mean, variance, lower.T, upper.T, np.ptp(values, axis=0))
 
 
 def pooled_quantile(tails: FloatArray) -> FloatArray:

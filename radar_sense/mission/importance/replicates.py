@@ -17,7 +17,7 @@ from radar_sense.mission.importance.mixtures import (
     sobol_normals,
 )
 from radar_sense.mission.importance.plan import Plan, RadarUnit
-from radar_sense.mission.importance.quantiles import Statistics, weighted_statistics
+from radar_sense.mission.importance.quantiles import WeightedStatistics, weighted_statistics
 from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.states import AIRCRAFT, FloatArray
 
@@ -45,7 +45,7 @@ class WeightedDraws:
         return self.log_miss[0][..., -1]
 
 
-def compute_replicate(plan: Plan, number: int) -> list[tuple[Statistics, ...]]:
+def compute_replicate(plan: Plan, number: int) -> list[tuple[WeightedStatistics, ...]]:
     """Return the statistics of each event, of all radars and of each radar."""
     events = plan.events
     generator = random_stream(events.scenario.seed, PATHS_STREAM, number)

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from radar_sense.mission.cumulative import Cumulative, cumulative_p_d
 from radar_sense.mission.importance.events import MissionEvents
 from radar_sense.mission.importance.plan import make_plan
-from radar_sense.mission.importance.quantiles import MIDDLE, Statistics, pooled_quantile
+from radar_sense.mission.importance.quantiles import MIDDLE, WeightedStatistics, pooled_quantile
 from radar_sense.mission.importance.replicates import compute_replicate
 from radar_sense.mission.schedule import Schedule
 from radar_sense.mission.tracks import any_group
-from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.parallel import all_in_order
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -46,11 +46,7 @@ def importance_sampling(
     """
     events = MissionEvents.of(scenario, schedule, m_of_n)
     plan, clock = make_plan(events)
-    replicates = []
-    for replicate in in_order(partial(compute_replicate, plan), REPLICATES, workers):
-        replicates.append(replicate)
-        if progress:
-            progress(1)
+    replicates = all_in_order(partial(compute_replicate, plan), REPLICATES, workers, progress)
     nodes = plan.events.nodes
 
     def bounds(source: int, nominal: tuple[FloatArray, ...]) -> tuple[Cumulative, ...]:
@@ -74,8 +70,7 @@ def _nominal(
     scenario: Scenario, schedule: Schedule, m_of_n: tuple[int, int] | None
 ) -> tuple[FloatArray, ...]:
     """Return P (K,) of detection, and of a track, by each time with the nominal states."""
-    pose = schedule.pose
-    p_d = schedule.model(scenario.model).p_d(scenario.aircraft[pose], scenario.radar)
+    p_d = schedule.p_d(scenario)
     p_by_event = [cumulative_p_d(p_d)]
     if m_of_n is not None:
         p_by_event.append(any_group(p_d, 1.0 - p_d, *m_of_n, schedule.scan_group)[0])
@@ -84,7 +79,7 @@ def _nominal(
 
 def _bounds(
     nominal: FloatArray,
-    replicates: Sequence[Statistics],
+    replicates: Sequence[WeightedStatistics],
     nodes: NDArray[np.intp],
     clock: FloatArray,
 ) -> Cumulative:

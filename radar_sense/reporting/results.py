@@ -29,7 +29,7 @@ POSES, POSES_BY_RADARS = 31, 250
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Results:
     """The results of the analyses in a report.
 
     Attributes:
@@ -67,7 +67,7 @@ class Evidence:
         return tuple(warning for warning in result.warnings if warning not in of_scenario)
 
 
-def gather(
+def run_analyses(
     scenario: Scenario,
     *,
     method: str,
@@ -75,7 +75,7 @@ def gather(
     k: float | None,
     workers: int,
     progress: Progress,
-) -> Evidence:
+) -> Results:
     """Run the analyses of a report, with the options of the command `report`."""
     with progress(6, "analyses") as advance:
 
@@ -92,7 +92,7 @@ def gather(
         repeated = done(compare(compared, seed=compared.seed + 1, workers=workers))
         looks = done(_mission(scenario, workers))
         area = done(_map(scenario, workers))
-    return Evidence(
+    return Results(
         scenario=scenario,
         implausible=plausibility_warnings(scenario),
         variance=along,

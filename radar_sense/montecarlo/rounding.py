@@ -22,7 +22,7 @@ RUNS, POSES = 64, 64
 
 
 @lru_cache
-def canary() -> str:
+def rounding_digest() -> str:
     """Return a digest of a fixed block of draws and of P_D, computed once in each process."""
     azimuth = np.linspace(0.0, np.pi, POSES)
     aircraft = np.zeros((POSES, 6))

@@ -1,14 +1,15 @@
-"""Every analysis takes a network: budgets, tables, figures and maps."""
+"""The analyses of a network, called from Python: budgets, tables and figures."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from helpers import nonlinear_by_its_own_moments, paper_network
+from helpers import nonlinear_by_its_own_moments, paper_network, parsed_network, radar_entry
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget, required_accuracies
+from radar_sense.analyses.rcs import rcs
 from radar_sense.propagation import (
     propagate,
     propagate_scenario,
@@ -127,3 +128,15 @@ def test_variance_table_has_each_radar_and_the_network():
     assert 0 < hidden.sum() < len(hidden)
     miss = (1 - table["p_d_r0"]) * (1 - table["p_d_r1"])
     assert_allclose(table["p_d"], 1 - miss, rtol=0, atol=1e-15)
+
+
+def test_the_cross_sections_seen_are_those_towards_every_radar():
+    above, below = (
+        radar_entry("a", position_m=[0, 0, -60e3]),
+        radar_entry("b", position_m=[0, 0, -30]),
+    )
+    seen = [rcs(parsed_network(*radars)).summary["geometry"] for radars in ([above], [below])]
+    both = rcs(parsed_network(below, above)).summary["geometry"]
+    for key in ("elevation_deg", "rcs_m2"):
+        ends = np.array([part[key] for part in seen])
+        assert_array_equal(both[key], [ends.min(), ends.max()])

@@ -20,7 +20,7 @@ RINGS = (1 / 3, 2 / 3, 1.0)
 DIRECTIONS = 8
 
 
-class Scan(NamedTuple):
+class AspectScan(NamedTuple):
     """z at the scanned points of u-space: s points at each of k poses.
 
     Attributes:
@@ -40,7 +40,7 @@ class Scan(NamedTuple):
     threat: FloatArray
 
 
-def scan(probit: RelativeProbit, sqrt_cov: FloatArray, radius: float) -> Scan:
+def scan_aspects(probit: RelativeProbit, sqrt_cov: FloatArray, radius: float) -> AspectScan:
     """Return z at aspects of every radar within a ball |u| ≤ radius.
 
     Range and radar constant are extrapolated linearly. From each point a step goes to the surface
@@ -75,7 +75,9 @@ def scan(probit: RelativeProbit, sqrt_cov: FloatArray, radius: float) -> Scan:
     steep = np.sqrt(np.sum(slope * slope, axis=0))
     remaining = np.sqrt(np.maximum(radius**2 - np.sum(u * u, axis=0), 0.0))
     step = slope * (remaining / np.where(steep > 0, steep, 1.0))
-    return Scan(u, value, u + step, value + steep * remaining, u - step, value - steep * remaining)
+    return AspectScan(
+        u, value, u + step, value + steep * remaining, u - step, value - steep * remaining
+    )
 
 
 def _aspect_axes(probit: RelativeProbit, sqrt_cov: FloatArray, radar: int) -> FloatArray:
