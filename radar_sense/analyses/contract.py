@@ -13,6 +13,7 @@ import dataclasses
 import html
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -470,6 +471,10 @@ class Command:
         """
         parameters = inspect.signature(self.run).parameters
         declared = {option.name: option for option in self.options}
+        if not callable(options.get("progress", silent)):
+            raise InputError(f"progress must be a function, got {describe(options['progress'])}")
+        if not isinstance(options.get("executor"), Executor | None):
+            raise InputError(f"executor must be an Executor, got {describe(options['executor'])}")
         of_run = {}
         for name, value in options.items():
             if name in self.keywords:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.errors import InputError, did_you_mean
+from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
 from radar_sense.model.track import attitude_of_motion, slices, turn_to_origin
 from radar_sense.states import POSITION, FloatArray
@@ -96,11 +96,7 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
         InputError: If the step is not positive or makes too many poses, if there is no such
             method, or if the aircraft never moves horizontally.
     """
-    if method not in METHODS:
-        raise InputError(
-            f"method must be one of {', '.join(METHODS)}, got {method!r}"
-            + did_you_mean(method, METHODS)
-        )
+    check_choice("method", method, METHODS)
     time, last = even_times(route, step_s), float(route.time_s[-1])
     rounding = 1e-6 * min(step_s, last - float(route.time_s[0])) + 2.0 * np.spacing(abs(last))
     if last - time[-1] > rounding:

@@ -131,6 +131,7 @@ def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     lowest = result.summary["coverage_lowest"]
     low, high = lowest["confidence_95"]
     assert low < lowest["value"] < high < 0.9973
+    assert result.report[1].endswith(f" (95 % confidence {low:.2%} to {high:.2%})")
     assert len(result.summary["coverage_confidence_95"]["lower"]) == 361
     assert result.summary["poses_inconsistent"] > 50
     table = result.table

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from helpers import document, scenario, yaml_text
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -62,7 +63,7 @@ def test_gradient_of_the_model(detector, constant):
     "command",
     ["variance --method probit", "variance --method form", "budget --method form", "sensitivity",
      "compare --runs 64", "montecarlo --runs 64 --sampler sobol", "convergence --runs 16",
-     "map --step-km 200 --upper --method form", "detectors"],
+     "map --step-km 200 --upper --method form"],
 )  # fmt: skip
 def test_every_command(tool, command):
     text = yaml_text(
@@ -73,10 +74,46 @@ def test_every_command(tool, command):
         )
     )
     Path("my.yaml").write_text(text, encoding="utf-8")
-    code, out, err = tool(*command.split(), "my.yaml", "--no-plot", "--out", "out")
+    code, _, err = tool(*command.split(), "my.yaml", "--no-plot", "--out", "out")
     assert code == 0, err
-    if command == "detectors":
-        assert "swerling2, 10 pulses, cell_averaging 24" in out
+
+
+def test_detectors_of_two_radars():
+    """The first radar integrates. The second has a P_fa at which North's approximation is low."""
+    content = yaml.safe_load((ROOT / "configs/network.yaml").read_text(encoding="utf-8"))
+    content["radars"] = content["radars"][:2]
+    content["radars"][0] |= {"p_fa": 1e-6, "detector": CASES[1][0]}
+    content["radars"][1] |= {"p_fa": 0.2, "detector": "north"}
+    s = rs.parse_scenario(yaml_text(content)).at_poses(slice(0, None, 40))
+    result = rs.analyses.detectors(s)
+    table, summary = result.table, result.summary
+    # the error of North's approximation is the largest over the radars
+    snr = s.model.snr(s.aircraft, s.radar).T
+    errors = [
+        abs(rs.North().p_d(of_radar, p_fa) - rs.Marcum().p_d(of_radar, p_fa))
+        for of_radar, p_fa in zip(snr, (1e-6, 0.2), strict=True)
+    ]
+    assert summary["error_of_north_at_poses"]["value"] == np.max(errors)
+    assert np.max(errors[0]) != np.max(errors[1])
+    for worst in summary["largest_error_of_north"]:
+        error = table["north_less_marcum"][table["p_fa"] == worst["p_fa"]]
+        assert worst["error"] == error[np.argmax(abs(error))]
+        assert (worst["error"] < 0) == (worst["p_fa"] == 0.2)
+    # a detector of a radar is shown for the P_fa of the radar
+    rows = [row for row in summary["required_snr"] if "cfar" in row["detector"]]
+    assert [row["p_fa"] for row in rows] == [1e-6, 1e-6]
+    assert any("swerling2, 10 pulses, cell_averaging 24 " in line for line in result.report)
+    detector = s.model.models[0].detector
+    for row in rows:
+        ends = [detector.p_d(10 ** ((row["snr_db"] + db) / 10), 1e-6) for db in (-1e-4, 0, 1e-4)]
+        assert ends[1] == pytest.approx(row["p_d"], abs=1e-9)
+        assert row["dp_d_per_db"] == pytest.approx((ends[2] - ends[0]) / 2e-4, rel=1e-5)
+    for p_fa in (1e-6, 0.2):
+        at = table["p_fa"] == p_fa
+        for pulses in (1, 10, 100):
+            slope = np.gradient(table[f"p_d_swerling2_{pulses}"][at], table["snr_db"][at])
+            found = table[f"dp_d_per_db_swerling2_{pulses}"][at]
+            assert_allclose(found[1:-1], slope[1:-1], rtol=0, atol=3e-3 * slope.max())
 
 
 def test_networks_and_missions():

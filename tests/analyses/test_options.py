@@ -76,6 +76,12 @@ def test_one_number_is_one_value_where_several_are_allowed():
     assert rs.analyses.coverage_map(few, p_d=0.3, **area).summary["contours"] == [0.3]
 
 
+@pytest.mark.parametrize("name", ["progress", "executor"])
+def test_what_computes_and_what_shows_progress_are_checked_too(name):
+    with no_physics(), pytest.raises(rs.InputError, match=rf"^{name} must be an? \w+, got 'a'$"):
+        rs.analyses.compare(NETWORK, **{name: "a"})
+
+
 def test_a_whole_number_may_be_a_float():
     found = rs.analyses.convergence(NETWORK.at_poses(slice(0, 1)), runs=2.0)
     assert found.table["runs"].tolist() == [2]

@@ -67,6 +67,11 @@ def test_level_flight_on_the_round_earth(tmp_path):
     assert np.ptp(scenario.aircraft[:, 2]) > 5e3
 
 
+def test_a_flight_of_hours(tmp_path):
+    file = write_path(tmp_path, "time_s,north_m,east_m,down_m\n0,0,0,-9e3\n7443,1e5,0,-9e3")
+    assert overview(rs.load_scenario(file))[1].startswith("path: 7443 s (2:04:03), 100 km, ")
+
+
 def test_an_orbit_has_no_times(tool):
     assert overview(rs.load_scenario())[1] == "height 3000 m above the origin, bank 0 deg"
     text = yaml.safe_load(tool("check").out)

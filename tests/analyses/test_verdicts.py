@@ -403,5 +403,6 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     assert list(table)[-6:] == [
         "north_m", "east_m", "down_m", "latitude_deg", "longitude_deg", "altitude_m"
     ]  # fmt: skip
-    assert table["latitude_deg"][0] == pytest.approx(math.degrees(0.6), abs=2)
+    first = [table[name][0] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
+    assert first == pytest.approx([33, -154, 9000], abs=1e-6)  # of the first row of the route
     assert "north_m" not in analyses.variance(scenario(geometry__azimuth_deg=FEW)).table

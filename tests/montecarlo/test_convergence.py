@@ -318,6 +318,8 @@ def test_the_reference_is_the_mean_of_independent_sequences_with_its_standard_er
 def test_rate_of_what_falls_as_a_power():
     runs = np.array([8, 16, 32, 64, 128])
     assert rate(runs, 3.0 * runs**-0.75) == pytest.approx(-0.75)
+    more = np.concatenate([[1, 2, 4], runs])  # the rate is of the last five numbers of runs
+    assert rate(more, np.concatenate([[9, 9, 1], 3.0 * runs**-0.75])) == pytest.approx(-0.75)
     assert np.isnan(rate(runs[:1], np.ones(1)))
     assert np.isnan(rate(runs, np.zeros(5)))
 
