@@ -262,7 +262,7 @@ def test_refusals_name_the_key_or_the_line(tool):
         assert message in complaint
     given = {"model": "table", "file": "rcs.csv", "mirror": True}
     for std, changes, message in (
-        (smooth_std, {**aircraft, "rcs_db": 1}, "rcs_db: must be left out, or the column std_db"),
+        (smooth_std, {**aircraft, "rcs_db": 1}, "rcs_db: stands beside the column std_db of the RCS table; give only one"),
         (lambda a, e: 0, aircraft, "rcs.csv:2: std_db: must be"),
         (lambda a, e: 1 + a / 180, aircraft, "got 1.5 and 1 dB"),
     ):
