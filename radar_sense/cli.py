@@ -446,7 +446,7 @@ def check(config: Path | None, quiet: bool) -> None:
       radar-sense check my.yaml
     """
     from radar_sense.analyses.overview import overview
-    from radar_sense.analyses.plausibility import plausibility_warnings
+    from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
     from radar_sense.files import yaml_text
 
     with _refusals():

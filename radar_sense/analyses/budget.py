@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses import refinement
 from radar_sense.analyses.columns import AXIS, MEAN, quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
 from radar_sense.analyses.error_budget import (
@@ -39,7 +38,8 @@ from radar_sense.analyses.report import (
     reached,
     table_warnings,
 )
-from radar_sense.analyses.threshold import AUTOMATIC, FORM
+from radar_sense.analyses.verdicts import refinement
+from radar_sense.analyses.verdicts.threshold import AUTOMATIC, FORM
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD

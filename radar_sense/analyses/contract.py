@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from radar_sense import files
 from radar_sense.analyses.columns import Column, find
-from radar_sense.analyses.plausibility import plausibility_warnings
+from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
 from radar_sense.errors import InputError, check_choice, describe, did_you_mean, listed
 from radar_sense.limits import (
     FORMATS,

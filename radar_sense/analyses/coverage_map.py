@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
-from radar_sense.analyses.grid import (
+from radar_sense.analyses.coverage.grid import (
     BETA,
     Grid,
     blocks_of,
@@ -23,8 +23,8 @@ from radar_sense.analyses.grid import (
     states_in,
     worst_p_d_in_cells,
 )
-from radar_sense.analyses.map_export import geojson, kml
-from radar_sense.analyses.plausibility import below_ground
+from radar_sense.analyses.coverage.map_export import geojson, kml
+from radar_sense.analyses.verdicts.plausibility import below_ground
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector

@@ -12,10 +12,17 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses.columns import Column, quantities
 from radar_sense.analyses.contract import Option, Result, analysis
+from radar_sense.analyses.coverage.grid import BETA
+from radar_sense.analyses.coverage.rays import (
+    FARTHEST,
+    Rays,
+    Reach,
+    Survey,
+    bounds_of_reach,
+    rays,
+    survey,
+)
 from radar_sense.analyses.error_budget import error_budget
-from radar_sense.analyses.grid import BETA
-from radar_sense.analyses.plausibility import below_ground
-from radar_sense.analyses.rays import FARTHEST, Rays, Reach, Survey, bounds_of_reach, rays, survey
 from radar_sense.analyses.report import (
     describe_poses,
     distribution_warnings,
@@ -24,6 +31,7 @@ from radar_sense.analyses.report import (
     listed,
     problem_warnings,
 )
+from radar_sense.analyses.verdicts.plausibility import below_ground
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit

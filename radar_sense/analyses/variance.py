@@ -22,7 +22,7 @@ from radar_sense.analyses.report import (
     radar_summary,
     trough,
 )
-from radar_sense.analyses.threshold import (
+from radar_sense.analyses.verdicts.threshold import (
     AUTOMATIC,
     COLUMNS,
     FORM,

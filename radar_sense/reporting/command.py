@@ -16,8 +16,8 @@ from radar_sense.analyses.contract import (
     Written,
     silent,
 )
-from radar_sense.analyses.threshold import AUTOMATIC
 from radar_sense.analyses.variance import variance
+from radar_sense.analyses.verdicts.threshold import AUTOMATIC
 from radar_sense.reporting.page import page
 from radar_sense.reporting.results import Results, run_analyses
 from radar_sense.reporting.sections import Section, sections

@@ -15,9 +15,9 @@ from radar_sense.analyses.contract import Progress, Result
 from radar_sense.analyses.coverage_map import coverage_map
 from radar_sense.analyses.error_budget import value_function
 from radar_sense.analyses.mission import mission
-from radar_sense.analyses.plausibility import plausibility_warnings
 from radar_sense.analyses.report import reached
 from radar_sense.analyses.variance import variance
+from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
 from radar_sense.errors import InputError
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray

@@ -11,7 +11,7 @@ from helpers import dashes, document, lay_out, legend_off_data, scenario, small_
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
-from radar_sense.analyses import threshold as planning
+from radar_sense.analyses.verdicts import threshold as planning
 from radar_sense.reading.parse import load_scenario, parse_scenario
 
 ALL = {

@@ -9,7 +9,7 @@ from scipy.special import erfc
 
 import radar_sense as rs
 from radar_sense.analyses import variance
-from radar_sense.analyses.threshold import require_threshold
+from radar_sense.analyses.verdicts.threshold import require_threshold
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import default_text
 

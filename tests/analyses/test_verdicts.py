@@ -10,9 +10,9 @@ from helpers import scenario, sheet_scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses import refinement
 from radar_sense.analyses.error_budget import required_accuracies
-from radar_sense.analyses.threshold import require_threshold
+from radar_sense.analyses.verdicts import refinement
+from radar_sense.analyses.verdicts.threshold import require_threshold
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import decide, exceeded_anywhere
 from radar_sense.propagation import Moments, exceedance_probability, propagate_scenario

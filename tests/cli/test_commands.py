@@ -23,7 +23,7 @@ import pytest
 from helpers import few_draws, read_record, read_table, small_batches, without_pixels
 
 import radar_sense as rs
-from radar_sense.analyses.grid import grid
+from radar_sense.analyses.coverage.grid import grid
 from radar_sense.cli import cli
 from radar_sense.propagation import METHODS
 from radar_sense.reading.parse import default_text
@@ -81,7 +81,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     without_pixels(monkeypatch)
     small_batches(monkeypatch)
     few_draws(monkeypatch)
-    monkeypatch.setattr("radar_sense.analyses.grid.CELLS", 40)
+    monkeypatch.setattr("radar_sense.analyses.coverage.grid.CELLS", 40)
     convergence = import_module("radar_sense.analyses.convergence")
     monkeypatch.setattr(convergence, "BLOCK", 64)
 

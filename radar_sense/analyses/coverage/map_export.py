@@ -14,7 +14,7 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 
-from radar_sense.analyses.grid import places_at, pose_in_cells
+from radar_sense.analyses.coverage.grid import places_at, pose_in_cells
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy

@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from radar_sense.analyses import refinement
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses, distribution_warnings
+from radar_sense.analyses.verdicts import refinement
 from radar_sense.montecarlo.exceedance import Anywhere, decide, exceeded_anywhere
 from radar_sense.propagation import (
     Moments,
