@@ -23,7 +23,7 @@ $(VENV)/installed-dev: $(VENV)/installed
 
 # The peers of the benchmarks are large, and have no wheels for every platform: each is installed by
 # itself, and where one cannot be had its rows are left out. The stamp waits for both.
-$(VENV)/installed-bench: $(VENV)/installed
+$(VENV)/installed-bench: $(VENV)/installed-dev
 	@all=yes; for peer in numba jax; do \
 		$(BIN)/python -m pip install --quiet --only-binary :all: --editable ".[bench-$$peer]" \
 			|| { all=; echo "$$peer cannot be installed: bench goes without it" >&2; }; \
