@@ -9,15 +9,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
+# One process a core runs the tests. Threads of the linear algebra would take a quarter of all CPU
+# time to wait for each other. The library reads the variable when NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 from click.testing import CliRunner
 
 from radar_sense.analyses.contract import Result, analysis, silent
 from radar_sense.cli import ANALYSES, cli
-
-# One process a core runs the tests. Threads of the linear algebra would take a quarter of all CPU
-# time to wait for each other. The library reads the variable when NumPy is imported.
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def pytest_collection_finish() -> None:

@@ -7,7 +7,7 @@ import json
 import re
 from collections.abc import Callable
 from contextlib import contextmanager
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +54,17 @@ def document(of=PAPER, /, **changes):
 
 def scenario(**changes):
     """The paper's scenario with other values at key paths, `__` between the keys."""
-    return parse_scenario(dump_yaml(document(**changes)))
+    text = dump_yaml(document(**changes))
+    return parse_scenario(text) if "file:" in text else _parsed(text)
+
+
+@lru_cache(maxsize=32)
+def _parsed(text):
+    """The scenario of a text that names no file: many tests have the same immutable scenario."""
+    parsed = parse_scenario(text)
+    for array in (parsed.aircraft, parsed.radar, parsed.cov_aircraft, *parsed.cov_radar.values()):
+        array.flags.writeable = False
+    return parsed
 
 
 def write_path(folder, text, name="scenario.yaml", /, **changes):
