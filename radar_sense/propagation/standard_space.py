@@ -122,10 +122,10 @@ class UncertainStates:
     def by_sight(self) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
         """Yield groups of poses that the same radars see, with the states of these radars alone.
 
-        The other radars have no part in z nor in its derivatives. A pose that no radar sees keeps
-        one radar.
+        The other radars change neither z nor the derivatives of z. A pose that no radar sees keeps
+        one radar. Without poses there is one group.
         """
-        if len(self.log_constant) == 1 or not self.model.limited:
+        if not len(self) or len(self.log_constant) == 1 or not self.model.limited:
             yield np.arange(len(self)), self
             return
         visible = self.model.visible(self.aircraft, self.radar)

@@ -15,7 +15,9 @@ from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.propagation import (
     METHODS,
     exceedance_probability,
+    nonlinear,
     nonlinear_in_scenario,
+    propagate,
     propagate_scenario,
     std_function,
     upper_bound,
@@ -148,7 +150,7 @@ def test_radars_that_do_not_see_a_pose_cost_form_nothing(half_blind, count):
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):
-    """The moments are those of a network of these radars alone, each pose with its own."""
+    """At each pose, the moments equal those of a network of the radars that see the pose."""
     s = half_blind
     moments, upper = propagate_scenario(s, method="form"), upper_bound_in_scenario(s, method="form")
     above = exceedance_probability(s, 0.3, method="form")
@@ -169,6 +171,15 @@ def test_form_of_the_radars_that_see_a_pose(half_blind):
         double = std_function(alone, method="form")(alone.cov_aircraft, 2.0 * alone.cov_shared)
         assert std[i] == pytest.approx(double[0], rel=1e-9)
         assert std[i] > moments.std[i]
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_no_poses_give_no_moments(method, half_blind):
+    s = half_blind
+    states = s.model, s.aircraft[:0], s.radar, s.cov_aircraft, s.cov_radar[s.level]
+    assert propagate(*states, method=method).std.shape == (0,)
+    assert upper_bound(*states, method=method).shape == (0,)
+    assert nonlinear(*states, method=method).shape == (0,)
 
 
 def once_checked(method):
