@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from radar_sense.errors import listed, shorten
+from radar_sense.errors import shorten, shorten_list
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.rcs_table import TableRCS
@@ -150,6 +150,6 @@ class Provenance:
         if self.rcs is not None:
             parts.append(f"RCS table {shorten(self.rcs.file)}")
         if self.radars:
-            names = listed([name for name in self.radars if name])
+            names = shorten_list([name for name in self.radars if name])
             parts.append(f"radars {names}" if names else "radar")
         return f"<Provenance: {', '.join(parts) or 'made in Python'}>"

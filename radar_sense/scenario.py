@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError, check_choice, describe, listed
+from radar_sense.errors import InputError, check_choice, describe, shorten_list
 from radar_sense.keys import NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
 from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -230,7 +230,7 @@ class Scenario:
     def __repr__(self) -> str:
         return (
             f"<Scenario {self.name!r}: {len(self.aircraft)} poses by {self.axis.name}, "
-            f"{self.model.in_words}, level {self.level} of {listed(list(self.cov_radar))}, "
+            f"{self.model.in_words}, level {self.level} of {shorten_list(list(self.cov_radar))}, "
             f"{self.runs} runs, seed {self.seed}>"
         )
 

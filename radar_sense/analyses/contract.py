@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from radar_sense import files
 from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
-from radar_sense.errors import InputError, check_choice, describe, did_you_mean, listed
+from radar_sense.errors import InputError, check_choice, describe, did_you_mean, shorten_list
 from radar_sense.limits import (
     FORMATS,
     MAP_KM,
@@ -353,7 +353,7 @@ class Result:
         rows = max((len(column) for column in self.table.values()), default=0)
         return (
             f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
-            f"{listed(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
+            f"{shorten_list(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
         )
 
     def _repr_html_(self) -> str:

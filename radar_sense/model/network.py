@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, ndtr, ndtri_exp
 
-from radar_sense.errors import InputError, listed
+from radar_sense.errors import InputError, shorten_list
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
@@ -175,7 +175,7 @@ class NetworkModel:
     def in_words(self) -> str:
         """The number of radars, and names of radars."""
         count = len(self.radars)
-        names = f" ({listed(self.names)})" if self.names else ""
+        names = f" ({shorten_list(self.names)})" if self.names else ""
         return f"{count} radar{'s' if count > 1 else ''}{names}"
 
     @property

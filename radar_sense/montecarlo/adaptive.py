@@ -149,7 +149,7 @@ def validate_method(
         ComputationError: If memory or threads run out.
     """
     check_method(method)
-    digits = int(check_number("digits", digits, DIGITS))  # 2.0 is a whole number too
+    digits = check_number("digits", digits, DIGITS)
     batches = Batches.of(scenario)
     moments = propagate_scenario(scenario, method=method, beta=BETA)
     most = MAX_RUNS // batches.draws

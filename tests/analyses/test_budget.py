@@ -142,7 +142,7 @@ def test_required_accuracies_at_one_pose():
     [("target", 0.088, (0, 80, 20)), ("threshold", 0.995, (70, 110, 40))],
 )
 def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep):
-    """Few azimuths miss the worst place; the accuracy required is nearly that of many azimuths."""
+    """The worst place is between the few azimuths. Many azimuths require nearly the same."""
     start, stop, step = sweep
     few, many = (
         scenario(geometry__azimuth_deg={"start": start, "stop": stop, "step": s})

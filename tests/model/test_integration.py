@@ -299,7 +299,7 @@ def test_the_table_is_monotone_and_starts_at_p_fa(detector):
 
 @pytest.mark.parametrize("detector", TABLED, ids=str)
 def test_any_shape_and_any_size(detector):
-    """A NaN stays at its place. Beyond the table the values are those of the sum."""
+    """Where S is NaN, all values are NaN. Beyond the table, values are as without the table."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, HIGHEST, 1e20, 1e160, np.nan])
     for function in (detector.p_d, detector.linearize, detector.linearize_probit):
         found = np.array(function(snr, 1e-6))

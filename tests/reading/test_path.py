@@ -644,7 +644,7 @@ def test_the_numbers_of_the_path_example():
 
 
 def test_many_poses_go_through_in_parts(tmp_path):
-    """σ of more poses than a block, each with its covariance, is that of the linearization."""
+    """Each pose has a covariance. With more poses than a block, σ equals σ of the linearization."""
     count = 17_500
     time = np.arange(count)
     std = [10.0 + time % (7 + i) for i in range(6)]
