@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtr, ndtri_exp
+from scipy.special import erfcx, log_ndtr, ndtr, ndtri_exp
 
 from radar_sense.errors import InputError, shorten_list
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
@@ -51,6 +51,8 @@ _UNSEEN = -1e6
 #: Below Φ(−9) = 1e-19, P_D equals the sum of all P_i in double precision.
 _RARE = -9.0
 _LOG_HALF = math.log(0.5)
+#: From this z a difference from z rounds more than a short continued fraction is off.
+_LARGE = 100.0
 
 
 @dataclass(frozen=True)
@@ -289,7 +291,6 @@ class NetworkModel:
         aircraft: FloatArray,
         radar: FloatArray,
         visible: NDArray[np.bool_],
-        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return a smooth z and its partials, for expansions about a state.
 
@@ -302,13 +303,10 @@ class NetworkModel:
             aircraft: (k, 6).
             radar: (k, 4m); c_r may be negative.
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
-            moved: Points (m, s) where the aircraft or the radar has moved since the first point.
-                The states are then s points of all poses, one point after the other. Each radar is
-                evaluated at the first point and at these points. None for all points.
         """
         if len(self.radars) == 1 and visible.all():
             return _extrapolated(self.radars[0].model, aircraft, radar)
-        return self._fused_probit(aircraft, radar, visible, extrapolated=True, moved=moved)
+        return self._fused_probit(aircraft, radar, visible, extrapolated=True)
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
@@ -363,18 +361,15 @@ class NetworkModel:
         visible: NDArray[np.bool_],
         *,
         extrapolated: bool,
-        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """Return z_i (m, ...) and the partials of each, (..., 6) and (..., 4 to 6)."""
         values, by_aircraft, by_radar = [], [], []
         for i, (model, state) in enumerate(zip(self.models, self.split(radar), strict=True)):
             one = visible[..., i : i + 1]
-            if not extrapolated:
-                z, by_a, by_r = model.linearize_probit(aircraft, state)
-            elif moved is None:
+            if extrapolated:
                 z, by_a, by_r = _extrapolated(model, np.asarray(aircraft), state)
             else:
-                z, by_a, by_r = _extrapolated_where(moved[i], model, np.asarray(aircraft), state)
+                z, by_a, by_r = model.linearize_probit(aircraft, state)
             if not one.all():
                 z = np.where(one[..., 0], z, _UNSEEN)
                 by_a, by_r = np.where(one, by_a, 0.0), np.where(one, by_r, 0.0)
@@ -390,17 +385,13 @@ class NetworkModel:
         visible: NDArray[np.bool_],
         *,
         extrapolated: bool,
-        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         z, by_aircraft, by_radar = self._each_probit(
-            aircraft, radar, visible, extrapolated=extrapolated, moved=moved
+            aircraft, radar, visible, extrapolated=extrapolated
         )
         if len(z) == 1:
             return z[0], by_aircraft[0], by_radar[0]
-        fused = fuse_probits(z)
-        # φ(z_i)/φ(z) from the difference of squares, so that neither underflows
-        log_weight = _others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z)
-        weight = np.exp(np.minimum(log_weight, 0.0))  # at most 1 without rounding
+        fused, weight = linearize_fusion(z)
         return (fused, *_weighted(weight, by_aircraft, by_radar))
 
 
@@ -411,34 +402,6 @@ def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:
     if isinstance(model, DetectionModel):
         return NetworkModel((Radar(model),))
     raise InputError(f"model must be a DetectionModel or a NetworkModel, got {model!r}")
-
-
-def _extrapolated_where(
-    moved: NDArray[np.bool_], model: DetectionModel, aircraft: FloatArray, radar: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return `_extrapolated` with copies of the values at the first point, point after point.
-
-    Args:
-        moved: Points (s,) where the states are not as at the first point.
-        model: Detection model of the radar.
-        aircraft: (k, 6), with the poses of one point after the other.
-        radar: (k, 4 to 6).
-    """
-    distinct = np.append(0, np.flatnonzero(moved))
-    place = np.zeros(len(moved), dtype=int)
-    place[distinct] = np.arange(len(distinct))
-    value, by_aircraft, by_radar = _extrapolated(
-        model, *(_points(states, len(moved), distinct) for states in (aircraft, radar))
-    )
-    s = len(distinct)
-    return _points(value, s, place), _points(by_aircraft, s, place), _points(by_radar, s, place)
-
-
-def _points(array: FloatArray, points: int, which: NDArray[np.intp]) -> FloatArray:
-    """Return some points of an array (k, ...) with the poses of one point after the other."""
-    components = array.T.reshape(*array.shape[:0:-1], points, -1)
-    chosen: FloatArray = components[..., which, :].reshape(*array.shape[:0:-1], -1).T
-    return chosen
 
 
 def _extrapolated(
@@ -499,6 +462,32 @@ def fuse_probits(z: FloatArray) -> FloatArray:
     hit = np.where(rare, np.logaddexp.reduce(log_ndtr(np.where(rare, z, 0.0)), axis=0), hit)
     fused: FloatArray = np.where(upper, -ndtri_exp(missed), ndtri_exp(np.where(upper, -1.0, hit)))
     return fused
+
+
+def linearize_fusion(z: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the fused z (...) of the z_i (m, ...), and its partials ∂z/∂z_i (m, ...)."""
+    fused = fuse_probits(z)
+    # φ(z_i)/φ(z) from the difference of squares, so that neither underflows
+    log_weight = _others(log_ndtr(-z)) + 0.5 * (fused - z) * (fused + z)
+    return fused, np.exp(np.minimum(log_weight, 0.0))  # at most 1 without rounding
+
+
+def excess_hazard(z: FloatArray) -> FloatArray:
+    """Return e(z) = φ(z)/Φ(−z) − z (...), which is positive.
+
+    The partials w_i = ∂z/∂z_i of the fused z have the derivatives
+
+        ∂w_i/∂z_j = δ_ij w_i e(z_i) − w_i w_j e(z),
+
+    because φ(z)/Φ(−z) is the derivative of −ln Φ(−z), and z the derivative of −ln φ(z). For large
+    z, e(z) is the continued fraction 1/(z + 2/(z + 3/(z + …))) (DLMF 7.9.1).
+    """
+    hazard = math.sqrt(2.0 / math.pi) / erfcx(z / math.sqrt(2.0))
+    large = np.maximum(z, _LARGE)
+    excess: FloatArray = np.where(
+        z < _LARGE, hazard - z, 1.0 / (large + 2.0 / (large + 3.0 / large))
+    )
+    return excess
 
 
 def _weighted(

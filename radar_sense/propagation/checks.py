@@ -57,17 +57,19 @@ def second_order_matters(
 
 def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
     """Return `second_order_matters` (k,) within the limits of the radars."""
-    parts, beyond = [], []
+    parts, off = [], []
     lobed = states.model.rcs.lobed
     for part, std_and_bounds in _blocks(states, moments, _numbers(states)):
         probit = RelativeProbit(part)
         # A lobe may be as narrow as the differences are wide.
         value, gradient, second = probit.derivatives(sides=2 if lobed else 1)
-        parts.append(_Expansion.of(probit, value, gradient, second))
+        expansion, along = _Expansion.of(probit, value, gradient, second)
+        parts.append(expansion)
+        off.append(_expansion_is_off(probit, expansion, along, beta))
         if lobed:
-            beyond.append(_lobe_beyond(probit, std_and_bounds, beta))
+            off[-1] |= _lobe_beyond(probit, std_and_bounds, beta)
     # What follows takes few arrays, and is computed for all blocks together.
-    z = _Expansion(*(np.concatenate(arrays, axis=-1) for arrays in zip(*parts, strict=True)))
+    z = _Expansion(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
     variance = z.slope + 0.5 * z.trace_of_square
     third = 3.0 * z.curvature + z.trace_of_cube
     cube = variance**1.5  # 0 for variances below 1e-216
@@ -76,9 +78,9 @@ def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -
     unreliable: NDArray[np.bool_] = (
         differ((moments.std, moments.lower, moments.upper), better)
         | ~(variance <= (1.0 + STD_CHANGE) ** 2 * z.slope)
-        | _expansion_is_off(RelativeProbit(states), z, beta)
+        | np.concatenate(off)
     )
-    return unreliable | np.concatenate(beyond) if lobed else unreliable
+    return unreliable
 
 
 class _Expansion(NamedTuple):
@@ -91,7 +93,6 @@ class _Expansion(NamedTuple):
         trace: tr H (k,).
         trace_of_square: tr H² (k,).
         trace_of_cube: tr H³ (k,).
-        along: F g (n, k), the errors of the relative states for u = g.
     """
 
     value: FloatArray
@@ -100,17 +101,22 @@ class _Expansion(NamedTuple):
     trace: FloatArray
     trace_of_square: FloatArray
     trace_of_cube: FloatArray
-    along: FloatArray
 
     @classmethod
     def of(
         cls, probit: RelativeProbit, value: FloatArray, gradient: FloatArray, second: FloatArray
-    ) -> _Expansion:
-        """Return the numbers for a gradient (n, k) and second derivatives (n, n, k) by y.
+    ) -> tuple[_Expansion, FloatArray]:
+        """Return the numbers, and F g (n, k), which are the errors of y at u = g.
 
-        With C = F Fᵀ the covariance of y, C times the second derivatives has the traces of H.
+        With C the covariance of y, C times the second derivatives has the traces of H.
+
+        Args:
+            probit: z as a function of the relative states y.
+            value: z at the nominal states (k,).
+            gradient: Gradient (n, k) of z by y.
+            second: Second derivatives (n, n, k) of z by y.
         """
-        covariance = probit.sqrt_cov @ probit.sqrt_cov.swapaxes(1, 2)
+        covariance = probit.covariance
         if len(covariance) == 1:
             (one,) = covariance
             along = one @ gradient
@@ -119,15 +125,15 @@ class _Expansion(NamedTuple):
             along = np.einsum("kij,jk->ik", covariance, gradient)
             each = np.ascontiguousarray(np.moveaxis(second, 2, 0))
             product = np.moveaxis(covariance @ each, 0, 2)
-        return cls(
+        expansion = cls(
             value,
             np.maximum(np.einsum("ik,ik->k", gradient, along), 0.0),
             np.einsum("ik,ik->k", along, np.einsum("ijk,jk->ik", second, along)),
             np.einsum("iik->k", product),
             np.maximum(np.einsum("ijk,jik->k", product, product), 0.0),
             trace_of_cube(product),
-            along,
         )
+        return expansion, along
 
 
 def trace_of_cube(matrices: FloatArray) -> FloatArray:
@@ -145,11 +151,13 @@ def trace_of_cube(matrices: FloatArray) -> FloatArray:
     return trace
 
 
-def _expansion_is_off(probit: RelativeProbit, z: _Expansion, beta: float) -> NDArray[np.bool_]:
+def _expansion_is_off(
+    probit: RelativeProbit, z: _Expansion, along: FloatArray, beta: float
+) -> NDArray[np.bool_]:
     """Return where (k,) the second-order expansion of z is off a distance β along the gradient."""
     known = np.isfinite(z.slope + z.curvature) & (z.slope > 0)  # other tests warn elsewhere
     step = beta / np.sqrt(np.where(known, z.slope, np.inf))
-    error = np.where(known, z.along, 0.0) * step
+    error = np.where(known, along, 0.0) * step
     exact = probit.p_d(np.stack([error, -error], axis=1))
     rise = step * np.where(known, z.slope, 0.0)
     middle = z.value + 0.5 * np.where(known, z.curvature, 0.0) * step * step

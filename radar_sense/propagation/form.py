@@ -481,4 +481,4 @@ def _parts(states: UncertainStates, betas: int) -> tuple[list[UncertainStates], 
 def _numbers(states: UncertainStates, betas: int) -> int:
     """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more."""
     components = len(AIRCRAFT) + int(states.radar.shape[-1])
-    return min(components * components * max(betas, 2), MAX_NUMBERS // 16)
+    return min(components * max(components, betas), MAX_NUMBERS // 16)

@@ -28,7 +28,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import checked, square_root
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.network import NetworkModel, as_network
+from radar_sense.model.network import (
+    NetworkModel,
+    as_network,
+    excess_hazard,
+    linearize_fusion,
+)
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
@@ -134,9 +139,9 @@ class UncertainStates:
         )
         for number, seen in enumerate(sets):
             poses = np.flatnonzero(group.reshape(-1) == number)
-            yield poses, self.at(poses)._of_radars(np.flatnonzero(seen).tolist() or [0])
+            yield poses, self.at(poses).of_radars(np.flatnonzero(seen).tolist() or [0])
 
-    def _of_radars(self, radars: list[int]) -> UncertainStates:
+    def of_radars(self, radars: list[int]) -> UncertainStates:
         """Return the states of some radars."""
         size = self.radar.shape[-1]
         components = components_of(radars, len(self.log_constant), size)
@@ -227,7 +232,39 @@ class RelativeProbit:
     @cached_property
     def sqrt_cov(self) -> FloatArray:
         """F (k, n, r), or (1, n, r) where it is the same at all poses, r ≤ n or 6 + 4m."""
-        return _sqrt_cov(self.states)
+        states = self.states
+        if len(states.log_constant) == 1:
+            sqrt_cov = square_root(self.covariance)
+        else:
+            of_aircraft = self._to_relative @ square_root(states.cov_aircraft)
+            of_radars = square_root(states.cov_radar)
+            n, r = of_aircraft.shape[1], of_aircraft.shape[2] + of_radars.shape[2]
+            sqrt_cov = np.zeros((self._covariances, n, r))
+            sqrt_cov[..., : len(AIRCRAFT)] = of_aircraft
+            sqrt_cov[:, _RADARS, len(AIRCRAFT) :] = of_radars
+        used = np.any(sqrt_cov != 0, axis=(0, 1))
+        return sqrt_cov if used.all() else sqrt_cov[:, :, used]
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Covariance of y (k, n, n), or (1, n, n) where it is the same at all poses."""
+        states, to_relative = self.states, self._to_relative
+        covariance = np.empty((self._covariances, len(to_relative), len(to_relative)))
+        covariance[:] = to_relative @ states.cov_aircraft @ to_relative.T
+        covariance[:, _RADARS, _RADARS] += states.cov_radar
+        return covariance
+
+    @property
+    def _to_relative(self) -> FloatArray:
+        """Matrix (n, 6) from errors of the aircraft to errors of y."""
+        states = self.states
+        return _to_relative(len(states.log_constant), 3 + states.radar.shape[-1])
+
+    @property
+    def _covariances(self) -> int:
+        """Number of covariances, of all poses or 1."""
+        states = self.states
+        return max(len(states.cov_aircraft), len(states.cov_radar)) if len(states) else 0
 
     @cached_property
     def visible(self) -> NDArray[np.bool_]:
@@ -239,8 +276,14 @@ class RelativeProbit:
     @cached_property
     def std(self) -> FloatArray:
         """Standard deviations of y (n, k), or (n, 1)."""
-        std: FloatArray = np.sqrt(np.einsum("kij,kij->ik", self.sqrt_cov, self.sqrt_cov))
-        return std
+        of_aircraft, of_radars = (
+            np.diagonal(c, axis1=1, axis2=2).T
+            for c in (self.states.cov_aircraft, self.states.cov_radar)
+        )
+        variance = np.zeros((3 + len(of_radars), self._covariances))
+        variance += np.square(self._to_relative) @ of_aircraft
+        variance[_RADARS] += of_radars
+        return np.sqrt(variance)
 
     @cached_property
     def floor(self) -> FloatArray:
@@ -251,7 +294,6 @@ class RelativeProbit:
         self,
         error: FloatArray,
         pose: NDArray[np.intp] | None = None,
-        moved: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient by y (n, j) at errors (n, j) of the poses (j,).
 
@@ -261,7 +303,6 @@ class RelativeProbit:
         Args:
             error: Errors of the relative states.
             pose: Poses of the errors.
-            moved: Radars and points (m, s) as in `NetworkModel.extrapolated_probit`.
         """
         states = self.states
         aircraft, radar, growth = self.shifted(error, pose)
@@ -269,7 +310,7 @@ class RelativeProbit:
             self._at(self.visible.T, error, pose), (self.visible.shape[-1], *error.shape[1:])
         )
         value, by_aircraft, by_radar = states.model.extrapolated_probit(
-            aircraft, radar, visible.reshape(len(visible), -1).T, moved
+            aircraft, radar, visible.reshape(len(visible), -1).T
         )
         gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T)).reshape(error.shape)
         if growth is not None:
@@ -318,20 +359,6 @@ class RelativeProbit:
             return values[:, pose]
         return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
 
-    def _moved(self, along: NDArray[np.intp]) -> NDArray[np.bool_] | None:
-        """Return which radars see another state (m, s + 1) at points along these axes (s,).
-
-        The first point is the nominal one. None for a single radar, which sees all changes.
-        """
-        m, size = len(self.states.log_constant), self.states.radar.shape[-1]
-        if m == 1:
-            return None
-        moved = np.zeros((m, len(along) + 1), dtype=bool)
-        for i in range(m):
-            own = np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))])
-            moved[i, 1:] = np.isin(along, own)
-        return moved
-
     def derivatives(self, *, sides: int = 2) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return z (k,), its gradient (n, k) and its second derivatives (n, n, k) by y at y = 0.
 
@@ -340,6 +367,8 @@ class RelativeProbit:
                 one-sided differences over ONE_SIDED_STEP, which cost half as much and suit a smooth
                 z.
         """
+        if len(self.states.log_constant) > 1:
+            return self._fused_derivatives(sides)
         k, n = len(self.states), len(self.std)
         along = np.flatnonzero(np.any(self.std > 0, axis=1))
         step = np.broadcast_to(self.std, (n, k))[along] * (STEP if sides == 2 else ONE_SIDED_STEP)
@@ -348,15 +377,35 @@ class RelativeProbit:
         error[along, points] = step
         if sides == 2:
             error[along, points + 1] = -step
-        value, gradient = self(error, moved=self._moved(np.repeat(along, sides)))
+        value, gradient = self(error)
         second = gradient[:, 1::sides]
         second -= gradient[:, 2::2] if sides == 2 else gradient[:, :1]
-        second /= np.where(step != 0, 2.0 * sides * step, np.inf)  # half of each difference
+        second *= 0.5 / sides / np.where(step != 0, step, np.inf)  # half of each difference
         if len(along) < n:
             some, second = second, np.zeros((n, n, k))
             second[:, along] = some
-        second = second + second.swapaxes(0, 1)
-        return value[0], gradient[:, 0], second
+        symmetric: FloatArray = second.swapaxes(0, 1).copy()
+        symmetric += second
+        return value[0], gradient[:, 0], symmetric
+
+    def _fused_derivatives(self, sides: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return `derivatives` of a network, from the derivatives of each radar's own z."""
+        states, n = self.states, len(self.std)
+        m, size = len(states.log_constant), states.radar.shape[-1]
+        each = [RelativeProbit(states.of_radars([i])).derivatives(sides=sides) for i in range(m)]
+        own_z = np.stack([value for value, _, _ in each])
+        value, weight = linearize_fusion(own_z)
+        gradient = np.zeros((n, len(states)))
+        blocks = []
+        for i, (z, by_y, second) in enumerate(each):
+            places = np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))])
+            gradient[places] += weight[i] * by_y
+            bend = excess_hazard(z) * by_y
+            blocks.append((np.ix_(places, places), weight[i] * (second + bend[:, None] * by_y)))
+        together = (-excess_hazard(value) * gradient)[:, None] * gradient
+        for place, block in blocks:
+            together[place] += block
+        return value, gradient, together
 
 
 @dataclass(frozen=True, eq=False)
@@ -391,7 +440,7 @@ class StandardNormalSpace:
         sqrt_cov = probit.sqrt_cov
         second = np.ascontiguousarray(np.moveaxis(second, 2, 0))
         known = np.all(np.isfinite(second), axis=(1, 2))
-        second = np.where(known.reshape(-1, 1, 1), second, 0.0)
+        second[~known] = 0.0
         curvature, rotation = np.linalg.eigh(sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov)
         curvature[~known] = np.nan
         rotated = sqrt_cov @ rotation
@@ -412,33 +461,12 @@ class StandardNormalSpace:
         return value, by_u
 
 
-def _sqrt_cov(states: UncertainStates) -> FloatArray:
-    """Return F (k or 1, n, r) of the relative states, without columns that are 0 at all poses."""
-    to_relative_aircraft, to_relative_radar = _to_relative(
-        len(states.log_constant), states.radar.shape[-1]
-    )
-    if len(states.log_constant) == 1:
-        cov_aircraft = to_relative_aircraft @ states.cov_aircraft @ to_relative_aircraft.T
-        cov_radar = to_relative_radar @ states.cov_radar @ to_relative_radar.T
-        sqrt_cov = square_root(cov_aircraft + cov_radar)
-    else:
-        parts = (
-            to_relative_aircraft @ square_root(states.cov_aircraft),
-            to_relative_radar @ square_root(states.cov_radar),
-        )
-        k = max(map(len, parts)) if len(states) else 0
-        sqrt_cov = np.concatenate([np.broadcast_to(p, (k, *p.shape[1:])) for p in parts], axis=-1)
-    used = np.any(sqrt_cov != 0, axis=(0, 1))
-    return sqrt_cov if used.all() else sqrt_cov[:, :, used]
-
-
 @cache
-def _to_relative(radars: int, size: int) -> tuple[FloatArray, FloatArray]:
-    """Return the matrices from errors of aircraft (6) and of m radars (size) to errors of y (n)."""
-    radar = np.vstack([np.zeros((3, size)), np.eye(size)])
-    aircraft = np.zeros((3 + size, len(AIRCRAFT)))
-    aircraft[_ATTITUDE, ATTITUDE] = np.eye(3)
+def _to_relative(radars: int, n: int) -> FloatArray:
+    """Return the matrix (n, 6) from errors of the aircraft to errors of y for m radars."""
+    matrix = np.zeros((n, len(AIRCRAFT)))
+    matrix[_ATTITUDE, ATTITUDE] = np.eye(3)
     for i in range(radars):
         first = 3 + len(RADAR) * i
-        aircraft[first : first + 3, POSITION] = -np.eye(3)
-    return aircraft, radar
+        matrix[first : first + 3, POSITION] = -np.eye(3)
+    return matrix

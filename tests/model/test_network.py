@@ -15,7 +15,13 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1
 from radar_sense.model.geodesy import ECCENTRICITY_2, SEMI_MAJOR
 from radar_sense.model.horizon import EARTH_RADIUS, EFFECTIVE_RADIUS, Horizon, horizon_range
-from radar_sense.model.network import NetworkModel, Radar, fuse_probits
+from radar_sense.model.network import (
+    NetworkModel,
+    Radar,
+    excess_hazard,
+    fuse_probits,
+    linearize_fusion,
+)
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
@@ -158,6 +164,39 @@ def test_fusion_keeps_both_tails():
                 error = abs(mp.ncdf(side * mpf(float(value))) / lesser - 1)
                 # a rounding of z is worth z² of the tail
                 assert error < mpf("2e-15") * (2 + float(value) ** 2)
+
+
+def test_second_derivatives_of_the_fusion():
+    # against differences in 60 digits of z, by its definition
+    rng = np.random.default_rng(8)
+    columns = [rng.uniform(-12, 12, m) for m in (2, 2, 3, 4)]
+    columns += [np.array(z) for z in ([30.0, 29.9], [-8.9, -9.1, -9.0], [0.0, 9.0], [-6.0, 3.0])]
+    with mp.workdps(60):
+
+        def fused(*each):
+            miss = mp.fprod(mp.ncdf(-z) for z in each)
+            start = mpf(float(fuse_probits(np.array(each, dtype=float))))
+            return mp.findroot(lambda z: mp.log(mp.ncdf(-z) / miss), start)
+
+        for z in columns:
+            value, weight = linearize_fusion(z)
+            second = np.diag(weight * excess_hazard(z))
+            second -= np.outer(weight, weight) * excess_hazard(value)
+            point = [mpf(x) for x in z]
+            for i, j in np.ndindex(second.shape):
+                orders = np.bincount([i, j], minlength=len(z)).tolist()
+                exact = float(mp.diff(fused, point, tuple(orders)))
+                scale = max(abs(float(weight[i])), abs(float(weight[j]))) * (1 + abs(value))
+                assert abs(second[i, j] - exact) < 1e-11 * scale, (z, i, j)
+
+
+def test_excess_hazard_of_any_z():
+    z = np.concatenate([np.linspace(-1e3, 1e3, 401), [99.99, 100.0, 100.01, -1e6, 1e6, 1e12]])
+    with mp.workdps(60):
+        for x, value in zip(z, excess_hazard(z), strict=True):
+            tail = mp.erfc(mpf(x) / mp.sqrt(2)) / 2
+            exact = mp.exp(-(mpf(x) ** 2) / 2) / mp.sqrt(2 * mp.pi) / tail - mpf(x)
+            assert abs(value / exact - 1) < 1e-10, x
 
 
 def test_fusion_of_probabilities_below_the_least_float():
