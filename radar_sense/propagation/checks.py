@@ -8,16 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.covariance import MANY, square_root, variance_along
+from radar_sense.covariance import square_root, variance_along
 from radar_sense.propagation import form as _form
 from radar_sense.propagation.aspect_scan import scan_aspects
 from radar_sense.propagation.moments import BOUND_CHANGE, STD_CHANGE, Moments, differ
+from radar_sense.propagation.second_order import (
+    Invariants,
+    invariants,
+    invariants_of_independent,
+)
 from radar_sense.propagation.standard_space import (
     BLOCK,
     RelativeProbit,
@@ -34,6 +38,9 @@ DRAWN_POINTS = 128
 SAFETY = 0.7
 #: Change of σ that a check by draws allows, as a fraction of the greater of σ and SMALL_STD.
 DRAWN_STD_CHANGE, SMALL_STD = 0.03, 1e-3
+
+#: Numbers per pose and radar in the second derivatives of z by the states of one radar.
+RADAR_NUMBERS = 50
 
 #: Least distance of the limits of a radar from u = 0 along each axis. A limit at the distance 3
 #: across the three axes of a position is at 3√3 along each axis.
@@ -58,18 +65,24 @@ def second_order_matters(
 def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
     """Return `second_order_matters` (k,) within the limits of the radars."""
     parts, off = [], []
-    lobed = states.model.rcs.lobed
-    for part, std_and_bounds in _blocks(states, moments, _numbers(states)):
+    lobed, independent = states.model.rcs.lobed, states.independent
+    numbers_a_pose = _numbers(states)
+    if independent and not lobed:  # the matrices of one radar after the other
+        numbers_a_pose = RADAR_NUMBERS * len(states.log_constant)
+    for part, std_and_bounds in _blocks(states, moments, numbers_a_pose):
         probit = RelativeProbit(part)
         # A lobe may be as narrow as the differences are wide.
-        value, gradient, second = probit.derivatives(sides=2 if lobed else 1)
-        expansion, along = _Expansion.of(probit, value, gradient, second)
-        parts.append(expansion)
-        off.append(_expansion_is_off(probit, expansion, along, beta))
+        expansion = probit.derivatives(sides=2 if lobed else 1)
+        if independent:
+            numbers, along = invariants_of_independent(expansion, part.cov_aircraft, part.cov_radar)
+        else:
+            numbers, along = invariants(expansion, probit.covariance)
+        parts.append(numbers)
+        off.append(_expansion_is_off(probit, numbers, along, beta))
         if lobed:
             off[-1] |= _lobe_beyond(probit, std_and_bounds, beta)
     # What follows takes few arrays, and is computed for all blocks together.
-    z = _Expansion(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    z = Invariants(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
     variance = z.slope + 0.5 * z.trace_of_square
     third = 3.0 * z.curvature + z.trace_of_cube
     cube = variance**1.5  # 0 for variances below 1e-216
@@ -83,76 +96,8 @@ def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -
     return unreliable
 
 
-class _Expansion(NamedTuple):
-    """Numbers of the second-order expansion of z at each of k poses.
-
-    Attributes:
-        value: z at the nominal states (k,).
-        slope: gᵀg (k,).
-        curvature: gᵀHg (k,).
-        trace: tr H (k,).
-        trace_of_square: tr H² (k,).
-        trace_of_cube: tr H³ (k,).
-    """
-
-    value: FloatArray
-    slope: FloatArray
-    curvature: FloatArray
-    trace: FloatArray
-    trace_of_square: FloatArray
-    trace_of_cube: FloatArray
-
-    @classmethod
-    def of(
-        cls, probit: RelativeProbit, value: FloatArray, gradient: FloatArray, second: FloatArray
-    ) -> tuple[_Expansion, FloatArray]:
-        """Return the numbers, and F g (n, k), which are the errors of y at u = g.
-
-        With C the covariance of y, C times the second derivatives has the traces of H.
-
-        Args:
-            probit: z as a function of the relative states y.
-            value: z at the nominal states (k,).
-            gradient: Gradient (n, k) of z by y.
-            second: Second derivatives (n, n, k) of z by y.
-        """
-        covariance = probit.covariance
-        if len(covariance) == 1:
-            (one,) = covariance
-            along = one @ gradient
-            product = (one @ second.reshape(len(one), -1)).reshape(second.shape)
-        else:
-            along = np.einsum("kij,jk->ik", covariance, gradient)
-            each = np.ascontiguousarray(np.moveaxis(second, 2, 0))
-            product = np.moveaxis(covariance @ each, 0, 2)
-        expansion = cls(
-            value,
-            np.maximum(np.einsum("ik,ik->k", gradient, along), 0.0),
-            np.einsum("ik,ik->k", along, np.einsum("ijk,jk->ik", second, along)),
-            np.einsum("iik->k", product),
-            np.maximum(np.einsum("ijk,jik->k", product, product), 0.0),
-            trace_of_cube(product),
-        )
-        return expansion, along
-
-
-def trace_of_cube(matrices: FloatArray) -> FloatArray:
-    """Return tr A³ (k,) of matrices (n, n, k)."""
-    if len(matrices) > MANY:
-        each = np.ascontiguousarray(np.moveaxis(matrices, 2, 0))
-        return np.asarray(np.einsum("kij,kji->k", each @ each, each))
-    trace = np.zeros(matrices.shape[2])
-    for i in range(len(matrices)):
-        # tr A³ without its first row and column is less by a³ + 3 a r·c + 3 r·A'c
-        first, row, column = matrices[i, i], matrices[i, i + 1 :], matrices[i + 1 :, i]
-        rest = matrices[i + 1 :, i + 1 :]
-        trace += first * (first * first + 3.0 * np.einsum("jk,jk->k", row, column))
-        trace += 3.0 * np.einsum("jk,jlk,lk->k", row, rest, column)
-    return trace
-
-
 def _expansion_is_off(
-    probit: RelativeProbit, z: _Expansion, along: FloatArray, beta: float
+    probit: RelativeProbit, z: Invariants, along: FloatArray, beta: float
 ) -> NDArray[np.bool_]:
     """Return where (k,) the second-order expansion of z is off a distance β along the gradient."""
     known = np.isfinite(z.slope + z.curvature) & (z.slope > 0)  # other tests warn elsewhere

@@ -114,7 +114,7 @@ def form_std(states: UncertainStates) -> StdFunction:
         std_parts = []
         changed, _ = _parts(states.with_covariances(cov_aircraft, cov_radar), len(NODES))
         for part, known in zip(changed, derivatives, strict=True):
-            space = StandardNormalSpace.expanded(RelativeProbit(part), *known)
+            space = StandardNormalSpace.expanded(RelativeProbit(part), known)
             std_parts.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
         return np.concatenate(std_parts)[order]
 

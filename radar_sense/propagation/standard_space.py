@@ -34,6 +34,7 @@ from radar_sense.model.network import (
     excess_hazard,
     linearize_fusion,
 )
+from radar_sense.propagation.second_order import SecondOrder
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
@@ -153,6 +154,18 @@ class UncertainStates:
             self.cov_aircraft,
             self.cov_radar[:, components][..., components],
         )
+
+    @property
+    def independent(self) -> bool:
+        """Whether the radars of a network have independent errors; False for a single radar."""
+        m, size = len(self.log_constant), self.radar.shape[-1]
+        if m == 1:
+            return False
+        together = np.eye(size, dtype=bool)
+        for i in range(m):
+            own = [c for c in components_of([i], m, size) if c != len(RADAR) * m]  # not the RCS
+            together[np.ix_(own, own)] = True
+        return not self.cov_radar[:, ~together].any()
 
     @property
     def _arrays(self) -> tuple[FloatArray, ...]:
@@ -359,8 +372,8 @@ class RelativeProbit:
             return values[:, pose]
         return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
 
-    def derivatives(self, *, sides: int = 2) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return z (k,), its gradient (n, k) and its second derivatives (n, n, k) by y at y = 0.
+    def derivatives(self, *, sides: int = 2) -> SecondOrder:
+        """Return the expansion of z about y = 0.
 
         Args:
             sides: 2 for second derivatives by central differences of the gradient over STEP. 1 for
@@ -386,26 +399,22 @@ class RelativeProbit:
             second[:, along] = some
         symmetric: FloatArray = second.swapaxes(0, 1).copy()
         symmetric += second
-        return value[0], gradient[:, 0], symmetric
+        return SecondOrder(value[0], gradient[:, 0], (np.arange(n),), (symmetric,))
 
-    def _fused_derivatives(self, sides: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    def _fused_derivatives(self, sides: int) -> SecondOrder:
         """Return `derivatives` of a network, from the derivatives of each radar's own z."""
-        states, n = self.states, len(self.std)
+        states = self.states
         m, size = len(states.log_constant), states.radar.shape[-1]
         each = [RelativeProbit(states.of_radars([i])).derivatives(sides=sides) for i in range(m)]
-        own_z = np.stack([value for value, _, _ in each])
-        value, weight = linearize_fusion(own_z)
-        gradient = np.zeros((n, len(states)))
-        blocks = []
-        for i, (z, by_y, second) in enumerate(each):
-            places = np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))])
-            gradient[places] += weight[i] * by_y
-            bend = excess_hazard(z) * by_y
-            blocks.append((np.ix_(places, places), weight[i] * (second + bend[:, None] * by_y)))
-        together = (-excess_hazard(value) * gradient)[:, None] * gradient
-        for place, block in blocks:
-            together[place] += block
-        return value, gradient, together
+        value, weight = linearize_fusion(np.stack([z.value for z in each]))
+        gradient = np.zeros((len(self.std), len(states)))
+        places, blocks = [], []
+        for i, z in enumerate(each):
+            places.append(np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))]))
+            gradient[places[i]] += weight[i] * z.gradient
+            bend = (excess_hazard(z.value) * z.gradient)[:, np.newaxis] * z.gradient
+            blocks.append(weight[i] * (z.matrix() + bend))
+        return SecondOrder(value, gradient, tuple(places), tuple(blocks), -excess_hazard(value))
 
 
 @dataclass(frozen=True, eq=False)
@@ -430,22 +439,20 @@ class StandardNormalSpace:
     def of(cls, states: UncertainStates) -> StandardNormalSpace:
         """Return the expansion of z about the nominal states."""
         probit = RelativeProbit(states)
-        return cls.expanded(probit, *probit.derivatives())
+        return cls.expanded(probit, probit.derivatives())
 
     @classmethod
-    def expanded(
-        cls, probit: RelativeProbit, value: FloatArray, gradient: FloatArray, second: FloatArray
-    ) -> StandardNormalSpace:
-        """Return the space for given derivatives of z by the relative states."""
+    def expanded(cls, probit: RelativeProbit, z: SecondOrder) -> StandardNormalSpace:
+        """Return the space for a given expansion of z in the relative states."""
         sqrt_cov = probit.sqrt_cov
-        second = np.ascontiguousarray(np.moveaxis(second, 2, 0))
+        second = np.moveaxis(z.matrix(), 2, 0).copy()
         known = np.all(np.isfinite(second), axis=(1, 2))
         second[~known] = 0.0
         curvature, rotation = np.linalg.eigh(sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov)
         curvature[~known] = np.nan
         rotated = sqrt_cov @ rotation
-        by_u = np.einsum("kij,ik->jk", rotated, gradient)
-        return cls(probit, rotated, value, by_u, np.ascontiguousarray(curvature.T))
+        by_u = np.einsum("kij,ik->jk", rotated, z.gradient)
+        return cls(probit, rotated, z.value, by_u, np.ascontiguousarray(curvature.T))
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient (r, j) at u (r, j) of the poses (j,)."""

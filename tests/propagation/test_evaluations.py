@@ -11,7 +11,6 @@ from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
-from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.propagation import (
     METHODS,
     exceedance_probability,
@@ -23,7 +22,6 @@ from radar_sense.propagation import (
     upper_bound,
     upper_bound_in_scenario,
 )
-from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
 from radar_sense.reading.parse import load_scenario
 from radar_sense.reporting import results
 from radar_sense.reporting.command import report
@@ -280,49 +278,3 @@ def test_evaluations_of_a_report(method, radars, count, monkeypatch):
     assert gradients <= most + (3 * EXPANSION + 19 * parts if method == "form" else 2)
     # the warnings of each section are compared with the warnings of the scenario
     assert values <= cells + 2 * (100 + 8) + 10 + 5
-
-
-@pytest.mark.parametrize("sides", [1, 2])
-@pytest.mark.parametrize("size", [12, 13, 16])  # without and with errors of RCS and attenuations
-def test_derivatives_of_a_network_as_from_differences_of_its_z(size, sides):
-    """Each radar is evaluated by itself, and its derivatives are fused.
-
-    Differences of the fused z agree. The standard deviations are small, so that all steps are.
-    """
-    rng = np.random.default_rng(size)
-    rcs = EllipsoidRCS(0.15, 0.13, 0.21)
-    radars = [Radar(DetectionModel(rcs, 1e-4, attenuation=1e-5), name=n) for n in "abc"]
-    states = np.zeros(size)
-    states[:12] = np.column_stack([rng.normal(0, 2e5, (3, 3)), rng.uniform(30, 90, 3)]).ravel()
-    aircraft = rng.uniform(-1, 1, (4, 6)) * [3e5, 3e5, 9e3, 0.5, 0.2, np.pi]
-    std = 1e-3 * np.append(np.tile([100.0, 100.0, 50.0, 5.0], 3), np.full(size - 12, 0.3))
-    mixed = rng.normal(size=(size, 2 * size))
-    cov = np.outer(std, std) * np.corrcoef(mixed)
-    cov_aircraft = np.diag([0.03, 0.03, 0.03, 3e-5, 0.0, 3e-5]) ** 2
-    model = NetworkModel(tuple(radars))
-    logarithmic = [False, True, False]
-    _, uncertain = uncertain_states(
-        model, aircraft, states, cov_aircraft, cov, log_constant=logarithmic
-    )
-    probit = RelativeProbit(uncertain)
-    root = probit.sqrt_cov
-    scale = np.outer(probit.std, probit.std)
-    scale[scale == 0] = np.inf
-    assert np.abs((probit.covariance - root @ root.swapaxes(1, 2)) / scale).max() < 1e-14
-    np.testing.assert_allclose(np.diagonal(probit.covariance[0]), probit.std[:, 0] ** 2, rtol=1e-14)
-    value, gradient, second = probit.derivatives(sides=sides)
-    step = 10.0 * np.broadcast_to(probit.std, gradient.shape)
-    n, k = gradient.shape
-    there, back = (np.eye(n)[:, :, None] * (sign * step) for sign in (1.0, -1.0))
-    centre_value, centre = probit(np.zeros((n, 1, k)))
-    np.testing.assert_allclose(value, centre_value[0], rtol=1e-13)
-    np.testing.assert_allclose(gradient, centre[:, 0], rtol=1e-12)
-    certain = step[:, 0] == 0
-    assert certain.sum() == 1
-    differences = probit(there)[1] - probit(back)[1]
-    differences = differences[:, ~certain] / (2.0 * step[~certain])
-    units = step[:, None] * step[~certain]
-    expected, found = differences * units, second[:, ~certain] * units
-    assert np.all(second[:, certain] == 0)
-    scale = np.abs(expected).max(axis=(0, 1))
-    np.testing.assert_allclose(found / scale, expected / scale, rtol=0, atol=2e-4)

@@ -19,7 +19,6 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import (
     propagate_scenario,
 )
-from radar_sense.propagation.checks import trace_of_cube
 from radar_sense.propagation.standard_space import StandardNormalSpace, uncertain_states
 from radar_sense.reading.parse import load_scenario
 from radar_sense.scenario import single_radar_scenarios
@@ -239,10 +238,3 @@ def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
         step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
         slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
         assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-7)
-
-
-@pytest.mark.parametrize("n", [3, 40])  # sums written out, and matrix products
-def test_the_trace_of_the_cube_of_a_matrix(n):
-    matrices = np.random.default_rng(n).normal(size=(n, n, 4))
-    cubes = [np.linalg.matrix_power(matrices[..., i], 3) for i in range(4)]
-    assert_allclose(trace_of_cube(matrices), np.trace(cubes, axis1=1, axis2=2), rtol=1e-9)

@@ -1,0 +1,123 @@
+"""The second-order expansion of z: derivatives by the states, and invariants of a rotation of u."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.rcs import EllipsoidRCS
+from radar_sense.propagation.second_order import (
+    invariants,
+    invariants_of_independent,
+    trace_of_cube,
+)
+from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
+
+COV_AIRCRAFT = np.diag([30.0, 30.0, 30.0, 0.03, 0.0, 0.03]) ** 2  # the pitch is certain
+POSES = 4
+
+
+def network(rng, size, cov_radar, cov_aircraft=COV_AIRCRAFT):
+    """Three radars at random places: z as a function of the relative states."""
+    rcs = EllipsoidRCS(0.15, 0.13, 0.21)
+    radars = [Radar(DetectionModel(rcs, 1e-4, attenuation=1e-5), name=n) for n in "abc"]
+    states = np.zeros(size)
+    states[:12] = np.column_stack([rng.normal(0, 2e5, (3, 3)), rng.uniform(30, 90, 3)]).ravel()
+    aircraft = rng.uniform(-1, 1, (POSES, 6)) * [3e5, 3e5, 9e3, 0.5, 0.2, np.pi]
+    _, uncertain = uncertain_states(
+        NetworkModel(tuple(radars)),
+        aircraft,
+        states,
+        cov_aircraft,
+        cov_radar,
+        log_constant=[False, True, False],
+    )
+    return RelativeProbit(uncertain)
+
+
+def stds(size):
+    """Standard deviations of the radar states, with errors of RCS and attenuations."""
+    return np.append(np.tile([100.0, 100.0, 50.0, 5.0], 3), np.full(size - 12, 0.3))
+
+
+def correlated(rng, std):
+    mixed = rng.normal(size=(len(std), 2 * len(std)))
+    return np.outer(std, std) * np.corrcoef(mixed)
+
+
+@pytest.mark.parametrize("sides", [1, 2])
+@pytest.mark.parametrize("size", [12, 13, 16])  # without and with errors of RCS and attenuations
+def test_derivatives_of_a_network_as_from_differences_of_its_z(size, sides):
+    """Each radar is evaluated by itself, and its derivatives are fused.
+
+    Differences of the fused z agree. The standard deviations are small, so that all steps are.
+    """
+    rng = np.random.default_rng(size)
+    probit = network(rng, size, correlated(rng, 1e-3 * stds(size)), 1e-6 * COV_AIRCRAFT)
+    found = probit.derivatives(sides=sides)
+    step = 10.0 * np.broadcast_to(probit.std, found.gradient.shape)
+    n = len(step)
+    centre_value, centre = probit(np.zeros((n, 1, POSES)))
+    assert_allclose(found.value, centre_value[0], rtol=1e-13)
+    assert_allclose(found.gradient, centre[:, 0], rtol=1e-12)
+    certain = step[:, 0] == 0
+    assert certain.sum() == 1
+    there, back = (np.eye(n)[:, :, np.newaxis] * (sign * step) for sign in (1.0, -1.0))
+    differences = probit(there)[1] - probit(back)[1]
+    differences = differences[:, ~certain] / (2.0 * step[~certain])
+    units = step[:, np.newaxis] * step[~certain]
+    second = found.matrix()
+    assert np.all(second[:, certain] == 0)
+    scale = np.abs(differences * units).max(axis=(0, 1))
+    error = (second[:, ~certain] - differences) * units / scale
+    assert np.abs(error).max() < 2e-4
+
+
+@pytest.mark.parametrize("many", [False, True])  # covariances of all poses together, or of each
+@pytest.mark.parametrize("independent", [False, True])
+@pytest.mark.parametrize("size", [12, 13, 16])
+def test_invariants_as_from_a_matrix_in_standard_normal_space(size, independent, many):
+    rng = np.random.default_rng(size)
+    cov = correlated(rng, stds(size))
+    if independent:
+        radars = np.repeat(np.arange(3), 4).tolist() + [3, 0, 1, 2][: size - 12]
+        cov[np.not_equal.outer(radars, radars)] = 0.0
+    if many:
+        cov = rng.uniform(1, 2, (POSES, 1, 1)) * cov
+    scale = rng.uniform(1, 2, (POSES, 1, 1)) if many else 1.0
+    probit = network(rng, size, cov, scale * COV_AIRCRAFT)
+    assert probit.states.independent == independent
+    root = probit.sqrt_cov
+    std = np.sqrt(np.diagonal(probit.covariance, axis1=1, axis2=2))
+    assert_allclose(std.T, probit.std, rtol=1e-14)
+    unit = np.where(std > 0, std, 1.0)
+    error = (probit.covariance - root @ root.swapaxes(1, 2)) / unit[:, :, None] / unit[:, None]
+    assert np.abs(error).max() < 1e-14
+
+    z = probit.derivatives()
+    if independent:
+        found, along = invariants_of_independent(
+            z, probit.states.cov_aircraft, probit.states.cov_radar
+        )
+    else:
+        found, along = invariants(z, probit.covariance)
+    second = root.swapaxes(1, 2) @ np.moveaxis(z.matrix(), 2, 0) @ root
+    for pose, (h, f) in enumerate(
+        zip(second, np.broadcast_to(root, (POSES, *root.shape[1:])), strict=False)
+    ):
+        g = f.T @ z.gradient[:, pose]
+        values = np.linalg.eigvalsh(h)
+        expected = [z.value[pose], g @ g, g @ h @ g, *(np.sum(values**p) for p in (1, 2, 3))]
+        size_of_h = np.abs(values).sum()
+        tolerances = 1e-13 * np.array([1, 1, g @ g, 1, size_of_h, size_of_h**2]) * size_of_h
+        error = np.abs(np.array([numbers[pose] for numbers in found]) - expected)
+        assert np.all(error <= tolerances + 1e-13 * np.abs(expected))
+        assert_allclose(along[:, pose], f @ g, rtol=1e-11, atol=1e-12 * np.abs(f @ g).max())
+
+
+@pytest.mark.parametrize("n", [3, 40])  # sums written out, and matrix products
+def test_the_trace_of_the_cube_of_a_matrix(n):
+    matrices = np.random.default_rng(n).normal(size=(n, n, 4))
+    cubes = [np.linalg.matrix_power(matrices[..., i], 3) for i in range(4)]
+    assert_allclose(trace_of_cube(matrices), np.trace(cubes, axis1=1, axis2=2), rtol=1e-9)
