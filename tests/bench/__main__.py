@@ -314,15 +314,25 @@ def networks():
         places[:, 0] += 1e6 * (np.arange(poses) % groups)
         return rs.NetworkModel(network), places, state, case.cov_aircraft, cov
 
-    peer = {m: partial(rs.propagate, *network(1, 2048), method=m) for m in METHODS}
+    def checked(*states):
+        return partial(nonlinear, *states, moments=rs.propagate(*states))
+
+    def ours(method, radars, poses, seeing=None):
+        states = network(radars, poses, seeing)
+        if method == "check of linear":
+            return checked(*states)
+        return partial(rs.propagate, *states, method=method)
+
+    methods = (*METHODS, "check of linear")
+    peer = {method: ours(method, 1, 2048) for method in methods}
 
     def measure(what, method, radars, poses, seeing):
-        ours = partial(rs.propagate, *network(radars, poses, seeing), method=method)
-        taken, alone = interleaved(ours, peer[method], rounds=3)
+        times = interleaved(ours(method, radars, poses, seeing), peer[method], rounds=3)
+        taken, alone = times
         times = taken / (seeing or radars) / poses, alone / 2048
         row(f"{method}, {what}", times, 1, "ns", longer=1.3)
 
-    for method in METHODS:
+    for method in methods:
         for radars in (2, 4, 8, 16, 32, 64):
             # by FORM a pose that many radars see takes longer by the square of the radars, and more
             poses = 2048 // radars if method == "form" else 2048
