@@ -204,7 +204,7 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Qu
         extremes = _highest_lobes(space, row, sign, radius, g, lam, first, radius == bound)
 
     second_order = np.zeros((len(betas), len(known)))
-    second_order[:, pose] = space.value[pose] + quadratic_quantile(
+    second_order[:, pose] = (space.value + space.drift)[pose] + quadratic_quantile(
         space.gradient[:, pose], space.curvature[:, pose], betas
     )
     corrected = second_order.copy()
@@ -481,4 +481,6 @@ def _parts(states: UncertainStates, betas: int) -> tuple[list[UncertainStates], 
 def _numbers(states: UncertainStates, betas: int) -> int:
     """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more."""
     components = len(AIRCRAFT) + int(states.radar.shape[-1])
-    return min(components * max(components, betas), MAX_NUMBERS // 16)
+    # of most radars with independent errors, one component matters
+    most = len(AIRCRAFT) + len(states.log_constant) if states.independent else components
+    return min(components * max(most, betas), MAX_NUMBERS // 16)

@@ -59,6 +59,23 @@ class SecondOrder:
             second[np.ix_(places, places)] += block
         return second
 
+    def second_derivatives_by(self, sqrt_cov: FloatArray) -> FloatArray:
+        """Return the second derivatives of z by u (k, r, r), with y = F u and F (k or 1, n, r)."""
+        second = np.zeros((len(self.value), *2 * sqrt_cov.shape[-1:]))
+        for places, block in zip(self.places, self.blocks, strict=True):
+            root = sqrt_cov[:, places]
+            second += root.swapaxes(1, 2) @ np.moveaxis(block, 2, 0) @ root
+        if self.square is not None:
+            by_u = np.einsum(
+                "kij,ik->kj",
+                np.broadcast_to(sqrt_cov, (len(second), *sqrt_cov.shape[1:])),
+                self.gradient,
+            )
+            second += (
+                self.square[:, np.newaxis, np.newaxis] * by_u[:, np.newaxis] * by_u[..., np.newaxis]
+            )
+        return second
+
 
 class Invariants(NamedTuple):
     """Numbers of the expansion in standard normal space, at each of k poses.

@@ -52,6 +52,9 @@ STEP = 0.5
 #: Step of one-sided differences. The step is shorter, because one-sided differences have an error
 #: of first order. The step goes to a smaller c_r, where z has more curvature.
 ONE_SIDED_STEP = -0.1
+#: Second derivatives of z by idle components of u are below this fraction of σ of z. A bound of
+#: FORM at β then changes by less than ½ IDLE² β³ σ in z, 5.4e-5 σ at β = 3.
+IDLE = 2e-3
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
 #: Numbers of the matrices F that are copied at a time, which stay in the processor's cache (1 MB).
@@ -249,7 +252,7 @@ class RelativeProbit:
         if len(states.log_constant) == 1:
             sqrt_cov = square_root(self.covariance)
         else:
-            of_aircraft = self._to_relative @ square_root(states.cov_aircraft)
+            of_aircraft = self.to_relative @ square_root(states.cov_aircraft)
             of_radars = square_root(states.cov_radar)
             n, r = of_aircraft.shape[1], of_aircraft.shape[2] + of_radars.shape[2]
             sqrt_cov = np.zeros((self._covariances, n, r))
@@ -261,14 +264,14 @@ class RelativeProbit:
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of y (k, n, n), or (1, n, n) where it is the same at all poses."""
-        states, to_relative = self.states, self._to_relative
+        states, to_relative = self.states, self.to_relative
         covariance = np.empty((self._covariances, len(to_relative), len(to_relative)))
         covariance[:] = to_relative @ states.cov_aircraft @ to_relative.T
         covariance[:, _RADARS, _RADARS] += states.cov_radar
         return covariance
 
     @property
-    def _to_relative(self) -> FloatArray:
+    def to_relative(self) -> FloatArray:
         """Matrix (n, 6) from errors of the aircraft to errors of y."""
         states = self.states
         return _to_relative(len(states.log_constant), 3 + states.radar.shape[-1])
@@ -294,7 +297,7 @@ class RelativeProbit:
             for c in (self.states.cov_aircraft, self.states.cov_radar)
         )
         variance = np.zeros((3 + len(of_radars), self._covariances))
-        variance += np.square(self._to_relative) @ of_aircraft
+        variance += np.square(self.to_relative) @ of_aircraft
         variance[_RADARS] += of_radars
         return np.sqrt(variance)
 
@@ -427,6 +430,7 @@ class StandardNormalSpace:
         value: z(0) (k,).
         gradient: g (r, k), NaN where z has no gradient.
         curvature: λ (r, k), NaN where a second derivative is not finite.
+        drift: What components that were left out add to the mean of z (k,).
     """
 
     probit: RelativeProbit
@@ -434,6 +438,7 @@ class StandardNormalSpace:
     value: FloatArray
     gradient: FloatArray
     curvature: FloatArray
+    drift: FloatArray
 
     @classmethod
     def of(cls, states: UncertainStates) -> StandardNormalSpace:
@@ -444,15 +449,18 @@ class StandardNormalSpace:
     @classmethod
     def expanded(cls, probit: RelativeProbit, z: SecondOrder) -> StandardNormalSpace:
         """Return the space for a given expansion of z in the relative states."""
-        sqrt_cov = probit.sqrt_cov
-        second = np.moveaxis(z.matrix(), 2, 0).copy()
+        if probit.states.independent:
+            sqrt_cov, drift = _reduced_sqrt_cov(probit, z)
+        else:
+            sqrt_cov, drift = probit.sqrt_cov, np.zeros(len(z.value))
+        second = z.second_derivatives_by(sqrt_cov)
         known = np.all(np.isfinite(second), axis=(1, 2))
         second[~known] = 0.0
-        curvature, rotation = np.linalg.eigh(sqrt_cov.swapaxes(1, 2) @ second @ sqrt_cov)
+        curvature, rotation = np.linalg.eigh(second)
         curvature[~known] = np.nan
         rotated = sqrt_cov @ rotation
         by_u = np.einsum("kij,ik->jk", rotated, z.gradient)
-        return cls(probit, rotated, z.value, by_u, np.ascontiguousarray(curvature.T))
+        return cls(probit, rotated, z.value, by_u, np.ascontiguousarray(curvature.T), drift)
 
     def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
         """Return z (j,) and its gradient (r, j) at u (r, j) of the poses (j,)."""
@@ -466,6 +474,54 @@ class StandardNormalSpace:
         for part in parts:
             np.einsum("kij,ik->jk", self.sqrt_cov[pose[part]], by_y[:, part], out=by_u[:, part])
         return value, by_u
+
+
+def _reduced_sqrt_cov(probit: RelativeProbit, z: SecondOrder) -> tuple[FloatArray, FloatArray]:
+    """Return F (k, n, r) without idle components of u, for radars with independent errors.
+
+    The components of u of each radar are rotated until z has a slope along the first one only. The
+    others are idle where the second derivatives of z by them and by any component are small: the
+    sum of squares over all radars is at most IDLE² σ², with σ of z. Their own second derivatives
+    move the mean of z. The result has this drift (k,) too.
+    """
+    states = probit.states
+    m, size = len(states.log_constant), states.radar.shape[-1]
+    k, n, rcs = len(states), len(probit.std), len(RADAR) * m
+    covariance = probit.covariance
+    along = np.swapaxes(covariance @ z.gradient.T[..., np.newaxis], 0, 1)[..., 0]
+    variance = np.einsum("ik,ik->k", z.gradient, along)
+    of_aircraft = probit.to_relative @ square_root(states.cov_aircraft)
+    columns = [np.broadcast_to(of_aircraft, (k, *of_aircraft.shape[1:]))]
+    drift = np.zeros(k)
+    if size > rcs:
+        columns.append(np.zeros((k, n, 1)))
+        columns[-1][:, 3 + rcs, 0] = np.sqrt(states.cov_radar[:, rcs, rcs])
+    for i, (places, block) in enumerate(zip(z.places, z.blocks, strict=True)):
+        own = [c for c in components_of([i], m, size) if c != rcs]
+        rows, local = np.add(3, own), np.isin(places, np.add(3, own))
+        root = square_root(states.cov_radar[:, own][..., own])
+        slope = z.gradient[rows].T[:, np.newaxis] @ root
+        length = np.sqrt(np.sum(slope * slope, axis=-1, keepdims=True))
+        first = np.where(length > 0, slope / np.where(length > 0, length, 1.0), np.eye(len(own))[0])
+        by_own = np.moveaxis(block[:, local], 2, 0) @ root  # second derivatives by y_i and by u
+        squares = by_own.swapaxes(1, 2) @ covariance[:, places][..., places] @ by_own
+        curvatures = root.swapaxes(1, 2) @ by_own[:, local]
+        square, curvature = (
+            np.einsum("kii->k", matrix) - np.einsum("kij,khi,khj->k", matrix, first, first)
+            for matrix in (squares, curvatures)
+        )
+        idle = m * square <= IDLE**2 * variance
+        drift[idle] += 0.5 * curvature[idle]
+        # the reflection that takes the first axis to the direction of the slope, or its opposite
+        normal = first + np.where(first[..., :1] < 0, -1.0, 1.0) * np.eye(len(own))[0]
+        scale = 2.0 / np.sum(normal * normal, axis=-1, keepdims=True)
+        rotated = root @ (np.eye(len(own)) - scale * normal.swapaxes(1, 2) * normal)
+        rotated[idle, :, 1:] = 0.0
+        columns.append(np.zeros((k, n, 1 if idle.all() else len(own))))
+        columns[-1][:, rows] = rotated[..., : columns[-1].shape[-1]]
+    sqrt_cov = np.concatenate(columns, axis=2)
+    used = np.any(sqrt_cov != 0, axis=(0, 1))
+    return sqrt_cov if used.all() else sqrt_cov[:, :, used], drift
 
 
 @cache

@@ -334,8 +334,7 @@ def networks():
 
     for method in methods:
         for radars in (2, 4, 8, 16, 32, 64):
-            # by FORM a pose that many radars see takes longer by the square of the radars, and more
-            poses = 2048 // radars if method == "form" else 2048
+            poses = 512 if method == "form" else 2048
             measure(f"{radars} radars", method, radars, poses, None)
     for radars in (16, 32, 64):
         measure(f"{radars} radars, 8 of them in sight", "form", radars, 2048, 8)

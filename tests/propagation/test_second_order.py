@@ -7,12 +7,19 @@ from numpy.testing import assert_allclose
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import EllipsoidRCS
+from radar_sense.propagation import standard_space
+from radar_sense.propagation.form import quantiles
 from radar_sense.propagation.second_order import (
     invariants,
     invariants_of_independent,
     trace_of_cube,
 )
-from radar_sense.propagation.standard_space import RelativeProbit, uncertain_states
+from radar_sense.propagation.standard_space import (
+    RelativeProbit,
+    StandardNormalSpace,
+    UncertainStates,
+    uncertain_states,
+)
 
 COV_AIRCRAFT = np.diag([30.0, 30.0, 30.0, 0.03, 0.0, 0.03]) ** 2  # the pitch is certain
 POSES = 4
@@ -44,6 +51,11 @@ def stds(size):
 def correlated(rng, std):
     mixed = rng.normal(size=(len(std), 2 * len(std)))
     return np.outer(std, std) * np.corrcoef(mixed)
+
+
+def radar_of(size):
+    """Which radar each component belongs to; 3 is the RCS."""
+    return np.repeat(np.arange(3), 4).tolist() + [3, 0, 1, 2][: size - 12]
 
 
 @pytest.mark.parametrize("sides", [1, 2])
@@ -81,8 +93,7 @@ def test_invariants_as_from_a_matrix_in_standard_normal_space(size, independent,
     rng = np.random.default_rng(size)
     cov = correlated(rng, stds(size))
     if independent:
-        radars = np.repeat(np.arange(3), 4).tolist() + [3, 0, 1, 2][: size - 12]
-        cov[np.not_equal.outer(radars, radars)] = 0.0
+        cov[np.not_equal.outer(radar_of(size), radar_of(size))] = 0.0
     if many:
         cov = rng.uniform(1, 2, (POSES, 1, 1)) * cov
     scale = rng.uniform(1, 2, (POSES, 1, 1)) if many else 1.0
@@ -114,6 +125,53 @@ def test_invariants_as_from_a_matrix_in_standard_normal_space(size, independent,
         error = np.abs(np.array([numbers[pose] for numbers in found]) - expected)
         assert np.all(error <= tolerances + 1e-13 * np.abs(expected))
         assert_allclose(along[:, pose], f @ g, rtol=1e-11, atol=1e-12 * np.abs(f @ g).max())
+
+
+@pytest.mark.parametrize("size", [12, 13, 16])
+def test_idle_components_are_left_out_of_form(size, monkeypatch):
+    """Surveyed radars keep one component, and the quantiles of z stay where they were."""
+    betas = np.array([-3.0, -1.0, 0.0, 2.0, 3.0])
+    components = []
+    for position_std in (1.0, 30.0, 100.0, 300.0, 1e3, 3e3):
+        std = stds(size)
+        std[:12].reshape(3, 4)[:, :3] = position_std
+        std[13:] = 1e-3  # of ln α
+        std[3] = 20.0  # bends z: ln c_r of the second radar is Gaussian, c_r of this one is
+        cov = correlated(np.random.default_rng(size), std)
+        cov[np.not_equal.outer(radar_of(size), radar_of(size))] = 0.0
+        probit = network(np.random.default_rng(size), size, cov)
+        z = probit.derivatives()
+        some = StandardNormalSpace.expanded(probit, z)
+        with monkeypatch.context() as patch:
+            patch.setattr(UncertainStates, "independent", False)
+            all_ = StandardNormalSpace.expanded(probit, z)
+        components.append(len(some.gradient))
+        assert len(all_.gradient) == 5 + size  # the pitch is certain
+        sigma = np.sqrt(np.sum(all_.gradient**2 + 0.5 * all_.curvature**2, axis=0))
+        ours, every = (quantiles(space, betas, 3.0) for space in (some, all_))
+        assert every.converged.all()
+        assert np.abs(ours.corrected - every.corrected).max() < np.max(1.5e-4 * sigma)
+        error = np.abs(ours.second_order - every.second_order) / sigma
+        assert np.all(error < 0.5 * standard_space.IDLE**2 * 5.2**3)
+    assert components[0] == 5 + 3 + (size > 12)
+    assert components == sorted(components)
+    assert components[-1] > components[0]
+
+
+@pytest.mark.parametrize("component", range(4))
+def test_radars_with_a_single_uncertain_component(component):
+    std = np.zeros(12)
+    std[component::4] = stds(12)[component::4]
+    probit = network(np.random.default_rng(1), 12, np.diag(std**2))
+    space = StandardNormalSpace.of(probit.states)
+    assert len(space.gradient) == 5 + 3
+    # with the certain components as rows and columns of zeros
+    assert_allclose(
+        space.sqrt_cov @ space.sqrt_cov.swapaxes(1, 2),
+        np.broadcast_to(probit.covariance, (POSES, 15, 15)),
+        rtol=1e-12,
+        atol=1e-9,
+    )
 
 
 @pytest.mark.parametrize("n", [3, 40])  # sums written out, and matrix products
