@@ -63,8 +63,7 @@ def sources(
         sources = {name: source for name, source in SOURCES.items() if source[0] == "aircraft"}
         size = size_of(len(radars), rcs=rcs, attenuation=attenuation)
         for i, name in enumerate(radars):
-            components = components_of([i], len(radars), size)
-            sources[name] = "radar", [c for c in components if c != len(RADAR) * len(radars)]
+            sources[name] = "radar", own_components_of(i, len(radars), size)
     if rcs:
         sources[AIRCRAFT_RCS] = "radar", [len(RADAR) * max(1, len(radars))]
     if attenuation and len(radars) < 2:
@@ -109,6 +108,17 @@ def components_of(radars: Sequence[int], count: int, size: int) -> list[int]:
     if size > end:
         places.append(end)
     return places + ([end + 1 + i for i in radars] if size > end + 1 else [])
+
+
+def own_components_of(radar: int, count: int, size: int) -> list[int]:
+    """Return `components_of` one radar without ε of the RCS, which all radars of a network share.
+
+    Args:
+        radar: Number of the radar, from 0.
+        count: Number of all radars, m.
+        size: Number of components of the states of all radars, from `sizes_of`.
+    """
+    return [c for c in components_of([radar], count, size) if c != len(RADAR) * count]
 
 
 def sizes_of(count: int) -> tuple[int, int, int]:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from radar_sense.model.geometry import body_vector
-from radar_sense.propagation.standard_space import RelativeProbit
+from radar_sense.propagation.relative_probit import RelativeProbit
 from radar_sense.states import RADAR, FloatArray
 
 #: Rings of the scan, as fractions of the radius, and directions on each ring.

@@ -16,18 +16,15 @@ from scipy.special import ndtr, ndtri
 from radar_sense.covariance import square_root, variance_along
 from radar_sense.propagation import form as _form
 from radar_sense.propagation.aspect_scan import scan_aspects
+from radar_sense.propagation.gaussian_states import BLOCK, UncertainStates
 from radar_sense.propagation.moments import BOUND_CHANGE, STD_CHANGE, Moments, differ
+from radar_sense.propagation.relative_probit import RelativeProbit
 from radar_sense.propagation.second_order import (
     Invariants,
     invariants,
     invariants_of_independent,
 )
-from radar_sense.propagation.standard_space import (
-    BLOCK,
-    RelativeProbit,
-    StandardNormalSpace,
-    UncertainStates,
-)
+from radar_sense.propagation.standard_space import StandardNormalSpace
 from radar_sense.states import AIRCRAFT, FloatArray, components_of
 
 #: Draws about each centre in a check by draws.

@@ -20,14 +20,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from radar_sense.propagation.aspect_scan import scan_aspects
+from radar_sense.propagation.gaussian_states import MAX_NUMBERS, StdFunction, UncertainStates
 from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
-from radar_sense.propagation.standard_space import (
-    MAX_NUMBERS,
-    RelativeProbit,
-    StandardNormalSpace,
-    StdFunction,
-    UncertainStates,
-)
+from radar_sense.propagation.relative_probit import RelativeProbit
+from radar_sense.propagation.standard_space import StandardNormalSpace
 from radar_sense.states import AIRCRAFT, FloatArray
 
 #: β of the quantiles from which mean and standard deviation are computed.

@@ -6,8 +6,8 @@ import numpy as np
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import Linearization
+from radar_sense.propagation.gaussian_states import StdFunction, UncertainStates
 from radar_sense.propagation.moments import Moments, normal_exceedance
-from radar_sense.propagation.standard_space import StdFunction, UncertainStates
 from radar_sense.states import FloatArray
 
 

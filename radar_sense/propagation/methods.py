@@ -27,14 +27,10 @@ from radar_sense.propagation.form import (
     form_std,
     form_upper,
 )
+from radar_sense.propagation.gaussian_states import StdFunction, UncertainStates, uncertain_states
 from radar_sense.propagation.linear import linear, linear_exceedance, linear_std, linear_upper
 from radar_sense.propagation.moments import Moments
 from radar_sense.propagation.probit import probit, probit_exceedance, probit_std, probit_upper
-from radar_sense.propagation.standard_space import (
-    StdFunction,
-    UncertainStates,
-    uncertain_states,
-)
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from radar_sense.covariance import variance_along
+from radar_sense.propagation.gaussian_states import StdFunction, UncertainStates
 from radar_sense.propagation.moments import Moments, normal_exceedance, probit_moments
-from radar_sense.propagation.standard_space import StdFunction, UncertainStates
 from radar_sense.states import FloatArray
 
 

@@ -1,6 +1,6 @@
 """The second-order expansion of z about the nominal states.
 
-With y the relative states of `standard_space`, g the gradient of z, and y_i the components that the
+With y the relative states of `relative_probit`, g the gradient of z, and y_i the components that
 z_i of radar i depends on,
 
     z(y) ≈ z + gᵀy + ½ Σ y_iᵀ E_i y_i + ½ b (gᵀy)².
@@ -25,7 +25,7 @@ from radar_sense.states import (
     RADAR,
     RCS_ERROR,
     FloatArray,
-    components_of,
+    own_components_of,
 )
 
 #: Number of components of the attitude, which come first in y_i. The state of radar i follows.
@@ -159,7 +159,7 @@ def invariants_of_independent(
         across = sign[:, np.newaxis] * block[order]
         k_ss += across[:, order] * sign
         g_s[:3] -= z.gradient[places[3:6]]
-        of_radar = [c for c in components_of([i], m, size) if c != error]
+        of_radar = own_components_of(i, m, size)
         v_i = cov_radar[:, of_radar][..., of_radar]
         parts.append((places[own], v_i, across[:, own], block[np.ix_(own, own)]))
 

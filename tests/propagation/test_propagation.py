@@ -27,6 +27,7 @@ from radar_sense.propagation import (
     METHODS,
     Moments,
     form,
+    gaussian_states,
     nonlinear,
     probit_moments,
     propagate,
@@ -281,7 +282,7 @@ def test_maximum_in_a_ball():
 
 def space_of(*states):
     """The standard normal space of a few poses."""
-    return standard_space.StandardNormalSpace.of(standard_space.uncertain_states(*states)[1])
+    return standard_space.StandardNormalSpace.of(gaussian_states.uncertain_states(*states)[1])
 
 
 def one_state(which, std):
@@ -665,7 +666,7 @@ def test_a_pose_does_not_depend_on_the_others(method, monkeypatch):
         alone = propagate(MODEL, AIRCRAFT[i], RADAR, COV_AIRCRAFT, COV_RADAR["high"], method=method)
         assert np.shape(alone.mean) == ()
         assert_same(alone, Moments(*(v[i] for v in vars(whole).values())))
-    monkeypatch.setattr(standard_space, "BLOCK", 50)
+    monkeypatch.setattr(gaussian_states, "BLOCK", 50)
     assert_same(on_paper(method, "high"), whole)
 
 

@@ -9,17 +9,14 @@ from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import EllipsoidRCS
 from radar_sense.propagation import standard_space
 from radar_sense.propagation.form import quantiles
+from radar_sense.propagation.gaussian_states import UncertainStates, uncertain_states
+from radar_sense.propagation.relative_probit import RelativeProbit
 from radar_sense.propagation.second_order import (
     invariants,
     invariants_of_independent,
     trace_of_cube,
 )
-from radar_sense.propagation.standard_space import (
-    RelativeProbit,
-    StandardNormalSpace,
-    UncertainStates,
-    uncertain_states,
-)
+from radar_sense.propagation.standard_space import StandardNormalSpace
 
 COV_AIRCRAFT = np.diag([30.0, 30.0, 30.0, 0.03, 0.0, 0.03]) ** 2  # the pitch is certain
 POSES = 4
