@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense import covariance
 from radar_sense.analyses.report import reached
@@ -209,50 +210,42 @@ def required_accuracies(
     at_all_poses = value_function(scenario, method, k)
     # If poses are above the limit, the factor depends on these poses alone.
     above = ~(at_all_poses((), 1.0) <= limit)
-    at_critical_poses = at_all_poses
-    if above.any():
-        at_critical_poses = value_function(scenario.at_poses(np.flatnonzero(above)), method, k)
-
-    def excess(log_factor: float, names: Collection[str]) -> float:
-        """Return the largest value minus the limit; NaN where the method has no value."""
-        return float(np.max(at_critical_poses(names, float(np.exp(log_factor))))) - limit
+    critical = scenario.at_poses(np.flatnonzero(above)) if above.any() else scenario
+    at_critical_poses = value_function(critical, method, k) if above.any() else at_all_poses
 
     def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
         """Return the factor, and whether the method has a value at larger factors."""
+
+        def beyond(log_factor: float) -> NDArray[np.bool_]:
+            """Return the critical poses beyond the limit, or without a value."""
+            return ~(at_critical_poses(names, float(np.exp(log_factor))) <= limit)
+
         least = float(np.max(at_critical_poses(names, 0.0)))
         if not least <= limit:
             return None, not np.isnan(least)
         low, high, step = 0.0, 0.0, np.log(4.0)
-        # Comparisons are `not <=` because NaN is not within the limit.
-        if excess(0.0, names) <= 0:
-            while excess(high, names) <= 0:
-                low, high = high, high + step
-                if high > LARGEST_LOG_FACTOR:
+        outside = beyond(0.0)
+        if not outside.any():
+            while not outside.any():
+                if high == LARGEST_LOG_FACTOR:
                     return np.inf, True
+                low, high = high, min(high + step, LARGEST_LOG_FACTOR)
+                outside = beyond(high)
         else:
-            while not excess(low, names) <= 0:
-                low, high = low - step, low
-                if low < -LARGEST_LOG_FACTOR:
-                    return 0.0, not np.isnan(excess(low, names))
-        while np.isnan(excess(high, names)):
-            if high - low < 0.01:
-                return float(np.exp(low)), False
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if excess(middle, names) <= 0 else (low, middle)
-        from scipy.optimize import brentq  # slow to import
-
-        undefined: list[float] = []
-
-        def defined_excess(log_factor: float) -> float:
-            value = excess(log_factor, names)
-            if np.isnan(value):  # NaN is not within the limit
-                undefined.append(log_factor)
-                return 1.0
-            return value
-
-        root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
-        known = not undefined or min(undefined) > root + 1e-9
-        return float(np.exp(root - 1e-9)), known  # the side within the limit
+            at_low = outside
+            while at_low.any():
+                if low == -LARGEST_LOG_FACTOR:
+                    return 0.0, not np.isnan(at_critical_poses(names, float(np.exp(low)))).any()
+                low, high = max(low - step, -LARGEST_LOG_FACTOR), low
+                outside, at_low = at_low, beyond(low)
+        # The value grows with the factor: the poses outside at the larger factor decide.
+        at_poses = value_function(critical.at_poses(np.flatnonzero(outside)), method, k)
+        factor, known = _root(lambda f: float(np.max(at_poses(names, f))) - limit, low, high)
+        if beyond(np.log(factor)).any():  # the value of another pose falls again
+            factor, known = _root(
+                lambda f: float(np.max(at_critical_poses(names, f))) - limit, low, np.log(factor)
+            )
+        return factor, known
 
     def required(names: Collection[str]) -> RequiredAccuracy:
         factor, known = largest_factor(names)
@@ -275,6 +268,37 @@ def required_accuracies(
 
     whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
     return {**{name: required([name]) for name in whole + parts}, "all": required(whole)}
+
+
+def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
+    """Return the factor at which the excess rises above 0, between the exponentials of two numbers.
+
+    The excess is within 0 at the first one, and above 0 or NaN at the second one.
+
+    Returns:
+        The factor, and whether the excess has a value at all factors that were tried beyond.
+    """
+    from scipy.optimize import brentq  # slow to import
+
+    # Comparisons are `not <=` because NaN is not within the limit.
+    while np.isnan(excess(float(np.exp(high)))):
+        if high - low < 0.01:
+            return float(np.exp(low)), False
+        middle = 0.5 * (low + high)
+        within = excess(float(np.exp(middle))) <= 0
+        low, high = (middle, high) if within else (low, middle)
+    undefined: list[float] = []
+
+    def defined_excess(log_factor: float) -> float:
+        value = excess(float(np.exp(log_factor)))
+        if np.isnan(value):
+            undefined.append(log_factor)
+            return 1.0
+        return value
+
+    root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
+    known = not undefined or min(undefined) > root + 1e-9
+    return float(np.exp(root - 1e-9)), known  # the side within the limit
 
 
 def value_function(

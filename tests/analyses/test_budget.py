@@ -6,6 +6,7 @@ from helpers import OVERHEAD, scenario
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.analyses import error_budget as module
 from radar_sense.analyses.error_budget import error_budget, only_at, required_accuracies
 from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import ScenarioError
@@ -135,6 +136,34 @@ def test_required_accuracies_at_one_pose():
     assert all(f.place == 10 for f in found.values())
     with pytest.raises(ScenarioError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
         only_at(s, 10.1)
+
+
+@pytest.mark.parametrize(("width", "factor"), [(1.0, 10 - np.sqrt(2 * np.log(2))), (1e-3, 10.0)])
+def test_required_accuracies_where_the_value_of_another_pose_falls_again(
+    width, factor, monkeypatch
+):
+    """The search follows the poses beyond the limit at a larger factor, and looks at the others."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 90})
+    evaluated = []
+
+    def value_function(scenario, method, k=None):
+        grows = scenario.axis.values == 0
+
+        def value(names, factor):
+            evaluated.append((*names, len(grows)))
+            bump = 2.0 * np.exp(-0.5 * ((factor - 10) / width) ** 2)
+            return np.where(grows, factor / 10, bump if names == ["radar_position"] else 0.0)
+
+        return value
+
+    monkeypatch.setattr(module, "value_function", value_function)
+    found = required_accuracies(s, 1.0)
+    assert found["radar_position"].factor == pytest.approx(factor, rel=2e-4)
+    assert found["aircraft_position"].factor == pytest.approx(10.0, rel=1e-6)
+    assert found["aircraft_position"].known
+    # factors 0, 1, 4 and 16, the result and its residual; between 4 and 16 only the pose that decides
+    assert evaluated.count(("aircraft_position", 2)) == 6
+    assert evaluated.count(("aircraft_position", 1)) > 3
 
 
 @pytest.mark.parametrize(
