@@ -161,7 +161,7 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
     assert found["radar_position"].factor == pytest.approx(factor, rel=2e-4)
     assert found["aircraft_position"].factor == pytest.approx(10.0, rel=1e-6)
     assert found["aircraft_position"].known
-    # factors 0, 1, 4 and 16, the result and its residual; between 4 and 16 only the pose that decides
+    # at factors 0, 1, 4 and 16, at the result, and for its residual
     assert evaluated.count(("aircraft_position", 2)) == 6
     assert evaluated.count(("aircraft_position", 1)) > 3
 
