@@ -330,7 +330,7 @@ def networks():
         times = interleaved(ours(method, radars, poses, seeing), peer[method], rounds=3)
         taken, alone = times
         times = taken / (seeing or radars) / poses, alone / 2048
-        row(f"{method}, {what}", times, 1, "ns", longer=1.3)
+        row(f"{method}, {what}", times, 1, "ns", longer=1.5)
 
     for method in methods:
         for radars in (2, 4, 8, 16, 32, 64):
