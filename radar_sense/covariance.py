@@ -191,7 +191,10 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     if not uncertain.all():
         jacobian = np.where(uncertain, jacobian, 0.0)
     variance: FloatArray
-    if covariance.ndim == 2 and n > MANY:
+    variances = np.diagonal(covariance, axis1=-2, axis2=-1)
+    if covariance.ndim == 2 and np.count_nonzero(covariance) == np.count_nonzero(variances):
+        variance = np.einsum("...i,i,...i->...", jacobian, variances, jacobian)  # C is diagonal
+    elif covariance.ndim == 2 and n > MANY:
         variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)
     else:
         variance = np.einsum("...i,...ij,...j->...", jacobian, covariance, jacobian)
