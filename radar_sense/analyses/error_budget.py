@@ -239,9 +239,9 @@ def required_accuracies(
                 low, high = max(low - step, -LARGEST_LOG_FACTOR), low
                 outside, at_low = at_low, beyond(low)
         # The value grows with the factor: the poses outside at the larger factor decide.
-        at_poses = value_function(critical.at_poses(np.flatnonzero(outside)), method, k)
-        factor, known = _root(lambda f: float(np.max(at_poses(names, f))) - limit, low, high)
-        if beyond(np.log(factor)).any():  # the value of another pose falls again
+        deciding = value_function(critical.at_poses(np.flatnonzero(outside)), method, k)
+        factor, known = _root(lambda f: float(np.max(deciding(names, f))) - limit, low, high)
+        if beyond(np.log(factor)).any():  # another pose is beyond at a smaller factor
             factor, known = _root(
                 lambda f: float(np.max(at_critical_poses(names, f))) - limit, low, np.log(factor)
             )
@@ -273,10 +273,10 @@ def required_accuracies(
 def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
     """Return the factor at which the excess rises above 0, between the exponentials of two numbers.
 
-    The excess is within 0 at the first one, and above 0 or NaN at the second one.
+    The excess is at most 0 at `low`, and above 0 or NaN at `high`, but for rounding.
 
     Returns:
-        The factor, and whether the excess has a value at all factors that were tried beyond.
+        The factor, and whether the excess has a value at all larger factors that were tried.
     """
     from scipy.optimize import brentq  # slow to import
 
@@ -296,6 +296,10 @@ def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[fl
             return 1.0
         return value
 
+    if not defined_excess(low) < 0:
+        return float(np.exp(low)), True
+    if not defined_excess(high) > 0:
+        return float(np.exp(high - 1e-9)), True
     root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
     known = not undefined or min(undefined) > root + 1e-9
     return float(np.exp(root - 1e-9)), known  # the side within the limit

@@ -51,7 +51,7 @@ _UNSEEN = -1e6
 #: Below Φ(−9) = 1e-19, P_D equals the sum of all P_i in double precision.
 _RARE = -9.0
 _LOG_HALF = math.log(0.5)
-#: From this z a difference from z rounds more than a short continued fraction is off.
+#: Above this z the rounding of φ(z)/Φ(−z) − z exceeds the error of a short continued fraction.
 _LARGE = 100.0
 
 
@@ -485,7 +485,7 @@ def excess_hazard(z: FloatArray) -> FloatArray:
     hazard = math.sqrt(2.0 / math.pi) / erfcx(z / math.sqrt(2.0))
     large = np.maximum(z, _LARGE)
     excess: FloatArray = np.where(
-        z < _LARGE, hazard - z, 1.0 / (large + 2.0 / (large + 3.0 / large))
+        z < _LARGE, hazard - z, 1.0 / (large + 2.0 / (large + 3.0 / (large + 4.0 / large)))
     )
     return excess
 

@@ -36,7 +36,7 @@ SAFETY = 0.7
 #: Change of σ that a check by draws allows, as a fraction of the greater of σ and SMALL_STD.
 DRAWN_STD_CHANGE, SMALL_STD = 0.03, 1e-3
 
-#: Numbers per pose and radar in the second derivatives of z by the states of one radar.
+#: Numbers per pose and radar in the second derivatives of z by the states of one radar (7 × 7).
 RADAR_NUMBERS = 50
 
 #: Least distance of the limits of a radar from u = 0 along each axis. A limit at the distance 3
@@ -54,7 +54,8 @@ def second_order_matters(
     compared too, because a P_D that is nearly always 0 or 1 hides a change of z.
     """
     unreliable = limit_matters(states, moments.std, beta)
-    for poses, seen in states.by_sight():
+    for poses, radars in states.sight():
+        seen = states.part(poses, radars)
         unreliable[poses] |= _expansion_differs(seen, moments.at(poses), beta)
     return unreliable
 
@@ -62,7 +63,7 @@ def second_order_matters(
 def _expansion_differs(states: UncertainStates, moments: Moments, beta: float) -> NDArray[np.bool_]:
     """Return `second_order_matters` (k,) within the limits of the radars."""
     parts, off = [], []
-    lobed, independent = states.model.rcs.lobed, states.independent
+    lobed, independent = states.model.rcs.lobed, states.has_independent_radars
     numbers_a_pose = _numbers(states)
     if independent and not lobed:  # the matrices of one radar after the other
         numbers_a_pose = RADAR_NUMBERS * len(states.log_constant)
@@ -138,8 +139,9 @@ def form_is_off(states: UncertainStates, moments: Moments, beta: float) -> NDArr
     )
     off: NDArray[np.bool_] = ~moments.converged | limit
     suspect = np.flatnonzero(moments.suspect & ~off)
-    for poses, seen in states.at(suspect).by_sight():
-        rows = suspect[poses]
+    suspects = states.at(suspect)
+    for poses, radars in suspects.sight():
+        rows, seen = suspect[poses], suspects.part(poses, radars)
         drawn = _blocks(seen, moments.at(rows), DRAWN_POINTS * _numbers(seen))
         off[rows] = np.concatenate([_draws_refute(*part, beta) for part in drawn])
     return off
@@ -153,7 +155,7 @@ def _draws_refute(
     The draws are from a mixture of unit normals about u = 0 and about the extremes. The mixture
     puts enough draws beyond the bounds (G. I. Schuëller and R. Stix, Structural Safety 4(4), 1987).
     """
-    space = StandardNormalSpace.of(states)
+    space = StandardNormalSpace.of(states, idle=True)
     r, k = space.gradient.shape
     if not k:
         return np.zeros(0, dtype=bool)

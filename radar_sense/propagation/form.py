@@ -20,7 +20,12 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from radar_sense.propagation.aspect_scan import scan_aspects
-from radar_sense.propagation.gaussian_states import MAX_NUMBERS, StdFunction, UncertainStates
+from radar_sense.propagation.gaussian_states import (
+    MAX_NUMBERS,
+    StdFunction,
+    UncertainStates,
+    block_size,
+)
 from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
 from radar_sense.propagation.relative_probit import RelativeProbit
 from radar_sense.propagation.standard_space import StandardNormalSpace
@@ -45,7 +50,8 @@ EASY = 1.2
 
 def form(states: UncertainStates, beta: float) -> Moments:
     """Return bounds by FORM with its correction, and mean and σ as integrals over quantiles."""
-    parts, order = _parts(states, len(NODES))
+    blocks, order = _blocks(states, len(NODES))
+    parts = (states.part(*block) for block in blocks)
     moments = (moments_in(StandardNormalSpace.of(part), beta) for part in parts)
     return Moments.concatenated(moments).at(order)
 
@@ -53,9 +59,9 @@ def form(states: UncertainStates, beta: float) -> Moments:
 def form_upper(states: UncertainStates, beta: float) -> FloatArray:
     """Return the upper bound (k,) of `form`; NaN where the search has not converged."""
     bounds = []
-    parts, order = _parts(states, 1)
-    for part in parts:
-        space = StandardNormalSpace.of(part)
+    blocks, order = _blocks(states, 1)
+    for block in blocks:
+        space = StandardNormalSpace.of(states.part(*block))
         solution = quantiles(space, np.array([beta]), beta)
         upper = ndtr(np.maximum(solution.corrected[0], space.probit.floor))
         bounds.append(np.where(solution.converged, upper, np.nan))
@@ -68,9 +74,9 @@ def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
     The quantiles are for the lobe about u = 0. NaN where a search has not converged.
     """
     probabilities = []
-    parts, order = _parts(states, len(EXCEEDANCE_NODES))
-    for part in parts:
-        space = StandardNormalSpace.of(part)
+    blocks, order = _blocks(states, len(EXCEEDANCE_NODES))
+    for block in blocks:
+        space = StandardNormalSpace.of(states.part(*block))
         solution = quantiles(space, EXCEEDANCE_NODES, np.nan)
         z = np.maximum(solution.corrected, space.probit.floor)
         probability = exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
@@ -103,14 +109,14 @@ def form_std(states: UncertainStates) -> StdFunction:
     The derivatives are computed once, with the covariances of the states. The searches for the
     extremes start from these derivatives.
     """
-    parts, order = _parts(states, len(NODES))
-    derivatives = [RelativeProbit(part).derivatives() for part in parts]
+    blocks, order = _blocks(states, len(NODES))
+    derivatives = [RelativeProbit(states.part(*block)).derivatives() for block in blocks]
 
     def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
         std_parts = []
-        changed, _ = _parts(states.with_covariances(cov_aircraft, cov_radar), len(NODES))
-        for part, known in zip(changed, derivatives, strict=True):
-            space = StandardNormalSpace.expanded(RelativeProbit(part), known)
+        changed = states.with_covariances(cov_aircraft, cov_radar)
+        for block, known in zip(blocks, derivatives, strict=True):
+            space = StandardNormalSpace.expanded(RelativeProbit(changed.part(*block)), known)
             std_parts.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
         return np.concatenate(std_parts)[order]
 
@@ -464,19 +470,29 @@ def _integration() -> tuple[FloatArray, FloatArray]:
     return weights / weights.sum(), CubicSpline(NODES, np.eye(len(NODES)), axis=0)(beta)
 
 
-def _parts(states: UncertainStates, betas: int) -> tuple[list[UncertainStates], NDArray[np.intp]]:
-    """Return blocks of poses that the same radars see, and the places of all poses in these."""
-    parts: list[UncertainStates] = []
-    poses = []
-    for group, seen in states.by_sight():
-        parts.extend(seen.blocks(_numbers(seen, betas)))
-        poses.append(group)
-    return parts, np.argsort(np.concatenate(poses))
+def _blocks(
+    states: UncertainStates, betas: int
+) -> tuple[list[tuple[NDArray[np.intp], list[int] | None]], NDArray[np.intp]]:
+    """Return blocks of poses with the radars that see them, and the places of all poses in these.
+
+    The blocks serve for other covariances too.
+    """
+    blocks: list[tuple[NDArray[np.intp], list[int] | None]] = []
+    for poses, radars in states.sight():
+        size = block_size(_numbers(states.part(poses, radars), betas))
+        starts = range(0, max(len(poses), 1), size)
+        blocks.extend((poses[start : start + size], radars) for start in starts)
+    return blocks, np.argsort(np.concatenate([poses for poses, _ in blocks]))
 
 
 def _numbers(states: UncertainStates, betas: int) -> int:
-    """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more."""
+    """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more.
+
+    Most radars with independent errors keep one component. If all components are kept, the largest
+    array has up to four times the numbers.
+    """
     components = len(AIRCRAFT) + int(states.radar.shape[-1])
-    # of most radars with independent errors, one component matters
-    most = len(AIRCRAFT) + len(states.log_constant) if states.independent else components
-    return min(components * max(most, betas), MAX_NUMBERS // 16)
+    kept = components
+    if states.has_independent_radars:
+        kept = len(AIRCRAFT) + len(states.log_constant)
+    return min(components * max(kept, betas), MAX_NUMBERS // 16)

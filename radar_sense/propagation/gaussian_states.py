@@ -17,7 +17,7 @@ from radar_sense.states import AIRCRAFT, FloatArray, check_finite, components_of
 
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
-#: Most poses in a block: less time in Python, and arrays of finite differences of 1 MB.
+#: Most poses in a block. More poses save time in Python, and arrays of differences have 1 MB here.
 BLOCK = 2048
 
 #: From C_aa and C_rr, each for all poses together or for each pose, to σ of P_D (k,).
@@ -59,7 +59,7 @@ class UncertainStates:
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
         """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
-        return self.cut(max(1, min(BLOCK, MAX_NUMBERS // numbers)))
+        return self.cut(block_size(numbers))
 
     def cut(self, size: int) -> Iterator[UncertainStates]:
         """Yield parts with at most this number of poses, one part if there are no poses."""
@@ -79,14 +79,14 @@ class UncertainStates:
             self.model, self.log_constant, self.aircraft, self.radar, *covariances
         )
 
-    def by_sight(self) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
-        """Yield groups of poses that the same radars see, with the states of these radars alone.
+    def sight(self) -> Iterator[tuple[NDArray[np.intp], list[int] | None]]:
+        """Yield groups of poses that the same radars see, and the radars; None for all radars.
 
         The other radars change neither z nor the derivatives of z. A pose that no radar sees keeps
         one radar. Without poses there is one group.
         """
         if not len(self) or len(self.log_constant) == 1 or not self.model.limited:
-            yield np.arange(len(self)), self
+            yield np.arange(len(self)), None
             return
         visible = self.model.visible(self.aircraft, self.radar)
         sets, group = np.unique(
@@ -94,7 +94,12 @@ class UncertainStates:
         )
         for number, seen in enumerate(sets):
             poses = np.flatnonzero(group.reshape(-1) == number)
-            yield poses, self.at(poses).of_radars(np.flatnonzero(seen).tolist() or [0])
+            yield poses, np.flatnonzero(seen).tolist() or [0]
+
+    def part(self, poses: NDArray[np.intp], radars: list[int] | None) -> UncertainStates:
+        """Return the states of some poses, and of some radars or of all."""
+        states = self.at(poses) if len(poses) < len(self) else self
+        return states if radars is None else states.of_radars(radars)
 
     def of_radars(self, radars: list[int]) -> UncertainStates:
         """Return the states of some radars."""
@@ -110,8 +115,8 @@ class UncertainStates:
         )
 
     @property
-    def independent(self) -> bool:
-        """Whether the radars of a network have independent errors; False for a single radar."""
+    def has_independent_radars(self) -> bool:
+        """Whether radars of a network have independent errors at all poses; False for one radar."""
         m, size = len(self.log_constant), self.radar.shape[-1]
         if m == 1:
             return False
@@ -124,6 +129,11 @@ class UncertainStates:
     @property
     def _arrays(self) -> tuple[FloatArray, ...]:
         return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
+
+
+def block_size(numbers: int) -> int:
+    """Return the number of poses in a block for an algorithm with this many numbers a pose."""
+    return max(1, min(BLOCK, MAX_NUMBERS // numbers))
 
 
 def uncertain_states(

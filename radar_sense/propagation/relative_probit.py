@@ -34,7 +34,8 @@ from radar_sense.states import (
 )
 
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
-#: They then describe z over the region of the states, not at a point.
+#: They then describe the z of a radar over the region of the states, not at a point. The fusion of
+#: several radars is differentiated at the nominal states.
 STEP = 0.5
 #: Step of one-sided differences. The step is shorter, because one-sided differences have an error
 #: of first order. The step goes to a smaller c_r, where z has more curvature.

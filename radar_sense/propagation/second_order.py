@@ -28,8 +28,8 @@ from radar_sense.states import (
     own_components_of,
 )
 
-#: Number of components of the attitude, which come first in y_i. The state of radar i follows.
-_ATTITUDE = 3
+#: Place of the state of radar i in y_i, after the attitude.
+_RADAR = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +130,7 @@ def invariants_of_independent(
 
     x are the errors of the states. The states that all radars share are the aircraft's and ε of
     the RCS. V_s is the covariance of the errors of these states, and V_i that of radar i. The
-    second derivatives of the sum by x are matrices K_ss, K_si and K_ii.
+    second derivatives of ½ Σ y_iᵀ E_i y_i by x are matrices K_ss, K_si and K_ii.
 
     Args:
         z: The expansion, of m radars.
@@ -139,21 +139,23 @@ def invariants_of_independent(
     """
     m, size = len(z.blocks), cov_radar.shape[-1]
     q = len(z.places[0])
-    shared_error = [_ATTITUDE + RCS_ERROR] if q > _ATTITUDE + RCS_ERROR else []
-    # The shared states in y_i. An error of the aircraft's position is minus an error of radar i's.
+    shared_error = [_RADAR + RCS_ERROR] if q > _RADAR + RCS_ERROR else []
+    # The shared states in y_i. An error of the aircraft's position acts as the opposite error of a
+    # radar's position.
     order = [3, 4, 5, 0, 1, 2, *shared_error]
     sign = np.array([-1.0] * 3 + [1.0] * (len(order) - 3))[:, np.newaxis]
-    own = [*range(3, _ATTITUDE + CONSTANT + 1), *range(_ATTITUDE + ATTENUATION_ERROR, q)]
+    own = [*range(3, _RADAR + CONSTANT + 1), *range(_RADAR + ATTENUATION_ERROR, q)]
     error = len(RADAR) * m  # ε among the radar states
 
-    shared = np.zeros((max(len(cov_aircraft), len(cov_radar)), len(order), len(order)))
+    covariances = max(len(cov_aircraft), len(cov_radar)) if len(z.value) else 0
+    shared = np.zeros((covariances, len(order), len(order)))
     shared[:, : len(AIRCRAFT), : len(AIRCRAFT)] = cov_aircraft
     if shared_error:
         shared[:, -1, -1] = cov_radar[:, error, error]
     k_ss = np.zeros((len(order), len(order), len(z.value)))
     g_s = np.zeros((len(order), len(z.value)))
-    g_s[3:6] = z.gradient[:_ATTITUDE]
-    g_s[6:] = z.gradient[_ATTITUDE + error : _ATTITUDE + error + 1] if shared_error else 0.0
+    g_s[3:6] = z.gradient[:_RADAR]
+    g_s[6:] = z.gradient[_RADAR + error : _RADAR + error + 1] if shared_error else 0.0
     parts = []
     for i, (places, block) in enumerate(zip(z.places, z.blocks, strict=True)):
         across = sign[:, np.newaxis] * block[order]
@@ -193,9 +195,9 @@ def invariants_of_independent(
     curvature += _dot(x_s, pull_s)
     pulled += _dot(pull_s, _times(shared, pull_s))
     cube += 3.0 * _trace_of_product(p_ss, there_and_back)
-    along[:_ATTITUDE] = x_s[3:6]
+    along[:_RADAR] = x_s[3:6]
     if shared_error:
-        along[_ATTITUDE + error] = x_s[6]
+        along[_RADAR + error] = x_s[6]
     for places in z.places:
         along[places[3:6]] -= x_s[:3]
 

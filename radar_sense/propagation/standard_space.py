@@ -20,8 +20,9 @@ from radar_sense.propagation.relative_probit import RelativeProbit
 from radar_sense.propagation.second_order import SecondOrder
 from radar_sense.states import RADAR, FloatArray, own_components_of
 
-#: Second derivatives of z by idle components of u are below this fraction of σ of z. A bound of
-#: FORM at β then changes by less than ½ IDLE² β³ σ in z, 5.4e-5 σ at β = 3.
+#: Components of u are idle where the second derivatives of z by them are below this fraction of σ
+#: of z to first order. Where z bends little beside its slope, a bound of FORM at β then changes by
+#: some ½ IDLE² β³ σ in z, 5.4e-5 σ at β = 3.
 IDLE = 2e-3
 #: Numbers of the matrices F that are copied at a time, which stay in the processor's cache (1 MB).
 GATHERED = 131_072
@@ -37,7 +38,7 @@ class StandardNormalSpace:
         value: z(0) (k,).
         gradient: g (r, k), NaN where z has no gradient.
         curvature: λ (r, k), NaN where a second derivative is not finite.
-        drift: What components that were left out add to the mean of z (k,).
+        drift: Change of the mean of z by idle components, which are left out (k,).
     """
 
     probit: RelativeProbit
@@ -48,15 +49,23 @@ class StandardNormalSpace:
     drift: FloatArray
 
     @classmethod
-    def of(cls, states: UncertainStates) -> StandardNormalSpace:
-        """Return the expansion of z about the nominal states."""
+    def of(cls, states: UncertainStates, *, idle: bool = False) -> StandardNormalSpace:
+        """Return the expansion of z about the nominal states, with idle components or without."""
         probit = RelativeProbit(states)
-        return cls.expanded(probit, probit.derivatives())
+        return cls.expanded(probit, probit.derivatives(), idle=idle)
 
     @classmethod
-    def expanded(cls, probit: RelativeProbit, z: SecondOrder) -> StandardNormalSpace:
-        """Return the space for a given expansion of z in the relative states."""
-        if probit.states.independent:
+    def expanded(
+        cls, probit: RelativeProbit, z: SecondOrder, *, idle: bool = False
+    ) -> StandardNormalSpace:
+        """Return the space for a given expansion of z in the relative states.
+
+        Args:
+            probit: z as a function of the relative states.
+            z: Its expansion.
+            idle: Whether to keep idle components of u.
+        """
+        if probit.states.has_independent_radars and not idle:
             sqrt_cov, drift = _reduced_sqrt_cov(probit, z)
         else:
             sqrt_cov, drift = probit.sqrt_cov, np.zeros(len(z.value))
@@ -86,10 +95,13 @@ class StandardNormalSpace:
 def _reduced_sqrt_cov(probit: RelativeProbit, z: SecondOrder) -> tuple[FloatArray, FloatArray]:
     """Return F (k, n, r) without idle components of u, for radars with independent errors.
 
-    The components of u of each radar are turned until z has a slope along the first one only. The
-    others are idle where the second derivatives of z by them and by any component are small: the
-    sum of squares over all radars is at most IDLE² σ², with σ of z. Their own second derivatives
-    move the mean of z. The result has this drift (k,) too.
+    The components of u of each radar are rotated so that z has a slope along the first one only.
+    The others are idle where the second derivatives of z by them and by any component are small:
+    the sum of squares over all radars is at most IDLE² σ², with σ of z to first order. Their own
+    second derivatives change the mean of z.
+
+    Returns:
+        F, and the change of the mean of z (k,).
     """
     states, covariance = probit.states, probit.covariance
     m, size = len(states.log_constant), states.radar.shape[-1]
@@ -105,25 +117,25 @@ def _reduced_sqrt_cov(probit: RelativeProbit, z: SecondOrder) -> tuple[FloatArra
     for i, (places, block) in enumerate(zip(z.places, z.blocks, strict=True)):
         own = own_components_of(i, m, size)
         rows = np.add(3, own)
-        turned = _turned(square_root(states.cov_radar[:, own][..., own]), z.gradient[rows])
-        others, local = turned[:, :, 1:], np.isin(places, rows)
+        reflected = _reflected(square_root(states.cov_radar[:, own][..., own]), z.gradient[rows])
+        others, local = reflected[:, :, 1:], np.isin(places, rows)
         by_others = np.moveaxis(block[:, local], 2, 0) @ others  # second derivatives by y_i and u
         spread = covariance[:, places][..., places] @ by_others
         idle = m * np.einsum("kij,kij->k", by_others, spread) <= IDLE**2 * variance
         drift[idle] += 0.5 * np.einsum("kij,kij->k", others[idle], by_others[idle][:, local])
         others[idle] = 0.0
         columns.append(np.zeros((k, n, 1 if idle.all() else len(own))))
-        columns[-1][:, rows] = turned[..., : columns[-1].shape[-1]]
+        columns[-1][:, rows] = reflected[..., : columns[-1].shape[-1]]
     sqrt_cov = np.concatenate(columns, axis=2)
     used = np.any(sqrt_cov != 0, axis=(0, 1))
     return sqrt_cov if used.all() else sqrt_cov[:, :, used], drift
 
 
-def _turned(sqrt_cov: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return F (k, n, n), turned until a function with this gradient (n, k) by F u rises along u_1.
+def _reflected(sqrt_cov: FloatArray, gradient: FloatArray) -> FloatArray:
+    """Return F (k, n, n), reflected so that a function of F u has a slope along u_1 only.
 
-    The reflection of the axis u_1 into the direction of the slope turns F (A. S. Householder, J.
-    ACM 5(4), 1958).
+    The function has the gradient (n, k). The reflection takes the axis u_1 to the direction of the
+    slope or its opposite (A. S. Householder, J. ACM 5(4), 1958).
     """
     slope = gradient.T[:, np.newaxis] @ sqrt_cov
     length = np.sqrt(np.sum(slope * slope, axis=-1, keepdims=True))
@@ -131,5 +143,5 @@ def _turned(sqrt_cov: FloatArray, gradient: FloatArray) -> FloatArray:
     direction = np.where(length > 0, slope / np.where(length > 0, length, 1.0), axis)
     normal = direction + np.where(direction[..., :1] < 0, -1.0, 1.0) * axis  # not of length 0
     normal *= np.sqrt(2.0 / np.sum(normal * normal, axis=-1, keepdims=True))
-    turned: FloatArray = sqrt_cov - (sqrt_cov @ normal.swapaxes(1, 2)) * normal
-    return turned
+    reflected: FloatArray = sqrt_cov - (sqrt_cov @ normal.swapaxes(1, 2)) * normal
+    return reflected

@@ -166,6 +166,21 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
     assert evaluated.count(("aircraft_position", 1)) > 3
 
 
+@pytest.mark.parametrize("rounding", [-4.5e-16, 4.5e-16])
+@pytest.mark.parametrize("limit", [0.25, 1.0, np.nextafter(1.0, 0.0), 4.0, np.nextafter(4.0, 0.0)])
+def test_required_accuracies_where_a_limit_is_a_value(limit, rounding, monkeypatch):
+    """The last bit of a value may depend on the other poses."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
+
+    def value_function(scenario, method, k=None):
+        values = (1.0 + rounding * (3 - len(scenario.axis))) * (1.0 - scenario.axis.values / 100)
+        return lambda names, factor: factor * values
+
+    monkeypatch.setattr(module, "value_function", value_function)
+    for found in required_accuracies(s, limit).values():
+        assert found.factor == pytest.approx(limit, rel=1e-8)
+
+
 @pytest.mark.parametrize(
     ("goal", "limit", "sweep"),
     [("target", 0.088, (0, 80, 20)), ("threshold", 0.995, (70, 110, 40))],

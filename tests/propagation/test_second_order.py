@@ -7,8 +7,8 @@ from numpy.testing import assert_allclose
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import EllipsoidRCS
-from radar_sense.propagation import standard_space
-from radar_sense.propagation.form import quantiles
+from radar_sense.propagation import gaussian_states, nonlinear, standard_space
+from radar_sense.propagation.form import form, form_std, quantiles
 from radar_sense.propagation.gaussian_states import UncertainStates, uncertain_states
 from radar_sense.propagation.relative_probit import RelativeProbit
 from radar_sense.propagation.second_order import (
@@ -95,7 +95,7 @@ def test_invariants_as_from_a_matrix_in_standard_normal_space(size, independent,
         cov = rng.uniform(1, 2, (POSES, 1, 1)) * cov
     scale = rng.uniform(1, 2, (POSES, 1, 1)) if many else 1.0
     probit = network(rng, size, cov, scale * COV_AIRCRAFT)
-    assert probit.states.independent == independent
+    assert probit.states.has_independent_radars == independent
     root = probit.sqrt_cov
     std = np.sqrt(np.diagonal(probit.covariance, axis1=1, axis2=2))
     assert_allclose(std.T, probit.std, rtol=1e-14)
@@ -140,7 +140,7 @@ def test_idle_components_are_left_out_of_form(size, monkeypatch):
         z = probit.derivatives()
         some = StandardNormalSpace.expanded(probit, z)
         with monkeypatch.context() as patch:
-            patch.setattr(UncertainStates, "independent", False)
+            patch.setattr(UncertainStates, "has_independent_radars", False)
             all_ = StandardNormalSpace.expanded(probit, z)
         components.append(len(some.gradient))
         assert len(all_.gradient) == 5 + size  # the pitch is certain
@@ -169,6 +169,37 @@ def test_radars_with_a_single_uncertain_component(component):
         rtol=1e-12,
         atol=1e-9,
     )
+
+
+def test_sigma_by_form_of_independent_parts_of_correlated_errors(monkeypatch):
+    """The blocks of poses are those of the derivatives, although fewer components are kept."""
+    rng = np.random.default_rng(2)
+    cov = correlated(rng, stds(12))
+    states = network(rng, 12, cov).states.at(np.arange(40) % POSES)
+    monkeypatch.setattr(gaussian_states, "MAX_NUMBERS", 2000)
+    assert not states.has_independent_radars
+    std = form_std(states)
+    alone = np.diag(np.diagonal(cov))
+    assert states.with_covariances(COV_AIRCRAFT, alone).has_independent_radars
+    found = std(COV_AIRCRAFT, alone)
+    for pose in range(POSES):
+        one = states.at(np.array([pose])).with_covariances(COV_AIRCRAFT, alone)
+        # the derivatives are differences over a region of the same size
+        expected = np.broadcast_to(form(one, 3.0).std, len(found[pose::POSES]))
+        assert_allclose(found[pose::POSES], expected, rtol=2e-3)
+    assert np.any(found > 0.01)
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
+@pytest.mark.parametrize("empty", ["aircraft", "radar", "both"])
+def test_a_check_of_no_poses(method, empty):
+    probit = network(np.random.default_rng(3), 12, np.diag(stds(12) ** 2))
+    states = probit.states
+    none = np.zeros((0, 6))
+    cov_aircraft = np.zeros((0, 6, 6)) if empty != "radar" else COV_AIRCRAFT
+    cov_radar = np.zeros((0, 12, 12)) if empty != "aircraft" else states.cov_radar[0]
+    flags = nonlinear(states.model, none, states.radar[0], cov_aircraft, cov_radar, method=method)
+    assert flags.shape == (0,)
 
 
 @pytest.mark.parametrize("n", [3, 40])  # sums written out, and matrix products
