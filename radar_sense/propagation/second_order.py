@@ -158,50 +158,50 @@ def invariants_of_independent(
     g_s[6:] = z.gradient[_RADAR + error : _RADAR + error + 1] if shared_error else 0.0
     parts = []
     for i, (places, block) in enumerate(zip(z.places, z.blocks, strict=True)):
-        across = sign[:, np.newaxis] * block[order]
-        k_ss += across[:, order] * sign
+        k_s = sign[:, np.newaxis] * block[order]
+        k_ss += k_s[:, order] * sign
         g_s[:3] -= z.gradient[places[3:6]]
         of_radar = own_components_of(i, m, size)
         v_i = cov_radar[:, of_radar][..., of_radar]
-        parts.append((places[own], v_i, across[:, own], block[np.ix_(own, own)]))
+        parts.append((places[own], v_i, k_s[:, own], block[np.ix_(own, own)]))
 
     x_s = _times(shared, g_s)  # V g
-    pull_s = np.einsum("ijk,jk->ik", k_ss, x_s)  # K V g
-    p_ss = _times(shared, k_ss)
+    kvg_s = np.einsum("ijk,jk->ik", k_ss, x_s)  # K V g, with the terms of the radars below
+    p_ss = _times(shared, k_ss)  # P = V K
     slope = _dot(g_s, x_s)
     trace = np.einsum("iik->k", p_ss)
     trace_of_square = _trace_of_product(p_ss, p_ss)
     cube = trace_of_cube(p_ss)
-    curvature, pulled = np.zeros_like(slope), np.zeros_like(slope)  # gᵀVKVg, gᵀVKVKVg
-    there_and_back = np.zeros_like(k_ss)  # Σ P_si P_is
+    curvature, kvg_variance = np.zeros_like(slope), np.zeros_like(slope)  # gᵀVKVg, gᵀVKVKVg
+    p_si_p_is = np.zeros_like(k_ss)  # the sum over radars
     along = np.zeros_like(z.gradient)
     for places, v_i, k_si, k_ii in parts:
         g_i = z.gradient[places]
         x_i = _times(v_i, g_i)
         along[places] = x_i
-        pull_i = np.einsum("jik,jk->ik", k_si, x_s) + np.einsum("ijk,jk->ik", k_ii, x_i)
-        pull_s += np.einsum("ijk,jk->ik", k_si, x_i)
+        kvg_i = np.einsum("jik,jk->ik", k_si, x_s) + np.einsum("ijk,jk->ik", k_ii, x_i)
+        kvg_s += np.einsum("ijk,jk->ik", k_si, x_i)
         slope += _dot(g_i, x_i)
-        curvature += _dot(x_i, pull_i)
-        pulled += _dot(pull_i, _times(v_i, pull_i))
+        curvature += _dot(x_i, kvg_i)
+        kvg_variance += _dot(kvg_i, _times(v_i, kvg_i))
         p_si, p_is = _times(shared, k_si), _times(v_i, k_si.swapaxes(0, 1))
         p_ii = _times(v_i, k_ii)
         back = np.einsum("ijk,jlk->ilk", p_si, p_is)
-        there_and_back += back
+        p_si_p_is += back
         trace += np.einsum("iik->k", p_ii)
         trace_of_square += 2.0 * np.einsum("iik->k", back) + _trace_of_product(p_ii, p_ii)
         cube += 3.0 * _trace_of_product(np.einsum("ijk,jlk->ilk", p_is, p_si), p_ii)
         cube += trace_of_cube(p_ii)
-    curvature += _dot(x_s, pull_s)
-    pulled += _dot(pull_s, _times(shared, pull_s))
-    cube += 3.0 * _trace_of_product(p_ss, there_and_back)
+    curvature += _dot(x_s, kvg_s)
+    kvg_variance += _dot(kvg_s, _times(shared, kvg_s))
+    cube += 3.0 * _trace_of_product(p_ss, p_si_p_is)
     along[:_RADAR] = x_s[3:6]
     if shared_error:
         along[_RADAR + error] = x_s[6]
     for places in z.places:
         along[places[3:6]] -= x_s[:3]
 
-    # H is the sum and b g gᵀ.
+    # b g gᵀ is added to the second derivatives.
     b = 0.0 if z.square is None else z.square
     numbers = Invariants(
         z.value,
@@ -209,7 +209,7 @@ def invariants_of_independent(
         curvature + b * slope**2,
         trace + b * slope,
         trace_of_square + 2.0 * b * curvature + (b * slope) ** 2,
-        cube + 3.0 * b * (pulled + b * slope * curvature) + (b * slope) ** 3,
+        cube + 3.0 * b * (kvg_variance + b * slope * curvature) + (b * slope) ** 3,
     )
     return _not_negative(numbers), along
 
