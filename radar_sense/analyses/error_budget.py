@@ -210,8 +210,10 @@ def required_accuracies(
     at_all_poses = value_function(scenario, method, k)
     # If poses are above the limit, the factor depends on these poses alone.
     above = ~(at_all_poses((), 1.0) <= limit)
-    critical = scenario.at_poses(np.flatnonzero(above)) if above.any() else scenario
-    at_critical_poses = value_function(critical, method, k) if above.any() else at_all_poses
+    critical, at_critical_poses = scenario, at_all_poses
+    if above.any():
+        critical = scenario.at_poses(np.flatnonzero(above))
+        at_critical_poses = value_function(critical, method, k)
 
     def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
         """Return the factor, and whether the method has a value at larger factors."""
@@ -280,17 +282,20 @@ def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[fl
     """
     from scipy.optimize import brentq  # slow to import
 
+    @cache
+    def excess_at(log_factor: float) -> float:
+        return excess(float(np.exp(log_factor)))
+
     # Comparisons are `not <=` because NaN is not within the limit.
-    while np.isnan(excess(float(np.exp(high)))):
+    while np.isnan(excess_at(high)):
         if high - low < 0.01:
             return float(np.exp(low)), False
         middle = 0.5 * (low + high)
-        within = excess(float(np.exp(middle))) <= 0
-        low, high = (middle, high) if within else (low, middle)
+        low, high = (middle, high) if excess_at(middle) <= 0 else (low, middle)
     undefined: list[float] = []
 
     def defined_excess(log_factor: float) -> float:
-        value = excess(float(np.exp(log_factor)))
+        value = excess_at(log_factor)
         if np.isnan(value):
             undefined.append(log_factor)
             return 1.0

@@ -128,9 +128,10 @@ def invariants_of_independent(
 ) -> tuple[Invariants, FloatArray]:
     """Return `invariants` for radars with independent errors. The time is proportional to m.
 
-    x are the errors of the states. The states that all radars share are the aircraft's and ε of
-    the RCS. V_s is the covariance of the errors of these states, and V_i that of radar i. The
-    second derivatives of ½ Σ y_iᵀ E_i y_i by x are matrices K_ss, K_si and K_ii.
+    x are the errors of the states. All radars share the states of the aircraft and ε of the RCS:
+    the shared states have the index s. The other states of radar i have the index i. V_s and V_i
+    are the covariances of these errors. K_ss, K_si and K_ii are the second derivatives of
+    ½ Σ y_iᵀ E_i y_i by x.
 
     Args:
         z: The expansion, of m radars.

@@ -148,7 +148,7 @@ def test_radars_that_do_not_see_a_pose_cost_form_nothing(half_blind, count):
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):
-    """At each pose, the moments equal those of a network of the radars that see the pose."""
+    """A pose has the same moments as in a network of the radars that see the pose."""
     s = half_blind
     moments, upper = propagate_scenario(s, method="form"), upper_bound_in_scenario(s, method="form")
     above = exceedance_probability(s, 0.3, method="form")

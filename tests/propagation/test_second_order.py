@@ -172,7 +172,10 @@ def test_radars_with_a_single_uncertain_component(component):
 
 
 def test_sigma_by_form_of_independent_parts_of_correlated_errors(monkeypatch):
-    """The blocks of poses are those of the derivatives, although fewer components are kept."""
+    """σ for other covariances uses the blocks of poses that the derivatives have.
+
+    With independent errors alone, blocks would be longer.
+    """
     rng = np.random.default_rng(2)
     cov = correlated(rng, stds(12))
     states = network(rng, 12, cov).states.at(np.arange(40) % POSES)
