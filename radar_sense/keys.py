@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass
 from typing import Any
 
+from radar_sense import limits
 from radar_sense.limits import (
     ANY,
     DEG,
@@ -454,7 +455,13 @@ LEVEL = Key(
 )
 RUNS_KEY = Key("runs", "Monte Carlo runs.", RUNS, default=500)
 SEED_KEY = Key("seed", "Seed of the random numbers.", SEED, default=1)
-ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY)
+ANALYSIS_METHOD = Key(
+    "method",
+    "How uncertain states become a distribution of P_D.",
+    choices=limits.METHODS,
+    default="automatic",
+)
+ANALYSIS = (LEVEL, RUNS_KEY, SEED_KEY, ANALYSIS_METHOD)
 
 
 def sections() -> Mapping[str, tuple[Key, ...]]:

@@ -86,6 +86,8 @@ SEED = Limit(at_least=0, whole=True)
 MAX_WORKERS = 256
 WORKERS = Limit(at_least=1, at_most=MAX_WORKERS, whole=True)
 
+#: How uncertain states become a distribution of P_D; "automatic" chooses the method that is right.
+METHODS = ("linear", "probit", "form", "montecarlo", "automatic")
 #: Formats of a figure.
 FORMATS = ("png", "pdf", "svg")
 #: Sizes of a figure: a journal's column, its page, and a slide.

@@ -18,8 +18,17 @@ from radar_sense import axis as axes
 from radar_sense import covariance, record
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, check_choice, describe, shorten_list
-from radar_sense.keys import NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
-from radar_sense.limits import MAX_NAME, NOT_NEGATIVE, RUNS, SEED, STD_DB, Limit, check_number
+from radar_sense.keys import ANALYSIS_METHOD, NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
+from radar_sense.limits import (
+    MAX_NAME,
+    METHODS,
+    NOT_NEGATIVE,
+    RUNS,
+    SEED,
+    STD_DB,
+    Limit,
+    check_number,
+)
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel, as_network
@@ -75,6 +84,7 @@ class Scenario:
         level: The level for analyses of one level. The default is the first level.
         runs: Monte Carlo runs.
         seed: Seed of the Monte Carlo draws.
+        method: How uncertain states become a distribution of P_D, one of `limits.METHODS`.
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain, by level. C_rr
             has them to first order.
         time_s: Time of each pose (n,) [s] of a path; None on an orbit.
@@ -99,6 +109,7 @@ class Scenario:
     level: str = ""
     runs: int = RUNS_KEY.default
     seed: int = SEED_KEY.default
+    method: str = ANALYSIS_METHOD.default
     tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
     rcs_db: float = 0.0
@@ -216,6 +227,7 @@ class Scenario:
         if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
             raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
         check_choice("level", self.level, self.cov_radar)
+        check_choice("method", self.method, METHODS)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
             check_number(name, value, limit)
         if self.correlation_s != math.inf:
@@ -437,7 +449,12 @@ class Scenario:
             },
             "geometry": record.geometry_block(self.aircraft, self.axis, self.provenance),
             "uncertainty": uncertainty,
-            "analysis": {"level": self.level, "runs": self.runs, "seed": self.seed},
+            "analysis": {
+                "level": self.level,
+                "runs": self.runs,
+                "seed": self.seed,
+                "method": self.method,
+            },
         }
 
     def _radar_document(self, i: int) -> dict[str, Any]:
@@ -475,17 +492,23 @@ class Scenario:
         }
 
     def with_analysis(
-        self, *, level: str | None = None, runs: int | None = None, seed: int | None = None
+        self,
+        *,
+        level: str | None = None,
+        runs: int | None = None,
+        seed: int | None = None,
+        method: str | None = None,
     ) -> Scenario:
         """Return the scenario with other choices of analysis; None keeps a choice.
 
         Raises:
-            InputError: If there is no such level, or runs or seed are out of range.
+            InputError: If there is no such level or method, or runs or seed are out of range.
         """
         chosen = self._with(
             level=self.level if level is None else level,
             runs=self.runs if runs is None else runs,
             seed=self.seed if seed is None else seed,
+            method=self.method if method is None else method,
         )
         chosen._check_choices()
         return chosen._with(runs=int(chosen.runs), seed=int(chosen.seed))

@@ -214,7 +214,7 @@ MISTAKES = [
     {"analysis__runs": 1e10},
     {"analysis__seed": -1},
     {"analysis__seed": "one"},
-    {"analysis__method": "form"},
+    {"analysis__method": "fomr"},
     {"radar": SHEET},
     {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "scan_time_s": 1}}},
     {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "search_volume_sr": 13}}},

@@ -90,7 +90,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         level: covariance.block_diagonal([radar.levels.covariance[level] for radar in radars])
         for level in radars[0].levels.covariance
     }
-    level, runs, seed = _read_analysis(entries["analysis"], cov_radar)
+    level, runs, seed, method = _read_analysis(entries["analysis"], cov_radar)
     models = [DetectionModel(rcs, r.p_fa, r.detector, r.attenuation) for r in radars]
     for array in (poses.axis.values, poses.aircraft, cov_aircraft.made):
         array.flags.writeable = False
@@ -105,6 +105,7 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
         level=level,
         runs=runs,
         seed=seed,
+        method=method,
         tolerances={
             level: tuple(radar.levels.tolerances.get(level, ()) for radar in radars)
             for level in cov_radar
@@ -156,10 +157,11 @@ def _refuse_uncovered(entry: Entry, rcs: RCS, poses: Poses, radar: RadarEntry) -
         )
 
 
-def _read_analysis(entry: Entry, levels: Mapping[str, FloatArray]) -> tuple[str, int, int]:
+def _read_analysis(entry: Entry, levels: Mapping[str, FloatArray]) -> tuple[str, int, int, str]:
     section = entry.section(keys.ANALYSIS)
     return (
         section["level"].choice(levels),
         section.value(keys.RUNS_KEY),
         section.value(keys.SEED_KEY),
+        section.value(keys.ANALYSIS_METHOD),
     )

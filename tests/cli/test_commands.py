@@ -275,7 +275,12 @@ def test_json(tool):
     assert set(found) >= {"scenario", "seed", "versions", "command", "warnings", "summary"}
     assert found["command"] == ["radar-sense", *args]
     assert found["seed"] == 0
-    assert found["scenario"]["analysis"] == {"level": "high", "runs": 40, "seed": 0}
+    assert found["scenario"]["analysis"] == {
+        "level": "high",
+        "runs": 40,
+        "seed": 0,
+        "method": "linear",
+    }
     assert found["versions"]["numpy"] == np.__version__
     assert found["versions"]["radar-sense"] == rs.__version__
     assert "python" in found["versions"]

@@ -48,6 +48,7 @@ LINES = flattened(yaml.safe_load(default_text()))
 PATHS = [path for path, _ in LINES]
 BRANCHES = [path for path, text in LINES if not text]
 LEVELS = [p for p in PATHS if re.fullmatch(r"uncertainty\.radar\.\w+", p)]
+#: Keys whose default is the paper's value.
 OPTIONAL = ["radar.detector", "geometry.azimuth_from", "analysis.runs", "analysis.seed"]
 
 
@@ -102,7 +103,9 @@ def test_the_lines_are_the_embedded_scenario(tool):
     accepted(tool, LINES)
 
 
-@pytest.mark.parametrize("path", [p for p in PATHS if p not in [*OPTIONAL, *LEVELS]])
+@pytest.mark.parametrize(
+    "path", [p for p in PATHS if p not in [*OPTIONAL, *LEVELS, "analysis.method"]]
+)
 def test_missing_key(tool, path):
     lines = without(path)
     line, where, complaint = place(refusal(tool, yaml_text(lines)))
@@ -117,6 +120,13 @@ def test_missing_key(tool, path):
 @pytest.mark.parametrize("path", OPTIONAL)
 def test_optional_key_has_the_papers_value(tool, path):
     assert accepted(tool, without(path)).resolved() == rs.load_scenario().resolved()
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form", "montecarlo", "automatic"])
+def test_method(tool, method):
+    scenario = accepted(tool, replaced({"analysis.method": method}))
+    assert scenario.method == scenario.resolved()["analysis"]["method"] == method
+    assert accepted(tool, without("analysis.method")).method == "automatic"
 
 
 @pytest.mark.parametrize("path", [p for p in PATHS if p not in LEVELS])
