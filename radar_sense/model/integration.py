@@ -209,8 +209,8 @@ class PulseSum:
         slope = t / (1.0 + t / b)
         half = 0.5 * (m * slope / b - n)
         product = m * (slope * (1.0 + n / b))
-        root = np.hypot(half, np.sqrt(product))
-        first = np.round(np.where(half > 0.0, half + root, product / (root - half)))
+        root = abs(half) + np.hypot(half, np.sqrt(product))
+        first = np.round(np.where(half > 0.0, root, product / root))
         a = n + first
         std = 1.0 / np.sqrt(1.0 / first + 1.0 / a - 1.0 / (a + b))
         step = np.maximum(1.0, np.floor(std / _PER_STD))

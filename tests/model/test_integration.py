@@ -23,7 +23,7 @@ from radar_sense.model.detectors import (
     required_snr,
 )
 from radar_sense.model.integration import PulseSum
-from radar_sense.model.probit_table import HIGHEST
+from radar_sense.model.probit_table import FARTHEST, HIGHEST
 
 #: Shape K of the signal's count by N pulses.
 SHAPES = {
@@ -288,6 +288,34 @@ def test_error_of_the_table(detector):
 
 
 @pytest.mark.parametrize("detector", TABLED, ids=str)
+def test_error_of_the_table_beyond_80_db(detector):
+    """Below 1e-11, up to where the exact slope of a steady target is itself wrong by 1e-8."""
+    snr = 10 ** np.random.default_rng(7).uniform(8, 60, 200)
+    z, by_snr = detector.linearize_probit(snr, 1e-6)
+    z_exact, slope = exact(detector, snr, 1e-6)
+    far = snr * getattr(detector, "pulses", 1) > 1e17
+    assert_allclose(z, z_exact, rtol=1e-10)
+    assert_allclose(z[~far], z_exact[~far], rtol=1e-12)
+    assert_allclose(by_snr, slope, rtol=2e-8)
+    assert_allclose(by_snr[~far], slope[~far], rtol=1e-11)
+
+
+def test_any_number_of_values_beyond_80_db_costs_one_table(monkeypatch):
+    """One exact value of a steady target takes 0.2 ms, and a map has 250 000 of them."""
+    computed = []
+    tail = PulseSum.tail
+
+    def counted(self, snr):
+        computed.append(len(snr))
+        return tail(self, snr)
+
+    monkeypatch.setattr(PulseSum, "tail", counted)
+    detector = Marcum(pulses=10, cfar=CellAveraging(3))
+    detector.p_d(np.geomspace(1e8, 1e15, 250_000), 1.25e-5)
+    assert sum(computed) < 5000
+
+
+@pytest.mark.parametrize("detector", TABLED, ids=str)
 def test_the_table_is_monotone_and_starts_at_p_fa(detector):
     snr = np.linspace(0, 60, 20001)
     for p_fa in (1e-12, 1.7e-4, 0.5):
@@ -299,7 +327,7 @@ def test_the_table_is_monotone_and_starts_at_p_fa(detector):
 
 @pytest.mark.parametrize("detector", TABLED, ids=str)
 def test_any_shape_and_any_size(detector):
-    """Where S is NaN, all values are NaN. Beyond the table, values are as without the table."""
+    """Where S is NaN, all values are NaN. Beyond both tables, values are the exact ones."""
     snr = np.array([0, 1e-300, 1e-20, 1, 744, 1e6, HIGHEST, 1e20, 1e160, np.nan])
     for function in (detector.p_d, detector.linearize, detector.linearize_probit):
         found = np.array(function(snr, 1e-6))
@@ -309,10 +337,11 @@ def test_any_shape_and_any_size(detector):
         assert_array_equal(grid.reshape(found.shape), found)
         for i in (0, 3, 7):
             assert_array_equal(np.array(function(np.asarray(snr[i]), 1e-6)), found[..., i])
-    beyond = snr[7:9]
+    beyond = snr[8:9]
     assert_array_equal(detector.linearize_probit(beyond, 1e-6), exact(detector, beyond, 1e-6))
-    below, above = (detector.linearize_probit(HIGHEST * f, 1e-6) for f in (1 - 1e-9, 1 + 1e-9))
-    assert_allclose(below, above, rtol=1e-8)
+    for end in (HIGHEST, FARTHEST):
+        below, above = (detector.linearize_probit(end * f, 1e-6) for f in (1 - 1e-9, 1 + 1e-9))
+        assert_allclose(below, above, rtol=2e-8)
 
 
 # Print.
