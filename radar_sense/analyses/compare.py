@@ -15,7 +15,6 @@ from radar_sense.analyses.report import (
     monte_carlo_columns,
     peak,
     points_named,
-    rounding_warnings,
     table_warnings,
     validity_warnings,
 )
@@ -148,6 +147,5 @@ def compare(
             ),
             *distribution_warnings(scenario, *METHODS),
             *table_warnings(scenario, runs=mc.runs),
-            *rounding_warnings(mc),
         ),
     )

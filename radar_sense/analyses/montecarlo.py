@@ -22,7 +22,6 @@ from radar_sense.analyses.report import (
     points_named,
     radar_lines,
     radar_summary,
-    rounding_warnings,
     table_warnings,
     validity_warnings,
 )
@@ -156,7 +155,6 @@ def montecarlo(
             *distribution_warnings(scenario, method),
             *clipping_warnings(mc.clipped),
             *table_warnings(scenario, runs=mc.runs),
-            *rounding_warnings(mc),
         ),
         arrays={"sample_paths": mc.sample_paths},
     )

@@ -246,17 +246,6 @@ def points_named(mc: MonteCarlo) -> str:
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
-def rounding_warnings(mc: MonteCarlo) -> tuple[str, ...]:
-    """Return a warning if the processes of a cluster rounded differently."""
-    ways = len(mc.rounding_digests)
-    if ways < 2:
-        return ()
-    return (
-        f"the workers round in {ways} different ways, as their CPUs differ: the last "
-        "digits depend on which worker computed which runs",
-    )
-
-
 def distribution_warnings(scenario: Scenario, *methods: str) -> tuple[str, ...]:
     """Return warnings of radars whose constant has another distribution than methods assume."""
     names, warnings = scenario.model.names, []

@@ -20,7 +20,6 @@ from radar_sense.limits import RUNS, SEED, WORKERS, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.parallel import merged
-from radar_sense.montecarlo.rounding import rounding_digest
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
 from radar_sense.montecarlo.statistics import (
@@ -65,9 +64,6 @@ class MonteCarlo(DrawStatistics):
         clipped: Number of runs whose radar constant was drawn below zero and set to zero.
         sample_paths: P_D of the first runs (h, n), h at most MAX_SAMPLE_PATHS.
         sampler: Source of the draws, "random" or "sobol".
-        rounding_digests: Digests of one fixed computation by each process of an executor. With more
-            than one digest, the last digits of the result depend on which process computed which
-            runs.
     """
 
     runs: int
@@ -77,7 +73,6 @@ class MonteCarlo(DrawStatistics):
     clipped: int
     sample_paths: FloatArray
     sampler: str = "random"
-    rounding_digests: frozenset[str] = frozenset()
 
     @property
     def coverage(self) -> FloatArray:
@@ -112,7 +107,6 @@ class _Statistics:
         self.inside = np.zeros(poses)
         self.clipped = 0
         self.sample_paths: list[FloatArray] = []
-        self.rounding_digests: set[str] = set()
 
     @property
     def runs(self) -> int:
@@ -133,7 +127,6 @@ class _Statistics:
         self.inside += other.inside
         self.clipped += other.clipped
         self.sample_paths += other.sample_paths
-        self.rounding_digests |= other.rounding_digests
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +180,6 @@ class Tasks:
     blocks: Blocks
     band: Moments
     sample_paths: int
-    with_digest: bool = False
 
     @property
     def blocks_per_task(self) -> int:
@@ -208,8 +200,6 @@ class Tasks:
         for block in range(first, min(first + self.blocks_per_task, blocks.blocks)):
             sample_paths = max(0, self.sample_paths - blocks.runs_of(block).start)
             statistics.add(*blocks.p_d(*blocks.normals(block)), sample_paths, self.band)
-        if self.with_digest:
-            statistics.rounding_digests.add(rounding_digest())
         return statistics
 
 
@@ -342,7 +332,6 @@ def _compare(
         Blocks(states, source, runs, runs_per_block),
         band,
         sample_paths=min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs),
-        with_digest=executor is not None,
     )
     total = merged(tasks.statistics, tasks.count, workers, executor, progress)
     statistics = total.draws.statistics()
@@ -358,5 +347,4 @@ def _compare(
         clipped=total.clipped,
         sample_paths=np.vstack(total.sample_paths),
         sampler=sampler,
-        rounding_digests=frozenset(total.rounding_digests),
     )

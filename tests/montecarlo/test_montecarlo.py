@@ -8,7 +8,6 @@ deviation.
 import dataclasses
 import threading
 import tracemalloc
-from concurrent.futures import Executor, Future
 
 import chain_rule
 import numpy as np
@@ -17,12 +16,11 @@ from helpers import scenario, single
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from radar_sense import analyses
 from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.model.network import NetworkModel, Radar
-from radar_sense.montecarlo import montecarlo, rounding
+from radar_sense.montecarlo import montecarlo
 from radar_sense.montecarlo.montecarlo import (
     MAX_SAMPLE_PATHS,
     TAIL,
@@ -366,44 +364,3 @@ def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):
     monkeypatch.setattr(threading.Thread, "start", no_thread)
     with pytest.raises(ComputationError, match=r"no more threads .* use fewer workers$"):
         monte_carlo(s, runs=100_000, workers=3)
-
-
-class Inline(Executor):
-    """Computes in place. Each call has a different digest."""
-
-    def __init__(self, monkeypatch, *rounding_digests):
-        self.monkeypatch, self.rounding_digests, self.calls = monkeypatch, rounding_digests, 0
-
-    def submit(self, function, /, *args):
-        of_call = self.rounding_digests[self.calls % len(self.rounding_digests)]
-        self.monkeypatch.setattr(montecarlo, "rounding_digest", lambda: of_call)
-        self.calls += 1
-        future = Future()
-        future.set_result(function(*args))
-        return future
-
-
-def test_workers_that_round_differently_are_a_warning(monkeypatch):
-    s = scenario(geometry__azimuth_deg=FEW)
-    here = monte_carlo(s, runs=20_000)
-    for rounding_digests, count in (("a", 0), ("ab", 1)):
-        executor = Inline(monkeypatch, *rounding_digests)
-        assert_same(here, monte_carlo(s, runs=20_000, executor=executor))
-        for analysis in (analyses.montecarlo, analyses.compare):
-            result = analysis(s.with_analysis(runs=20_000), executor=executor)
-            assert sum("workers round in 2 different ways" in w for w in result.warnings) == count
-    assert executor.calls > 4
-
-
-def test_the_rounding_digest_shows_a_last_digit(monkeypatch):
-    before = rounding.rounding_digest.__wrapped__()
-    assert before == rounding.rounding_digest() == rounding.rounding_digest.__wrapped__()
-    p_d = rounding.DetectionModel.p_d
-
-    def other(self, *states):
-        values = p_d(self, *states).copy()
-        values[3, 5] = np.nextafter(values[3, 5], 1)
-        return values
-
-    monkeypatch.setattr(rounding.DetectionModel, "p_d", other)
-    assert rounding.rounding_digest.__wrapped__() != before
