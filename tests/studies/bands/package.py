@@ -1,0 +1,98 @@
+"""What the study asks of `radar_sense`: the one place that changes with the package."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+import radar_sense as rs
+from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
+from radar_sense.model.horizon import Horizon
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
+from radar_sense.model.rcs_table import TableRCS
+from radar_sense.propagation import METHODS
+from radar_sense.propagation.methods import nonlinear_in_scenario, propagate_scenario
+
+DETECTORS = {
+    "north": North(), "swerling1": Swerling1(), "swerling3": Swerling3(), "marcum": Marcum()
+}  # fmt: skip
+LEVEL = "a"
+
+
+@dataclass(frozen=True)
+class Band:
+    """The bounds of one pose, their standard errors, and whether the package warns."""
+
+    lower: float
+    upper: float
+    lower_se: float
+    upper_se: float
+    warned: bool
+
+
+def methods():
+    """Return the names of the methods to judge."""
+    return tuple(METHODS)
+
+
+def band(scenario, method, k):
+    """Return the band of the first pose by a method."""
+    moments = propagate_scenario(scenario, method=method, beta=k)
+    warned = nonlinear_in_scenario(scenario, moments, method=method, beta=k) | ~moments.converged
+    return Band(
+        float(moments.lower[0]), float(moments.upper[0]), 0.0, 0.0, bool(warned[0])
+    )  # fmt: skip
+
+
+def verdict(scenario, threshold, k, **options):
+    """Return "holds", "violated" or "not known" of the threshold test."""
+    result = rs.analyses.variance(scenario, threshold=threshold, k=k, **options)
+    return result.summary["threshold"]["verdict"]
+
+
+def scenario(problem, **fields):
+    """Return the scenario of a problem; fields replace those of one pose, such as `aircraft`."""
+    rcs = model_of(problem.rcs)
+    radars = tuple(
+        Radar(
+            model=rs.DetectionModel(
+                rcs=rcs, p_fa=r.p_fa, detector=DETECTORS[r.detector], attenuation=r.attenuation
+            ),
+            name=f"r{i}",
+            max_range=r.max_range,
+            min_range=r.min_range,
+            horizon=Horizon() if r.horizon else None,
+        )
+        for i, r in enumerate(problem.radars)
+    )
+    attenuation_std = tuple(r.attenuation_std for r in problem.radars)
+    return rs.Scenario(
+        **{
+            "name": f"{problem.population.replace(' ', '_')}_{problem.number}",
+            "model": NetworkModel(radars),
+            "aircraft": problem.aircraft[np.newaxis],
+            "radar": np.concatenate([r.state for r in problem.radars]),
+            "cov_aircraft": problem.cov_aircraft,
+            "cov_radar": {LEVEL: problem.cov_radar},
+            "tolerances": {
+                LEVEL: tuple(tuple(Tolerance(*t) for t in r.tolerances) for r in problem.radars)
+            },
+            "attenuation_std": {LEVEL: attenuation_std} if any(attenuation_std) else {},
+            "rcs_db": problem.rcs_db,
+            **fields,
+        }
+    )
+
+
+def model_of(rcs):
+    """Return the RCS model of the package for an RCS of `bands.model`."""
+    kind, *p = rcs
+    if kind == "table":
+        azimuth, values, elevation, std_db = p
+        return TableRCS(azimuth, values, elevation, std_db=std_db)
+    models = {
+        "constant": ConstantRCS, "ellipsoid": EllipsoidRCS, "ellipsoid_exact": ExactEllipsoidRCS,
+        "spikeball": SpikeballRCS,
+    }  # fmt: skip
+    return models[kind](*p)

@@ -1,0 +1,178 @@
+"""The truth of problems of one pose, by plain draws.
+
+    PYTHONPATH=tests/studies python -m bands.truth --poses 2000 --seed 2026 --out truth.npz
+
+Draws come in batches until both bounds have a standard error below 0.001, or up to the most. The
+standard error of a quantile is half the distance of two order statistics, one deviation of the
+binomial count below and above it. The interval of four deviations stands beside it, because it also
+holds where the distribution has a jump.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass, fields
+
+import numpy as np
+from scipy.special import ndtr
+
+from .model import Oracle
+from .populations import POPULATIONS, problem
+
+BATCH, CHUNK, MOST = 200_000, 20_000, 2_000_000
+ENOUGH = 0.001
+#: Quantiles that are stored, as numbers of standard deviations of a normal distribution.
+GRID = np.linspace(-4, 4, 81)
+#: Values of P_D whose exceedance is stored.
+LEVELS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99])
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The distribution of P_D at one pose.
+
+    Attributes:
+        nominal: P_D of the nominal states.
+        mean, mean_se, std, std_se: Moments and their standard errors.
+        lower, lower_se, upper, upper_se: Quantiles at Φ(−k) and Φ(k) and their standard errors.
+        lower_between, upper_between: Intervals (2,) of four standard errors of the quantiles.
+        quantiles: Quantiles at Φ(`GRID`).
+        above: P(P_D > `LEVELS`).
+        beside: P(P_D > p) at p 0.02 below and above the upper bound (2,).
+        draws: Number of draws.
+    """
+
+    nominal: float
+    mean: float
+    mean_se: float
+    std: float
+    std_se: float
+    lower: float
+    lower_se: float
+    lower_between: np.ndarray
+    upper: float
+    upper_se: float
+    upper_between: np.ndarray
+    quantiles: np.ndarray
+    above: np.ndarray
+    beside: np.ndarray
+    draws: int
+
+    def above_se(self):
+        """Return the standard errors of `above`; that of no draw at all is one draw's."""
+        return probability_se(self.above, self.draws)
+
+    def beside_se(self):
+        """Return the standard errors of `beside`."""
+        return probability_se(self.beside, self.draws)
+
+
+def probability_se(p, draws):
+    """Return the standard error of a share of draws."""
+    return np.sqrt(np.clip(p * (1 - p), 1 / draws, None) / draws)
+
+
+def drawn(oracle, rng, count):
+    """Return P_D (n,) at drawn states, chunk by chunk."""
+    return np.concatenate([
+        oracle.p_d(*oracle.draw(rng, min(CHUNK, count - start))) for start in range(0, count, CHUNK)
+    ])  # fmt: skip
+
+
+def ends(p_d, level):
+    """Return the quantile at a level, its standard error and its interval (2,) of four."""
+    n = len(p_d)
+    error = np.sqrt(n * level * (1 - level))
+    ranks = n * level + error * np.array([-4, -1, 0, 1, 4]) - 0.5
+    ranks = np.clip(np.rint(ranks), 0, n - 1).astype(int)
+    low4, low, middle, high, high4 = np.partition(p_d, ranks)[ranks]
+    return middle, 0.5 * (high - low), np.array([low4, high4])
+
+
+def truth(case, seed, *, most=MOST, enough=ENOUGH):
+    """Return the truth of a problem by plain draws."""
+    oracle = Oracle(case)
+    rng = np.random.Generator(
+        np.random.SFC64([seed, 7, list(POPULATIONS).index(case.population), case.number])
+    )
+    p_d = np.empty(0)
+    while len(p_d) < most:
+        p_d = np.append(p_d, drawn(oracle, rng, min(BATCH, most - len(p_d))))
+        lower, upper = ends(p_d, ndtr(-case.k)), ends(p_d, ndtr(case.k))
+        if max(lower[1], upper[1]) < enough:
+            break
+    n = len(p_d)
+    centred = p_d - p_d.mean()
+    std = p_d.std()
+    fourth = np.mean(centred**4)
+    ranks = np.clip(np.rint(n * ndtr(GRID) - 0.5), 0, n - 1).astype(int)
+    p_d.sort()
+    return Truth(
+        nominal=oracle.nominal(),
+        mean=p_d.mean(),
+        mean_se=std / np.sqrt(n),
+        std=std,
+        std_se=np.sqrt(max(fourth - std**4, 0.0) / n) / (2 * std) if std > 0 else 0.0,
+        lower=lower[0],
+        lower_se=lower[1],
+        lower_between=lower[2],
+        upper=upper[0],
+        upper_se=upper[1],
+        upper_between=upper[2],
+        quantiles=p_d[ranks],
+        above=1 - np.searchsorted(p_d, LEVELS, side="right") / n,
+        beside=1 - np.searchsorted(p_d, upper[0] + [-0.02, 0.02], side="right") / n,
+        draws=n,
+    )
+
+
+def save(path, seed, rows):
+    """Write the truths of problems to a file, one array for each field."""
+    columns = {f.name: np.array([getattr(t, f.name) for _, t in rows]) for f in fields(Truth)}
+    np.savez_compressed(
+        path,
+        seed=seed,
+        population=np.array([case.population for case, _ in rows]),
+        number=np.array([case.number for case, _ in rows]),
+        k=np.array([case.k for case, _ in rows]),
+        grid=GRID,
+        levels=LEVELS,
+        **columns,
+    )
+
+
+def load(path):
+    """Return problems and their truths from a file."""
+    data = np.load(path)
+    arrays = {f.name: data[f.name] for f in fields(Truth)}
+    seed = int(data["seed"])
+    return [
+        (
+            problem(str(population), seed, int(number)),
+            Truth(**{name: array[row] for name, array in arrays.items()}),
+        )
+        for row, (population, number) in enumerate(
+            zip(data["population"], data["number"], strict=True)
+        )
+    ]
+
+
+def main():
+    parser = argparse.ArgumentParser(description="Truth of random problems by plain draws.")
+    parser.add_argument("--poses", type=int, default=2000, help="of all populations together")
+    parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--draws", type=float, default=MOST, help="most draws of a pose")
+    parser.add_argument("--out", required=True)
+    options = parser.parse_args()
+    rows, start = [], time.process_time()
+    each = options.poses // len(POPULATIONS)
+    for number in range(each):
+        for population in POPULATIONS:
+            case = problem(population, options.seed, number)
+            rows.append((case, truth(case, options.seed, most=int(options.draws))))
+        if (number + 1) % 25 == 0 or number + 1 == each:
+            save(options.out, options.seed, rows)
+            print(f"{len(rows)} poses, {time.process_time() - start:.0f} s of CPU", flush=True)
+
+
+if __name__ == "__main__":
+    main()

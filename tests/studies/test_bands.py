@@ -1,0 +1,84 @@
+"""The small version of the study in `tests/studies/bands`: `make study` runs all of it."""
+
+import numpy as np
+import oracle
+import pytest
+from scipy.special import ndtr
+from studies.bands import model, package, truth
+from studies.bands.populations import POPULATIONS, problem
+
+import radar_sense as rs
+
+SEED = 11
+
+
+@pytest.mark.parametrize("population", POPULATIONS)
+def test_p_d_of_the_independent_model_is_that_of_the_package(population):
+    """At drawn states, with the errors of the RCS and of the attenuation."""
+    for number in range(20):
+        case = problem(population, SEED, number)
+        scenario, independent = package.scenario(case), model.Oracle(case)
+        aircraft, radars, rcs_error, attenuation = independent.draw(np.random.default_rng(1), 50)
+        states = [*radars]
+        if scenario.shared.size > len(states):
+            states.append(np.broadcast_to(rcs_error, 50))
+        if scenario.shared.size > len(states):
+            states.extend(attenuation)
+        found = scenario.model.p_d(aircraft.T, np.stack(states, axis=-1))
+        expected = independent.p_d(aircraft, radars, rcs_error, attenuation)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10, err_msg=f"{number}")
+
+
+@pytest.mark.parametrize("number", [1, 3, 4, 7, 12, 18])
+def test_draws_have_the_distribution_of_the_draws_of_the_package(number):
+    """Data sheets, correlations, RCS and attenuation: the mean of P_D and its square agree."""
+    case = problem("general", SEED, number)
+    runs = 20_000
+    drawn = rs.monte_carlo(package.scenario(case), runs=runs, seed=3)
+    exact = truth.truth(case, SEED, most=100_000)
+    error = np.sqrt(exact.mean_se**2 + exact.std**2 / runs)
+    assert abs(drawn.mean[0] - exact.mean) < 4.5 * error
+    error = np.hypot(exact.std_se, exact.std_se * np.sqrt(exact.draws / runs))
+    assert abs(drawn.std[0] - exact.std) < 4.5 * error
+
+
+@pytest.mark.parametrize("p_fa", [1e-8, 1e-6, 1e-4])
+def test_detectors_are_those_of_fifty_digits(p_fa):
+    for name in ("north", "swerling1", "swerling3", "marcum"):
+        p_d = model.detector(name, p_fa)
+        for snr in (1e-6, 0.3, 2.7, 9.0, 14.1, 22.0, 60.0):
+            expected = getattr(oracle, name)(snr, p_fa)
+            expected = float(expected if name == "north" else expected[0])
+            assert abs(float(p_d(np.array(snr))) - expected) < 2e-11, (name, snr)
+
+
+def test_geometry_and_cross_sections_are_those_of_fifty_digits():
+    rng = np.random.default_rng(4)
+    shapes = (("ellipsoid", 0.15, 0.13, 0.21), ("spikeball", 5, 0.3, 0.02), ("constant", 0.2))
+    for _ in range(5):
+        aircraft = np.array([*rng.normal(size=3) * 1e4, *rng.uniform(-3, 3, 3)])
+        radar = np.array([*rng.normal(size=3) * 1e4, 1.0])
+        body = model.body_vector(radar[:3] - aircraft[:3], aircraft[3:])
+        expected = [float(c) for c in oracle.body_vector(aircraft, radar)]
+        np.testing.assert_allclose(body, expected, rtol=0, atol=1e-9)
+        for rcs in shapes:
+            sigma = float(oracle.cross_section(rcs, oracle.body_vector(aircraft, radar)))
+            assert model.cross_section(rcs)(*np.reshape(body, (3, 1))) == pytest.approx(
+                sigma, rel=1e-12
+            )
+
+
+def test_standard_errors_of_quantiles_are_their_deviation():
+    """Against 400 repetitions with normal numbers; half the distance of two order statistics."""
+    rng = np.random.default_rng(5)
+    found = [truth.ends(rng.standard_normal(20_000), ndtr(2.0)) for _ in range(400)]
+    middle, error, between = (np.array(values) for values in zip(*found, strict=True))
+    assert abs(middle.mean() - 2.0) < 4 * middle.std() / 20
+    assert error.mean() == pytest.approx(middle.std(), rel=0.15)
+    assert np.mean((between[:, 0] <= 2.0) & (between[:, 1] >= 2.0)) > 0.99
+
+
+def test_a_root_is_a_root_of_a_singular_matrix_too():
+    matrix = np.array([[4e6, 2e-3, 0], [2e-3, 1e-12, 0], [0, 0, 0]])
+    root = model.root(matrix)
+    np.testing.assert_allclose(root @ root.T, matrix, rtol=1e-9, atol=1e-18)
