@@ -24,7 +24,7 @@ STOREYS = (
     ("keys", "provenance"),
     ("model",),
     ("axis", "covariance"),
-    ("states", "limits"),
+    ("states", "limits", "streams"),
     ("errors", "progress"),
 )
 STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}

@@ -38,10 +38,11 @@ from radar_sense.limits import Limit
 from radar_sense.montecarlo.montecarlo import TAIL, Blocks
 from radar_sense.montecarlo.parallel import all_in_order
 from radar_sense.montecarlo.sampler import Sampler, columns_of_normals
-from radar_sense.montecarlo.sequences import SAMPLERS, random_stream
+from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.montecarlo.statistics import order_statistics, tail_quantiles
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray, constants_of
+from radar_sense.streams import random_stream
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure

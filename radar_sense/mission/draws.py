@@ -14,9 +14,9 @@ from radar_sense.mission.tracks import any_group, check_window
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
 from radar_sense.montecarlo.parallel import merged
-from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import DrawStatistics, RunningStatistics
 from radar_sense.states import AIRCRAFT, FloatArray
+from radar_sense.streams import random_stream
 
 
 class RadarSampler(Protocol):

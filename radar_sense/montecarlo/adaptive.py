@@ -24,7 +24,6 @@ from scipy.special import ndtr, stdtrit
 from radar_sense.limits import Limit, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import (
     DrawStatistics,
     binomial_interval,
@@ -34,6 +33,7 @@ from radar_sense.montecarlo.statistics import (
 from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
+from radar_sense.streams import random_stream
 
 #: First key of the random streams, different from `monte_carlo`. Another key gives other draws.
 STREAM = 101

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from radar_sense.covariance import component_first, symmetric_square_root
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.montecarlo.statistics import binomial_interval, highest, order_statistics
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
+from radar_sense.streams import random_stream
 
 #: Largest number of draws of P_D in one call: poses times runs times radars.
 MAX_DRAWS = 2e7

@@ -17,6 +17,7 @@ from scipy.special import ndtri
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.streams import random_stream
 
 #: Bits of a coordinate of a Sobol' point. SciPy 1.17 can skip ahead with up to 32 bits.
 BITS = 32
@@ -28,11 +29,6 @@ TOGETHER = 16_384
 MAX_SOBOL_RUNS = 2**24
 #: Numbers of the random streams that scramble and shift Sobol' points.
 _SCRAMBLE, _SHIFT = 2**32 - 2, 2**32 - 1
-
-
-def random_stream(seed: int, *key: int) -> np.random.Generator:
-    """Return the generator of one of the independent streams of a seed."""
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 class Source(Protocol):

@@ -29,9 +29,10 @@ from radar_sense.covariance import draws
 from radar_sense.errors import ScenarioError
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.sequences import SAMPLERS, Random, random_stream
+from radar_sense.montecarlo.sequences import SAMPLERS, Random
 from radar_sense.propagation import propagate_scenario
 from radar_sense.reading.parse import load_scenario
+from radar_sense.streams import random_stream
 
 THREE = {"start": 15, "stop": 85, "step": 35}
 #: An uncertain radar constant that is often cut off at 0.

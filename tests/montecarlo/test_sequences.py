@@ -15,9 +15,10 @@ from scipy.stats import chisquare, kstest, qmc
 
 from radar_sense.montecarlo import sequences as sampling
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol, random_stream
+from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol
 from radar_sense.propagation import propagate_scenario
 from radar_sense.reading.parse import load_scenario
+from radar_sense.streams import random_stream
 
 RUNS, POSES = 256, 5
 FEW = {"start": 0, "stop": 180, "step": 15}

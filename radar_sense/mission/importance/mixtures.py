@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.states import FloatArray
+from radar_sense.streams import random_stream
 
 #: Distance of the centers from the nominal states: the bounds are quantiles at 3 sigma.
 DISTANCE = 3.0

@@ -18,8 +18,8 @@ from radar_sense.mission.importance.mixtures import (
 )
 from radar_sense.mission.importance.plan import Plan, RadarUnit
 from radar_sense.mission.importance.quantiles import WeightedStatistics, weighted_statistics
-from radar_sense.montecarlo.sequences import random_stream
 from radar_sense.states import AIRCRAFT, FloatArray
+from radar_sense.streams import random_stream
 
 #: Combinations of the radars of one scan group for each draw. Each one takes a Markov chain.
 GROUP_COMBINATIONS = 2
