@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radar_sense.analyses.columns import AXIS, DRAWS, P_D, quantities
-from radar_sense.analyses.contract import Progress, Result, analysis, silent
+from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
     describe_extreme,
     distribution_warnings,
@@ -75,7 +75,6 @@ def compare(
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
-    progress: Progress = silent,
 ) -> Result:
     """Bounds of P_D by every method against Monte Carlo.
 
@@ -86,16 +85,12 @@ def compare(
         sampler: "random" or "sobol".
         workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
-        progress: Shows the runs that are done.
 
     Raises:
         InputError: If there is no such sampler.
     """
     axis = scenario.axis
-    with progress(scenario.runs, "runs") as advance:
-        mc = monte_carlo(
-            scenario, sampler=sampler, workers=workers, executor=executor, progress=advance
-        )
+    mc = monte_carlo(scenario, sampler=sampler, workers=workers, executor=executor)
     moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
     worst = {
         method: {

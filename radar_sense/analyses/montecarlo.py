@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN
-from radar_sense.analyses.contract import Progress, Result, analysis, silent
+from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import (
     band_columns,
     clipping_warnings,
@@ -98,7 +98,6 @@ def montecarlo(
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
-    progress: Progress = silent,
 ) -> Result:
     """Monte Carlo draws of P_D against the band of a method.
 
@@ -108,21 +107,12 @@ def montecarlo(
         sampler: "random" or "sobol".
         workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
-        progress: Shows the runs that are done.
 
     Raises:
         InputError: If there is no such method or sampler.
     """
     axis = scenario.axis
-    with progress(scenario.runs, "runs") as advance:
-        mc = monte_carlo(
-            scenario,
-            method=method,
-            sampler=sampler,
-            workers=workers,
-            executor=executor,
-            progress=advance,
-        )
+    mc = monte_carlo(scenario, method=method, sampler=sampler, workers=workers, executor=executor)
     coverage = _coverage(scenario, mc, method)
     by_itself = largest_by_radar(scenario, method)
     return Result(

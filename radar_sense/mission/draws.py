@@ -13,8 +13,8 @@ from radar_sense.mission.looks import Model, look_times, pose_sqrt_cov
 from radar_sense.mission.tracks import any_group, check_window
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
-from radar_sense.montecarlo.parallel import merged
-from radar_sense.montecarlo.statistics import DrawStatistics, RunningStatistics
+from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.statistics import DrawStatistics, Statistics
 from radar_sense.states import AIRCRAFT, FloatArray
 from radar_sense.streams import random_stream
 
@@ -105,8 +105,8 @@ class _Runs:
         """Number of blocks; the last block may have fewer runs."""
         return -(-self.runs // self.runs_per_block)
 
-    def statistics(self, index: int) -> _Statistics:
-        """Draw a block of runs and return their statistics."""
+    def statistics(self, index: int) -> tuple[list[Statistics], int]:
+        """Return statistics of the events in a block of runs, and the runs with a c_r set to 0."""
         generator = random_stream(self.seed, index)
         looks, width = len(self.process.aircraft), self.runs_per_block
         # A whole block is drawn, because a longer computation must begin with the same runs.
@@ -120,27 +120,9 @@ class _Runs:
             events.append(any_group(p_d, 1.0 - p_d, *self.m_of_n, self.scan_group)[0])
         statistics = []
         for rows in events:
-            statistics.append(RunningStatistics(looks, self.runs, TAIL))
+            statistics.append(Statistics(looks, self.runs, TAIL))
             statistics[-1].add(rows)
-        return _Statistics(statistics, int(np.count_nonzero(negative)))
-
-
-class _Statistics:
-    """Statistics of each event, and the number of runs with a c_r set to zero."""
-
-    def __init__(self, events: list[RunningStatistics], clipped: int) -> None:
-        self.events, self.clipped = events, clipped
-
-    @property
-    def runs(self) -> int:
-        """Number of runs."""
-        return self.events[0].count
-
-    def merge(self, other: _Statistics) -> None:
-        """Merge the statistics of more runs."""
-        for event, more in zip(self.events, other.events, strict=True):
-            event.merge(more)
-        self.clipped += other.clipped
+        return statistics, int(np.count_nonzero(negative))
 
 
 def mission_monte_carlo(
@@ -196,10 +178,16 @@ def mission_monte_carlo(
         runs_per_block=max(1, SAMPLES_PER_BLOCK // len(time)),
         seed=seed,
     )
-    total = merged(blocks.statistics, blocks.blocks, workers, progress=progress)
-    statistics = [event.statistics() for event in total.events]
-    events = dict(zip(("detection", "track"), statistics, strict=False))
-    return MissionDraws(runs=runs, seed=seed, events=events, clipped=total.clipped)
+    names = ("detection", "track") if m_of_n else ("detection",)
+    events, clipped = {name: Statistics(len(time), runs, TAIL) for name in names}, 0
+    for statistics, negative in in_order(blocks.statistics, blocks.blocks, workers):
+        for event, more in zip(events.values(), statistics, strict=True):
+            event.merge(more)
+        clipped += negative
+        if progress:
+            progress(statistics[0].count)
+    results = {name: event.result() for name, event in events.items()}
+    return MissionDraws(runs=runs, seed=seed, events=results, clipped=clipped)
 
 
 def _accumulated(p_d: FloatArray) -> FloatArray:

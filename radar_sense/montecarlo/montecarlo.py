@@ -8,7 +8,7 @@ blocks. The result therefore depends only on the states and the seed, and not on
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
@@ -19,26 +19,21 @@ from scipy.special import ndtr
 from radar_sense.limits import RUNS, SEED, WORKERS, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
-from radar_sense.montecarlo.parallel import merged
+from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
 from radar_sense.montecarlo.statistics import (
     DrawStatistics,
-    RunningStatistics,
-    Tails,
+    Statistics,
     binomial_interval,
 )
+from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import FloatArray
 
 #: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
-#: Largest number of blocks of a task, divided by the number of radars. Longer tasks transfer
-#: results less often, but cannot be interrupted. Tasks are shorter if there would be fewer than
-#: LEAST_TASKS. The order of sums, and with it the last digits, depends on both numbers.
-MOST_BLOCKS = 4
-LEAST_TASKS = 64
 #: Limits of the runs kept for the figure: number of runs, and number of values of P_D.
 MAX_SAMPLE_PATHS = 500
 MAX_SAMPLE_PATH_POINTS = 2_000_000
@@ -99,108 +94,24 @@ class MonteCarlo(DrawStatistics):
         )
 
 
-class _Statistics:
-    """Statistics of runs."""
+def draw_block(
+    sampler: Sampler, source: Source, block: int, runs: int
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Draw the states of a block of runs, the last of which may have fewer runs.
 
-    def __init__(self, poses: int, runs: int) -> None:
-        self.draws = RunningStatistics(poses, runs, TAIL)
-        self.inside = np.zeros(poses)
-        self.clipped = 0
-        self.sample_paths: list[FloatArray] = []
-
-    @property
-    def runs(self) -> int:
-        """Number of runs added."""
-        return self.draws.count
-
-    def add(self, p_d: FloatArray, clipped: int, sample_paths: int, band: Moments) -> None:
-        """Add P_D of runs (m, n), and keep the first `sample_paths` runs for the figure."""
-        self.draws.add(p_d)
-        self.inside += np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
-        self.clipped += clipped
-        if sample_paths:
-            self.sample_paths.append(p_d[:sample_paths].copy())  # a view would keep the block
-
-    def merge(self, other: _Statistics) -> None:
-        """Add all runs of another instance."""
-        self.draws.merge(other.draws)
-        self.inside += other.inside
-        self.clipped += other.clipped
-        self.sample_paths += other.sample_paths
-
-
-@dataclass(frozen=True, eq=False)
-class Blocks:
-    """The runs of a Monte Carlo computation in blocks.
-
-    Attributes:
+    Args:
         sampler: Draws states and computes P_D.
         source: Source of the unit normals.
-        runs: Number of runs.
-        runs_per_block: Runs of a block; the last block may have fewer.
+        block: Number of the block.
+        runs: Number of runs of all blocks.
+
+    Returns:
+        P_D (m, n), and the runs with a c_r drawn below zero and set to zero (m,).
     """
-
-    sampler: Sampler
-    source: Source
-    runs: int
-    runs_per_block: int
-
-    @property
-    def blocks(self) -> int:
-        """Number of blocks."""
-        return -(-self.runs // self.runs_per_block)
-
-    def runs_of(self, block: int) -> slice:
-        """Return the runs of a block."""
-        first = block * self.runs_per_block
-        return slice(first, min(first + self.runs_per_block, self.runs))
-
-    def normals(self, block: int) -> tuple[FloatArray, FloatArray]:
-        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
-        runs = self.runs_of(block)
-        radar, aircraft = self.source.block(block)
-        return radar[: runs.stop - runs.start], aircraft[: runs.stop - runs.start]
-
-    def p_d(
-        self, radar_normals: FloatArray, aircraft_normals: FloatArray
-    ) -> tuple[FloatArray, int]:
-        """Return P_D (runs, n), and the number of runs with a c_r set to 0.
-
-        The unit normals of the aircraft are overwritten.
-        """
-        radar, negative = self.sampler.draw_radar(radar_normals)
-        p_d = self.sampler.draw_p_d(aircraft_normals, radar, overwrite=True)
-        return p_d, int(np.count_nonzero(negative))
-
-
-@dataclass(frozen=True, eq=False)
-class Tasks:
-    """Tasks of a few blocks each."""
-
-    blocks: Blocks
-    band: Moments
-    sample_paths: int
-
-    @property
-    def blocks_per_task(self) -> int:
-        """Number of blocks of a task."""
-        most = MOST_BLOCKS * len(RADAR) // len(self.blocks.sampler.radar)
-        return max(min(self.blocks.blocks // LEAST_TASKS, most), 1)
-
-    @property
-    def count(self) -> int:
-        """Number of tasks."""
-        return -(-self.blocks.blocks // self.blocks_per_task)
-
-    def statistics(self, task: int) -> _Statistics:
-        """Compute the blocks of a task and return their statistics."""
-        blocks = self.blocks
-        statistics = _Statistics(len(blocks.sampler.aircraft), blocks.runs)
-        first = task * self.blocks_per_task
-        for block in range(first, min(first + self.blocks_per_task, blocks.blocks)):
-            sample_paths = max(0, self.sample_paths - blocks.runs_of(block).start)
-            statistics.add(*blocks.p_d(*blocks.normals(block)), sample_paths, self.band)
-        return statistics
+    rows = slice(min(source.runs, runs - block * source.runs))
+    radar_normals, aircraft_normals = source.block(block)
+    radar, negative = sampler.draw_radar(radar_normals[rows])
+    return sampler.draw_p_d(aircraft_normals[rows], radar, overwrite=True), negative
 
 
 def monte_carlo(
@@ -213,7 +124,6 @@ def monte_carlo(
     method: str = "linear",
     sampler: str = "random",
     executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
 ) -> MonteCarlo:
     """Draw the states of a scenario, and compare P_D with the band of a method of propagation.
 
@@ -227,7 +137,6 @@ def monte_carlo(
         sampler: "random", or "sobol" for quasi-random points.
         executor: Computes in place of threads, with up to 8 calls pending for each of `workers`.
             The result does not depend on the executor.
-        progress: Called with the number of runs of each task that has been computed.
 
     Raises:
         InputError: If an argument is not allowed, or if the runs and poses take too much memory.
@@ -244,7 +153,6 @@ def monte_carlo(
         workers=workers,
         sampler=sampler,
         executor=executor,
-        progress=progress,
     )
 
 
@@ -261,7 +169,6 @@ def monte_carlo_states(
     method: str = "linear",
     sampler: str = "random",
     executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
 ) -> MonteCarlo:
     """Draw Gaussian states, and compare P_D with the band of a method of propagation.
 
@@ -277,7 +184,6 @@ def monte_carlo_states(
         method: Method of propagation of the band.
         sampler: "random" or "sobol".
         executor: Computes in place of threads.
-        progress: Called with the number of runs of each task that has been computed.
 
     Raises:
         ValueError: If a shape does not fit or a number is out of range.
@@ -301,14 +207,13 @@ def monte_carlo_states(
         workers=workers,
         sampler=sampler,
         executor=executor,
-        progress=progress,
     )
 
 
 def _require_possible(poses: int, runs: int, sampler: str) -> None:
     """Raise InputError if the sampler or the memory does not allow the draws."""
     check_sampler(sampler, runs)
-    Tails(poses, runs, TAIL)
+    Statistics(poses, runs, TAIL)
 
 
 def _compare(
@@ -320,7 +225,6 @@ def _compare(
     workers: int,
     sampler: str,
     executor: Executor | None,
-    progress: Callable[[int], None] | None,
 ) -> MonteCarlo:
     """Draw states and compare P_D with a band."""
     check_number("workers", workers, WORKERS)
@@ -328,23 +232,31 @@ def _compare(
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
     source = SAMPLERS[sampler](seed, runs_per_block, poses, states.radar_normals)
-    tasks = Tasks(
-        Blocks(states, source, runs, runs_per_block),
-        band,
-        sample_paths=min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs),
-    )
-    total = merged(tasks.statistics, tasks.count, workers, executor, progress)
-    statistics = total.draws.statistics()
+    shown = min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs)
+
+    def draw(block: int) -> tuple[Statistics, FloatArray, int, FloatArray]:
+        p_d, negative = draw_block(states, source, block, runs)
+        statistics = Statistics(poses, runs, TAIL)
+        statistics.add(p_d)
+        inside = np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
+        sample_paths = p_d[: max(0, shown - block * runs_per_block)]
+        return statistics, inside, int(np.count_nonzero(negative)), sample_paths.copy()
+
+    total, all_inside, clipped, paths = Statistics(poses, runs, TAIL), np.zeros(poses), 0, []
+    blocks = math.ceil(runs / runs_per_block)
+    for statistics, inside, negative, sample_paths in in_order(draw, blocks, workers, executor):
+        total.merge(statistics)
+        all_inside += inside
+        clipped += negative
+        paths.append(sample_paths)
+        report("runs", total.count, runs)
     return MonteCarlo(
-        mean=statistics.mean,
-        std=statistics.std,
-        lower=statistics.lower,
-        upper=statistics.upper,
+        **vars(total.result()),
         runs=runs,
         seed=seed,
         band=band,
-        inside=total.inside,
-        clipped=total.clipped,
-        sample_paths=np.vstack(total.sample_paths),
+        inside=all_inside,
+        clipped=clipped,
+        sample_paths=np.concatenate(paths),
         sampler=sampler,
     )

@@ -5,55 +5,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
-from typing import Any, Protocol, TypeVar
+from typing import TypeVar
 
 from radar_sense.errors import ComputationError
 
 T = TypeVar("T")
-
-
-class Mergeable(Protocol):
-    """Statistics of some runs that can be merged with the statistics of other runs."""
-
-    @property
-    def runs(self) -> int:
-        """Number of runs."""
-        ...
-
-    def merge(self, other: Any, /) -> None:
-        """Add the statistics of other runs."""
-        ...
-
-
-S = TypeVar("S", bound=Mergeable)
-
-
-def merged(
-    statistics: Callable[[int], S],
-    tasks: int,
-    workers: int,
-    executor: Executor | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> S:
-    """Compute the statistics of tasks 0 to tasks − 1 and merge them in this order.
-
-    Args:
-        statistics: Computes the statistics of a task.
-        tasks: Number of tasks, at least one.
-        workers: Number of threads.
-        executor: Computes in place of threads.
-        progress: Called with the number of runs of each task that has been merged.
-    """
-    total: S | None = None
-    for part in in_order(statistics, tasks, workers, executor):
-        if progress:
-            progress(part.runs)
-        if total is None:
-            total = part
-        else:
-            total.merge(part)
-    assert total is not None
-    return total
 
 
 def in_order(

@@ -34,6 +34,11 @@ _SCRAMBLE, _SHIFT = 2**32 - 2, 2**32 - 1
 class Source(Protocol):
     """A source of unit normals."""
 
+    @property
+    def runs(self) -> int:
+        """Number of runs of a block."""
+        ...
+
     def block(self, index: int) -> tuple[FloatArray, FloatArray]:
         """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
         ...

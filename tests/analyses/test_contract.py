@@ -5,7 +5,6 @@ everywhere.
 import dataclasses
 import json
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import ClassVar
 
@@ -73,7 +72,6 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
     without_pixels(monkeypatch, then=lay_out)
     small_batches(monkeypatch)
     few_draws(monkeypatch)
-    monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     for number, content in enumerate(documents(name)):
         s = rs.parse_scenario(yaml_text(content))
         assert len(s.model.radars) == (1, 3)[number]
@@ -105,7 +103,6 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
 def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
     small_batches(monkeypatch)
     few_draws(monkeypatch)
-    monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     options = [f"--{key.replace('_', '-')}={v}" for key, v in SHORT.get(name, {}).items()]
     for content in documents(name):
         Path("my.yaml").write_text(yaml_text(content), encoding="utf-8")

@@ -2,7 +2,6 @@
 
 import json
 import re
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +40,6 @@ POSE = (60, 60, 1)
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_one_radar_by_itself(tool, command, monkeypatch):
-    monkeypatch.setattr(import_module("radar_sense.analyses.convergence"), "BLOCK", 64)
     small_batches(monkeypatch)
     write(yaml_text(mixed_document(sweep=POSE)))
     options = [*COMMANDS[command], "--no-plot", "--out"]

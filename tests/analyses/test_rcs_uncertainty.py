@@ -16,13 +16,11 @@ from scipy.stats import norm
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.convergence import LinearModel
 from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.analyses.mission import with_schedule
 from radar_sense.mission.importance import plan
 from radar_sense.mission.importance.sampling import importance_sampling
 from radar_sense.montecarlo.exceedance import exceeded_anywhere
-from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import exceedance_probability, propagate_scenario
 
 BOLTZMANN = 1.380649e-23
@@ -198,11 +196,6 @@ def test_every_analysis_depends_on_the_rcs_error(name):
     )
     assert list(absent) == list(present)
     assert any(np.any(absent[column] != present[column]) for column in absent)
-
-
-def test_the_control_variate_is_the_linear_method():
-    s = parsed()
-    assert_allclose(LinearModel.of(Sampler.of(s)).std, propagate_scenario(s).std, rtol=1e-12)
 
 
 def flight(folder, names, tau, periods=(8,), decibels=DECIBELS):

@@ -14,7 +14,6 @@ import threading
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
-from importlib import import_module
 from pathlib import Path
 
 import matplotlib as mpl
@@ -82,8 +81,6 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     small_batches(monkeypatch)
     few_draws(monkeypatch)
     monkeypatch.setattr("radar_sense.analyses.coverage.grid.CELLS", 40)
-    convergence = import_module("radar_sense.analyses.convergence")
-    monkeypatch.setattr(convergence, "BLOCK", 64)
 
 
 # Help.

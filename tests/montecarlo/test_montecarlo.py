@@ -5,7 +5,6 @@ by chance once in 16 000 comparisons. For many comparisons the bound is the expe
 deviation.
 """
 
-import dataclasses
 import threading
 import tracemalloc
 
@@ -19,7 +18,6 @@ from scipy.stats import binom
 from radar_sense.errors import ComputationError, ScenarioError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
-from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.montecarlo import montecarlo
 from radar_sense.montecarlo.montecarlo import (
     MAX_SAMPLE_PATHS,
@@ -28,6 +26,7 @@ from radar_sense.montecarlo.montecarlo import (
     monte_carlo_states,
 )
 from radar_sense.montecarlo.sequences import SAMPLERS
+from radar_sense.progress import listening
 from radar_sense.reading.parse import load_scenario
 
 NOTHING = {"position_m": 0, "attitude_deg": 0}
@@ -241,15 +240,13 @@ def test_sample_paths_are_a_subset_of_many_runs():
 
 
 @pytest.mark.parametrize("workers", [1, 3])
-@pytest.mark.parametrize(("runs", "together"), [(8 * 150 + 3, 2), (8 * 301 + 3, 4)])
-def test_tasks_of_several_blocks_are_all_their_draws(monkeypatch, workers, runs, together):
-    """The last block is not full, nor is the last task; and constants are set to zero."""
+def test_statistics_are_those_of_all_draws(monkeypatch, workers):
+    """The last block is not full; and constants are set to zero."""
     monkeypatch.setattr(montecarlo, "SAMPLES_PER_BLOCK", 8 * 13)
-    s = only_radar_constant(std=100.0, geometry__azimuth_deg=FEW)
-    came_in = []
-    mc = monte_carlo(s, runs=runs, seed=5, workers=workers, progress=came_in.append)
-    assert came_in[:-1] == [8 * together] * (len(came_in) - 1)
-    assert sum(came_in) == runs
+    s, runs, shown = only_radar_constant(std=100.0, geometry__azimuth_deg=FEW), 8 * 150 + 3, []
+    with listening(lambda *steps: shown.append(steps)):
+        mc = monte_carlo(s, runs=runs, seed=5, workers=workers)
+    assert shown[1:] == [("runs", min(8 * (i + 1), runs), runs) for i in range(151)]
     sampler = montecarlo.Sampler.of(s)
     source = SAMPLERS["random"](5, 8, 13, sampler.radar_normals)
     draws, clipped = [], []
@@ -269,29 +266,12 @@ def test_tasks_of_several_blocks_are_all_their_draws(monkeypatch, workers, runs,
     np.testing.assert_allclose([mc.lower, mc.upper], quantiles, rtol=1e-13)
 
 
-def test_a_task_of_many_radars_is_a_block():
-    """A long run must stop soon after an interrupt."""
-    s = scenario()
-    sampler = montecarlo.Sampler.of(s)
-    for radars, together in ((1, 4), (2, 2), (3, 1), (16, 1)):
-        several = NetworkModel(tuple(Radar(single(s), f"r{i}") for i in range(radars)))
-        states = dataclasses.replace(sampler, model=several, radar=np.tile(sampler.radar, radars))
-        tasks = montecarlo.Tasks(montecarlo.Blocks(states, None, 10**6, 256), None, 0)
-        assert tasks.blocks_per_task == together
-
-
 def test_no_uncertainty_gives_the_nominal_value_every_time():
     s = only_radar_constant(std=0.0, geometry__azimuth_deg=FEW)
     mc = monte_carlo(s, runs=50)
     np.testing.assert_allclose(mc.mean, mc.band.p_d, rtol=1e-14)
     assert np.max(mc.std) < 1e-15
     np.testing.assert_array_equal(mc.coverage, 1.0)
-
-
-def test_progress_adds_up_to_the_runs():
-    seen = []
-    monte_carlo(load_scenario(), runs=100, workers=2, progress=seen.append)
-    assert sum(seen) == 100
 
 
 @pytest.mark.parametrize("sampler", ["random", "sobol"])
@@ -357,7 +337,7 @@ def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):
         raise RuntimeError("can't start new thread")
 
     with monkeypatch.context() as patch:
-        patch.setattr(montecarlo.Blocks, "p_d", no_memory)
+        patch.setattr(montecarlo, "draw_block", no_memory)
         for workers in (1, 3):
             with pytest.raises(ComputationError, match=r"^out of memory; use fewer workers"):
                 monte_carlo(s, runs=100, workers=workers)

@@ -1,6 +1,7 @@
 """Statistics of blocks against their definitions over all draws."""
 
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -8,41 +9,40 @@ from scipy import stats
 from scipy.special import ndtri
 
 from radar_sense.errors import ScenarioError
-from radar_sense.montecarlo.statistics import (
-    RunningMoments,
-    Tails,
-    binomial_interval,
-    order_statistics,
-)
+from radar_sense.montecarlo.statistics import Statistics, binomial_interval, order_statistics
+
+P = 0.00135
 
 
-def in_blocks(rows, size):
-    return (rows[start : start + size] for start in range(0, len(rows), size))
+def statistics_of(rows, probability, size, merged):
+    """Statistics of rows added block by block, or merged from statistics of each block."""
+    total = Statistics(rows.shape[1], len(rows), probability)
+    for start in range(0, len(rows), size):
+        part = Statistics(rows.shape[1], len(rows), probability) if merged else total
+        part.add(rows[start : start + size])
+        if merged:
+            total.merge(part)
+    return total
 
 
+@pytest.mark.parametrize("merged", [False, True])
 @pytest.mark.parametrize("size", [1, 7, 32, 1000])
-def test_moments_equal_those_of_all_rows_together(size):
+def test_moments_equal_those_of_all_rows_together(size, merged):
     rows = np.random.default_rng(1).normal(0.5, 0.03, (503, 5))
-    moments = RunningMoments(5)
-    for block in in_blocks(rows, size):
-        moments.add(block)
-    np.testing.assert_allclose(moments.mean, rows.mean(axis=0), rtol=1e-14)
-    np.testing.assert_allclose(moments.std(), rows.std(axis=0, ddof=1), rtol=1e-13)
+    found = statistics_of(rows, P, size, merged).result()
+    np.testing.assert_allclose(found.mean, rows.mean(axis=0), rtol=1e-14)
+    np.testing.assert_allclose(found.std, rows.std(axis=0, ddof=1), rtol=1e-13)
 
 
 def test_moments_survive_where_the_naive_sum_of_squares_fails():
     # Deviations of 1e-3 around 1e6: their squares, 1e-6, are below the rounding of 1e12.
     rows = 1e6 + 1e-3 * np.random.default_rng(2).standard_normal((4000, 3))
-    moments = RunningMoments(3)
-    for block in in_blocks(rows, 32):
-        moments.add(block)
+    found = statistics_of(rows, P, 32, merged=True).result()
     exact = np.std((rows - 1e6).astype(np.longdouble), axis=0, ddof=1)
-    np.testing.assert_allclose(moments.std(), exact.astype(float), rtol=1e-7)
+    np.testing.assert_allclose(found.std, exact.astype(float), rtol=1e-7)
     naive = np.sqrt(np.maximum((rows**2).mean(axis=0) - rows.mean(axis=0) ** 2, 0))
     assert np.all(abs(naive / exact - 1) > 0.05)
 
-
-P = 0.00135
 
 #: Rows that are hard on a quantile: a bell, ties, nearly all the same, and a gap in the tail.
 HARD = {
@@ -53,26 +53,14 @@ HARD = {
 }
 
 
-def tails_of(rows, probability, size, merged):
-    tails = Tails(rows.shape[1], len(rows), probability)
-    for block in in_blocks(rows, size):
-        if merged:
-            part = Tails(rows.shape[1], len(rows), probability)
-            part.add(block)
-            tails.merge(part)
-        else:
-            tails.add(block)
-    return tails
-
-
 @pytest.mark.parametrize("merged", [False, True])
 @pytest.mark.parametrize("count", [2, 3, 31, 500, 2501, 20000])
 @pytest.mark.parametrize("probability", [0.00135, 0.01, 0.25])
 def test_tails_are_the_quantiles_of_all_rows(count, probability, merged):
     rows = np.random.default_rng(count).uniform(size=(count, 3)).round(3)  # rounded: with ties
-    low, high = tails_of(rows, probability, 32, merged).quantiles()
-    np.testing.assert_allclose(low, np.quantile(rows, probability, axis=0), atol=1e-15)
-    np.testing.assert_allclose(high, np.quantile(rows, 1 - probability, axis=0), atol=1e-15)
+    found = statistics_of(rows, probability, 32, merged).result()
+    np.testing.assert_allclose(found.lower, np.quantile(rows, probability, axis=0), atol=1e-15)
+    np.testing.assert_allclose(found.upper, np.quantile(rows, 1 - probability, axis=0), atol=1e-15)
 
 
 @pytest.mark.parametrize("size", [256, 1000, 140_000])
@@ -80,37 +68,43 @@ def test_tails_are_the_quantiles_of_all_rows(count, probability, merged):
 def test_tails_of_very_many_rows_are_exact_too(kind, size):
     count = 400_000
     rows = HARD[kind](np.random.default_rng(count + size).uniform(size=(count, 2)))
-    tails = tails_of(rows, P, size, merged=True)
+    found = statistics_of(rows, P, size, merged=True).result()
     expected = np.quantile(rows, [P, 1 - P], axis=0)
-    np.testing.assert_allclose(tails.quantiles(), expected, rtol=1e-13)
-    # the documented memory: 1.5 (p n + 2) rows of either end
-    assert tails.bytes <= 2 * 1.5 * (P * count + 3) * 2 * 8
+    np.testing.assert_allclose([found.lower, found.upper], expected, rtol=1e-13)
+
+
+def test_a_block_may_hold_a_whole_tail():
+    rows = np.sort(np.random.default_rng(4).uniform(size=(200_000, 1)), axis=0)
+    found = statistics_of(rows, P, 1000, merged=True).result()
+    expected = np.quantile(rows, [P, 1 - P], axis=0)
+    np.testing.assert_allclose([found.lower, found.upper], expected, rtol=1e-13)
 
 
 def test_a_million_runs_of_the_paper_take_12_megabytes():
-    rows = np.random.default_rng(6).uniform(size=(10**6, 1))
-    assert 361 * tails_of(rows, P, 100_000, merged=False).bytes == pytest.approx(11.7e6, rel=0.01)
+    """The documented memory: 3 (p n + 2) rows of 361 poses."""
+    statistics = Statistics(10, 10**6, P)
+    generator = np.random.default_rng(6)
+    tracemalloc.start()
+    for _ in range(100):
+        statistics.add(generator.uniform(size=(100, 10)))
+        kept, _ = tracemalloc.get_traced_memory()
+        assert 361 / 10 * kept < 1.05 * 11.7e6
+    tracemalloc.stop()
 
 
 @pytest.mark.parametrize("columns", [1, 361, 100_000])
 def test_more_than_4_gb_is_refused_with_the_number_of_runs_that_fit(columns):
     with pytest.raises(ScenarioError, match=r"more than 4 GB; at most [\d,]+ runs fit") as error:
-        Tails(columns, 10**12, P)
+        Statistics(columns, 10**12, P)
     fit = int(re.search(r"most ([\d,]+) runs", str(error.value))[1].replace(",", ""))
-    Tails(columns, fit, P)
+    Statistics(columns, fit, P)
     with pytest.raises(ScenarioError):
-        Tails(columns, int(1.02 * fit) + 1000, P)
+        Statistics(columns, int(1.02 * fit) + 1000, P)
 
 
 def test_more_poses_than_fit_are_refused():
     with pytest.raises(ScenarioError, match=r"2 runs of 100,000,000 poses .* use fewer poses$"):
-        Tails(10**8, 2, P)
-
-
-def test_tails_that_lost_rows_are_nan():
-    # The rows come sorted: the first blocks hold the whole tail, far more than their share.
-    rows = np.sort(np.random.default_rng(4).uniform(size=(200_000, 1)), axis=0)
-    assert np.isnan(tails_of(rows, P, 1000, merged=False).quantiles()[0])
+        Statistics(10**8, 2, P)
 
 
 def test_order_statistics_are_linear_between_two():

@@ -14,11 +14,9 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
-from radar_sense.analyses.convergence import LinearModel
 from radar_sense.analyses.error_budget import error_budget, value_function
 from radar_sense.model.radar_constant import shape_warning
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import (
     METHODS,
     nonlinear_in_scenario,
@@ -151,24 +149,8 @@ def test_a_network_of_one_is_the_single_radar_bit_for_bit(sampler):
     assert single_radar_scenarios(one) == single_radar_scenarios(single) == {}
     mine, theirs = (monte_carlo(s, sampler=sampler) for s in (one, single))
     assert_array_equal(mine.sample_paths, theirs.sample_paths)
-    mine, theirs = (LinearModel.of(Sampler.of(s)) for s in (one, single))
-    assert_array_equal(mine.by_radar, theirs.by_radar)
     assert analyses.budget(one).report == analyses.budget(single).report
     assert analyses.budget(one).warnings == analyses.budget(single).warnings
-
-
-def test_the_control_variate_knows_the_parts_of_every_radar():
-    s = mixed_network()
-    linear = LinearModel.of(Sampler.of(s))
-    assert linear.by_radar.shape == (3, 16)
-    assert_allclose(linear.std, propagate_scenario(s).std, rtol=1e-12)
-    sampler, step = Sampler.of(s), 1e-5
-    for i in range(16):
-        ahead, behind = (
-            s.model.p_d(s.aircraft, sampler.draw_radar(side * np.eye(16)[[i]])[0])
-            for side in (step, -step)
-        )
-        assert_allclose(linear.by_radar[:, i], (ahead - behind) / (2 * step), atol=1e-8)
 
 
 def test_distribution_warnings_name_the_radar():
