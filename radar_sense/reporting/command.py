@@ -1,60 +1,79 @@
-"""The command `report`: gathers the analyses of a scenario, and writes them as one HTML page."""
+"""The command `report`: asks the other commands, and writes their answers as one HTML page."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from radar_sense import files
+from radar_sense.analyses.budget import budget
+from radar_sense.analyses.compare import compare
 from radar_sense.analyses.contract import (
     OPTIONS,
     Command,
     FigureError,
     Progress,
+    Result,
     Written,
     silent,
 )
+from radar_sense.analyses.coverage_map import coverage_map
+from radar_sense.analyses.detection_range import detection_range
+from radar_sense.analyses.mission import mission
+from radar_sense.analyses.overview import overview
 from radar_sense.analyses.variance import variance
-from radar_sense.analyses.verdicts.threshold import AUTOMATIC
-from radar_sense.reporting.page import page
-from radar_sense.reporting.results import Results, run_analyses
-from radar_sense.reporting.sections import Section, sections
+from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
+from radar_sense.errors import InputError
+from radar_sense.reporting.page import Section, page
 from radar_sense.scenario import Scenario
+
+#: Draws at each pose of the comparison of methods.
+DRAWS = 20_000
+#: Most poses of the comparison, and most poses times radars. These bound the time.
+POSES, POSES_BY_RADARS = 31, 250
+#: Degrees between the bearings of the ranges.
+BEARINGS_DEG = 3.0
+
+#: A command with its question, and how to ask it.
+Question = tuple[Command, str, Callable[[], Result]]
 
 
 @dataclass(frozen=True, eq=False)
 class Report:
-    """The report of a scenario: results of analyses, and sections with answers.
+    """The report of a scenario.
 
     Attributes:
-        results: The results of the analyses.
+        scenario: The scenario, with the level, the method, the seed and the radar of the report.
         sections: The questions, with their answers.
     """
 
-    results: Results
+    scenario: Scenario
     sections: tuple[Section, ...]
 
     @property
     def stem(self) -> str:
         """Name of the file, without folder and ending."""
-        return report.stem(self.results.scenario)
+        return report.stem(self.scenario)
 
     @property
     def passed(self) -> bool:
         """Whether the threshold test holds, if there is one."""
-        return self.results.variance.passed
+        return all(section.result.passed for section in self.sections if section.result)
 
     @property
     def report(self) -> tuple[str, ...]:
-        """The answers, for the terminal."""
-        return tuple(section.answer for section in self.sections)
+        """The first line of each answer, for the terminal."""
+        return tuple(f"{section.key}: {section.lines[0]}" for section in self.sections)
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """The warnings of all analyses, each once."""
-        return tuple(dict.fromkeys(w for section in self.sections for w in section.warnings))
+        """The warnings of all answers, each once."""
+        return tuple(warning for section in self.sections for warning in section.warnings)
 
     def html(self, command: Sequence[str] = ()) -> str:
         """Return the page.
@@ -66,11 +85,11 @@ class Report:
             FigureError: If a figure cannot be drawn.
         """
         return page(
-            self.results.scenario,
+            self.scenario,
             self.sections,
             command=command,
             versions=files.versions(),
-            document=files.yaml_text(self.results.scenario.resolved()),
+            document=files.yaml_text(self.scenario.resolved()),
         )
 
     def save(self, folder: str | Path = ".", *, command: Sequence[str] = ()) -> list[Path]:
@@ -120,7 +139,7 @@ class Gathering(Command):
 def _report(
     scenario: Scenario,
     *,
-    method: str = AUTOMATIC,
+    method: str | None = None,
     threshold: float | None = None,
     k: float | None = None,
     workers: int = 1,
@@ -128,15 +147,14 @@ def _report(
 ) -> Report:
     """One HTML page: the questions about a scenario, and the answers.
 
-    The page has P_D with its band, the error budget, and a comparison of the methods. The mission
-    along a path, a map, all warnings, and the scenario follow. With a threshold the page has the
-    threshold test too. Exit code 3 means that the test is violated or not known. The page needs no
-    network and no script. There is no JSON record: the page has the command, the versions, the seed
-    and the scenario.
+    Each question is answered by a command: its lines, warnings and figure, and the extremes of its
+    table. With a threshold the page has the threshold test too, and exit code 3 means that the test
+    is violated or not known. The page needs no network and no script. It ends with the command, the
+    versions and the scenario.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation. "automatic" is as in `variance` and `budget`.
+        method: Method of propagation; the scenario's if None.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
         workers: Threads to compute with; the page does not depend on their number.
@@ -145,10 +163,75 @@ def _report(
     Raises:
         InputError: If an option is not allowed, or k is given alone.
     """
-    results = run_analyses(
-        scenario, method=method, threshold=threshold, k=k, workers=workers, progress=progress
+    scenario = scenario.with_analysis(method=method)
+    warnings = plausibility_warnings(scenario)
+    sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
+    questions = list(_questions(scenario, threshold, k, workers))
+    with progress(len(questions), "analyses") as advance:
+        for command, question, ask in questions:
+            seen = {warning for section in sections for warning in section.warnings}
+            sections.append(_answer(command, question, ask, seen))
+            if advance:
+                advance(1)
+    return Report(scenario, tuple(sections))
+
+
+def _questions(
+    scenario: Scenario, threshold: float | None, k: float | None, workers: int
+) -> Iterator[Question]:
+    test = {"method": scenario.method, "threshold": threshold, "k": k}
+    compared = scenario.at_poses(compared_poses(scenario))
+    ranged = "form" if scenario.method == "automatic" else scenario.method
+    yield (
+        variance,
+        "How sure is the probability of detection?",
+        lambda: variance(scenario, **test),
     )
-    return Report(results, sections(results))
+    yield (
+        budget,
+        "Where does the uncertainty come from, and what should be measured better first?",
+        lambda: budget(scenario, **test),
+    )
+    yield (
+        compare,
+        "How far can each method be trusted here?",
+        lambda: compare(compared, runs=DRAWS, workers=workers),
+    )
+    if scenario.time_s is not None:
+        yield (
+            mission,
+            "Will the flight have been detected?",
+            lambda: mission(scenario, workers=workers),
+        )
+    yield (
+        detection_range,
+        "How far does each radar see?",
+        lambda: detection_range(scenario, method=ranged, step_deg=BEARINGS_DEG),
+    )
+    yield (
+        coverage_map,
+        "Where in the area is P_D high?",
+        lambda: coverage_map(scenario, workers=workers),
+    )
+
+
+def _answer(command: Command, question: str, ask: Callable[[], Result], seen: set[str]) -> Section:
+    """Return the section of a question. A scenario may have no answer, but it has P_D."""
+    try:
+        result = ask()
+    except InputError as error:
+        if command is variance:
+            raise
+        return Section(command.name, question, (f"no answer: {error}",))
+    new = tuple(warning for warning in result.warnings if warning not in seen)
+    return Section(command.name, question, result.report, new, result)
+
+
+def compared_poses(scenario: Scenario) -> NDArray[np.intp]:
+    """Return the poses at which the methods are compared, evenly spaced over the geometry."""
+    count = len(scenario.axis)
+    most = max(2, min(POSES, POSES_BY_RADARS // len(scenario.model.radars)))
+    return np.linspace(0, count - 1, min(count, most)).round().astype(np.intp)
 
 
 _OF_VARIANCE = {option.name: option for option in variance.options}
@@ -159,7 +242,7 @@ report = Gathering(
     options=(
         OPTIONS["level"],
         OPTIONS["radar"],
-        _OF_VARIANCE["method"],
+        replace(_OF_VARIANCE["method"], default=None, default_text="the scenario's"),
         _OF_VARIANCE["threshold"],
         _OF_VARIANCE["k"],
         OPTIONS["seed"],

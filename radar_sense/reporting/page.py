@@ -1,28 +1,49 @@
-"""The page of a report: the sections in order, the style, and how to make the report again."""
+"""The page of a report: a question, and what the command of the question prints, draws and writes.
+
+Everything is in one file, which uses no script and nothing from outside. Text that is not of the
+page itself passes through `escaped`.
+"""
 
 from __future__ import annotations
 
+import base64
+import html
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from importlib import resources
+from string import Template
 
-from radar_sense.reporting.figure import Drawing
-from radar_sense.reporting.html_elements import (
-    Html,
-    code,
-    element,
-    escaped,
-    items,
-    joined,
-    scrolling,
-    table,
-)
-from radar_sense.reporting.sections import Section
+import numpy as np
+
+from radar_sense.analyses.contract import FigureError, Result
+from radar_sense.errors import printable
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 
-#: The page may use nothing outside its file: no script, no font, no request.
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
-_AGAIN = "How can this report be made again?"
+#: Most columns of a result on the page. A network has some ten for each radar.
+MOST_COLUMNS = 14
+#: Most places of a least or largest value. More places are a tie of many equals.
+MOST_PLACES = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Section:
+    """A question and its answer.
+
+    Attributes:
+        key: Name of the command that answers, and id on the page.
+        question: Heading.
+        lines: Lines of the answer.
+        warnings: Warnings about the answer that no earlier section has.
+        result: Result with the figure and the table; None without them.
+    """
+
+    key: str
+    question: str
+    lines: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    result: Result | None = None
 
 
 def page(
@@ -30,7 +51,7 @@ def page(
     sections: Sequence[Section],
     *,
     command: Sequence[str],
-    versions: Mapping[str, str],
+    versions: Mapping[str, str | None],
     document: str,
 ) -> str:
     """Return the page.
@@ -40,129 +61,115 @@ def page(
         sections: The sections.
         command: The command line; empty if there was none.
         versions: Versions of the packages by name.
-        document: The resolved scenario as YAML.
+        document: The scenario as YAML.
+
+    Raises:
+        FigureError: If a figure cannot be drawn.
     """
-    title = f"{scenario.name}: how sure is the probability of detection?"
-    style = resources.files("radar_sense.reporting").joinpath("report.css").read_text("utf-8")
-    head = element(
-        "head",
-        Html('<meta charset="utf-8">'),
-        Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
-        Html(f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'),
-        Html('<meta name="color-scheme" content="light dark">'),
-        element("title", escaped(title)),
-        element("style", Html(style)),
-    )
-    body = element(
-        "body",
-        element("a", "Skip to the answers", href="#answers", class_="skip"),
-        element(
-            "header",
-            element("p", "Report of radar-sense", class_="kind"),
-            element("h1", escaped(title)),
-            element(
-                "p",
-                f"Scenario {scenario.name}, level of radar uncertainty {scenario.level}, seed "
-                f"{scenario.seed}, radar-sense {versions['radar-sense']}.",
-            ),
-        ),
-        element("nav", element("h2", "In short"), _contents(sections), aria_label="In short"),
-        element(
-            "main",
-            *_each(sections),
-            _made(scenario, command, versions, document),
-            id="answers",
-            tabindex="-1",
-        ),
-        element(
-            "footer",
-            element(
-                "p",
-                "All numbers hold for the scenario and the models stated here, and for nothing "
-                "else.",
-            ),
+    template = resources.files("radar_sense.reporting").joinpath("page.html").read_text("utf-8")
+    made = Section(
+        "again",
+        "How can this report be made again?",
+        (
+            *([shlex.join(command)] if command else []),
+            ", ".join(f"{name} {version}" for name, version in versions.items()),
+            *document.splitlines(),
         ),
     )
-    return f'<!DOCTYPE html>\n<html lang="en">{head}\n{body}\n</html>\n'
-
-
-def _contents(sections: Sequence[Section]) -> Html:
-    lines = []
-    for section in sections:
-        count = len(section.warnings)
-        words = f"{count} warning{'s' if count > 1 else ''}"
-        lines.append(
-            element(
-                "li",
-                element("a", section.question, href=f"#{section.key}"),
-                element("p", section.answer),
-                *([element("p", words, class_="count")] if count else []),
-            )
-        )
-    lines.append(element("li", element("a", _AGAIN, href="#again")))
-    return element("ol", *lines)
-
-
-def _each(sections: Sequence[Section]) -> list[Html]:
-    """Return the sections. A warning of an earlier section is a link, not a repetition."""
-    sections_by_warning: dict[str, Section] = {}
-    pages = []
-    for section in sections:
-        heading = f"{section.key}-question"
-        pages.append(
-            element(
-                "section",
-                element("h2", section.question, id=heading),
-                element("p", section.answer, class_="answer"),
-                *_warnings(section, sections_by_warning),
-                *(part.draw() if isinstance(part, Drawing) else part for part in section.body),
-                *([element("p", f"Analysis: {section.by}.", class_="by")] if section.by else []),
-                id=section.key,
-                aria_labelledby=heading,
-            )
-        )
-        sections_by_warning = {**dict.fromkeys(section.warnings, section), **sections_by_warning}
-    return pages
-
-
-def _warnings(section: Section, sections_by_warning: Mapping[str, Section]) -> list[Html]:
-    if not section.warnings:
-        return []
-    new: list[str] = [warning for warning in section.warnings if warning not in sections_by_warning]
-    earlier = {
-        sections_by_warning[w].key: sections_by_warning[w].question
-        for w in section.warnings
-        if w in sections_by_warning
-    }
-    new += [
-        joined("The same as under ", element("a", question, href=f"#{key}"))
-        for key, question in earlier.items()
-    ]
-    return [element("div", element("h3", "Warnings"), items(new), class_="warnings")]
-
-
-def _made(
-    scenario: Scenario, command: Sequence[str], versions: Mapping[str, str], document: str
-) -> Html:
-    rows: list[tuple[str, ...]] = [("Seed", str(scenario.seed))]
-    if command:
-        rows.insert(0, ("Command", code(shlex.join(command))))
-    rows.append(("Versions", ", ".join(f"{name} {number}" for name, number in versions.items())))
-    yaml = element("pre", element("code", escaped(document)))
-    return element(
-        "section",
-        element("h2", _AGAIN, id="again-question"),
-        element(
-            "p",
-            "Run the command again in the same folder. Or save the scenario below as a file in "
-            "that folder: the scenario has the level, the seed and the radars of this report, and "
-            "needs the files named in the scenario. The same versions give the same report, byte "
-            "for byte.",
-            class_="answer",
+    return Template(template).substitute(
+        title=escaped(f"{scenario.name}: how sure is the probability of detection?"),
+        summary=escaped(
+            f"Level of radar uncertainty {scenario.level}, method {scenario.method}, "
+            f"seed {scenario.seed}."
         ),
-        table("How this report was made", (), rows),
-        element("h3", "The scenario, with every default filled in"),
-        scrolling(yaml, "The scenario as YAML"),
-        id="again",
-        aria_labelledby="again-question",
+        contents="\n".join(map(_entry, sections)),
+        sections="\n".join(map(_section, [*sections, made])),
     )
+
+
+def escaped(text: str) -> str:
+    """Return text as HTML, with control characters and marks of direction as Python writes them."""
+    return html.escape(printable(text))
+
+
+def _entry(section: Section) -> str:
+    count = len(section.warnings)
+    warnings = f' <span class="count">Warnings: {count}</span>' if count else ""
+    first = escaped(section.lines[0])
+    question = escaped(section.question)
+    return f'<li><a href="#{section.key}">{question}</a><br>{first}{warnings}</li>'
+
+
+def _section(section: Section) -> str:
+    lines = "".join(f"<span>{escaped(line)}</span>" for line in section.lines)
+    parts = [f"<h2>{escaped(section.question)}</h2>"]
+    if section.result:
+        by = f"{section.result.analysis}: {section.result.small_print}"
+        parts.append(f'<p class="by">{escaped(by)}</p>')
+    parts.append(f"<pre>{lines}</pre>")
+    if section.warnings:
+        items = "".join(f"<li>{escaped(warning)}</li>" for warning in section.warnings)
+        parts.append(f'<ul class="warnings" aria-label="Warnings">{items}</ul>')
+    if section.result:
+        parts += [_figure(section.result, section.lines[0]), _table(section.result)]
+    return f'<section id="{section.key}">{"".join(parts)}</section>'
+
+
+def _figure(result: Result, words: str) -> str:
+    try:
+        from radar_sense.plotting import render
+
+        drawn = base64.b64encode(render(result.plot(), "svg")).decode()
+    except Exception as error:
+        raise FigureError(
+            f"the figure of {result.analysis} could not be drawn "
+            f"({type(error).__name__}: {error}); nothing is written"
+        ) from error
+    seen = escaped(f"Figure of {result.analysis}: {words}")
+    return f'<img alt="{seen}" src="data:image/svg+xml;base64,{drawn}">'
+
+
+def _table(result: Result) -> str:
+    """Return the least and the largest value of each column, and where they are."""
+    shown = list(result.table)[:MOST_COLUMNS]
+    caption = f"Least and largest values of the table that radar-sense {result.analysis} writes"
+    if others := len(result.table) - len(shown):
+        caption += f"; it has {others} columns more"
+    head = "".join(f'<th scope="col">{name}</th>' for name in ("Column", "Least", "Largest"))
+    body = "".join(f"<tr>{''.join(_cells(result, name))}</tr>" for name in shown)
+    return (
+        f"<table><caption>{escaped(caption)}.</caption>"
+        f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    )
+
+
+def _cells(result: Result, name: str) -> Iterable[str]:
+    column = result.columns.get(name)
+    meaning = f"<br>{escaped(column.meaning)}" if column else ""
+    yield f'<th scope="row"><code>{escaped(name)}</code>{meaning}</th>'
+    first, values = next(iter(result.table)), np.asarray(result.table[name], dtype=float)
+    unit = column.unit if column else ""
+    known = values[np.isfinite(values)]
+    for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
+        words = f"{number(extreme)} {unit}".strip()
+        if name != first and values.shape == result.table[first].shape:
+            words += _places(result, first, np.isclose(values, extreme, rtol=1e-9, atol=1e-9))
+        yield f"<td>{escaped(words)}</td>"
+
+
+def _places(result: Result, axis: str, mask: FloatArray) -> str:
+    """Return where a value is reached; "" at many places."""
+    places = result.table[axis][mask]
+    if not 1 <= len(places) <= MOST_PLACES:
+        return ""
+    unit = result.columns[axis].unit if axis in result.columns else ""
+    return f" at {' and '.join(f'{place:.10g}' for place in places)} {unit}".rstrip()
+
+
+def number(value: float) -> str:
+    """Return a number in four digits; 0 below 1e-6, which is rounding, and large ones in full."""
+    if np.isnan(value):
+        return "no value"
+    if abs(value) < 1e-6:
+        return "0"
+    return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.4g}"

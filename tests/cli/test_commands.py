@@ -100,8 +100,8 @@ def examples(text: str) -> list[str]:
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
-    monkeypatch.setattr("radar_sense.reporting.results.DRAWS", 40)
-    monkeypatch.setattr("radar_sense.reporting.figure.Drawing.draw", lambda drawing: "")
+    monkeypatch.setattr("radar_sense.reporting.command.DRAWS", 40)
+    monkeypatch.setattr("radar_sense.reporting.page._figure", lambda result, words: "")
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")
     lines = examples(out)

@@ -23,8 +23,6 @@ from radar_sense.propagation import (
     upper_bound_in_scenario,
 )
 from radar_sense.reading.parse import load_scenario
-from radar_sense.reporting import results
-from radar_sense.reporting.command import report
 
 RADARS = (1, 6)
 
@@ -260,21 +258,3 @@ def test_evaluations_of_ranges(method, radars, count):
     rays = bearings / len(s.aircraft)
     assert gradients <= RANGE_COUNTS[method] * rays
     assert values <= 900 * rays
-
-
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-def test_evaluations_of_a_report(method, radars, count, monkeypatch):
-    """A report costs its analyses: variance, budget, two comparisons, a halved budget, a map."""
-    monkeypatch.setattr(results, "DRAWS", 100)
-    s = problem(radars)
-    cells = report(s).results.map.table["p_d"].size / len(s.aircraft)
-    gradients, values = count(lambda s: report(s, method=method), s)
-    once = sum(once_checked(other) for other in METHODS)
-    # of the budget, and of the halved budget at one pose
-    parts = (4 if radars == 1 else 2 + radars + 1 + 2 * radars) * (1 + 1 / len(s.aircraft))
-    itself = EXPANSION + 19 if radars > 1 else 0
-    most = 2 * (once_checked(method) + itself) + 2 * (1 + once)
-    assert gradients <= most + (3 * EXPANSION + 19 * parts if method == "form" else 2)
-    # the warnings of each section are compared with the warnings of the scenario
-    assert values <= cells + 2 * (100 + 8) + 10 + 5
