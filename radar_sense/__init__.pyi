@@ -40,10 +40,10 @@ from radar_sense.propagation import nonlinear as nonlinear
 from radar_sense.propagation import propagate as propagate
 from radar_sense.reading.parse import load_scenario as load_scenario
 from radar_sense.reading.parse import parse_scenario as parse_scenario
-from radar_sense.reading.rcs_file import load_rcs_table as load_rcs_table
-from radar_sense.reading.route_file import load_route as load_route
 from radar_sense.reporting.command import report as report
 from radar_sense.scenario import Scenario as Scenario
+from radar_sense.scenario_file.rcs_file import load_rcs_table as load_rcs_table
+from radar_sense.scenario_file.route_file import load_route as load_route
 
 __version__: str
 __all__: list[str]

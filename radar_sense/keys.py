@@ -330,7 +330,7 @@ AIRCRAFT = (Key("rcs", "Radar cross section."), ATTITUDE)
 RCS_MODEL = Key("model", "RCS model.", choices=RCS_MODELS)
 FILE = Key(
     "file",
-    "Name of a CSV file (a route: GPX or KML too), from the folder of the scenario file.",
+    "Name of a CSV file (a route: GPX too), from the folder of the scenario file.",
     pattern=r"[^\0\r\n]{1,1000}",
     allowed="the name of a CSV file",
 )
@@ -370,7 +370,7 @@ AXIS = Key("axis", "Axis of tables and figures.", choices=("time", "distance"), 
 MAX_GAP = Key("max_gap_s", "Longest step of time allowed in the file.", POSITIVE, default=None)
 ALTITUDE_ABOVE = Key(
     "altitude_above",
-    "What the altitudes of the file are above. Without the key: the sea in GPX and KML, else the "
+    "What the altitudes of the file are above. Without the key: the sea in GPX, else the "
     "ellipsoid. The sea and pressure altitude need geoid_height_m.",
     choices=("ellipsoid", "sea", "pressure"),
     default=None,

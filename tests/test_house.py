@@ -13,6 +13,7 @@ STOREYS = (
     ("__main__", "__init__"),
     ("cli",),
     ("reading",),
+    ("scenario_file",),
     ("reporting",),
     ("analyses",),
     ("plotting", "files"),
@@ -90,11 +91,12 @@ def test_no_circle():
         visit(name, ())
 
 
-def test_only_the_command_line_and_the_public_names_import_reading():
+def test_only_the_command_line_and_the_public_names_import_readers_of_files():
+    folders = ("reading", "scenario_file")
     readers = {
         name
         for name, targets in arrows().items()
-        if not name.startswith("reading") and any(t.startswith("reading") for t in targets)
+        if not name.startswith(folders) and any(t.startswith(folders) for t in targets)
     }
     assert readers == {"cli"}
 

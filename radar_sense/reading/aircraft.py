@@ -10,9 +10,9 @@ from radar_sense import keys
 from radar_sense.model.rcs import RCS, RCS_MODELS
 from radar_sense.provenance import TableFile
 from radar_sense.reading.geometry import is_path
-from radar_sense.reading.rcs_file import read_rcs_table
-from radar_sense.reading.text_file import recorded
 from radar_sense.reading.yaml_reader import Entry, file_errors
+from radar_sense.scenario_file.rcs_file import read_rcs_table
+from radar_sense.scenario_file.text_file import recorded
 from radar_sense.states import FloatArray
 
 

@@ -35,9 +35,9 @@ from pathlib import Path
 from radar_sense import axis, keys, provenance
 from radar_sense.errors import InputError
 from radar_sense.model.trajectory import Route, resample
-from radar_sense.reading.route_file import read_route
-from radar_sense.reading.text_file import recorded
 from radar_sense.reading.yaml_reader import Entry, file_errors
+from radar_sense.scenario_file.route_file import read_route
+from radar_sense.scenario_file.text_file import recorded
 
 
 def read_path(entry: Entry) -> tuple[axis.Axis, Route, provenance.Path]:
@@ -63,7 +63,7 @@ def read_path(entry: Entry) -> tuple[axis.Axis, Route, provenance.Path]:
     expected = section.value(keys.SHA256)
     with file_errors(section):
         route, sha256 = read_route(
-            path, origin=origin, max_gap_s=max_gap_s, conventions=conventions, sha256=expected
+            path, origin=origin, max_gap_s=max_gap_s, sha256=expected, **vars(conventions)
         )
     if step is not None:
         try:

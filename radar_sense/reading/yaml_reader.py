@@ -19,7 +19,7 @@ import yaml
 from radar_sense.errors import InputError, did_you_mean, shorten
 from radar_sense.keys import FILE, SHA256, YES_NO, Key, declared, declared_sections
 from radar_sense.limits import ANY, LARGEST, SMALLEST, Limit
-from radar_sense.reading.text_file import (
+from radar_sense.scenario_file.text_file import (
     NOT_FINITE,
     NUMBER,
     DigestError,

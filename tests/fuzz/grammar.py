@@ -22,7 +22,7 @@ from radar_sense.keys import Key
 from radar_sense.limits import LARGEST, SMALLEST, STYLES, Limit
 from radar_sense.model.radar_equation import RADARS
 from radar_sense.model.rcs import RCS_MODELS
-from radar_sense.reading import rcs_file, route_file
+from radar_sense.scenario_file import rcs_file, route_file
 
 #: The scenario file of a case.
 CONFIG = "my.yaml"

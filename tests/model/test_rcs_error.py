@@ -26,7 +26,7 @@ from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import METHODS, nonlinear_in_scenario, propagate_scenario
-from radar_sense.reading.rcs_file import load_rcs_table
+from radar_sense.scenario_file.rcs_file import load_rcs_table
 
 RNG = np.random.default_rng(17)
 AZIMUTH = np.deg2rad(np.arange(-180, 180, 20.0))

@@ -14,7 +14,7 @@ import radar_sense as rs
 from radar_sense.analyses.coverage.grid import Grid, p_d_in_cells
 from radar_sense.model.trajectory import resample
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reading.route_file import load_route
+from radar_sense.scenario_file.route_file import load_route
 
 A, F = 6378137.0, 1 / 298.257223563
 DEG = math.pi / 180

@@ -24,7 +24,7 @@ from radar_sense.montecarlo.adaptive import validate_method
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reading import route_file
+from radar_sense.scenario_file import table_file
 
 ROOT = Path(__file__).parents[2]
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
@@ -259,7 +259,7 @@ def test_latitude_and_longitude_are_about_the_origin(tmp_path):
     assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
     assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
     assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
-    with pytest.raises(ScenarioError, match=r"route\.csv:1: latitude_deg: needs the origin"):
+    with pytest.raises(ScenarioError, match=r"route\.csv:1: latitude and longitude need the"):
         load(tmp_path, text)
 
 
@@ -520,8 +520,7 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
 
 
 def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
-    smaller = dataclasses.replace(route_file.FORMAT, max_bytes=2**20)
-    monkeypatch.setattr(route_file, "FORMAT", smaller)
+    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
     file = write_path(tmp_path, ROUTE + "#" * 2**20)
     with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
         rs.load_scenario(file)

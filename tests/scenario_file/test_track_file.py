@@ -1,7 +1,9 @@
-"""GPX, KML, ADS-B state vectors and waypoints with a speed give the route of an equal CSV file."""
+"""GPX, ADS-B state vectors and waypoints with a speed give the route of an equal CSV file."""
 
 import hashlib
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,8 @@ from helpers import write_path
 
 import radar_sense as rs
 from radar_sense.errors import InputError
-from radar_sense.reading.route_file import load_route
+from radar_sense.scenario_file import table_file, track_file
+from radar_sense.scenario_file.route_file import load_route
 
 ORIGIN = (math.radians(47), math.radians(8), 400.0)
 #: Seconds after 07:00:00, latitude, longitude [deg], altitude [m].
@@ -23,11 +26,6 @@ POINTS = [
 ]
 TIMES = [f"2026-11-22T07:00:{t:07.4f}Z" for t, *_ in POINTS]
 GPX = '<gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1"><{0}>{1}</{0}></gpx>'
-KML = (
-    '<kml xmlns="http://www.opengis.net/kml/2.2" xmlns:gx="http://www.google.com/kml/ext/2.2">'
-    "<Document><Placemark>{}</Placemark></Document></kml>"
-)
-MODE = "<altitudeMode>absolute</altitudeMode>"
 
 
 def gpx(points=POINTS, times=TIMES):
@@ -39,17 +37,6 @@ def gpx(points=POINTS, times=TIMES):
     body = [point(*pair) for pair in zip(points, times, strict=True)]
     segments = (f"<trkseg>{''.join(part)}</trkseg>" for part in (body[:2], body[2:]))
     return GPX.format("trk", "<name>a</name>" + "".join(segments))
-
-
-def kml(mode=MODE):
-    when = "".join(f"<when>{time}</when>\n" for time in TIMES)
-    coord = "".join(f"<gx:coord>{lon} {lat} {alt}</gx:coord>\n" for _, lat, lon, alt in POINTS)
-    return KML.format(f"<gx:Track>{mode}{when}{coord}</gx:Track>")
-
-
-def line_string(mode=MODE):
-    places = "\n".join(f"{lon},{lat},{alt}" for _, lat, lon, alt in POINTS)
-    return KML.format(f"<LineString>{mode}<coordinates>\n{places}\n</coordinates></LineString>")
 
 
 def opensky(points=POINTS, aircraft="4b1812", others=()):
@@ -101,16 +88,16 @@ SEA = {"geoid_height_m": 47.5}
 def test_every_format_has_the_route_of_a_csv_file(load):
     on_ellipsoid, on_sea = load("a.csv", csv()), load("b.csv", csv(higher(47.5)))
     assert not np.allclose(on_ellipsoid.aircraft[:, 2], on_sea.aircraft[:, 2], atol=40)
-    for name, text in (("a.gpx", gpx()), ("a.KML", kml())):
-        same(load(name, text, **SEA), on_sea)
-        same(load(name, text, altitude_above="sea", **SEA), on_sea)
-        same(load(name, text, altitude_above="ellipsoid"), on_ellipsoid)
+    for text in (gpx(), f'<?xml version="1.0" encoding="UTF-8"?>\n<!-- a -->{gpx()}'):
+        same(load("a.GPX", text, **SEA), on_sea)
+        same(load("a.gpx", text, altitude_above="sea", **SEA), on_sea)
+        same(load("a.gpx", text, altitude_above="ellipsoid"), on_ellipsoid)
+    beside = gpx().replace("<trk>", "<rte><rtept lat='x'/></rte><rte/><trk>")
+    same(load("a.gpx", beside, **SEA), on_sea)  # a track is used, whatever the routes beside it
     same(load("a.csv", csv(), altitude_above="sea", **SEA), on_sea)
     same(load("a.csv", opensky()), on_ellipsoid)
     same(load("a.csv", opensky(others=["abc123"]), icao24="4B1812"), on_ellipsoid)
     same(load("a.csv", opensky(), altitude_above="pressure", geoid_height_m=40.0), on_ellipsoid)
-    two = kml().replace("<gx:Track>", "<gx:MultiTrack>" + MODE + "<gx:Track>").replace(MODE, "", 1)
-    same(load("a.kml", two.replace("</gx:Track>", "</gx:Track></gx:MultiTrack>"), **SEA), on_sea)
 
 
 def arc(one, other):
@@ -137,7 +124,6 @@ def test_waypoints_with_a_speed(load):
         np.testing.assert_allclose(found.time_s, expected, rtol=1e-6, atol=0)
     steady = load("a.gpx", gpx(times=[""] * 4), speed_m_s=100.0, altitude_above="ellipsoid")
     np.testing.assert_allclose(steady.time_s, np.cumsum([0, *legs]) / 100, rtol=1e-6)
-    same(load("a.kml", line_string(), speed_m_s=100, altitude_above="ellipsoid"), steady)
     route = gpx(times=[""] * 4).replace("trkpt", "rtept")
     route = route.replace("<trk>", "<rte>").replace("</trk>", "</rte>")
     route = route.replace("<trkseg>", "").replace("</trkseg>", "")
@@ -151,15 +137,19 @@ def test_waypoints_with_a_speed(load):
 DOCTYPE = '<!DOCTYPE a [<!ENTITY b "c">]>'
 NED = "time_s,north_m,east_m,down_m\n0,0,0,0\n1,9,0,0\n"
 REFUSED = {
-    "sea without geoid": ("a.gpx", gpx(), {}, "a.gpx: altitudes above the sea need geoid_height_m"),
-    "sea without geoid, kml": ("a.kml", kml(), {}, "a.kml: altitudes above the sea need"),
+    "sea without geoid": (
+        "a.gpx",
+        gpx(),
+        {},
+        "a.gpx:1: altitudes above the sea need geoid_height_m",
+    ),
     "sea without geoid, csv": (
         "a.csv",
         csv(),
         {"altitude_above": "sea"},
-        "a.csv: altitudes above the sea need geoid_height_m",
+        "a.csv:1: altitudes above the sea need geoid_height_m",
     ),
-    "unused geoid": ("a.csv", csv(), SEA, "a.csv: geoid_height_m is not used with altitudes"),
+    "unused geoid": ("a.csv", csv(), SEA, "a.csv:1: geoid_height_m is not used with altitudes"),
     "no altitudes": ("a.csv", NED, {**SEA, "origin": None}, "are not used with north, east"),
     "pressure in gpx": (
         "a.gpx",
@@ -183,7 +173,7 @@ REFUSED = {
         "a.csv",
         opensky(),
         {"altitude_above": "pressure"},
-        "a.csv: altitudes above the sea need geoid_height_m",
+        "a.csv:1: altitudes above the sea need geoid_height_m",
     ),
     "two aircraft": ("a.csv", opensky(others=["abc123"]), {}, "a.csv:6: icao24: must be one airc"),
     "no such aircraft": ("a.csv", opensky(), {"icao24": "ffffff"}, "no position of the aircraft"),
@@ -191,15 +181,19 @@ REFUSED = {
         "a.csv",
         opensky().replace(",47.12,", ",99,"),
         {},
-        "a.csv:6: lat: must be a number not less than -90 and not greater than 90, got '99'",
+        "a.csv:6: lat: must be a number not less than -90 and not greater than 90, got 99",
     ),
     "icao24 in gpx": ("a.gpx", gpx(), {"icao24": "ffffff"}, "icao24 is for files of ADS-B"),
     "icao24 in csv": ("a.csv", csv(), {"icao24": "ffffff"}, "icao24 is for files of ADS-B"),
     "no times": ("a.gpx", gpx(times=[""] * 4), SEA, "a.gpx:1: has no times; waypoints without"),
-    "no times, kml": ("a.kml", line_string(), SEA, "a.kml:2: has no times; waypoints without"),
-    "no times, csv": ("a.csv", NED.replace("time_s", "roll_deg"), {}, "missing column 'time_s'; w"),
-    "times and speed": ("a.kml", kml(), {**SEA, "speed_m_s": 9}, "a.kml:5: has times; speed_m_s"),
-    "times and speed, csv": ("a.csv", csv(), {"speed_m_s": 9}, "a.csv:1: has time_s; speed_m_s"),
+    "no times, csv": (
+        "a.csv",
+        "north_m,east_m,down_m\n0,0,0\n9,0,0\n",
+        {},
+        "a.csv:1: has no times",
+    ),
+    "times and speed": ("a.gpx", gpx(), {**SEA, "speed_m_s": 9}, "a.gpx:1: has times; speed_m_s"),
+    "times and speed, csv": ("a.csv", csv(), {"speed_m_s": 9}, "a.csv:1: has times; speed_m_s is"),
     "some times": ("a.gpx", gpx(times=[*TIMES[:3], ""]), SEA, "a.gpx:7: has no time, but other"),
     "times twice": (
         "a.gpx",
@@ -227,12 +221,62 @@ REFUSED = {
         "a.gpx:5: ele: must be a number not less than -10000 and not greater than 1e+08, got noth",
     ),
     "a word": ("a.gpx", gpx().replace("8.13", "east"), SEA, "a.gpx:5: lon: must be a number not"),
-    "clamped": ("a.kml", kml(mode=""), SEA, "altitudeMode: must be absolute, got 'clampToGround'"),
+    "a leap second": (
+        "a.gpx",
+        gpx(times=[*TIMES[:2], "2026-12-31T23:59:60Z", TIMES[3]]),
+        SEA,
+        "a.gpx:5: time: is a leap second, which seconds since 1970 do not have, got '2026-12-31T23:"
+        "59:60Z'; leave the point out",
+    ),
+    "a decimal comma": (
+        "a.gpx",
+        gpx().replace("8.13", "8,13"),
+        SEA,
+        "lon: must be a number not less than -180 and not greater than 360, got '8,13'; write 8.13",
+    ),
+    "a long number": (
+        "a.gpx",
+        gpx().replace("8.13", "8" * 60_000 + "x"),
+        SEA,
+        "a.gpx:5: lon: must be a number not less than -180 and not greater than 360, got more than "
+        "100 letters",
+    ),
+    "a long text": ("a.gpx", gpx().replace("1100.0", "1" * 60_000), SEA, "got more than 100 le"),
+    "a long time": ("a.gpx", gpx(times=[*TIMES[:3], "1" * 60_000]), SEA, "must be a date and time"),
     "the same place": (
-        "a.kml",
-        line_string().replace("8.1,47.12,1010.5", "8.1,47.1,1000.0"),
+        "a.gpx",
+        gpx(times=[""] * 4).replace('lat="47.12"', 'lat="47.1"').replace("1010.5", "1000.0"),
         {**SEA, "speed_m_s": 9},
-        "a.kml:3: is the same place as the point before",
+        "a.gpx:3: is the same place as the point before",
+    ),
+    "kml": ("a.kml", "<kml/>", SEA, "a.kml:1: names none of the columns, allowed: time_s or speed"),
+    "no gpx": ("a.gpx", "<a/>", SEA, "a.gpx:1: must be GPX 1.1, with the root gpx of its namesp"),
+    "no track": ("a.gpx", GPX.format("a", ""), SEA, "must have one track or one route, got 0 and"),
+    "no points": ("a.gpx", GPX.format("trk", ""), SEA, "a.gpx: has no points"),
+    "an odd encoding": (
+        "a.gpx",
+        f'<?xml version="1.0" encoding="unicode_escape"?>{gpx()}',
+        SEA,
+        "a.gpx:1: encoding: must be one of utf-8, utf-16, us-ascii, iso-8859-1, got 'unicode_esc",
+    ),
+    "deep": ("a.gpx", GPX.format("a", "<a>" * 99), SEA, "more than 100 elements inside each other"),
+    "many names": (
+        "a.gpx",
+        GPX.format("a", "".join(f"<a{i}/>" for i in range(20_000))),
+        SEA,
+        "has more than 10,000 different names of elements",
+    ),
+    "many namespaces": (
+        "a.gpx",
+        GPX.format("a", "".join(f'<a xmlns:a{i}="a"/>' for i in range(20_000))),
+        SEA,
+        "has more than 10,000 different names of elements",
+    ),
+    "a long comment": (
+        "a.gpx",
+        GPX.format("a", f"<!--{'a' * 2**20}-->"),
+        SEA,
+        "a.gpx:1: has an element, an attribute or a comment over 262144 bytes",
     ),
     "two tracks": (
         "a.gpx",
@@ -240,7 +284,6 @@ REFUSED = {
         SEA,
         "a.gpx:1: must have one track or one route, got 2 and 0",
     ),
-    "no track": ("a.kml", KML.format(""), SEA, "must have one gx:Track or one LineString, got 0"),
     "gpx 1.0": ("a.gpx", gpx().replace("GPX/1/1", "GPX/1/0"), SEA, "a.gpx:1: must be GPX 1.1"),
     "no xml": ("a.gpx", csv(), SEA, "a.gpx:1: is not valid XML: syntax error"),
     "open": ("a.gpx", gpx()[:-3], SEA, "is not valid XML: unclosed token"),
@@ -267,7 +310,7 @@ def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
             opensky(others=["abc123"]),
             {"icao24": "4b1812", "altitude_above": "pressure", "geoid_height_m": 87.5},
         ),
-        "c.kml": (line_string(), {"geoid_height_m": 47.5, "speed_m_s": 90.0}),
+        "c.gpx": (gpx(times=[""] * 4), {"geoid_height_m": 47.5, "speed_m_s": 90.0}),
     }
     for name, (text, conventions) in files.items():
         Path(name).write_text(text)
@@ -285,3 +328,47 @@ def test_a_scenario_and_its_record_read_the_same_route(tmp_path, monkeypatch):
             .aircraft[:, :3],
             atol=1e-6,
         )  # fmt: skip
+
+
+def test_a_file_has_at_most_a_million_points(load, monkeypatch):
+    assert table_file.MAX_ROWS == track_file.MAX_ROWS == 1_000_000
+    for module in (table_file, track_file):
+        monkeypatch.setattr(module, "MAX_ROWS", 3)
+    for name, text, says in (
+        ("a.gpx", gpx(), r"a\.gpx:7: has more than 3 points"),
+        ("a.csv", opensky(), r"a\.csv:14: has more than 3 rows"),
+    ):
+        with pytest.raises(InputError, match=says):
+            load(name, text, **(SEA if name == "a.gpx" else {}))
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no resource module")
+def test_the_memory_of_a_file_that_is_no_track_is_bounded(tmp_path):
+    """8 MB of `<a/>` took 1.2 GB as a tree."""
+    for text, count in (("<a/>", 2**21), ("a", 2**23), ("<a/>\n<!--a-->", 2**19)):
+        (tmp_path / "a.gpx").write_text(GPX.format("a", text * count))
+        code = (
+            "import resource, sys\n"
+            "from radar_sense.scenario_file.track_file import read_gpx\n"
+            "def peak():\n"
+            "    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss\n"
+            "before = peak()\n"
+            "try:\n"
+            "    read_gpx(sys.argv[1])\n"
+            "except ValueError as error:\n"
+            "    print(peak() - before, error)\n"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code, tmp_path / "a.gpx"], capture_output=True, text=True
+        )
+        grown, _, error = done.stdout.partition(" ")
+        assert "must have one track or one route" in error
+        assert int(grown) < 16 * 1024  # KiB; bytes on macOS, which is stricter
+
+
+def test_encodings_of_text_are_read(load):
+    expected = load("a.gpx", gpx(), **SEA)
+    for encoding in ("utf-16", "iso-8859-1", "us-ascii", "utf-8"):
+        text = f'<?xml version="1.0" encoding="{encoding}"?>\n{gpx()}'
+        Path("b.gpx").write_bytes(text.encode(encoding))
+        same(load_route("b.gpx", origin=ORIGIN, **SEA), expected, atol=0)

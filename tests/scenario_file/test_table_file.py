@@ -1,4 +1,4 @@
-"""All CSV files: read once, refused in one line, and confidential text is not repeated."""
+"""Tables in CSV: read once, refused in one line, and confidential text is not repeated."""
 
 import hashlib
 import os
@@ -13,9 +13,8 @@ from helpers import document, write_path
 
 import radar_sense as rs
 from radar_sense.errors import InputError
-from radar_sense.reading import csv_reader
-from radar_sense.reading.route_file import load_route
-from radar_sense.reading.text_file import TextFile
+from radar_sense.scenario_file.route_file import load_route
+from radar_sense.scenario_file.text_file import TextFile
 
 ROUTE = "time_s,north_m,east_m,down_m\n" + "".join(f"{i},{100 * i},0,-1000\n" for i in range(9))
 TABLE = "azimuth_deg,rcs_m2\n" + "".join(f"{a},0.5\n" for a in range(-180, 180, 30))
@@ -80,14 +79,12 @@ SPREADSHEETS = {
 
 
 @pytest.mark.parametrize("spreadsheet", SPREADSHEETS)
-@pytest.mark.parametrize("piece", [7, 2**22])
-def test_a_spreadsheet_writes_the_same_numbers(kind, spreadsheet, piece, monkeypatch):
+def test_a_spreadsheet_writes_the_same_numbers(kind, spreadsheet):
     load, text = kind
     text = text.replace(",100,", ",100.25,")
     Path("a.csv").write_text(text)
     expected = load("a.csv")
     Path("a.csv").write_text(SPREADSHEETS[spreadsheet](text), encoding="utf-8", newline="")
-    monkeypatch.setattr(csv_reader, "READ_BYTES", piece)
     same(load("a.csv"), expected)
 
 
@@ -96,29 +93,27 @@ SEMICOLONS = "azimuth_deg;rcs_m2;\n-180;0,5;\n"
 NO_GUESS = {
     "azimuth_deg,rcs_m2\n-180,0,5\n": "2: must have 2 values, one for each column, got 3; "
     "a decimal comma needs semicolons between the cells",
-    'azimuth_deg,rcs_m2\n-180,"0,5"\n': "2: rcs_m2: must be LIMIT, got "
-    "'0,5'; a decimal comma needs semicolons between the cells",
+    'azimuth_deg,rcs_m2\n-180,"0,5"\n': "2: rcs_m2: must be LIMIT, got '0,5'; write 0.5 for 0,5",
     SEMICOLONS + "-90;0.5\n": "3: rcs_m2: must have no decimal point, because numbers before "
-    "have a decimal comma, got 0.5",
+    "have a decimal comma, got '0.5'",
     SEMICOLONS.replace(",", ".") + "-90,0;1\n": "3: azimuth_deg: must have no decimal comma, "
-    "because numbers before have a decimal point, got -90,0",
-    SEMICOLONS + "-90;1.234,5\n": "3: rcs_m2: must be LIMIT, got '1.234,5'",
-    SEMICOLONS + "-90;1,234,5\n": "3: rcs_m2: must be LIMIT, got '1,234,5'",
-    SEMICOLONS + "-90;1 234,5\n": "3: rcs_m2: must be LIMIT, got '1 234,5'",
+    "because numbers before have a decimal point, got '-90,0'",
+    SEMICOLONS + "-90;1.234,5\n": "3: rcs_m2: must have no decimal point, because numbers before "
+    "have a decimal comma, got '1.234,5'",
+    SEMICOLONS + "-90;1,234,5\n": "3: rcs_m2: must be LIMIT, got '1.234.5'",
+    SEMICOLONS + "-90;1 234,5\n": "3: rcs_m2: must be LIMIT, got '1 234.5'",
     SEMICOLONS + "-90;;\n": "3: rcs_m2: must be LIMIT, got nothing",
     SEMICOLONS + "-90\n": "3: must have 2 values, one for each column, got 1",
     SEMICOLONS + "-90;1,0;x;\n": "3: must have 2 values, one for each column, got 3",
-    SEMICOLONS + "-90;-1,5\n": "3: rcs_m2: must be LIMIT, got '-1,5'",
+    SEMICOLONS + "-90;-1,5\n": "3: rcs_m2: must be LIMIT, got -1.5",
     "azimuth_deg;rcs_m2,std_db\n": "1: unknown column 'rcs_m2,std_db', allowed: azimuth_deg, ",
     "azimuth_deg;;rcs_m2\n": "1: unknown column '', allowed: azimuth_deg, ",
 }
 
 
-@pytest.mark.parametrize("piece", [7, 2**22])
 @pytest.mark.parametrize("text", NO_GUESS)
-def test_a_comma_is_never_guessed(text, piece, tmp_path, monkeypatch):
+def test_a_comma_is_never_guessed(text, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(csv_reader, "READ_BYTES", piece)
     Path("a.csv").write_text(text)
     with pytest.raises(InputError) as refused:
         rs.load_rcs_table("a.csv")
@@ -169,7 +164,7 @@ def digest_of(scenario):
 
 
 def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
-    """The file is replaced before each of the first five reads."""
+    """The file is replaced before each of the first five lines."""
     load, text = kind
     config, file = scenario_with(load)
     other = text.replace("-180,0.5", "-180,0.25").replace("0,-1000", "5,-1000")
@@ -180,20 +175,18 @@ def test_the_digest_belongs_to_the_bytes_that_were_used(kind, monkeypatch):
         scenario = rs.load_scenario(config)
         numbers[hashlib.sha256(content.encode()).hexdigest()] = scenario
         assert digest_of(scenario) in numbers
-    monkeypatch.setattr(csv_reader, "READ_BYTES", 16)
-    read = TextFile.read
-    for moment in range(5):
+    lines = TextFile.lines
+    for moment in range(1, 6):
         file.write_text(text)
-        calls = []
 
-        def replaced(self, size, calls=calls, moment=moment):
-            calls.append(size)
-            if len(calls) == moment + 1:
-                Path("new.csv").write_text(other)
-                shutil.move("new.csv", file)  # a new file under the old name
-            return read(self, size)
+        def replaced(self, moment=moment):
+            for number, line in enumerate(lines(self), start=1):
+                if number == moment:
+                    Path("new.csv").write_text(other)
+                    shutil.move("new.csv", file)  # a new file under the old name
+                yield line
 
-        monkeypatch.setattr(TextFile, "read", replaced)
+        monkeypatch.setattr(TextFile, "lines", replaced)
         scenario = rs.load_scenario(config)
         assert file.read_text() == other
         expected = numbers[digest_of(scenario)]
@@ -211,3 +204,60 @@ def test_another_file_than_the_recorded_one_is_the_first_error(kind):
         file.write_text(content)
         with pytest.raises(InputError, match=r"sha256: \w+\.csv is another file than it was"):
             rs.parse_scenario(yaml.safe_dump(record))
+
+
+#: A text in place of a number, and what the error says to write.
+INSTEAD = {
+    "10:00:00": "; write seconds, 36000 for 10:00:00",
+    "0:01:30.5": "; write seconds, 90.5 for 0:01:30.5",
+    "5 %": "; write 0.05 for 5 %",
+    '"-1,25"': "; write -1.25 for -1,25",
+    "100 km": "; leave out the unit, it is in the name",
+    "0x10": "",
+    "1e5e5": "",
+    "10:99:00": "",
+}
+
+
+@pytest.mark.parametrize("cell", INSTEAD)
+def test_an_error_says_what_to_write(kind, cell):
+    load, text = kind
+    *_, last = text.splitlines()
+    Path("a.csv").write_text(text + last.rpartition(",")[0] + f",{cell}\n")
+    with pytest.raises(InputError) as refused:
+        load("a.csv")
+    assert str(refused.value).endswith(f", got {cell.strip(chr(34))!r}{INSTEAD[cell]}")
+
+
+def test_a_long_cell_is_refused_at_once(kind):
+    """A search for a number that begins at each digit anew would take minutes."""
+    load, text = kind
+    for cell in ("1" * 60_000 + "x", "1" * 60_000, "1" * 100 + "." + "1" * 60_000, "x" * 60_000):
+        Path("a.csv").write_text(text.replace("\n0,", f"\n{cell},", 1))
+        with pytest.raises(InputError, match=r"\d: \w+: must be .*, got more than 100 letters$"):
+            load("a.csv")
+        Path("a.csv").write_text(text.replace(",", f",{cell},", 1))
+        with pytest.raises(InputError, match=r"^a\.csv:1: unknown column .{42}, allowed"):
+            load("a.csv")
+        text_of_scenario = yaml.safe_dump(document(radar__p_fa="TEXT")).replace("TEXT", cell)
+        with pytest.raises(InputError, match=r"radar\.p_fa: must be"):
+            rs.parse_scenario(text_of_scenario)
+    Path("a.csv").write_text(text.replace("\n0,", f"\n{'0' * 100},", 1))
+    load("a.csv")
+
+
+def test_lines_are_counted_below_comments_and_empty_lines(kind):
+    load, text = kind
+    names, *rows = text.splitlines()
+    for row in (0, 3, len(rows) - 1):
+        wrong = [*rows[:row], "x" + rows[row], *rows[row + 1 :]]
+        Path("a.csv").write_text("\n".join(["# a", "", names, "", "# b", *wrong]))
+        with pytest.raises(InputError, match=rf"^a\.csv:{row + 6}: \w+: must be a number"):
+            load("a.csv")
+
+
+def test_a_quote_ends_on_its_line(kind):
+    load, text = kind
+    Path("a.csv").write_text(text.replace("\n0,", '\n"0,', 1) + '1",1\n')
+    with pytest.raises(InputError, match=r"^a\.csv:\d: is not valid CSV: a quote does not end on"):
+        load("a.csv")

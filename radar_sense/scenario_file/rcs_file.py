@@ -1,0 +1,229 @@
+"""An RCS table from a file.
+
+The file is CSV, as `table_file` reads it. Its columns:
+
+    azimuth_deg                λ = atan2(y, x): 0 off the nose, 90 off the right wing
+    elevation_deg (optional)   atan2(−z, √(x² + y²)): 0 at the aircraft's horizon, 90 straight above
+    rcs_m2 or rcs_dbsm         σ_r, or 10 log10 of σ_r in m²
+    std_db (optional)          standard deviation of σ_r [dB], of one error that all aspects share
+
+Azimuths go once around: −180 to 180, 0 to 360, or half of it (0 to 180, −180 to 0) if it is to be
+mirrored. If both ends of a full circle are given they must agree. Angles ascend. A table with
+elevations has every azimuth at each of them, row after row or column after column. A table
+without elevations holds for all elevations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NoReturn, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.limits import LARGEST, SMALLEST, Limit
+from radar_sense.model.rcs_table import (
+    STD_DB,
+    TURN,
+    Problem,
+    TableRCS,
+    differs_at_a_pole,
+    gap,
+    out_of_order,
+)
+from radar_sense.scenario_file.table_file import Column, open_table
+from radar_sense.states import FloatArray
+
+COLUMNS = {
+    "azimuth_deg": Column(Limit(at_least=-180, at_most=360)),
+    "elevation_deg": Column(Limit(at_least=-90, at_most=90)),
+    "rcs_m2": Column(Limit(at_least=SMALLEST, at_most=LARGEST)),
+    "rcs_dbsm": Column(Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))),
+    "std_db": Column(STD_DB),
+}
+#: Raises the error about a row.
+Refuse: TypeAlias = Callable[[Any, str], NoReturn]
+#: Units of the values of a node, for errors.
+_UNITS = {"rcs_m2": "m^2", "rcs_dbsm": "dBsm", "std_db": "dB"}
+#: Azimuths of a full circle may differ by this [rad] from a turn.
+_ROUNDING = 1e-9
+
+
+def load_rcs_table(
+    path: str | Path, *, mirror: bool = False, envelope: float | None = None
+) -> TableRCS:
+    """Read an RCS table from a CSV file.
+
+    Args:
+        path: The file.
+        mirror: Whether the file has one half of a symmetric aircraft.
+        envelope: As in `TableRCS` [rad].
+
+    Raises:
+        InputError: If the file cannot be read or anything in the file is not allowed.
+    """
+    table, _ = read_rcs_table(path, mirror=mirror, envelope=envelope)
+    return table
+
+
+def read_rcs_table(
+    path: str | Path,
+    *,
+    mirror: bool = False,
+    envelope: float | None = None,
+    sha256: str | None = None,
+) -> tuple[TableRCS, str]:
+    """Read an RCS table as `load_rcs_table` does, and return the SHA-256 of its bytes too.
+
+    Args:
+        path: The file.
+        mirror: As in `load_rcs_table`.
+        envelope: As in `load_rcs_table`.
+        sha256: Digest that the file must have; None allows any.
+
+    Raises:
+        InputError: If the file cannot be read or anything in the file is not allowed.
+    """
+    with open_table(path, "an RCS table", sha256) as file:
+        file.require_known(COLUMNS, ", ".join(COLUMNS))
+        if "azimuth_deg" not in file.names:
+            raise file.error("missing column 'azimuth_deg', which is always required")
+        if ("rcs_m2" in file.names) == ("rcs_dbsm" in file.names):
+            raise file.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
+        rows, lines = file.numbers(COLUMNS)
+
+        def refuse(row: Any, message: str) -> NoReturn:
+            raise file.error(message, int(lines[row]))
+
+        columns = dict(zip(file.names, rows.T.copy(), strict=True))
+        azimuth, elevation, row = _nodes(columns, mirror, refuse)
+        dbsm = columns.get("rcs_dbsm")
+        rcs = columns["rcs_m2"] if dbsm is None else 10.0 ** (dbsm / 10.0)
+        std = columns["std_db"][row] if "std_db" in columns else None
+        return TableRCS(azimuth, rcs[row], elevation, envelope, std), file.sha256()
+
+
+def _nodes(
+    columns: dict[str, FloatArray], mirror: bool, refuse: Refuse
+) -> tuple[FloatArray, FloatArray | None, NDArray[np.intp]]:
+    """Return azimuths (n,) [rad], elevations (m,) [rad] or None, and rows (n,) or (n, m).
+
+    Args:
+        columns: The columns.
+        mirror: Whether the file has one half of a symmetric aircraft.
+        refuse: Raises the error about a row.
+    """
+    azimuth, elevation = np.deg2rad(columns["azimuth_deg"]), None
+    row = np.arange(len(azimuth))
+    if "elevation_deg" not in columns:
+        _refuse(out_of_order("azimuth", azimuth), row, refuse)
+    else:
+        of_rows = {"azimuth": azimuth, "elevation": np.deg2rad(columns["elevation_deg"])}
+        by_azimuth = len(azimuth) > 1 and azimuth[0] == azimuth[1]
+        names = ("azimuth", "elevation") if by_azimuth else ("elevation", "azimuth")
+        row = _grid({name: of_rows[name] for name in names}, refuse)
+        row = row if by_azimuth else row.T
+        azimuth, elevation = azimuth[row[:, 0]], of_rows["elevation"][row[0]]
+    values = {name: unit for name, unit in _UNITS.items() if name in columns}
+    if mirror:
+        azimuth, row = _mirrored(azimuth, row, refuse)
+    else:
+        azimuth, row = _opened(azimuth, row, [columns[name] for name in values], refuse)
+    _refuse(gap("azimuth", azimuth), row.reshape(len(row), -1)[:, 0], refuse)
+    if elevation is not None:
+        _refuse(gap("elevation", elevation), row[0], refuse)
+        for name, unit in values.items():
+            problem = differs_at_a_pole(elevation, columns[name][row], unit)
+            _refuse(problem, row.ravel(), refuse)
+    return azimuth, elevation, row
+
+
+def _grid(angles: dict[str, FloatArray], refuse: Refuse) -> NDArray[np.intp]:
+    """Return the rows of a complete grid, by the slowly changing angle and by the other.
+
+    Args:
+        angles: The two angles [rad] of each row by name, the slowly changing one first.
+        refuse: Raises the error about a row.
+    """
+    (slow_name, slow), (fast_name, fast) = angles.items()
+    starts = np.flatnonzero(np.diff(slow, prepend=np.nan) != 0)
+    _refuse(out_of_order(slow_name, slow[starts]), starts, refuse)
+    blocks = np.split(np.arange(len(slow)), starts[1:])
+    first = fast[blocks[0]]
+    for block in blocks:
+        _refuse(out_of_order(fast_name, fast[block]), block, refuse)
+        common = min(len(block), len(first))
+        off = np.flatnonzero(fast[block[:common]] != first[:common])
+        if len(off):
+            refuse(
+                block[off[0]],
+                f"the grid is not complete: {fast_name} must be {np.rad2deg(first[off[0]]):g} "
+                f"here, as at the first {slow_name}, got {np.rad2deg(fast[block[off[0]]]):g}",
+            )
+        if len(block) != len(first):
+            refuse(
+                block[-1],
+                f"the grid is not complete: {slow_name} {np.rad2deg(slow[block[0]]):g} has "
+                f"{len(block)} of the values for {fast_name}, must have {len(first)} as the first "
+                f"{slow_name} has",
+            )
+    if len(blocks) < 2 or len(first) < 2:
+        refuse(
+            0,
+            "needs two or more azimuths and elevations; a table that holds for all elevations has "
+            "no column for them",
+        )
+    return np.stack(blocks)
+
+
+def _mirrored(
+    azimuth: FloatArray, row: NDArray[np.intp], refuse: Refuse
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return azimuths and rows of the whole circle, from one half."""
+    right = azimuth[-1] > 0
+    low, high = (0.0, np.pi) if right else (-np.pi, 0.0)
+    outside = np.flatnonzero((azimuth < low) | (azimuth > high))
+    if len(outside):
+        refuse(
+            row.reshape(len(row), -1)[outside[0], 0],
+            "mirror: true is for azimuths from 0 to 180, or from -180 to 0, "
+            f"got {np.rad2deg(azimuth[outside[0]]):g}",
+        )
+    # 0 and ±180 are their own mirror images
+    imaged = np.flatnonzero((azimuth != 0) & (abs(azimuth) != np.pi))[::-1]
+    halves = [(-azimuth[imaged], row[imaged]), (azimuth, row)]
+    azimuths, rows = zip(*(halves if right else halves[::-1]), strict=True)
+    return np.concatenate(azimuths), np.concatenate(rows)
+
+
+def _opened(
+    azimuth: FloatArray, row: NDArray[np.intp], values: list[FloatArray], refuse: Refuse
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return azimuths and rows of the whole circle, without the second of two equal ends."""
+    turned = azimuth - azimuth[0] - TURN
+    if turned[-1] < -_ROUNDING:
+        return azimuth, row
+    if turned[-1] > _ROUNDING:
+        at = int(np.argmax(turned > _ROUNDING))
+        refuse(
+            row.reshape(len(row), -1)[at, 0],
+            f"azimuth {np.rad2deg(azimuth[at]):g} is more than a turn from the first, "
+            f"{np.rad2deg(azimuth[0]):g}",
+        )
+    first, last = np.atleast_1d(row[0]), np.atleast_1d(row[-1])
+    differs = np.any([value[first] != value[last] for value in values], axis=0)
+    if differs.any():
+        ends = " and ".join(f"{np.rad2deg(azimuth[i]):g}" for i in (-1, 0))
+        refuse(
+            last[np.argmax(differs)],
+            f"azimuth {ends} are the same direction and have different values; leave one of them "
+            "out",
+        )
+    return azimuth[:-1], row[:-1]
+
+
+def _refuse(problem: Problem | None, rows: NDArray[np.intp], refuse: Refuse) -> None:
+    if problem:
+        index, message = problem
+        refuse(rows[index], message)

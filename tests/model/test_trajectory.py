@@ -1,0 +1,313 @@
+"""The attitude of a track, and routes interpolated in time.
+
+Attitudes from the track are checked on paths whose attitude is known exactly.
+"""
+
+import math
+import re
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from routes import (
+    ATTITUDE,
+    DEG,
+    HEAD,
+    ORIGIN,
+    geodetic,
+    load,
+    ned,
+    random_covariance,
+    same,
+    triangle,
+)
+
+from radar_sense.covariance import problem
+from radar_sense.errors import ScenarioError
+from radar_sense.model import geodesy as wgs84
+from radar_sense.model.track import attitude_from_motion, motion_of_samples
+from radar_sense.model.trajectory import resample
+
+G = 9.80665
+
+
+@pytest.fixture(autouse=True)
+def in_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+# Attitude from the track.
+
+
+def test_a_straight_climb_has_its_course_and_climb_and_no_bank():
+    rng = np.random.default_rng(2)
+    time = 1.7e9 + np.cumsum(rng.uniform(0.1, 2.0, 50))  # a clock since 1970
+    velocity = np.array([-120.0, 160.0, -50.0])
+    position = np.outer(time - time[0], velocity) - np.array([5e5, -3e5, 3e3])
+    attitude = attitude_from_motion(*motion_of_samples(time, position))
+    expected = [0.0, math.atan2(50, 200), math.atan2(160, -120)]
+    np.testing.assert_allclose(attitude, np.tile(expected, (50, 1)), atol=1e-8)
+
+
+def helix(time, *, speed, radius, climb, right=True):
+    turn = (speed if right else -speed) / radius
+    angle = turn * time
+    position = np.stack([np.sin(angle), 1 - np.cos(angle), 0 * time], axis=-1) * radius
+    if not right:
+        position = -position
+    position[:, 2] = -climb * time
+    course = angle
+    bank = math.atan(speed * turn / G)
+    pitch = math.atan2(climb, speed)
+    return position, np.stack([0 * time + bank, 0 * time + pitch, course], axis=-1)
+
+
+def wrapped(angle):
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+def even(count, rng):
+    return np.linspace(0.0, 100.0, count)
+
+
+def uneven(count, rng):
+    time = np.arange(count) + rng.uniform(-0.45, 0.45, count)  # steps of 0.1 beside 1.9
+    return (time - time[0]) * (100.0 / (time[-1] - time[0]))
+
+
+@pytest.mark.parametrize("right", [True, False])
+@pytest.mark.parametrize("climb", [0.0, 30.0])
+@pytest.mark.parametrize("times", [even, uneven])
+def test_turns_converge_with_the_square_of_the_step(right, climb, times):
+    rng = np.random.default_rng(3)
+    errors = []
+    for count in (201, 801, 3201):
+        time = times(count, rng)
+        position, expected = helix(time, speed=200.0, radius=4e3, climb=climb, right=right)
+        off = np.abs(wrapped(attitude_from_motion(*motion_of_samples(time, position)) - expected))
+        # The whole path, ends included.
+        errors.append(np.max(off, axis=0))
+    assert np.all(errors[0] < 3e-3)
+    assert np.all(errors[-1] < 1e-5)
+    for coarse, fine in pairwise(errors):
+        order = np.log(np.maximum(coarse, 1e-9) / np.maximum(fine, 1e-9)) / np.log(4)
+        exact = coarse < 1e-8
+        assert np.all((order > 1.7) | exact), (errors, order)
+
+
+def test_a_parabola_and_a_cubic_are_exact():
+    rng = np.random.default_rng(4)
+    time = np.cumsum(rng.uniform(0.1, 3.0, 30))
+    north, east = 100.0 * time, 0.02 * time**3 - time**2
+    roll, _, _ = attitude_from_motion(
+        *motion_of_samples(time, np.stack([north, east, 0 * time], -1))
+    ).T
+    # Acceleration of a cubic is found exactly, velocity not, so the bank is compared as a_e alone.
+    _, acceleration = motion_of_samples(time, np.stack([north, east, 0 * time], -1))
+    np.testing.assert_allclose(acceleration[:, 1], 0.12 * time - 2, atol=1e-10)
+    velocity, _ = motion_of_samples(time, np.stack([north, time**2, 0 * time], -1))
+    np.testing.assert_allclose(velocity[:, 1], 2 * time, atol=1e-10)
+    assert np.sign(roll[0]) == -1
+
+
+def test_acceleration_is_between_those_measured_around_it():
+    rng = np.random.default_rng(9)
+    time = np.cumsum(rng.uniform(0.1, 3.0, 200))
+    position = rng.standard_normal((200, 3))
+    slope = np.diff(position, axis=0) / np.diff(time)[:, np.newaxis]
+    measured = 2 * np.diff(slope, axis=0) / (time[2:] - time[:-2])[:, np.newaxis]
+    _, acceleration = motion_of_samples(time, position)
+    # Row i + 2 has second differences centred near it, before it and after it.
+    around = np.stack([measured[:-2], measured[1:-1], measured[2:]])
+    inner = acceleration[2:-2]
+    assert np.all((inner >= around.min(axis=0)) & (inner <= around.max(axis=0)))
+
+
+def test_drifting_is_hovering():
+    velocity = np.array([[10.0, 0, -1], [0, 0.05, -0.05], [0, 0.05, 5]])
+    acceleration = np.array([[2.0, 2, 0]] * 3)
+    roll, pitch, yaw = attitude_from_motion(velocity, acceleration).T
+    np.testing.assert_allclose(roll, [math.atan(2 / G), 0, 0], rtol=1e-14)
+    np.testing.assert_allclose(pitch, [math.atan(0.1), 0, math.atan2(-5, 0.05)], rtol=1e-14)
+    np.testing.assert_array_equal(yaw, 0.0)
+
+
+def test_three_rows_and_two():
+    position = np.array([[0.0, 0, 0], [100, 0, 0], [200, 10, 0]])
+    three = attitude_from_motion(*motion_of_samples(np.array([0.0, 1, 2]), position))
+    # At the middle: velocity (100, 5), acceleration (0, 10).
+    to_the_right = 100 * 10 / math.hypot(100, 5)
+    np.testing.assert_allclose(
+        three[1], [math.atan(to_the_right / G), 0, math.atan2(5, 100)], rtol=1e-14
+    )
+    two = attitude_from_motion(*motion_of_samples(np.array([0.0, 1]), position[1:]))
+    np.testing.assert_allclose(two, [[0, 0, math.atan2(10, 100)]] * 2, rtol=1e-14)
+
+
+def test_a_hovering_aircraft_keeps_the_last_course_and_is_level():
+    north = np.array([0.0, 0, 0, 0, 50, 100, 100, 100, 100, 100])
+    up = np.array([0.0, 0, 0, 0, 0, 0, 0, 0, 10, 20])
+    position = np.stack([-north, north, -up], axis=-1)
+    attitude = attitude_from_motion(*motion_of_samples(np.arange(10.0), position))
+    np.testing.assert_allclose(attitude[:, 2], 0.75 * np.pi)  # before the first course: the first
+    np.testing.assert_array_equal(attitude[[0, 1, 2, 7, 8, 9], 0], 0.0)
+    np.testing.assert_array_equal(attitude[[0, 1, 2], 1], 0.0)
+    np.testing.assert_allclose(attitude[[8, 9], 1], np.pi / 2)  # straight up
+    upwards = motion_of_samples(np.arange(3.0), np.array([[0.0, 0, 0], [0, 0, -9], [0, 0, -30]]))
+    with pytest.raises(ValueError, match="never moves"):
+        attitude_from_motion(*upwards)
+
+
+# Interpolation.
+
+
+def corner():
+    return load("time_s,north_m,east_m,down_m\n0,0,0,0\n10,1000,0,-100\n20,1000,2000,-100\n")
+
+
+def test_legs_are_flown_straight_and_level():
+    found = resample(corner(), 2.5)
+    np.testing.assert_array_equal(found.time_s, np.arange(9) * 2.5)
+    north = [0, 250, 500, 750, 1000, 1000, 1000, 1000, 1000]
+    east = [0, 0, 0, 0, 0, 500, 1000, 1500, 2000]
+    down = [0, -25, -50, -75, -100, -100, -100, -100, -100]
+    np.testing.assert_allclose(found.aircraft[:, :3], np.array([north, east, down]).T, atol=1e-12)
+    climbs, turned = math.atan2(10, 100), np.pi / 2
+    expected = [[0, climbs, 0]] * 4 + [[0, 0, turned]] * 5
+    np.testing.assert_allclose(found.aircraft[:, 3:], expected, atol=1e-15)
+    np.testing.assert_allclose(found.distance_m[-1], math.hypot(1000, 100) + 2000)
+    assert not found.attitude_given
+
+
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_the_last_pose_is_always_there(method):
+    path = corner()
+    for step, count in ((0.1, 201), (20, 2), (20.1, 2), (7, 4), (19.9999, 3), (1e9, 2)):
+        found = resample(path, step, method)
+        assert len(found.time_s) == count
+        assert found.time_s[-1] == 20
+        assert np.all(np.diff(found.time_s) > 0)
+        np.testing.assert_allclose(found.aircraft[-1, :3], [1000, 2000, -100], atol=1e-9)
+    # the cases that were reported: 1807 s by 1000 s and by 5 s
+    path = load("time_s,north_m,east_m,down_m\n0,0,0,0\n900,1e5,0,0\n1807,2e5,0,0\n")
+    assert resample(path, 1000, method).time_s.tolist() == [0, 1000, 1807]
+    assert resample(path, 5, method).time_s.tolist() == [*range(0, 1806, 5), 1807]
+    # no second last row by rounding, late on a clock
+    path = load("time_s,north_m,east_m,down_m\n1e9,0,0,0\n1000000000.3,90,0,0\n")
+    found = resample(path, 0.1, method).time_s - 1e9
+    np.testing.assert_allclose(found, [0, 0.1, 0.2, 0.3], atol=1e-6)
+    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
+    path = load(f"{header}\n0,0,0,0,0,0,0\n0.3,9,0,0,0,0,0\n")
+    assert resample(path, 0.1).time_s[-1] == 0.3  # and not 3 · 0.1 = 0.30000000000000004
+
+
+def test_a_step_must_move_the_clock():
+    path = load(f"{HEAD}\n999999999999,0,0,0\n1e12,100,0,0\n")
+    assert np.all(np.diff(resample(path, 2e-3).time_s) > 0)
+    with pytest.raises(ScenarioError, match=r"step_s must be a number not less than 0\.001"):
+        resample(path, 1e-4)
+
+
+def test_a_smooth_path_goes_through_its_samples_and_banks():
+    time = np.arange(0.0, 60.0, 2.0)
+    position, _ = helix(time, speed=200.0, radius=4e3, climb=20.0)
+    path = load(ned(time, position))
+    found = resample(path, 0.5, "smooth")
+    np.testing.assert_allclose(found.aircraft[::4, :3], path.aircraft[:, :3], atol=1e-9)
+    exact, attitude = helix(found.time_s, speed=200.0, radius=4e3, climb=20.0)
+    inner = slice(12, -12)
+    assert np.max(np.abs(found.aircraft[:, :3] - exact)[inner]) < 2e-3
+    assert np.max(np.abs(wrapped(found.aircraft[:, 3:] - attitude))[inner]) < 1e-3
+    # Legs have level wings, and chords of a circle lie inside the circle.
+    legs = resample(path, 0.5)
+    assert not legs.aircraft[:, 3].any()
+    assert np.max(np.abs(legs.aircraft[:, :3] - exact)) == pytest.approx(400**2 / 8 / 4e3, rel=0.03)
+
+
+def test_given_attitudes_turn_the_short_way_at_a_constant_rate():
+    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
+    path = load(f"{header}\n0,0,0,0,0,0,170\n4,9,0,0,0,0,-170\n8,9,0,0,0,0,-170\n")
+    for method in ("legs", "smooth"):
+        found = resample(path, 1.0, method)
+        assert found.attitude_given
+        yaw = np.array([170, 175, 180, -175, -170, -170, -170, -170, -170]) * DEG
+        np.testing.assert_allclose(wrapped(found.aircraft[:, 5] - yaw), 0.0, atol=1e-12)
+        np.testing.assert_allclose(found.aircraft[:, 3:5], 0.0, atol=1e-15)
+    # Over the top: half a looping ends on its back, heading the other way.
+    path = load(f"{header}\n0,0,0,0,0,60,0\n2,9,0,0,180,60,180\n")
+    middle = resample(path, 1.0).aircraft[1, 3:]
+    nose = wgs84.body_axes(middle)[0]
+    np.testing.assert_allclose(nose, [0, 0, -1], atol=1e-15)
+
+
+@pytest.mark.parametrize("origin", [None, ORIGIN])
+def test_covariances_are_mixed(origin):
+    rng = np.random.default_rng(5)
+    time = np.array([0.0, 1.0, 4.0])
+    covariance = random_covariance(rng, 3, rank=2)
+    if origin:
+        place = np.array(ORIGIN) + np.outer(time, [1e-3, 1e-3, 100])
+        columns = geodetic(time, place)
+    else:
+        columns = ned(time, np.outer(time, [200.0, 0, 0]))
+    path = load({**columns, **triangle(covariance)}, origin=origin)
+    for method in ("legs", "smooth"):
+        found = resample(path, 0.5, method)
+        expected = 0.5 * (path.covariance[1] + path.covariance[2])
+        np.testing.assert_allclose(found.covariance[5], expected, rtol=1e-12)
+        np.testing.assert_array_equal(found.covariance[0], path.covariance[0])
+        np.testing.assert_array_equal(found.covariance[-1], path.covariance[-1])
+        assert all(problem(c) is None for c in found.covariance)
+
+
+def test_legs_follow_the_curve_of_the_earth():
+    # 10° along the equator in one leg: the straight line would be 24 km under the ground.
+    place = np.array([[0.0, 0.0, 5e3], [0.0, 10 * DEG, 6e3]])
+    path = load(geodetic([0.0, 4000.0], place), origin=(0.0, 0.0, 0.0))
+    found = resample(path, 400.0)
+    back = wgs84.geodetic_from_ned(found.aircraft[:, :3], (0.0, 0.0, 0.0))
+    np.testing.assert_allclose(back[:, 0], 0.0, atol=1e-15)
+    np.testing.assert_allclose(back[:, 2], np.linspace(5e3, 6e3, 11), atol=1e-7)
+    np.testing.assert_allclose(back[:, 1], np.linspace(0, 10, 11) * DEG, atol=1e-4)
+    turns = np.swapaxes(wgs84.turn_to_origin(back, (0.0, 0.0, 0.0)), -1, -2)
+    roll, pitch, yaw = wgs84.turned_attitude(found.aircraft[:, 3:], turns).T
+    np.testing.assert_allclose(roll, 0.0, atol=1e-14)
+    np.testing.assert_allclose(yaw, np.pi / 2, atol=1e-12)
+    speed = 10 * DEG * 6.3836e6 / 4000
+    np.testing.assert_allclose(pitch, math.atan2(0.25, speed), rtol=0.01)
+
+
+@pytest.mark.parametrize("method", ["legs", "smooth"])
+def test_a_flight_in_latitude_and_longitude_can_be_smooth(method):
+    time = np.arange(0.0, 400.0, 20.0)
+    place = np.stack([40 * DEG + 3e-5 * time, -104 * DEG + 0 * time, 5000 + 0 * time], axis=-1)
+    path = load(geodetic(time, place), origin=ORIGIN)
+    found = resample(path, 5.0, method)
+    back = wgs84.geodetic_from_ned(found.aircraft[:, :3], ORIGIN)
+    np.testing.assert_allclose(back[:, 0], 40 * DEG + 3e-5 * found.time_s, atol=1e-9)
+    np.testing.assert_allclose(back[:, 2], 5000.0, atol=1e-2 if method == "smooth" else 1e-7)
+    turns = np.swapaxes(wgs84.turn_to_origin(back, ORIGIN), -1, -2)
+    local = wgs84.turned_attitude(found.aircraft[:, 3:], turns)
+    np.testing.assert_allclose(local, 0.0, atol=1e-4)
+
+
+def test_one_pose_stays_one_pose():
+    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE])
+    path = load(f"{header}\n3,1,2,3,4,5,6\n")
+    same(resample(path, 1.0), path)
+
+
+@pytest.mark.parametrize(
+    ("step", "method", "says"),
+    [
+        (0.0, "legs", "step_s must be a number not less than 1e-09, got 0"),
+        (-1.0, "legs", "not less than"),
+        (math.nan, "legs", "not less than"),
+        (math.inf, "legs", "not less than"),
+        (1e-6, "legs", "more than 1,000,000 poses"),
+        (1.0, "leg", "must be one of legs, smooth, got 'leg'; did you mean 'legs'"),
+    ],
+)
+def test_refused_interpolations(step, method, says):
+    with pytest.raises(ScenarioError, match=re.escape(says)):
+        resample(corner(), step, method)

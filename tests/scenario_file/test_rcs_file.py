@@ -1,0 +1,213 @@
+"""RCS tables from files: what is read, and what is refused with file and line."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import radar_sense as rs
+from radar_sense.errors import InputError
+from radar_sense.scenario_file import table_file
+
+
+def direction(azimuth, elevation):
+    """Unit vectors to azimuth and elevation [rad], positive above (body z is down)."""
+    azimuth, elevation = np.broadcast_arrays(azimuth, elevation)
+    h = np.cos(elevation)
+    return np.stack([h * np.cos(azimuth), h * np.sin(azimuth), -np.sin(elevation)], axis=-1)
+
+
+def write(path, *rows):
+    path.write_text("\n".join([*rows, ""]), encoding="utf-8")
+    return path
+
+
+def full(step=30, start=-180, stop=180, value="0.5"):
+    return [f"{a},{value}" for a in range(start, stop, step)]
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_units_order_and_comments(here):
+    rng = np.random.default_rng(13)
+    azimuth, elevation = range(-180, 180, 20), range(-30, 60, 15)
+    level = rng.integers(-300, 100, (18, 6)) / 10
+    decibels = ["# made up", "", "azimuth_deg, elevation_deg, rcs_dbsm", "  # by azimuth"]
+    square = ["rcs_m2,elevation_deg,azimuth_deg"]
+    for i, a in enumerate(azimuth):
+        decibels += [f"{a}, {e}, {level[i, j]}" for j, e in enumerate(elevation)]
+    for j, e in enumerate(elevation):
+        square += [f'{float(10 ** (level[i, j] / 10))!r},{e},"{a}"' for i, a in enumerate(azimuth)]
+    one = rs.load_rcs_table(write(here / "one.csv", *decibels))
+    (here / "two.csv").write_bytes(b"\xef\xbb\xbf" + "\r\n".join([*square, ""]).encode())
+    other = rs.load_rcs_table(here / "two.csv")
+    np.testing.assert_allclose(one.rcs, 10 ** (level / 10), rtol=1e-14)
+    np.testing.assert_allclose(other.rcs, one.rcs, rtol=1e-14)
+    for table in (one, other):
+        np.testing.assert_allclose(table.azimuth, np.deg2rad(azimuth), rtol=1e-15)
+        np.testing.assert_allclose(table.elevation, np.deg2rad(elevation), rtol=1e-15)
+
+
+def test_a_square_grid_is_not_turned_over(here):
+    rows = [f"{a},{e},{1 + a / 360 + e}" for e in range(12) for a in range(0, 360, 30)]
+    table = rs.load_rcs_table(write(here / "a.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows))
+    assert table.rcs[3, 5] == 1 + 90 / 360 + 5
+
+
+def test_body_frame_and_sign_of_elevation(here):
+    """90 deg is the right wing (body y), and above is where body z, which is down, is negative."""
+    rows = [
+        f"{a},{e},{1 + (a == 90) + 10 * (e == 30)}"
+        for a in range(0, 360, 10)
+        for e in range(-30, 31, 10)
+    ]
+    table = rs.load_rcs_table(write(here / "a.csv", "azimuth_deg,elevation_deg,rcs_m2", *rows))
+    up = np.tan(np.pi / 6)
+    body = np.array([[1, 0, 0], [0, 1, 0], [0, -1, 0], [1, 0, -up], [1, 0, up], [0, 1, -up]])
+    np.testing.assert_allclose(table.cross_section(body), [1, 2, 1, 11, 1, 12], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "azimuth",
+    [range(0, 181, 10), range(-180, 1, 10), range(5, 180, 10), range(-175, 0, 10)],
+    ids=["right", "left", "between", "left between"],
+)
+def test_halves_are_mirrored(here, azimuth):
+    rows = [f"{a},{1 + abs(a) / 90}" for a in azimuth]
+    file = write(here / "half.csv", "azimuth_deg,rcs_m2", *rows)
+    table = rs.load_rcs_table(file, mirror=True)
+    assert len(table.azimuth) == 36
+    angle = np.linspace(0, np.pi, 500)
+    right, left = (table.cross_section(direction(s * angle, 0 * angle)) for s in (1, -1))
+    np.testing.assert_allclose(left, right, rtol=1e-12)
+    nodes = np.deg2rad(np.array(azimuth))
+    found = table.cross_section(direction(nodes, 0 * nodes))
+    np.testing.assert_allclose(found, 1 + abs(np.rad2deg(nodes)) / 90, rtol=1e-12)
+    with pytest.raises(InputError, match=r"once around.*mirror: true completes"):
+        rs.load_rcs_table(file)
+
+
+def test_both_ends_of_the_circle_may_be_given(here):
+    for start in (-180, 0):
+        rows = full(30, start, start + 360)
+        closed = write(here / "c.csv", "azimuth_deg,rcs_m2", *rows, f"{start + 360},0.5")
+        opened = write(here / "o.csv", "azimuth_deg,rcs_m2", *rows)
+        one, other = rs.load_rcs_table(closed), rs.load_rcs_table(opened)
+        np.testing.assert_array_equal(one.azimuth, other.azimuth)
+
+
+def test_a_finer_sector_is_not_a_gap(here):
+    angles = [*range(-180, -30, 10), *np.arange(-30, 30, 0.5), *range(30, 180, 10)]
+    rows = [f"{a},1" for a in angles]
+    table = rs.load_rcs_table(write(here / "fine.csv", "azimuth_deg,rcs_m2", *rows))
+    assert len(table.azimuth) == len(angles)
+
+
+G = ["azimuth_deg,elevation_deg,rcs_m2"]
+BOX = [f"{a},{e},1" for a in range(-180, 180, 30) for e in (-10, 0, 10)]
+A = ["azimuth_deg,rcs_m2"]
+
+#: Rows of a file, the line in the error, and words of the error.
+REFUSED = {
+    "empty": ([], None, "is empty; the first line must name the columns: azimuth_deg,"),
+    "only a header": (A, None, "has no rows below the names of its columns"),
+    "only comments": (["# a", "# b"], None, "is empty"),
+    "unknown column": (["azimut_deg,rcs_m2"], 1, "unknown column 'azimut_deg', allowed: azimuth"),
+    "meant": (["azimut_deg,rcs_m2"], 1, "did you mean 'azimuth_deg'?"),
+    "no unit": (["azimuth_deg,rcs", *full()], 1, "unknown column 'rcs'"),
+    "tabs": (["azimuth_deg\trcs_m2", "0\t1"], 1, "unknown column 'azimuth_deg\\trcs_m2'"),
+    "no header": (full(), 1, "names none of the columns, allowed: azimuth_deg"),
+    "twice": (["azimuth_deg,azimuth_deg,rcs_m2"], 1, "duplicate column 'azimuth_deg'"),
+    "no azimuth": (["elevation_deg,rcs_m2"], 1, "missing column 'azimuth_deg'"),
+    "no value": (["azimuth_deg,elevation_deg"], 1, "one of the columns rcs_m2 and rcs_dbsm"),
+    "two values": (["azimuth_deg,rcs_m2,rcs_dbsm"], 1, "and not both"),
+    "too few cells": ([*A, "-180"], 2, "must have 2 values, one for each column, got 1"),
+    "too many cells": ([*A, "-180,1,2"], 2, "got 3"),
+    "a word": ([*A, "-180,1", "# c", "-150,x"], 4, "rcs_m2: must be a number not less than 1e-20"),
+    "nothing": ([*A, "-180,"], 2, "and not greater than 1e+20, got nothing"),
+    "underscore": ([*A, "-1_80,1"], 2, "got '-1_80'"),
+    "nan": ([*A, *full(value="nan")], 2, "rcs_m2: must be finite, got nan"),
+    "zero": ([*A, "-180,1", "-150,0"], 3, "not less than 1e-20 and not greater than 1e+20, got 0"),
+    "negative": ([*A, "-180,-1"], 2, "got -1"),
+    "decibels": (["azimuth_deg,rcs_dbsm", "0,201"], 2, "and not greater than 200, got 201"),
+    "azimuth": ([*A, "-181,1"], 2, "azimuth_deg: must be a number not less than -180"),
+    "elevation": ([*G, "0,91,1"], 2, "and not greater than 90, got 91"),
+    "unsorted": ([*A, "-180,1", "-150,1", "-160,1"], 4, "azimuth must ascend"),
+    "descending": ([*A, "180,1", "150,1"], 3, "150 deg comes after 180"),
+    "repeated": ([*A, "-180,1", "-150,1", "-150,1"], 4, "azimuth -150 deg is repeated"),
+    "too near": ([*A, "0,1", "0.0001,1"], 3, "must ascend, by 0.001 deg or more"),
+    "gap": ([*A, *full()[:4], *full()[5:]], 6, "a gap in azimuth, from -90 to -30 deg"),
+    "half": ([*A, *full(30, 0, 181)], 8, "none from 180 to 360 deg"),
+    "too coarse": ([*A, *full(120)], 3, "and 90 deg at most"),
+    "one row": ([*A, "0,1"], 2, "once around"),
+    "too far around": ([*A, *full(30, -180, 211)], 15, "azimuth 210 is more than a turn from the"),
+    "ends differ": ([*A, *full(), "180,0.6"], 14, "azimuth 180 and -180 are the same direction"),
+    "hole in the grid": ([*G, *BOX[:7], *BOX[8:]], 9, "elevation must be 0 here, as at the first"),
+    "short row": ([*G, *BOX[:8], *BOX[9:]], 9, "azimuth -120 has 2 of the values for elevation"),
+    "short end": ([*G, *BOX[:-1]], 37 - 1, "azimuth 150 has 2 of the values"),
+    "long row": ([*G, *BOX[:6], "-150,20,1", *BOX[6:]], 8, "has 4 of the values for elevation"),
+    "grid unsorted": ([*G, *BOX[3:6], *BOX[:3]], 5, "azimuth must ascend"),
+    "grid unsorted within": ([*G, BOX[1], BOX[0]], 3, "elevation must ascend"),
+    "grid repeated": ([*G, *BOX[:6], *BOX[3:]], 8, "elevation must ascend"),
+    "one elevation": ([*G, *(f"{a},0,1" for a in range(0, 360, 30))], 2, "two or more"),
+    "gap above": (
+        [*G, *(f"{a},{e},1" for a in range(0, 360, 30) for e in (-20, -10, 0, 20, 30))],
+        5,
+        "a gap in elevation, from 0 to 20 deg; allowed is 1.5 times the wider step beside it",
+    ),
+    "gap in a grid": ([*G, *BOX[:6], *BOX[9:]], 8, "a gap in azimuth, from -150 to -90 deg"),
+    "pole": (
+        [*G, *(f"{a},{e},{1 + (a == 90) * (e == 90)}" for e in (70, 80, 90)
+               for a in range(0, 360, 30))],
+        29,
+        "straight above the aircraft azimuth has no meaning",
+    ),
+    "open quote": ([*A, '"0,1'], 2, "is not valid CSV"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused_with_file_and_line(here, name):
+    rows, line, words = REFUSED[name]
+    write(here / "bad.csv", *rows)
+    with pytest.raises(InputError) as caught:
+        rs.load_rcs_table("bad.csv")
+    message = str(caught.value)
+    assert message.startswith(f"bad.csv:{line}: " if line else "bad.csv: "), message
+    assert words in message
+    assert "\n" not in message
+
+
+def test_a_whole_table_is_not_mirrored(here):
+    write(here / "a.csv", *A, *full(30, 0, 360))
+    with pytest.raises(InputError, match=r"a\.csv:9: mirror: true is for .* got 210"):
+        rs.load_rcs_table("a.csv", mirror=True)
+
+
+def test_not_a_text_file(here, monkeypatch):
+    (here / "a.csv").write_bytes(b"azimuth_deg,rcs_m2\n0,\xff\n")
+    with pytest.raises(InputError, match=r"a\.csv:2: is not UTF-8 text: byte 0xff"):
+        rs.load_rcs_table("a.csv")
+    for name, words in (
+        ("none.csv", "none.csv: cannot be read: No such file"),
+        (".", ".: is a directory, not an RCS table"),
+        ("a\0b", r"a\x00b: cannot be read: embedded null byte"),
+    ):
+        with pytest.raises(InputError, match=f"^{re.escape(words)}"):
+            rs.load_rcs_table(name)
+    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
+    (here / "a.csv").write_bytes(b"#\n" * (2**19 + 1))
+    with pytest.raises(InputError, match="larger than 1 MiB"):
+        rs.load_rcs_table("a.csv")
+
+
+def test_the_extremes_that_are_allowed(here):
+    for column, values in (("rcs_dbsm", (-200, 200)), ("rcs_m2", ("1e-20", "1e20"))):
+        rows = [f"{a},{values[a % 60 == 0]}" for a in range(0, 360, 30)]
+        rs.load_rcs_table(write(here / "a.csv", f"azimuth_deg,{column}", *rows))

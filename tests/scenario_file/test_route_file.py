@@ -1,0 +1,505 @@
+"""Route files, allowed and refused, and the routes that are read.
+
+A refusal is an `InputError` that names file, line, column, value and the allowed values.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from routes import (
+    ATTITUDE,
+    COV,
+    DEG,
+    GEO,
+    HEAD,
+    ORIGIN,
+    STD,
+    UPPER,
+    geodetic,
+    load,
+    ned,
+    random_covariance,
+    same,
+    triangle,
+)
+from scipy.spatial.transform import Rotation
+
+from radar_sense.covariance import problem
+from radar_sense.errors import InputError
+from radar_sense.model import geodesy as wgs84
+from radar_sense.model import track
+from radar_sense.model.trajectory import METHODS, resample
+from radar_sense.scenario_file import table_file
+from radar_sense.scenario_file.route_file import load_route
+
+G = 9.80665
+SIMPLE = f"{HEAD}\n0,0,0,-1000\n1,100,0,-1000\n2,200,0,-1000\n"
+
+
+@pytest.fixture(autouse=True)
+def in_its_own_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+
+
+# The content of a file.
+
+
+def test_a_route_has_times_states_and_distance():
+    found = load(SIMPLE)
+    np.testing.assert_array_equal(found.time_s, [0, 1, 2])
+    np.testing.assert_array_equal(found.aircraft[:, :3], [[n, 0, -1000] for n in (0, 100, 200)])
+    np.testing.assert_array_equal(found.aircraft[:, 3:], 0.0)
+    np.testing.assert_array_equal(found.distance_m, [0, 100, 200])
+    assert found.covariance is None
+    assert not found.attitude_given
+    assert found.origin is None
+    with pytest.raises(ValueError, match="read-only"):
+        found.aircraft[0, 0] = 1.0
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "\ufeff" + SIMPLE,
+        SIMPLE.replace("\n", "\r\n"),
+        SIMPLE.rstrip("\n"),
+        SIMPLE.replace("\n", "\n\n"),
+        "# größer\n\n  # b\n" + SIMPLE.replace("\n", " # c, d\n"),
+        SIMPLE.replace("\n", "\n   \n"),
+        SIMPLE.replace(",", " ,  "),
+        SIMPLE.replace(",100", ",+.1e3").replace("200", "2.E+02"),
+        "down_m,time_s,north_km,east_km\n-1000,0,0,0\n-1000,1,0.1,0\n-1000,2,0.2,0\n",
+    ],
+)
+def test_the_same_route_written_otherwise(text):
+    same(load(text), load(SIMPLE))
+
+
+def test_attitude_and_standard_deviations():
+    std = [1, 2, 3, 0.1, 0.2, 0.3]
+    header = ",".join(["time_s", "north_m", "east_m", "down_m", *ATTITUDE, *STD])
+    found = load(f"{header}\n5,1,2,3,10,-20,300,{','.join(map(str, std))}\n")
+    assert found.attitude_given
+    np.testing.assert_allclose(
+        found.aircraft, [[1, 2, 3, 10 * DEG, -20 * DEG, 300 * DEG]], rtol=1e-15
+    )
+    np.testing.assert_allclose(
+        found.covariance, [np.diag(np.square([1, 2, 3, 0.1 * DEG, 0.2 * DEG, 0.3 * DEG]))]
+    )
+    np.testing.assert_array_equal(found.distance_m, [0])
+
+
+@pytest.mark.parametrize("rank", [1, 3, 6])
+def test_the_upper_triangle_is_a_covariance(rank):
+    rng = np.random.default_rng(rank)
+    covariance = random_covariance(rng, 50, rank)
+    path = ned(np.arange(50.0), rng.uniform(-1e5, 1e5, (50, 3)))
+    columns = {**path, **triangle(covariance)}
+    shuffled = {name: columns[name] for name in rng.permutation(list(columns))}
+    found = load(shuffled).covariance
+    units = np.array([1, 1, 1, DEG, DEG, DEG])
+    np.testing.assert_allclose(found, covariance * np.outer(units, units), rtol=1e-15)
+
+
+def test_a_covariance_may_be_nothing():
+    columns = ned(np.arange(2.0), np.array([[0, 0, 0], [100.0, 0, 0]]))
+    found = load({**columns, **triangle(np.zeros((2, 6, 6)))})
+    assert not found.covariance.any()
+    tiny = np.full((2, 6, 6), 1e-200)
+    assert not load({**columns, **triangle(tiny)}).covariance.any()
+
+
+# Latitude and longitude.
+
+
+def test_places_become_positions_about_the_origin():
+    rng = np.random.default_rng(0)
+    place = np.array(ORIGIN) + rng.uniform(-1, 1, (40, 3)) * [0.05, 0.05, 1000]
+    found = load(geodetic(np.arange(40.0), place), origin=ORIGIN)
+    assert found.origin == ORIGIN
+    np.testing.assert_allclose(
+        found.aircraft[:, :3], wgs84.ned_from_geodetic(place, ORIGIN), rtol=0, atol=1e-8
+    )
+    east_of_greenwich = place + np.array([0, 2 * np.pi, 0])  # 0 to 360
+    again = load(geodetic(np.arange(40.0), east_of_greenwich), origin=ORIGIN)
+    np.testing.assert_allclose(again.aircraft, found.aircraft, rtol=0, atol=1e-7)
+
+
+def test_attitude_and_covariance_of_the_aircrafts_level_are_turned():
+    rng = np.random.default_rng(1)
+    count = 30
+    place = np.array(ORIGIN) + rng.uniform(-1, 1, (count, 3)) * [0.3, 0.3, 1000]
+    attitude = rng.uniform([-180, -60, -180], [180, 60, 180], (count, 3))
+    covariance = random_covariance(rng, count)
+    found = load(
+        {
+            **geodetic(np.arange(float(count)), place),
+            **dict(zip(ATTITUDE, attitude.T, strict=True)),
+            **triangle(covariance),
+        },
+        origin=ORIGIN,
+    )
+    for i in range(count):
+        # The pose of the file, with a small error along each of its six components.
+        axes = wgs84.ned_axes(ORIGIN) @ wgs84.ned_axes(place[i]).T
+
+        def moved(by, i=i, axes=axes):
+            local = Rotation.from_euler("ZYX", (attitude[i] * DEG + by[3:])[::-1])
+            turned = (Rotation.from_matrix(axes) * local).as_euler("ZYX")[::-1]
+            return np.hstack([wgs84.ned_from_geodetic(place[i], ORIGIN) + axes @ by[:3], turned])
+
+        np.testing.assert_allclose(found.aircraft[i], moved(np.zeros(6)), rtol=1e-10, atol=1e-9)
+        step = 1e-5
+        slopes = [moved(step * unit) - moved(-step * unit) for unit in np.eye(6)]
+        slopes = np.array(slopes).T
+        slopes[3:] = (slopes[3:] + np.pi) % (2 * np.pi) - np.pi
+        units = np.array([1, 1, 1, DEG, DEG, DEG])
+        jacobian = slopes / (2 * step) * units
+        expected = jacobian @ covariance[i] @ jacobian.T
+        scale = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
+        assert np.max(np.abs(found.covariance[i] - expected) / scale) < 3e-3  # of position: 1e-4 m
+        assert problem(found.covariance[i]) is None
+    np.testing.assert_array_equal(found.covariance, np.swapaxes(found.covariance, -1, -2))
+
+
+def test_a_variance_of_zero_does_not_round_below_zero():
+    # Position is uncertain along one axis of the origin's frame only.
+    rng = np.random.default_rng(8)
+    place = np.array(ORIGIN) + rng.uniform(-1, 1, (200, 3)) * [0.3, 0.3, 1000]
+    axes = wgs84.turn_to_origin(place, ORIGIN)
+    covariance = np.zeros((200, 6, 6))
+    covariance[:, :3, :3] = 900 * axes[:, 0, :, np.newaxis] * axes[:, 0, np.newaxis, :]
+    columns = {**geodetic(np.arange(200.0), place), **triangle(covariance)}
+    found = load(columns, origin=ORIGIN).covariance
+    np.testing.assert_allclose(found[:, 0, 0], 900, rtol=1e-12)
+    variances = np.diagonal(found, axis1=-2, axis2=-1)
+    assert np.all(variances >= 0)
+    assert not np.any(found[variances == 0])
+
+
+def test_the_size_of_the_blocks_changes_nothing(monkeypatch):
+    rng = np.random.default_rng(7)
+    time = np.cumsum(rng.uniform(0.5, 1.5, 50))
+    place = np.array(ORIGIN) + np.outer(time, [3e-5, -2e-5, 10.0])
+    columns = {**geodetic(time, place), **triangle(random_covariance(rng, 50))}
+    found = []
+    for block in (7, 2**14):
+        monkeypatch.setattr(track, "BLOCK", block)
+        path = load(columns, origin=ORIGIN)
+        found += [path, resample(path, 0.5), resample(path, 0.5, "smooth")]
+    for a, b in zip(found[:3], found[3:], strict=True):
+        same(a, b)
+        np.testing.assert_array_equal(a.covariance, b.covariance)
+
+
+def test_turned_position_errors_keep_their_ellipsoid():
+    # 10 m to the north, 3 m up: at 90° of longitude from the origin those are other axes.
+    std = dict(zip(STD, [[10.0], [5.0], [3.0], [0.0], [0.0], [0.0]], strict=True))
+    attitude = {name: [0.0] for name in ATTITUDE}
+    place = np.array([[0.0, np.pi / 2, 0.0]])
+    found = load({**geodetic([0.0], place), **attitude, **std}, origin=(0.0, 0.0, 0.0))
+    expected = np.zeros((6, 6))
+    # East there is down here, and down there is west here.
+    expected[:3, :3] = np.diag([100.0, 9.0, 25.0])
+    np.testing.assert_allclose(found.covariance[0], expected, atol=1e-13)
+
+
+def test_a_covariance_of_roll_and_yaw_straight_up_is_refused():
+    # Level flight a quarter around the earth is straight down for the origin.
+    columns = {
+        **geodetic([0.0, 7.5], np.array([[0.0, 0.0, 0.0], [0.0, np.pi / 2, 0.0]])),
+        **dict(zip(ATTITUDE, ([0, 0], [0, 0], [90, 90]), strict=True)),
+    }
+    load(columns, origin=(0.0, 0.0, 0.0))
+    with pytest.raises(InputError, match=r"route\.csv: at time_s 7\.5 .* straight up or down"):
+        load({**columns, **{name: [1, 1] for name in STD}}, origin=(0.0, 0.0, 0.0))
+
+
+def test_the_track_along_the_equator_is_level_where_the_aircraft_is():
+    time = np.arange(0.0, 2000.0, 10.0)
+    longitude = 250.0 / (wgs84.SEMI_MAJOR + 1e4) * time
+    place = np.stack([0 * time, longitude, np.full_like(time, 1e4)], axis=-1)
+    roll, pitch, yaw = load(geodetic(time, place), origin=(0.0, 0.0, 0.0)).aircraft[:, 3:].T
+    np.testing.assert_allclose(roll, 0.0, atol=1e-9)
+    np.testing.assert_allclose(pitch[1:-1], -longitude[1:-1], atol=1e-9)
+    np.testing.assert_allclose(pitch, -longitude, atol=1e-7)  # one-sided at the ends
+    np.testing.assert_allclose(yaw, np.pi / 2, atol=1e-12)
+
+
+def test_the_bank_of_a_turn_is_relative_to_the_aircrafts_level():
+    speed, radius = 200.0, 10e3
+    time = np.arange(0.0, 300.0, 0.5)
+    centre = np.array([41 * DEG, -102 * DEG, 0.0])
+    angle = speed / radius * time
+    circle = np.stack([radius * np.cos(angle), radius * np.sin(angle), -3000 + 0 * time], axis=-1)
+    place = wgs84.geodetic_from_ned(circle, centre)
+    found = load(geodetic(time, place), origin=ORIGIN)
+    attitude = wgs84.turned_attitude(
+        found.aircraft[:, 3:], np.swapaxes(wgs84.turn_to_origin(place, ORIGIN), -1, -2)
+    )
+    # The circle is level at its centre; at its rim the level is another by 10 km / 6370 km.
+    np.testing.assert_allclose(attitude[:, 0], np.arctan(speed**2 / radius / G), atol=2e-4)
+    np.testing.assert_allclose(attitude[:, 1], 0.0, atol=1e-4)
+
+
+# Refusals.
+
+
+WITH_STD = ",".join([HEAD, *STD])
+WITH_COV = ",".join([HEAD, *COV])
+ONES = ",".join(["1"] * 21)
+IDENTITY = ",".join("1" if i == j else "0" for i, j in UPPER)
+
+REFUSED = {
+    "empty": ("", "route.csv: is empty; the first line must name the columns"),
+    "comments only": ("# a\n#b\n\n", "route.csv: is empty"),
+    "no rows": (f"{HEAD}\n# none\n", "route.csv: has no rows"),
+    "header without newline": (HEAD, "route.csv: has no rows"),
+    "one row": (f"{HEAD}\n0,0,0,0\n", "route.csv: has 1 row; attitude from the track needs 2"),
+    "not utf-8": (b"time_s,\xff\n", "route.csv:1: is not UTF-8 text: byte 0xff"),
+    "not utf-8 below": (
+        SIMPLE.encode() + b"# \xe9\n",
+        "route.csv:5: is not UTF-8 text: byte 0xe9",
+    ),
+    "zero bytes": (bytes(100), "route.csv:1: names none of the columns, allowed: time_s"),
+    "a long line": (b"x" * 100_000, "route.csv:1: is longer than 65536 bytes"),
+    "no header": ("1,2,3,4\n", "names none of the columns"),
+    "tabs": (SIMPLE.replace(",", "\t"), "columns are separated by commas or semicolons"),
+    "unknown": (
+        SIMPLE.replace("north", "nort"),
+        "route.csv:1: unknown column 'nort_m', allowed: time_s or speed_m_s; ",
+    ),
+    "did you mean": (SIMPLE.replace("north", "nort"), "did you mean 'north_m'?"),
+    "duplicate": (f"# a\n{HEAD},time_s\n", "route.csv:2: duplicate column 'time_s'"),
+    "no time": (
+        "north_m,east_m,down_m\n0,0,0\n1,0,0\n",
+        "route.csv:1: has no times; waypoints without times need a speed, geometry.speed_m_s or",
+    ),
+    "no down": ("time_s,north_m,east_m\n", "route.csv:1: missing column 'down_m'"),
+    "no place": ("time_s\n", "route.csv:1: missing column 'north_m', required are latitude_deg"),
+    "no altitude": (
+        "time_s,latitude_deg,longitude_deg\n",
+        "route.csv:1: missing column 'altitude_m'",
+    ),
+    "two units": (f"{HEAD},north_km\n", "route.csv:1: has north_m beside north_km; give only one"),
+    "two frames": (f"{HEAD},latitude_deg\n", "route.csv:1: has north_m beside latitude_deg; give"),
+    "two clocks": (f"{HEAD},speed_m_s\n", "route.csv:1: has time_s beside speed_m_s; give only"),
+    "half an attitude": (
+        f"{HEAD},roll_deg,yaw_deg\n",
+        "route.csv:1: missing column 'pitch_deg', required are all of roll_deg, pitch_deg, yaw_deg",
+    ),
+    "half a covariance": (
+        f"{HEAD},std_north_m\n",
+        "missing column 'std_east_m', required are all of std_north_m to std_yaw_deg, or none",
+    ),
+    "two covariances": (
+        f"{WITH_STD},{','.join(COV)}\n",
+        "route.csv:1: has std_north_m beside cov_north_north_m2; give only one of the two",
+    ),
+    "lower triangle": (f"{HEAD},cov_east_north_m2\n", "did you mean 'cov_"),
+    "text": (f"{HEAD}\n0,0,0,0\n1,x,0,0\n", "route.csv:3: north_m: must be a number"),
+    "nothing": (f"{HEAD}\n0,,0,0\n", "route.csv:2: north_m: must be a number not less than"),
+    "nothing said": (f"{HEAD}\n0,,0,0\n", "got nothing"),
+    "nan": (f"{HEAD}\n0,0,0,0\n\n1,0,NaN,0\n", "route.csv:4: east_m: must be finite, got NaN"),
+    "inf": (f"{HEAD}\n0,0,-inf,0\n", "route.csv:2: east_m: must be finite, got -inf"),
+    "overflow": (f"{HEAD}\n0,0,0,0\n1,0,0,1e999\n", "route.csv:3: down_m: must be a number"),
+    "hexadecimal": (f"{HEAD}\n0,0x10,0,0\n", "route.csv:2: north_m: must be a number"),
+    "underscores": (f"{HEAD}\n0,1_0,0,0\n", "got '1_0'"),
+    "other digits": (f"{HEAD}\n0,١,0,0\n", "route.csv:2: north_m: must be a number"),
+    "open quote": (f'{HEAD}\n0,"1,0,0\n', "route.csv:2: is not valid CSV: "),
+    "too few": (
+        f"{HEAD}\n0,0,0,0\n1,0,0\n",
+        "route.csv:3: must have 4 values, one for each column, got 3",
+    ),
+    "too few all along": (f"{HEAD}\n0,0,0\n1,0,0\n", "route.csv:2: must have 4 values"),
+    "too many": (
+        f"{HEAD}\n0,0,0,0,5\n",
+        "route.csv:2: must have 4 values, one for each column, got 5",
+    ),
+    "far": (
+        f"{HEAD}\n0,0,0,0\n1,2e8,0,0\n",
+        "route.csv:3: north_m: must be a number not less than -1e+08 and not greater than 1e+08, "
+        "got 200000000",
+    ),
+    "time back": (
+        f"{HEAD}\n0,0,0,0\n2,1,1,1\n# c\n1.5,2,2,2\n",
+        "route.csv:5: time_s: must be later than 2.0, the time of the row before, got 1.5",
+    ),
+    "time hardly moving": (
+        f"{HEAD}\n0,0,0,0\n5e-10,1,1,1\n",
+        "must be later than 0.0, the time of the row before, by 1e-09 s or more, got 5e-10",
+    ),
+    "time still": (f"{HEAD}\n0,0,0,0\n0,1,1,1\n", "route.csv:3: time_s: must be later than 0.0"),
+    "latitude 91": (
+        f"{GEO}\n0,0,0,0\n1,91,0,0\n",
+        "route.csv:3: latitude_deg: must be a number not less than -90 and not greater than 90, "
+        "got 91",
+    ),
+    "longitude": (f"{GEO}\n0,0,-180.5,0\n", "route.csv:2: longitude_deg: must be"),
+    "underground": (f"{GEO}\n0,0,0,-20000\n", "route.csv:2: altitude_m: must be"),
+    "no origin": (f"{GEO}\n0,0,0,0\n", "route.csv:1: latitude and longitude need the or"),
+    "pitch": (
+        f"{HEAD},roll_deg,pitch_deg,yaw_deg\n0,0,0,0,0,90.1,0\n",
+        "route.csv:2: pitch_deg: must be a number not less than -90 and not greater than 90",
+    ),
+    "negative std": (f"{WITH_STD}\n0,0,0,0,1,1,-1,1,1,1\n", "route.csv:2: std_down_m: must be"),
+    "negative variance": (
+        f"{WITH_COV}\n0,0,0,0,{IDENTITY.replace('1', '-1', 1)}\n",
+        "route.csv:2: cov_north_north_m2: must be a number not less than 0",
+    ),
+    "not semidefinite": (
+        f"{WITH_COV}\n0,0,0,0,{IDENTITY}\n1,1,0,0,{ONES.replace('1,1', '1,1.1', 1)}\n",
+        "route.csv:3: covariance is not positive semidefinite: its correlation matrix has the",
+    ),
+    "covariance of what is certain": (
+        f"{WITH_COV}\n0,0,0,0,0,1,{','.join(['0'] * 19)}\n",
+        "route.csv:2: covariance is not positive semidefinite: a component without variance",
+    ),
+    "never moves": (
+        f"{HEAD}\n0,0,0,0\n1,0,0,-5\n",
+        "route.csv: the aircraft never moves horizontally at 0.1 m/s or more, attitude cannot",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_bad_files_are_refused_with_their_line(name):
+    content, says = REFUSED[name]
+    with pytest.raises(InputError) as refused:
+        load(content)
+    assert says in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_gaps_are_refused_if_asked():
+    text = f"{HEAD}\n0,0,0,0\n1,100,0,0\n11.5,200,0,0\n"
+    assert len(load(text).time_s) == 3
+    assert len(load(text, max_gap_s=10.5).time_s) == 3
+    with pytest.raises(InputError, match=r"^route\.csv:4: time_s: must be within 10 s .* 10\.5"):
+        load(text, max_gap_s=10)
+    for wrong in (0, -1, math.nan):
+        with pytest.raises(InputError, match="max_gap_s must be"):
+            load(text, max_gap_s=wrong)
+
+
+def test_an_origin_must_be_a_place_and_have_a_use():
+    with pytest.raises(InputError, match=r"^route\.csv:1: north, east and down"):
+        load(SIMPLE, origin=ORIGIN)
+    for wrong in ((2.0, 0.0, 0.0), (math.nan, 0.0, 0.0), (0.0, math.inf, 0.0)):
+        with pytest.raises(ValueError, match="origin must be"):
+            load(f"{GEO}\n0,0,0,0\n1,0,1,0\n", origin=wrong)
+
+
+def test_too_many_rows_and_too_large_a_file(monkeypatch):
+    monkeypatch.setattr(table_file, "MAX_ROWS", 3)
+    assert len(load(SIMPLE).time_s) == 3
+    with pytest.raises(InputError, match=r"^route\.csv:6: has more than 3 rows"):
+        load("\n" + SIMPLE + "3,300,0,0\n")
+    monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
+    with pytest.raises(InputError, match="is larger than 1 MiB"):
+        load(SIMPLE + "#\n" * 2**19)
+
+
+def test_files_that_cannot_be_read(tmp_path):
+    for name, says in ((tmp_path / "no.csv", "cannot be read"), (tmp_path, "is a directory")):
+        with pytest.raises(InputError, match=says):
+            load_route(name)
+    with pytest.raises(InputError, match="cannot be read"):
+        load_route("a\0b")
+
+
+def test_the_first_bad_covariance_is_named_among_good_ones():
+    rng = np.random.default_rng(6)
+    covariance = random_covariance(rng, 40, rank=4)  # singular, so that none is definite
+    columns = ned(np.arange(40.0), np.outer(np.arange(40.0), [100, 0, 0]))
+    load({**columns, **triangle(covariance)})
+    for bad in (33, 21):
+        i, j = 1, 4
+        std = np.sqrt(covariance[bad, i, i] * covariance[bad, j, j])
+        covariance[bad, i, j] = covariance[bad, j, i] = 1.01 * std
+        with pytest.raises(InputError, match=rf"^route\.csv:{bad + 2}: covariance is not"):
+            load({**columns, **triangle(covariance)})
+
+
+# Random texts.
+
+
+def outcome(path, **options):
+    """Return a finite route, or None for a refusal in one line."""
+    try:
+        found = load_route(path, **options)
+    except InputError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - what else is raised must be seen
+        return None
+    assert np.all(np.isfinite(found.aircraft))
+    assert np.all(np.isfinite(found.distance_m))
+    assert np.all(np.diff(found.time_s) > 0)
+    if found.covariance is not None:
+        assert np.all(np.isfinite(found.covariance))
+    return found
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzz") / "route.csv"
+
+
+@given(content=st.binary(max_size=200))
+@settings(max_examples=150, deadline=None)
+def test_any_bytes(path, content):
+    path.write_bytes(content)
+    outcome(path)
+    path.write_bytes(f"{HEAD}\n0,0,0,0\n1,9,9,9\n".encode() + content)
+    outcome(path)
+
+
+CELLS = st.one_of(
+    st.floats(allow_nan=True, allow_infinity=True).map(repr),
+    st.floats(-100, 100).map(repr),
+    st.integers(-3, 3).map(str),
+    st.sampled_from(["", " ", "nan", "1e999", "-0", "1e-320", "90", "-90", "180", "x", "1 2", "#"]),
+)
+NUMBERS = st.one_of(
+    st.integers(-90, 90).map(str), st.sampled_from(["0", "-0", "1e-320", "89.99999", "1e-9", "1"])
+)
+
+
+@st.composite
+def tables(draw):
+    """Tables with good headers and rows that are mostly of the right shape and at times good."""
+    columns = (draw(st.sampled_from([HEAD, GEO]))).split(",")
+    for more in (ATTITUDE, draw(st.sampled_from([STD, COV]))):
+        if draw(st.booleans()):
+            columns += more
+    cell = draw(st.sampled_from([NUMBERS, NUMBERS, CELLS]))
+    rows = draw(st.integers(0, 6))
+    table = [
+        [str(i + draw(st.integers(0, 1))), *(draw(cell) for _ in columns[1:])] for i in range(rows)
+    ]
+    for row in table:
+        for i, name in enumerate(columns):
+            if name in COV and draw(st.integers(0, 9)) and cell is NUMBERS:
+                a, b = UPPER[COV.index(name)]
+                row[i] = "1" if a == b else "0.1"
+            elif name in STD and cell is NUMBERS:
+                row[i] = row[i].lstrip("-")
+    return columns, "\n".join(",".join(row) for row in [columns, *table])
+
+
+@given(table=tables(), step=st.sampled_from([0.1, 0.7, 1.0, 5.0]))
+@settings(max_examples=100, deadline=None)
+def test_any_table(path, table, step):
+    columns, text = table
+    path.write_text(text)
+    options = {"origin": (0.1, 0.2, 0.0)} if "latitude_deg" in columns else {}
+    found = outcome(path, **options)
+    for method in METHODS if found else ():
+        try:
+            again = resample(found, step, method)
+        except InputError as error:
+            assert "never moves" in str(error)  # noqa: PT017 - what else is raised must be seen
+        else:
+            assert np.all(np.isfinite(again.aircraft))
