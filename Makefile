@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 FIGURES := variance montecarlo sensitivity budget detectors rcs convergence
 
-.PHONY: figures test fuzz reference docs bench lint format clean
+.PHONY: figures test fuzz study reference docs bench lint format clean
 
 # The runtime packages are enough for the figures; what tests and linting need is installed with them.
 $(VENV)/installed: pyproject.toml
@@ -64,6 +64,10 @@ test: $(VENV)/installed-dev
 # Random scenarios, files and options: make fuzz SECONDS=600 SEED=7
 fuzz: $(VENV)/installed-dev
 	$(BIN)/python tests/fuzz --seconds $(or $(SECONDS),60) $(if $(SEED),--seed $(SEED))
+
+# How often a band or a verdict is wrong; make study STUDY="--poses 400 --seed 7" for a part of it.
+study: $(VENV)/installed-dev
+	PYTHONPATH=tests/studies $(BIN)/python -m bands $(STUDY)
 
 # The pages of docs/reference, and the schema in the package, from what the program declares.
 reference: $(VENV)/installed

@@ -1,10 +1,13 @@
 """The small version of the study in `tests/studies/bands`: `make study` runs all of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import oracle
 import pytest
+from scipy.spatial.transform import Rotation, Slerp
 from scipy.special import ndtr
-from studies.bands import model, package, truth
+from studies.bands import judging, model, package, paths, truth
 from studies.bands.populations import POPULATIONS, problem
 
 import radar_sense as rs
@@ -82,3 +85,60 @@ def test_a_root_is_a_root_of_a_singular_matrix_too():
     matrix = np.array([[4e6, 2e-3, 0], [2e-3, 1e-12, 0], [0, 0, 0]])
     root = model.root(matrix)
     np.testing.assert_allclose(root @ root.T, matrix, rtol=1e-9, atol=1e-18)
+
+
+def test_a_band_is_judged_by_both_bounds_and_by_four_standard_errors():
+    exact = truth.truth(problem("general", SEED, 3), SEED, most=50_000)
+    right = package.Band(exact.lower, exact.upper, 0.0, 0.0, warned=False)
+    assert not judging.judge(exact, right).off
+    high = exact.upper_between[1]
+    far = max(high, exact.upper + judging.OFF) + 1e-6
+    assert judging.judge(exact, replace(right, upper=far)).off
+    assert not judging.judge(exact, replace(right, upper=far, upper_se=1e-6)).off
+    assert not judging.judge(exact, replace(right, upper=high)).off
+    assert judging.judge(exact, replace(right, lower=np.nan)).off
+    verdicts = [judging.Judged(0, off, warned) for off in (True, False) for warned in (True, False)]
+    assert judging.counts(verdicts) == (4, 1, 1, 1)
+
+
+def test_thresholds_stand_on_both_sides_of_the_true_bound():
+    rows = [
+        (case, truth.truth(case, SEED, most=50_000))
+        for case in (problem("short range", SEED, number) for number in range(12))
+    ]
+    asked = list(judging.thresholds(rows))
+    assert {verdict for *_, verdict in asked} == {"holds", "violated"}
+    for case, threshold, verdict in asked:
+        exact = dict(rows)[case]
+        assert (threshold < exact.upper) == (verdict == "violated")
+
+
+@pytest.mark.parametrize("kind", paths.KINDS)
+def test_a_route_grazes_between_its_rows_and_not_at_them(kind):
+    path = paths.grazing(SEED, paths.KINDS.index(kind))
+    scenario = package.scenario(path.problem, aircraft=path.aircraft, time_s=path.time_s)
+    rows = scenario.model.p_d(scenario.aircraft, scenario.shared)
+    assert rows.max() <= paths.WELL_BELOW * path.threshold
+    middle = np.linspace(path.time_s[0], path.time_s[-1], 40_001)
+    states = paths.along(path.time_s, path.aircraft, middle)
+    p_d = scenario.model.p_d(states, scenario.shared)
+    seconds = np.mean(p_d > path.threshold) * np.ptp(path.time_s)
+    assert path.seconds >= 1.0
+    assert seconds == pytest.approx(path.seconds, abs=2 * paths.STEP + np.ptp(path.time_s) / 20_000)
+
+
+def test_a_route_that_passes_by_is_not_seen():
+    for number in range(len(paths.PASSING)):
+        path = paths.passing(SEED, number)
+        assert path.peak <= 0.1 * path.threshold
+
+
+def test_attitudes_turn_about_one_axis_at_a_constant_rate():
+    rows = np.array([[0, 0, 0, 0.2, -0.1, 3.0], [90, 0, -9, -0.3, 0.4, -2.2]], dtype=float)
+    at = np.array([0.0, 1.0, 4.5, 9.0])
+    states = paths.along(np.array([0.0, 9.0]), rows, at)
+    rotations = Rotation.from_euler("ZYX", rows[:, :2:-1])
+    expected = Slerp([0, 9], rotations)(at)
+    found = Rotation.from_euler("ZYX", states[:, :2:-1])
+    assert (found * expected.inv()).magnitude() == pytest.approx(np.zeros(4), abs=1e-12)
+    np.testing.assert_allclose(states[:, 0], 10 * at)

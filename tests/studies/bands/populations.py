@@ -76,15 +76,18 @@ def general(rng):
 
 def short_range(rng):
     """Return the fields of a network with one poorly known radar of short range."""
+    # the range at which P_D of the short-range radar is 0.5, as a part of the distance
+    known, reach = rng.uniform(1e3, 4e3), rng.uniform(0.1, 1.1)
     distance = rng.uniform(4e3, 30e3)
-    aircraft = pose(rng, distance, -rng.choice([500.0, 1500.0, 4000.0]))
+    if rng.random() < 0.7:  # that range is one to four standard deviations away
+        reach = rng.uniform(0.15, 0.6)
+        distance = known * rng.uniform(1.0, 3.8) / (1 - reach)
+    down = -rng.choice([0.03, 0.1, 0.2]) * distance
+    aircraft = pose(rng, distance, down)
     kind = rng.choice(["constant", "ellipsoid", "ellipsoid", "spikeball", "smooth"])
     rcs = random_rcs(rng, str(kind))
     short = Radar(np.array([0, 0, -5, 1.0]), str(rng.choice(DETECTORS)), 1e-6)
-    # the range at which P_D of the short-range radar is 0.5, as a part of the distance
-    reach = rng.uniform(0.1, 1.1)
     short = with_snr(short, aircraft, rcs, snr_for(short, 0.5) * reach**4)
-    known = rng.uniform(1e3, 4e3)
     radars, spreads = [short], [[known, known * rng.choice([1.0, 0.3]), 3.0, 0.1]]
     for _ in range(int(rng.integers(1, 4))):
         azimuth, apart = rng.uniform(0, 2 * np.pi), rng.uniform(60e3, 220e3)

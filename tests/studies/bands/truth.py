@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from .model import Oracle
-from .populations import POPULATIONS, problem
+from .populations import POPULATIONS, problem, problems
 
 BATCH, CHUNK, MOST = 200_000, 20_000, 2_000_000
 ENOUGH = 0.001
@@ -141,19 +141,32 @@ def save(path, seed, rows):
 
 
 def load(path):
-    """Return problems and their truths from a file."""
+    """Return problems and their truths from a file.
+
+    Raises:
+        ValueError: If the file was made of other problems.
+    """
     data = np.load(path)
     arrays = {f.name: data[f.name] for f in fields(Truth)}
     seed = int(data["seed"])
-    return [
-        (
-            problem(str(population), seed, int(number)),
-            Truth(**{name: array[row] for name, array in arrays.items()}),
-        )
-        for row, (population, number) in enumerate(
-            zip(data["population"], data["number"], strict=True)
-        )
-    ]
+    rows = []
+    for row, number in enumerate(data["number"]):
+        case = problem(str(data["population"][row]), seed, int(number))
+        rows.append((case, Truth(**{name: array[row] for name, array in arrays.items()})))
+        if abs(Oracle(case).nominal() - rows[-1][1].nominal) > 1e-9:
+            raise ValueError(f"{path} is of another version of {case.population} {number}: make it")
+    return rows
+
+
+def make(path, poses, seed, most=MOST):
+    """Compute the truth of this many poses of all populations together, and write it to a file."""
+    rows, start = [], time.process_time()
+    for case in problems(poses // len(POPULATIONS), seed):
+        rows.append((case, truth(case, seed, most=most)))
+        if len(rows) % 100 == 0:
+            save(path, seed, rows)
+            print(f"{len(rows)} poses, {time.process_time() - start:.0f} s of CPU", flush=True)
+    save(path, seed, rows)
 
 
 def main():
@@ -163,15 +176,7 @@ def main():
     parser.add_argument("--draws", type=float, default=MOST, help="most draws of a pose")
     parser.add_argument("--out", required=True)
     options = parser.parse_args()
-    rows, start = [], time.process_time()
-    each = options.poses // len(POPULATIONS)
-    for number in range(each):
-        for population in POPULATIONS:
-            case = problem(population, options.seed, number)
-            rows.append((case, truth(case, options.seed, most=int(options.draws))))
-        if (number + 1) % 25 == 0 or number + 1 == each:
-            save(options.out, options.seed, rows)
-            print(f"{len(rows)} poses, {time.process_time() - start:.0f} s of CPU", flush=True)
+    make(options.out, options.poses, options.seed, int(options.draws))
 
 
 if __name__ == "__main__":
