@@ -1,15 +1,37 @@
-"""Independent streams of random numbers of one seed, and the register of their keys.
-
-A stream has a key of whole numbers that starts with one of the names below. Blocks of Monte Carlo
-runs have the number of the block as their whole key.
-"""
+"""Independent streams of random numbers of one seed, and the register of their keys."""
 
 from __future__ import annotations
 
+from enum import IntEnum, unique
+
 import numpy as np
 
-#: Draws with emphasis on the tails, and runs along a path.
-EMPHASIS, PATH = 2**32 - 4, 2**32 - 5
+
+@unique
+class Stream(IntEnum):
+    """First number of the key of each kind of draws.
+
+    Runs of `monte_carlo` have the number of their block, which is less than 2³¹, as whole key.
+    """
+
+    #: Scramblings of a Sobol' sequence, and its digital shifts at each pose.
+    SHIFT = 2**32 - 1
+    SCRAMBLE = 2**32 - 2
+    #: Seeds of the repetitions of `convergence`.
+    REPETITIONS = 2**32 - 3
+    #: Draws with emphasis on the tails.
+    EMPHASIS = 2**32 - 4
+    #: Runs along a path, with correlated errors.
+    PATH = 2**32 - 5
+    #: Batches of `validate`.
+    BATCHES = 2**32 - 6
+    #: Plain runs of a mission.
+    MISSION = 2**32 - 7
+    #: Importance sampling of missions.
+    MISSION_PILOT = 2**32 - 8
+    MISSION_PATHS = 2**32 - 9
+    MISSION_POSES = 2**32 - 10
+    MISSION_RADARS = 2**32 - 11
 
 
 def random_stream(seed: int, *key: int) -> np.random.Generator:

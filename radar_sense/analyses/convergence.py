@@ -26,7 +26,7 @@ from radar_sense.montecarlo.statistics import tail_quantiles
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-from radar_sense.streams import random_stream
+from radar_sense.streams import Stream, random_stream
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -51,8 +51,6 @@ BLOCK = 4096
 LEAST_STD = 1e-12
 #: The statistics, as rows of an array.
 STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}
-#: Number of the random stream of the seeds of the repetitions.
-_SEEDS = 2**32 - 3
 
 
 def draw(sampler: Sampler, kind: str, seed: int, runs: int) -> FloatArray:
@@ -121,7 +119,8 @@ def measure(
     subset = scenario.at_poses(poses)
     sampler = Sampler.of(subset)
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]
-    seeds = random_stream(scenario.seed, _SEEDS).integers(2**63, size=REFERENCES + repetitions)
+    generator = random_stream(scenario.seed, Stream.REPETITIONS)
+    seeds = generator.integers(2**63, size=REFERENCES + repetitions)
 
     def repeat(number: int) -> list[FloatArray]:
         seed = int(seeds[number])

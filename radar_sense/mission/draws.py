@@ -16,7 +16,7 @@ from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics
 from radar_sense.states import AIRCRAFT, FloatArray
-from radar_sense.streams import random_stream
+from radar_sense.streams import Stream, random_stream
 
 
 class RadarSampler(Protocol):
@@ -107,7 +107,7 @@ class _Runs:
 
     def statistics(self, index: int) -> tuple[list[Statistics], int]:
         """Return statistics of the events in a block of runs, and the runs with a c_r set to 0."""
-        generator = random_stream(self.seed, index)
+        generator = random_stream(self.seed, Stream.MISSION, index)
         looks, width = len(self.process.aircraft), self.runs_per_block
         # A whole block is drawn, because a longer computation must begin with the same runs.
         radar_normals = generator.standard_normal((width, self.sampler.radar_normals))

@@ -33,10 +33,8 @@ from radar_sense.montecarlo.statistics import (
 from radar_sense.propagation import Moments, check_method, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
-from radar_sense.streams import random_stream
+from radar_sense.streams import Stream, random_stream
 
-#: First key of the random streams, different from `monte_carlo`. Another key gives other draws.
-STREAM = 101
 #: 7.9.4 b): least number of draws of a batch, and least expected number outside the interval.
 LEAST_DRAWS = 10_000
 LEAST_OUTSIDE = 100
@@ -279,7 +277,7 @@ class Batches:
         return float(lower[0]), float(upper[0])
 
     def _stream(self, *key: int) -> np.random.Generator:
-        return random_stream(self.seed, STREAM, *key)
+        return random_stream(self.seed, Stream.BATCHES, *key)
 
 
 #: Confidence that a distance exceeds δ, for a method to be refuted: 3 standard errors.

@@ -21,7 +21,7 @@ from radar_sense.montecarlo.statistics import binomial_interval, highest, order_
 from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray
-from radar_sense.streams import random_stream
+from radar_sense.streams import Stream, random_stream
 
 #: Largest number of draws of P_D in one call: poses times runs times radars.
 MAX_DRAWS = 2e7
@@ -38,8 +38,6 @@ RELATIVE_ERROR = 0.02
 NEGLIGIBLE = 0.005
 #: Values of P_D in memory at a time.
 _BLOCK = 2**20
-#: Numbers of the random streams of a seed: draws at single poses, and draws of a path.
-_POSES, _PATH = 2**32 - 4, 2**32 - 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +151,7 @@ def _independent(sampler: Sampler, seed: int, stage: int, runs: int) -> Iterator
     size = max(1, _BLOCK // (poses * len(sampler.model.models)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)
-        generator = random_stream(seed, _POSES, stage, block)
+        generator = random_stream(seed, Stream.EMPHASIS, stage, block)
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((count, poses, len(AIRCRAFT)))
         yield sampler.draw_p_d(normals, radar, overwrite=True)
@@ -173,7 +171,7 @@ def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
     size = max(1, _BLOCK // (poses * len(path.model.models)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)
-        generator = random_stream(path.seed, _PATH, block)
+        generator = random_stream(path.seed, Stream.PATH, block)
         radar, _ = sampler.draw_radar(generator.standard_normal((count, sampler.radar_normals)))
         normals = generator.standard_normal((poses, count, len(AIRCRAFT)))
         correlate(normals, *correlation)

@@ -17,7 +17,7 @@ from scipy.special import ndtri
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
-from radar_sense.streams import random_stream
+from radar_sense.streams import Stream, random_stream
 
 #: Bits of a coordinate of a Sobol' point. SciPy 1.17 can skip ahead with up to 32 bits.
 BITS = 32
@@ -27,8 +27,6 @@ TOGETHER = 16_384
 #: Limit of the runs with Sobol' points. SciPy skips to a block by counting, which takes longer than
 #: P_D with more runs.
 MAX_SOBOL_RUNS = 2**24
-#: Numbers of the random streams that scramble and shift Sobol' points.
-_SCRAMBLE, _SHIFT = 2**32 - 2, 2**32 - 1
 
 
 class Source(Protocol):
@@ -131,13 +129,13 @@ class Sobol:
         from scipy.stats import qmc  # slow to import
 
         sequence = qmc.Sobol(
-            self.radar + len(AIRCRAFT), bits=BITS, rng=random_stream(self.seed, _SCRAMBLE)
+            self.radar + len(AIRCRAFT), bits=BITS, rng=random_stream(self.seed, Stream.SCRAMBLE)
         )
         if index:
             sequence.fast_forward(index * self.runs)
         points = (sequence.random(self.runs) / _UNIT).astype(np.uint32)
         radar, aircraft = np.split(points, [self.radar], axis=1)
-        shift = random_stream(self.seed, _SHIFT).integers(
+        shift = random_stream(self.seed, Stream.SHIFT).integers(
             2**BITS, size=(len(AIRCRAFT), self.poses), dtype=np.uint32
         )
         return _normal(radar), np.moveaxis(_normal(aircraft[:, :, np.newaxis] ^ shift), 1, -1)

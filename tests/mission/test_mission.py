@@ -379,8 +379,8 @@ def test_report(tool):
     file = write(
         Path(), radar__scan_period_s=10, radar__constant=14, uncertainty__aircraft_correlation_s=60
     )
-    # with seed 6 the draws have the larger σ
-    draws = "--runs", 100, "--seed", 6
+    # with seed 13 the draws have the larger σ
+    draws = "--runs", 100, "--seed", 13
     code, out, _ = tool("mission", file, "--m", 3, "--n", 5, *draws, "--no-plot")
     assert code == 0
     found, summary = (
@@ -421,7 +421,7 @@ def test_report(tool):
     half = summary["detection"]["reaches"]["0.5"]["time_s"]
     assert half is not None
     assert f"  reaches 0.5 at {half:.13g} s" in out
-    assert "100 runs (seed 6), largest difference of importance" in out
+    assert "100 runs (seed 13), largest difference of importance" in out
     tool("mission", write(Path(), radar__constant=0.01), "--no-plot")
     assert "never reaches 0.5 (upper bound: never" in tool("mission", "my.yaml").out
     assert "the same at every look" in tool(

@@ -28,6 +28,7 @@ from radar_sense.montecarlo.adaptive import numerical_tolerance, validate_method
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import Random
 from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.streams import Stream, random_stream
 
 M = 37_040  # draws of a batch at β = 3: the next whole number above 100/(2 Φ(−3)) = 37 039.8
 SIX = {"start": 0, "stop": 90, "step": 18}
@@ -490,14 +491,11 @@ def montecarlo_clipped(s, batches):
     """Count the draws below zero again, before they are set to zero."""
     sampler = Sampler.of(s)
     uncut = dataclasses.replace(sampler, radar=sampler.radar + np.array([0, 0, 0, 1e6]))
-    streams = [np.random.SeedSequence(s.seed, spawn_key=(101, b, 0)) for b in range(batches)]
     draws = [
-        uncut.draw_radar(np.random.Generator(np.random.SFC64(stream)).standard_normal((M, 4)))[0][
-            :, 3
-        ]
-        for stream in streams
+        uncut.draw_radar(random_stream(s.seed, Stream.BATCHES, b, 0).standard_normal((M, 4)))[0]
+        for b in range(batches)
     ]
-    return np.count_nonzero(np.concatenate(draws) < 1e6)
+    return np.count_nonzero(np.concatenate(draws)[:, 3] < 1e6)
 
 
 @pytest.mark.parametrize("workers", [1, 2])

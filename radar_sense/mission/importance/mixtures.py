@@ -25,9 +25,6 @@ MAX_DIRECTIONS, MIN_SHARE = 6, 0.01
 #: A standard deviation or spread of P below this one has no influence on centers or directions.
 NEGLIGIBLE = 1e-4
 
-#: Branches of a seed's random streams, one for each kind of draw.
-PILOT_STREAM, PATHS_STREAM, POSES_STREAM, RADARS_STREAM = 101, 102, 103, 104
-
 
 @dataclass(frozen=True, eq=False)
 class Mixture:

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.mission.importance.events import MissionEvents, draw_radars
-from radar_sense.mission.importance.mixtures import PILOT_STREAM, sobol_normals
+from radar_sense.mission.importance.mixtures import sobol_normals
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.states import FloatArray
+from radar_sense.streams import Stream
 
 #: Draws of a pilot, their width, and the probability of the tails that directions point to.
 PILOT_DRAWS, PILOT_WIDTH, PILOT_TAIL = 1024, 1.8, float(ndtr(-2.5))
@@ -36,7 +37,12 @@ class Pilot:
     ) -> Pilot:
         """Draw widened states of some radars, and compute the events."""
         normals = PILOT_WIDTH * sobol_normals(
-            PILOT_DRAWS, sampler.radar_normals, 1, events.scenario.seed, PILOT_STREAM, number
+            PILOT_DRAWS,
+            sampler.radar_normals,
+            1,
+            events.scenario.seed,
+            Stream.MISSION_PILOT,
+            number,
         )
         states = draw_radars(sampler, normals)[np.newaxis]
         poses = events.scenario.aircraft[:, np.newaxis]

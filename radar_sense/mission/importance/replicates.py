@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 from radar_sense.mission.importance.combinations import combine
 from radar_sense.mission.importance.events import draw_radars
 from radar_sense.mission.importance.mixtures import (
-    PATHS_STREAM,
-    POSES_STREAM,
-    RADARS_STREAM,
     sobol_normals,
 )
 from radar_sense.mission.importance.plan import Plan, RadarUnit
 from radar_sense.mission.importance.quantiles import WeightedStatistics, weighted_statistics
 from radar_sense.states import AIRCRAFT, FloatArray
-from radar_sense.streams import random_stream
+from radar_sense.streams import Stream, random_stream
 
 #: Combinations of the radars of one scan group for each draw. Each one takes a Markov chain.
 GROUP_COMBINATIONS = 2
@@ -48,7 +45,7 @@ class WeightedDraws:
 def compute_replicate(plan: Plan, number: int) -> list[tuple[WeightedStatistics, ...]]:
     """Return the statistics of each event, of all radars and of each radar."""
     events = plan.events
-    generator = random_stream(events.scenario.seed, PATHS_STREAM, number)
+    generator = random_stream(events.scenario.seed, Stream.MISSION_PATHS, number)
     poses, path_weight = _draw_poses(plan, generator, number)
     hazards: dict[int, FloatArray] = {}
     weights: dict[int, FloatArray] = {}
@@ -86,7 +83,12 @@ def _draw_poses(
     times, directions = len(plan.process.aircraft), plan.pose_directions
     normals = generator.standard_normal((times * len(AIRCRAFT), plan.paths))
     along = sobol_normals(
-        plan.paths, directions.dimensions, 1, plan.events.scenario.seed, POSES_STREAM, number
+        plan.paths,
+        directions.dimensions,
+        1,
+        plan.events.scenario.seed,
+        Stream.MISSION_POSES,
+        number,
     )
     weight = directions.draw(normals, along)
     return plan.process.poses(normals.reshape(times, len(AIRCRAFT), plan.paths)), weight
@@ -95,7 +97,7 @@ def _draw_poses(
 def _draw_radars(plan: Plan, unit: RadarUnit, number: int, u: int) -> tuple[FloatArray, FloatArray]:
     """Draw states (paths, draws, radars, 4 to 6) and weights (paths, draws) of a unit."""
     runs = plan.paths * plan.draws
-    stream = (plan.events.scenario.seed, RADARS_STREAM, number, u)
+    stream = (plan.events.scenario.seed, Stream.MISSION_RADARS, number, u)
     points = sobol_normals(runs, 1 + unit.sampler.radar_normals, plan.draws, *stream)
     normals, weight = unit.mixture.draw(points)
     states = draw_radars(unit.sampler, normals)
