@@ -323,7 +323,7 @@ def _output(analysis: Command) -> list[click.Parameter]:
             show_default=True,
             type=click.Choice(analysis.formats),
             help="Format of the figure"
-            + (", or of the map on the earth" if "kml" in analysis.formats else "")
+            + (", or of the map on the earth" if "geojson" in analysis.formats else "")
             + "; may be given several times.",
         ),
         click.Option(

@@ -259,7 +259,7 @@ class Result:
 
         Args:
             folder: Folder of the files; made if missing.
-            formats: Formats of the figure: png, pdf, svg; of a map also geojson and kml. ()
+            formats: Formats of the figure: png, pdf, svg; of a map also geojson. ()
                 writes no figure.
             style: Size of the figure: one-column, two-columns, slides.
             command: The command line, for the record.

@@ -23,7 +23,7 @@ from radar_sense.analyses.coverage.grid import (
     states_in,
     worst_p_d_in_cells,
 )
-from radar_sense.analyses.coverage.map_export import geojson, kml
+from radar_sense.analyses.coverage.map_export import geojson
 from radar_sense.analyses.verdicts.plausibility import below_ground
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
@@ -187,7 +187,7 @@ _TABLE = quantities(
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
     ],
-    exports={"geojson": geojson, "kml": kml},
+    exports={"geojson": geojson},
     name="map",
 )
 def coverage_map(
@@ -210,8 +210,8 @@ def coverage_map(
     The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
     The upper bound adds upper_3sigma, and the worst heading adds worst_heading_deg. An origin
     adds latitude_deg and longitude_deg. The figure shows the route in the same colours, by P_D at
-    the attitude of each pose. With an origin the map can be GeoJSON or KML too. These files have
-    the contours of P_D and of the bound, the radars, and the route with P_D of each leg.
+    the attitude of each pose. With an origin the map can be GeoJSON too: the contours of P_D and of
+    the bound, the radars, and the route with P_D of each leg.
 
     Args:
         scenario: The scenario.

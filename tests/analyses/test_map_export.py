@@ -1,8 +1,11 @@
-"""Maps as GeoJSON and KML: at each point of a contour P_D has the value of the contour."""
+"""Maps as GeoJSON: valid by RFC 7946, and at each point of a contour P_D has the contour's value.
+
+The validator and the geometry here share no code with the package.
+"""
 
 import json
+from itertools import pairwise
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -10,12 +13,12 @@ import yaml
 from helpers import document
 
 import radar_sense as rs
+from radar_sense.analyses.coverage.map_export import geojson
 from radar_sense.analyses.coverage_map import coverage_map
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
 
-KML = "{http://www.opengis.net/kml/2.2}"
-#: Beside the meridian of 180 degrees: longitudes must not jump.
+#: Across the meridian of 180 degrees.
 PLACES = [(47.0, 179.9, 9000.0), (48.0, -179.0, 9000.0), (48.2, -178.0, 9500.0)]
 AREA = {"north_km": (-150, 160), "east_km": (-150, 160), "step_km": 5}
 
@@ -39,8 +42,8 @@ def config(tmp_path_factory):
 def saved(config):
     scenario = rs.load_scenario(config)
     result = coverage_map(scenario, upper=True, p_d=[0.2, 0.6], **AREA)
-    paths = result.save(config.parent / "out", ("geojson", "kml"))
-    assert [path.suffix for path in paths] == [".npz", ".geojson", ".kml", ".json"]
+    paths = result.save(config.parent / "out", ("geojson",))
+    assert [path.suffix for path in paths] == [".npz", ".geojson", ".json"]
     return result, paths
 
 
@@ -79,7 +82,7 @@ def test_geojson_has_contours_radars_and_route(saved):
         assert feature["geometry"]["type"] == "MultiLineString"
         points = np.vstack(feature["geometry"]["coordinates"])
         assert len(points) > 20
-        assert np.ptp(points[:, 0]) < 10  # degrees: no jump by 360
+        assert np.ptp(points[:, 0] % 360) < 10  # degrees
         poses = states(result, *points.T)
         of_points = (
             scenario.model.p_d(poses, scenario.radar)
@@ -103,48 +106,119 @@ def test_geojson_has_contours_radars_and_route(saved):
     )
     np.testing.assert_allclose(back, scenario.radar[:3], atol=0.02)
     places = np.array(PLACES)[:, [1, 0, 2]]
-    places[:, 0] %= 360
+    over, after = by_kind["route"]
+    assert over["geometry"]["type"] == "MultiLineString"  # the first leg goes across 180 degrees
+    (start, west), (east, end) = over["geometry"]["coordinates"]
+    assert (west[0], east[0]) == (180, -180)
+    assert west[1:] == east[1:]
+    a, b = unit(start), unit(end)
+    crossing = b[1] * a - a[1] * b  # on the great circle, at y = 0
+    latitude = np.rad2deg(np.arctan(abs(crossing[2] / crossing[0])))
+    np.testing.assert_allclose(west[1], latitude, rtol=0, atol=1e-4)
+    assert after["geometry"]["type"] == "LineString"
+    found = [start, end, *after["geometry"]["coordinates"]]
+    np.testing.assert_allclose(found, places[[0, 1, 1, 2]], rtol=0, atol=0.0051)
     for i, feature in enumerate(by_kind["route"]):
-        np.testing.assert_allclose(
-            feature["geometry"]["coordinates"], places[i : i + 2], rtol=0, atol=0.0051
-        )
         value = feature["properties"]["upper_3sigma"]
         assert value == max(result.arrays["route"][i : i + 2])
-    assert len(by_kind["route"]) == 2
 
 
-def test_kml_is_the_same_map_on_the_ground(saved):
-    _, paths = saved
-    features = json.loads(paths[1].read_text(encoding="utf-8"))["features"]
-    root = ElementTree.parse(paths[2]).getroot()
-    assert root.find(f".//{KML}altitudeMode") is None
-    marks = root.findall(f".//{KML}Placemark")
-    assert len(marks) == len(features)
-    for mark, feature in zip(marks, features, strict=True):
-        properties, coordinates = feature["properties"], feature["geometry"]["coordinates"]
-        depth = {"contour": coordinates, "route": [coordinates], "radar": [[coordinates]]}
-        assert mark.findtext(f"{KML}name") == properties["name"]
-        colour = mark.findtext(f"{KML}Style/{KML}LineStyle/{KML}color")
-        assert properties["stroke"] == f"#{colour[6:]}{colour[4:6]}{colour[2:4]}"
-        found = [
-            [[float(x) for x in word.split(",")] for word in element.text.split()]
-            for element in mark.iter(f"{KML}coordinates")
-        ]
-        assert found == [[p[:2] for p in line] for line in depth[properties["kind"]]]
+def unit(position):
+    """Unit vector to a position of GeoJSON."""
+    longitude, latitude = np.deg2rad(position[:2])
+    level = np.cos(latitude)
+    return np.array([level * np.cos(longitude), level * np.sin(longitude), np.sin(latitude)])
+
+
+def lines_of(geometry):
+    """Check a geometry by RFC 7946, and return its lines."""
+    assert set(geometry) == {"type", "coordinates"}
+    coordinates = geometry["coordinates"]
+    lines = {
+        "Point": lambda: [[coordinates]],
+        "LineString": lambda: [coordinates],
+        "MultiLineString": lambda: coordinates,
+    }[geometry["type"]]()
+    assert lines
+    for line in lines:
+        assert len(line) >= (1 if geometry["type"] == "Point" else 2)
+        for longitude, latitude, height in line:
+            assert -180 <= longitude <= 180
+            assert -90 <= latitude <= 90
+            assert -1e4 < height < 1e6
+    return lines
+
+
+def check_geojson(text):
+    """Check a text by RFC 7946, and return its features and the number of cuts at 180 degrees."""
+    collection = json.loads(text)
+    assert set(collection) == {"type", "features"}
+    assert collection["type"] == "FeatureCollection"
+    cuts = 0
+    for feature in collection["features"]:
+        assert set(feature) == {"type", "geometry", "properties"}
+        assert feature["type"] == "Feature"
+        lines = lines_of(feature["geometry"])
+        ends = []
+        for line in lines:
+            for a, b in pairwise(line):
+                span = abs(b[0] - a[0])
+                assert span <= 180
+                # Only near a pole does a short line span many degrees.
+                from_axis = min(np.hypot(*unit(end)[:2]) for end in (a, b))
+                assert span < 45 or from_axis < 2 * np.linalg.norm(unit(b) - unit(a))
+            ends += [end for end in (line[0], line[-1]) if abs(end[0]) == 180]
+        # At each cut one part ends and another begins, at the same place.
+        assert sorted(e[1:] for e in ends if e[0] > 0) == sorted(e[1:] for e in ends if e[0] < 0)
+        cuts += len(ends) // 2
+    return collection["features"], cuts
+
+
+def test_a_hundred_random_maps_are_valid(tmp_path):
+    rng = np.random.default_rng(0)
+    cut = polar = 0
+    for _ in range(100):
+        near_pole = 90 - rng.exponential(2)
+        latitude = rng.choice([rng.uniform(-80, 80), near_pole, -near_pole])
+        longitude = rng.choice([rng.uniform(-180, 360), 180 + rng.normal(), rng.normal() - 180])
+        longitude = float(np.clip(longitude, -180, 360))
+        steps = np.cumsum(rng.normal(0, [0.3, 1.0], (6, 2)), axis=0)
+        lat, lon = (np.array([latitude, longitude]) + steps).T
+        lon = np.where(abs(lat) > 90, lon + 180, lon) % 360  # over the pole, on the other side
+        lat = np.where(abs(lat) > 90, np.copysign(180, lat) - lat, lat)
+        rows = [f"{600 * i},{lat[i]},{lon[i]},9000\n" for i in range(len(lat))]
+        (tmp_path / "route.csv").write_text(
+            "time_s,latitude_deg,longitude_deg,altitude_m\n" + "".join(rows)
+        )
+        origin = {"latitude_deg": float(latitude), "longitude_deg": longitude, "altitude_m": 0}
+        content = document(
+            radar__constant=float(rng.uniform(0.005, 0.05)),
+            radar__position_m=[*rng.uniform(-1e5, 1e5, 2).tolist(), 0],
+            geometry={"type": "path", "file": "route.csv", "origin": origin},
+        )
+        del content["aircraft"]["attitude_deg"]
+        (tmp_path / "my.yaml").write_text(yaml.safe_dump(content))
+        result = coverage_map(rs.load_scenario(tmp_path / "my.yaml"), step_km=20)
+        features, cuts = check_geojson(geojson(result))
+        assert {feature["properties"]["kind"] for feature in features} >= {"radar", "route"}
+        cut += cuts > 0
+        polar += abs(latitude) > 85
+    assert cut > 30
+    assert polar > 30
 
 
 def test_a_map_without_an_origin_has_no_place_on_the_earth(tmp_path, tool):
     result = coverage_map(rs.load_scenario(), step_km=200)
     assert "latitude_deg" not in result.table
-    with pytest.raises(InputError, match="geojson and kml need the origin"):
+    with pytest.raises(InputError, match="geojson needs the origin"):
         result.save(tmp_path / "out", ("geojson",))
     assert not (tmp_path / "out").exists()
-    code, _, err = tool("map", "--format", "kml")
+    code, _, err = tool("map", "--format", "geojson")
     assert (code, err.splitlines()) == (2, [
-        "Error: --format kml: needs geometry.origin, which scenarios with a route in latitude and "
-        "longitude have"])  # fmt: skip
+        "Error: --format geojson: needs geometry.origin, which scenarios with a route in latitude "
+        "and longitude have"])  # fmt: skip
     assert not Path("figures").exists()
-    code, _, err = tool("rcs", "--format", "kml")
+    code, _, err = tool("rcs", "--format", "geojson")
     assert code == 2
-    with pytest.raises(ValueError, match="format must be one of png, pdf, svg, got 'kml'"):
-        rs.variance(rs.load_scenario()).save(tmp_path, ("kml",))
+    with pytest.raises(ValueError, match="format must be one of png, pdf, svg, got 'geojson'"):
+        rs.variance(rs.load_scenario()).save(tmp_path, ("geojson",))
