@@ -142,3 +142,29 @@ def test_twelve_equal_radars_are_warned_of_once():
     assert distribution.startswith(message)
     (vanishing,) = [w for w in warnings if "gradient vanishes" in w]
     assert "13 sources at some poses, listed in the record" in vanishing
+
+
+def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
+    (tmp_path / "t.csv").write_text(
+        "azimuth_deg,rcs_m2\n" + "".join(f"{a},0.5\n" for a in range(-180, 180, 30))
+    )
+    rcs = {"model": "table", "file": str(tmp_path / "t.csv")}
+    level = scenario(aircraft__rcs=rcs)
+    assert plausibility_warnings(level) == ()
+    high = scenario(aircraft__rcs=rcs, geometry__down_km=-300)
+    steepest = math.degrees(math.atan(300 / 500))
+    (warning,) = plausibility_warnings(high)
+    assert warning.startswith(
+        f"the RCS table has no elevations and is used at up to {steepest:.3g} deg above or below"
+    )
+    (warning,) = plausibility_warnings(
+        scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[20, 0, 90])
+    )
+    # Banked by 20 deg with the radar abeam, 0.34 deg below, off the upper wing.
+    assert "is used at up to 19.7 deg above or below the aircraft at 51 to 129 deg" in warning
+    with_elevations = {**rcs, "file": str(tmp_path / "e.csv")}
+    (tmp_path / "e.csv").write_text(
+        "azimuth_deg,elevation_deg,rcs_m2\n"
+        + "".join(f"{a},{e},0.5\n" for a in range(-180, 180, 30) for e in range(-90, 91, 30))
+    )
+    assert plausibility_warnings(scenario(aircraft__rcs=with_elevations)) == ()

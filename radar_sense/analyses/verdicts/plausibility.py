@@ -8,7 +8,8 @@ from scipy.special import ndtr
 from radar_sense.analyses.report import describe_poses
 from radar_sense.analyses.verdicts.refinement import can_refine, coarse_steps
 from radar_sense.model.geodesy import geodetic_from_ned, ned_from_geodetic
-from radar_sense.model.geometry import slant_range
+from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import DOWN, POSITION, RADAR, FloatArray
 
@@ -18,6 +19,10 @@ MAX_SPEED, MAX_RANGE = 2e3, 5e6
 MIN_HEIGHT = -600.0
 #: Latitude and longitude count as swapped if a swap reduces the range to less than this part.
 NEARER = 0.2
+#: Largest elevation [rad] at which a table without elevations stands for all elevations. The area
+#: that an upright plate shows falls by 3 % up to 15°, and its cross section, with the square of the
+#: area, by 0.3 dB.
+MAX_ELEVATION = np.deg2rad(15.0)
 #: P_D counts as at the floor up to this part above the floor.
 ABOVE_FLOOR = 1e-6
 
@@ -29,6 +34,7 @@ def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
         *_height(scenario),
         *_range(scenario),
         *_floor(scenario),
+        *_elevation(scenario),
         *_spacing(scenario),
     )
 
@@ -142,6 +148,26 @@ def _floor(scenario: Scenario) -> tuple[str, ...]:
     return (
         f"P_D is at its floor at all poses, {np.max(p_d):.3g}, as without a signal: are radar "
         "constant, RCS and ranges in their units?",
+    )
+
+
+def _elevation(scenario: Scenario) -> tuple[str, ...]:
+    """Return a warning if a table without elevations is used far above or below the aircraft."""
+    rcs = scenario.model.rcs
+    if not isinstance(rcs, TableRCS) or rcs.elevation is not None:
+        return ()
+    radars = scenario.radar.reshape(-1, len(RADAR))
+    towards = np.stack([body_vector(scenario.aircraft, radar) for radar in radars])
+    x, y, z = np.moveaxis(towards, -1, 0)
+    elevation = np.abs(np.arctan2(z, np.hypot(x, y)))
+    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
+    highest = np.max(elevation, axis=0, where=visible.T, initial=0.0)
+    far = highest > MAX_ELEVATION
+    if not far.any():
+        return ()
+    return (
+        f"the RCS table has no elevations and is used at up to {np.rad2deg(highest.max()):.3g} deg "
+        f"above or below the aircraft {describe_poses(far, scenario.axis)}: measure at elevations",
     )
 
 
