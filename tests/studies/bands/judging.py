@@ -48,11 +48,11 @@ def counts(judged):
 def thresholds(rows):
     """Yield problems, thresholds 0.02 below or above the true bound, and the true verdict.
 
-    The two sides take turns. A threshold is left out where it is no probability, or where the
-    truth is not known to four standard errors: the distribution has a jump there.
+    The two sides take turns in each population. A threshold is left out where it is no probability,
+    or where the truth is not known to four standard errors: the distribution has a jump there.
     """
-    for number, (case, truth) in enumerate(rows):
-        side = number % 2
+    for case, truth in rows:
+        side = case.number % 2
         threshold = float(truth.upper) + (BESIDE if side else -BESIDE)
         above, error = truth.beside[side], ERRORS * truth.beside_se()[side]
         if not 0 < threshold <= 1 or abs(above - ndtr(-case.k)) <= error:
