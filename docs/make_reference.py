@@ -1,9 +1,8 @@
-"""Make the reference pages, and schema and stub in the package, from what the program declares.
+"""Make the reference pages, and the schema in the package, from what the program declares.
 
     python docs/make_reference.py
 
-writes docs/reference/*.md, radar_sense/radar_sense.schema.json and
-radar_sense/analyses/__init__.pyi. `make reference` does the same.
+writes docs/reference/*.md and radar_sense/radar_sense.schema.json. `make reference` does the same.
 A test compares the files with what this makes.
 """
 
@@ -67,7 +66,6 @@ def pages() -> dict[Path, str]:
         folder / "commands.md": commands_page(),
         folder / "python.md": python_page(),
         ROOT / "radar_sense" / schema.FILE_NAME: schema.text(),
-        ROOT / "radar_sense/analyses/__init__.pyi": analyses_stub(),
     }
 
 
@@ -250,12 +248,12 @@ def columns_page() -> str:
         "names of the columns. All other rows are numbers. A word in angle brackets stands for a "
         "name of a level, a radar or a source. The JSON record beside the table has unit and "
         "meaning of each column.\n\n"
-        "A run replaces all of its files or none. Files beside a record are of the run in the "
-        "record. Files without a record are of a killed run: run the command again.\n\n"
+        "Each file is written whole, and the record last. The record has the SHA-256 digest of "
+        "each of its files: a table or a figure with another digest is of another run.\n\n"
         "The columns depend on the scenario and the options. The order is the order in the file, "
         "as far as possible.\n"
     )
-    for name in sorted(cli.ANALYSES):
+    for name in sorted(set(cli.commands()) - {"report"}):
         text += f"\n## `{name}`\n\n"
         rows = [
             [f"`{c.name}`", c.unit, re.sub(r"<(\w+)>", r"*\1*", c.meaning)]
@@ -332,33 +330,8 @@ def _analyses() -> dict[str, Analysis]:
     return {
         name: value
         for name, value in sorted(vars(radar_sense.analyses).items())
-        if isinstance(value, Analysis)
+        if isinstance(value, Analysis) and value.__name__ == name
     }
-
-
-def analyses_stub() -> str:
-    """Return the stub of `radar_sense.analyses`: the signature of each analysis.
-
-    An analysis is an object. A type checker cannot see the options of the call.
-    """
-    text = (
-        '"""The signatures of the analyses. Made by docs/make_reference.py."""\n\n'
-        "from collections.abc import Sequence\n"
-        "from concurrent.futures import Executor\n\n"
-        "from radar_sense.analyses.contract import Analysis as Analysis\n"
-        "from radar_sense.analyses.contract import Progress\n"
-        "from radar_sense.analyses.contract import Result as Result\n"
-        "from radar_sense.scenario import Scenario\n\n"
-    )
-    for name, value in _analyses().items():
-        options = []
-        for p in list(inspect.signature(value).parameters.values())[1:]:
-            several = any(o.name == p.name and o.multiple for o in value.options)
-            default = "..." if callable(p.default) else repr(p.default).replace("'", '"')
-            options.append(f"    {p.name}: {'float | ' * several}{p.annotation} = {default},\n")
-        lines = "".join(["    scenario: Scenario,\n    *,\n", *options])
-        text += f"def {name}(\n{lines}) -> Result: ...\n"
-    return text
 
 
 def _documented(name: str, value: Any) -> str:

@@ -6,8 +6,7 @@ the first use of a name. The command line can therefore answer `--help` without 
 
 from __future__ import annotations
 
-import re
-from importlib import import_module, resources
+from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
@@ -15,6 +14,9 @@ __version__ = "0.1.0"
 
 def _homes(*, old: bool = True) -> dict[str, str]:
     """Return the module of each public name, with or without old names."""
+    import re
+    from importlib import resources  # both take time that an interrupt may fall into
+
     stub = resources.files("radar_sense").joinpath("__init__.pyi").read_text(encoding="utf-8")
     if not old:
         stub = stub.partition("\n# Old names\n")[0]

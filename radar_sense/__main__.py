@@ -1,6 +1,41 @@
-"""`python -m radar_sense` is `radar-sense`."""
+"""The entry point of `radar-sense` and of `python -m radar_sense`.
 
-from radar_sense.cli import cli
+Ctrl-C and SIGTERM are handled before anything heavy is imported. An exception would not do: an
+import may swallow it, or Python may print its traceback.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+def end_at_once(number: int, frame: object) -> None:
+    """End the process, which has written nothing yet."""
+    with contextlib.suppress(OSError):  # standard error may be closed
+        os.write(2, b"\nInterrupted; nothing was written.\n")
+    os._exit(130)
+
+
+def main() -> None:
+    """Run the command line and exit with its code."""
+    for number in _SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
+            signal.signal(number, end_at_once)
+    from radar_sense.cli import cli
+
+    try:
+        cli.main()
+    finally:
+        for number in _SIGNALS:  # the end of Python itself is not interrupted
+            signal.signal(number, signal.SIG_IGN)
+        with contextlib.suppress(OSError, AttributeError, ValueError):
+            sys.stdout.flush()
+
 
 if __name__ == "__main__":
-    cli()
+    main()

@@ -1,18 +1,18 @@
-"""The command line: one command an analysis, and `check` and `init`; no numbers.
+"""The command line: finds the commands, reads the scenario, runs, writes, exit codes; no numbers.
 
-`--help` needs no NumPy: an analysis is imported only for its own command.
+`--help` and `init` need no NumPy: a command is imported for its own options and its run only.
 """
 
 from __future__ import annotations
 
+import ast
 import logging
 import math
 import os
 import signal
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
@@ -20,78 +20,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
-from click.shell_completion import CompletionItem
 
 from radar_sense import __version__
+from radar_sense.errors import ComputationError, FigureError, InputError, did_you_mean, printable
 from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
     from radar_sense.analyses.contract import Command, Option
+    from radar_sense.progress import Listener
     from radar_sense.scenario import Scenario
 
-#: Module of each analysis, and the first line of its docstring for `--help`.
-ANALYSES: dict[str, tuple[str, str]] = {
-    "budget": (
-        "radar_sense.analyses.budget:budget",
-        "Error budget: 3 sigma of P_D from each source alone.",
-    ),
-    "compare": (
-        "radar_sense.analyses.compare:compare",
-        "Bounds of P_D by every method against Monte Carlo.",
-    ),
-    "convergence": (
-        "radar_sense.analyses.convergence:convergence",
-        "Error of Monte Carlo by number of runs, for random and Sobol' draws.",
-    ),
-    "detectors": (
-        "radar_sense.analyses.detectors:detectors",
-        "P_D of every detector, the error of North's approximation, and the integration of pulses.",
-    ),
-    "map": (
-        "radar_sense.analyses.coverage_map:coverage_map",
-        "P_D over an area at one height and course.",
-    ),
-    "mission": (
-        "radar_sense.analyses.mission:mission",
-        "Cumulative P_D over the looks along a path.",
-    ),
-    "montecarlo": (
-        "radar_sense.analyses.montecarlo:montecarlo",
-        "Monte Carlo draws of P_D against the band of a method.",
-    ),
-    "range": (
-        "radar_sense.analyses.detection_range:detection_range",
-        "How far each radar detects the aircraft, by bearing or by aspect.",
-    ),
-    "rcs": (
-        "radar_sense.analyses.rcs:rcs",
-        "The radar cross section by aspect: a polar cut and a map.",
-    ),
-    "sensitivity": (
-        "radar_sense.analyses.sensitivity:sensitivity",
-        "3 sigma of P_D for every level of radar uncertainty.",
-    ),
-    "validate": (
-        "radar_sense.analyses.validate:validate",
-        "May a method be trusted here? A verdict by adaptive Monte Carlo.",
-    ),
-    "variance": (
-        "radar_sense.analyses.variance:variance",
-        "Standard deviation of P_D along the geometry.",
-    ),
+#: The file of each command: in this folder, and named as the command.
+FOLDER = Path(__file__).parent / "analyses"
+#: Groups of commands in the help, and the commands in the order of their use.
+GROUPS = {
+    "Start": ("init", "check", "variance", "budget", "report"),
+    "Trust": ("validate", "compare"),
+    "Flight": ("mission", "map", "range"),
 }
-
-#: Likewise the commands that gather several analyses.
-REPORTS: dict[str, tuple[str, str]] = {
-    "report": (
-        "radar_sense.reporting.command:report",
-        "One HTML page: the questions about a scenario, and the answers.",
-    ),
-}
+#: The group of all other commands.
+STUDY = "Study"
 #: Default limit of threads. More threads are no faster, and each takes some 25 MB.
 MOST_THREADS = 8
-#: Seconds before a computation shows its progress.
-PATIENCE = 1.0
+#: Seconds before a computation shows its progress, and between two displays.
+PATIENCE, INTERVAL = 1.0, 0.1
 #: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 
@@ -108,11 +60,32 @@ class Run:
 
     Attributes:
         command: The command line.
-        written: Whether the files of the run are in place.
+        written: What an interrupt at this moment leaves behind.
     """
 
     command: tuple[str, ...]
-    written: bool = False
+    written: str = "nothing was written"
+
+
+def commands() -> dict[str, Path]:
+    """Return the file of each analysis by the name of its command."""
+    files = {path.stem: path for path in sorted(FOLDER.glob("*.py"))}
+    files["report"] = Path(__file__).parent / "reporting/command.py"
+    return {
+        name: path
+        for name, path in files.items()
+        if any(
+            mark in path.read_text(encoding="utf-8") for mark in ("\n@analysis(", " = Gathering(")
+        )
+    }
+
+
+def load(name: str) -> Command:
+    """Import a command."""
+    home = "reporting.command" if name == "report" else f"analyses.{name}"
+    module = import_module(f"radar_sense.{home}")
+    found: Command = next(v for v in vars(module).values() if getattr(v, "name", None) == name)
+    return found
 
 
 class Cli(click.Group):
@@ -120,92 +93,97 @@ class Cli(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of all commands."""
-        return sorted({*ANALYSES, *REPORTS, *self.commands})
+        return sorted({*commands(), *self.commands})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command. Commands of analyses are made from the analyses."""
-        if cmd_name not in {*ANALYSES, *REPORTS}:
-            return super().get_command(ctx, cmd_name)
-        return command_of(load(cmd_name))
+        return command_of(load(cmd_name)) if cmd_name in commands() else self.commands.get(cmd_name)
+
+    def resolve_command(self, ctx: click.Context, args: list[str]) -> Any:
+        """Find the command; an unknown one is an error with a suggestion."""
+        if args[0] not in (known := self.list_commands(ctx)):
+            ctx.fail(f"no command {args[0]!r}{did_you_mean(args[0], known)}")
+        return super().resolve_command(ctx, args)
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Refuse options of a command that stand before it."""
+        own = {name for option in self.get_params(ctx) for name in option.opts}
+        named = [word for word in args if word in self.list_commands(ctx)]
+        if args and args[0].startswith("-") and args[0] not in own and named:
+            rest = " ".join(word for word in args if word != named[0])
+            ctx.fail(f"options follow the command: radar-sense {named[0]} {rest}")
+        return super().parse_args(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the list of commands without importing an analysis."""
-        with formatter.section("Commands"):
-            formatter.write_dl(self._lines())
-
-    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Return the matching commands and options without importing an analysis."""
-        return [
-            *(
-                CompletionItem(n, help=text)
-                for n, text in self._lines()
-                if n.startswith(incomplete)
-            ),
-            *click.Command.shell_complete(self, ctx, incomplete),
-        ]
-
-    def _lines(self) -> list[tuple[str, str]]:
-        """Return the commands, each with the first line of its help."""
-        lines = {name: text for name, (_, text) in {**ANALYSES, **REPORTS}.items()}
+        """Write the groups of commands, each with its first line of help."""
+        lines = {
+            name: (ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or "")
+            for name, path in commands().items()
+        }
         lines |= {name: c.get_short_help_str(100) for name, c in self.commands.items()}
-        return sorted(lines.items())
+        grouped = {name for names in GROUPS.values() for name in names}
+        groups = {**GROUPS, STUDY: [name for name in sorted(lines) if name not in grouped]}
+        for group, names in groups.items():
+            rows = [(name, lines[name].partition("\n")[0]) for name in names if name in lines]
+            if rows:
+                with formatter.section(group):
+                    formatter.write_dl(rows)
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[Any]:
+        """Return the matching commands and options without importing an analysis."""
+        names = [name for name in self.list_commands(ctx) if name.startswith(incomplete)]
+        found = [click.shell_completion.CompletionItem(name) for name in names]
+        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def main(self, args: Any = None, *rest: Any, **options: Any) -> NoReturn:
         """Run a command and exit with its code."""
         args = list(sys.argv[1:] if args is None else args) or ["--help"]
-        run = Run(("radar-sense", *args))
-        options.update(standalone_mode=False, obj=run)
+        run = Run(tuple(map(printable, ("radar-sense", *args))))
+        options.update(standalone_mode=False, obj=run, prog_name="radar-sense")
         try:
-            with _sigterm_interrupts():
-                code = super().main(args, *rest, **options)
+            code = super().main(args, *rest, **options)
         except click.ClickException as error:
             _complain(f"Error: {error.format_message()}")
             code = error.exit_code
         except (click.Abort, KeyboardInterrupt):
-            _complain(f"Interrupted; {'all files were' if run.written else 'nothing was'} written.")
+            _complain(f"Interrupted; {run.written}.")
             code = 130
         except BrokenPipeError:
             # The output is closed. The null device avoids a second error when Python flushes.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = 1
         except OSError as error:
-            _complain(f"Error: {error}{'; all files were written' if run.written else ''}")
+            _complain(f"Error: {error}; {run.written}")
             code = 1
         except MemoryError:
             _complain("Error: out of memory; use fewer poses, runs, cells or --workers")
             code = 1
-        except RuntimeError as error:
-            if "start new thread" not in str(error):
-                raise
-            _complain("Error: no more threads can be started; use fewer --workers")
-            code = 1
         sys.exit(code)
+
+
+class OneCommand(click.Command):
+    """A command that refuses a misspelled option, and an option that is given twice."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Check the options before click takes the last of two values."""
+        try:
+            _, _, given = self.make_parser(ctx).parse_args(list(args))
+        except click.NoSuchOption as error:
+            options = [option for option in self.params if isinstance(option, click.Option)]
+            known = [option.opts[-1] for option in options]
+            hint = did_you_mean(error.option_name, known) or f", it has {', '.join(known)}"
+            ctx.fail(f"{self.name} has no option {error.option_name}{hint}")
+        for option in given:
+            several = isinstance(option, click.Option) and (option.multiple or option.is_flag)
+            if given.count(option) > 1 and not several:
+                ctx.fail(f"{option.opts[0]} is given twice; give it once")
+        return super().parse_args(ctx, args)
 
 
 def _complain(message: str) -> None:
     """Print one line on standard error, if standard error is open."""
-    from radar_sense.errors import printable
-
     with suppress(OSError, ValueError):
         click.echo(printable(" ".join(message.split())), err=True)
-
-
-@contextmanager
-def _sigterm_interrupts() -> Iterator[None]:
-    """Raise KeyboardInterrupt at SIGTERM, as Ctrl-C does."""
-    main = threading.current_thread() is threading.main_thread()
-    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
-        yield
-        return
-
-    def interrupt(number: int, frame: object) -> None:
-        raise KeyboardInterrupt
-
-    signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -218,14 +196,17 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
 
     def convert(self, value: Any, param: Any, ctx: Any) -> float:
         """Turn the text of an option into an int or a float."""
+        text = str(value)
         try:
             # An int directly, because a seed may have more digits than a float.
-            text = str(value).replace("_", "?")  # 1_000 is a number in Python only
-            number = int(text) if text.lstrip("+-").isdecimal() else float(text)
+            plain = text.replace("_", "?")  # 1_000 is a number in Python only
+            number = int(plain) if plain.lstrip("+-").isdecimal() else float(plain)
         except ValueError:
             number = math.nan
         if not self.limit.allows(number):
-            self.fail(f"must be {self.limit}, got {value!r}", param, ctx)
+            hint = "; write a point, as in 0.5" if "," in text else ""
+            hint = "; write 0.1 for 10%" if text.endswith("%") else hint
+            self.fail(f"must be {self.limit}, got {value!r}{hint}", param, ctx)
         return int(number) if self.limit.whole else number
 
 
@@ -245,18 +226,10 @@ def cli() -> None:
     """
 
 
-def load(name: str) -> Command:
-    """Import an analysis or a report."""
-    where, _ = {**ANALYSES, **REPORTS}[name]
-    module, _, function = where.partition(":")
-    command: Command = getattr(import_module(module), function)
-    return command
-
-
 def command_of(analysis: Command) -> click.Command:
     """Make the command of an analysis: its options, then the options of the output."""
     examples = "".join(f"\n  {line}" for line in analysis.examples)
-    return click.Command(
+    return OneCommand(
         analysis.name,
         callback=click.pass_obj(lambda run, **options: _run(analysis, run, **options)),
         params=[_config(), *map(_option, analysis.options), *_output(analysis)],
@@ -276,23 +249,9 @@ def _option(option: Option) -> click.Option:
         type=None if option.limit is None else Number(option.limit),
         default=option.default,
         show_default=option.default is not None and not option.flag,
-        shell_complete=lambda ctx, _, start: _complete(option, ctx, start),
+        shell_complete=lambda ctx, _, start: [w for w in option.words if w.startswith(start)],
         **several,
     )
-
-
-def _complete(option: Option, ctx: click.Context, start: str) -> list[CompletionItem]:
-    """Return the matching values of an option, from its choices or from the scenario."""
-    from radar_sense.errors import InputError
-
-    words: Iterable[str] = option.words
-    if option.name in ("level", "radar"):
-        # click puts the arguments before an incomplete option into ctx.args
-        config = ctx.params.get("config") or next(iter(ctx.args), None)
-        with suppress(InputError):  # an unreadable file has no choices
-            scenario = _scenario(Path(config) if config else None)
-            words = scenario.cov_radar if option.name == "level" else scenario.model.names
-    return [CompletionItem(word) for word in words if word.startswith(start)]
 
 
 def _config() -> click.Argument:
@@ -314,6 +273,7 @@ def _output(analysis: Command) -> list[click.Parameter]:
     )
     if not analysis.has_figures:
         return [out, _quiet()]
+    more = ", or of the map on the earth" if set(analysis.formats) - set(FORMATS) else ""
     return [
         out,
         click.Option(
@@ -322,9 +282,7 @@ def _output(analysis: Command) -> list[click.Parameter]:
             default=["png"],
             show_default=True,
             type=click.Choice(analysis.formats),
-            help="Format of the figure"
-            + (", or of the map on the earth" if "geojson" in analysis.formats else "")
-            + "; may be given several times.",
+            help=f"Format of the figure{more}; may be given several times.",
         ),
         click.Option(
             ["--style"],
@@ -334,6 +292,7 @@ def _output(analysis: Command) -> list[click.Parameter]:
             help="Size of the figure.",
         ),
         click.Option(["--no-plot"], is_flag=True, help="Write no figure."),
+        click.Option(["--json"], is_flag=True, help="Print the record in place of the words."),
         _quiet(),
     ]
 
@@ -348,13 +307,13 @@ def _run(
     formats: tuple[str, ...] = (),
     style: str = STYLES[0],
     no_plot: bool = False,
+    json: bool = False,
     dask: str | None = None,
     workers: int | None = None,
     **options: Any,
 ) -> None:
     """Read the scenario, compute, write all files, and print the report and the file names."""
     from radar_sense import files
-    from radar_sense.errors import printable
 
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
@@ -375,29 +334,37 @@ def _run(
         raise BadInput(f"--out: cannot write to {out}: {reason}") from error
     with _refusals(), _computing(analysis, workers, dask, quiet) as computing:
         result = analysis(scenario, **chosen, **computing)
-    try:
-        with _plain_matplotlib():
-            size = {"style": style} if analysis.has_figures else {}
-            written = result.write(out, formats, command=run.command, **size)
-    except files.InterruptedAfterWriting:
-        run.written = True
-        raise
-    run.written = True
+    failure = None
+    _interrupts_are_exceptions()
+    run.written = "files of two runs may stand side by side, the record tells"
+    with _plain_matplotlib():
+        try:
+            if analysis.has_figures:
+                written = result.save(out, formats, style=style, command=run.command)
+            else:
+                written = result.save(out, command=run.command)
+        except FigureError as error:
+            written, failure = list(error.paths), error
+    run.written = "all files were written"
+    if json:
+        click.echo(written[-1].read_text(encoding="utf-8"), nl=False)
     if not quiet:
-        for line in result.report:
-            click.echo(line)
+        for line in () if json else (*result.report, *map(os.fspath, written)):
+            click.echo(printable(line))
         for warning in result.warnings:
             _complain(f"Warning: {warning}")
-        if written.replaced:
-            click.echo(printable(f"replaced the files of: {written.replaced}"))
-        for path in written.removed:
-            click.echo(printable(f"removed {path}: a figure of other numbers"))
-        for path in written.paths:
-            click.echo(printable(click.format_filename(path)))
-    if written.figure_error is not None:
-        raise click.ClickException(str(written.figure_error))
+    if failure is not None:
+        raise click.ClickException(str(failure))
     if not result.passed:
         raise click.exceptions.Exit(ANSWER_IS_NO)
+
+
+def _interrupts_are_exceptions() -> None:
+    """Let Ctrl-C and SIGTERM clean up among the files, where the entry point ended at once."""
+    for number in (signal.SIGINT, signal.SIGTERM):
+        with suppress(ValueError):  # only the main thread receives signals
+            if getattr(signal.getsignal(number), "__name__", "") == "end_at_once":
+                signal.signal(number, signal.default_int_handler)
 
 
 def _inputs(config: Path | None, scenario: Scenario) -> list[Path]:
@@ -433,7 +400,7 @@ def _plain_matplotlib() -> Iterator[None]:
                 os.environ[name] = value
 
 
-@cli.command(params=[_config(), _quiet()])
+@cli.command(cls=OneCommand, params=[_config(), _quiet()])
 def check(config: Path | None, quiet: bool) -> None:
     """Read, validate and print a scenario in full; compute nothing.
 
@@ -456,21 +423,21 @@ def check(config: Path | None, quiet: bool) -> None:
             click.echo(f"# {line}")
         click.echo(yaml_text(scenario.resolved()), nl=False)
         for warning in plausibility_warnings(scenario):
-            click.echo(f"Warning: {warning}", err=True)
+            _complain(f"Warning: {warning}")
 
 
-@cli.command()
+@cli.command(cls=OneCommand)
 @click.argument("file", default="scenario.yaml", type=click.Path(path_type=Path))
 @click.option("--network", is_flag=True, help="Start from several radars.")
 @click.option("--route", is_flag=True, help="Start from a flight; its route is written as CSV too.")
 @click.option("--data-sheet", is_flag=True, help="Start from a radar by its data sheet.")
+@click.option("--from", "name", metavar="NAME", help="Start from this file of configs/.")
 @click.option("-q", "--quiet", is_flag=True, help="Print nothing but errors.")
-def init(file: Path, quiet: bool, **kinds: bool) -> None:
+def init(file: Path, name: str | None, quiet: bool, **kinds: bool) -> None:
     """Write a commented scenario to start from.
 
-    FILE is scenario.yaml by default; - writes to the terminal. The JSON Schema of the file is
-    written into the same folder, for editors with the YAML language server. No file is overwritten,
-    except for the schema of another version.
+    FILE is scenario.yaml by default, and gives the scenario its name; - writes to the terminal. No
+    file is overwritten.
 
     \b
     Examples:
@@ -478,45 +445,43 @@ def init(file: Path, quiet: bool, **kinds: bool) -> None:
       radar-sense init my.yaml
       radar-sense init --route flight.yaml
       radar-sense init --network radars.yaml
+      radar-sense init --from airport_surveillance airport.yaml
     """
-    from radar_sense.errors import printable
     from radar_sense.files import write
-    from radar_sense.reading.starters import is_old_schema, starter_files, starter_text
+    from radar_sense.reading import starters
 
     chosen = [kind for kind, flag in kinds.items() if flag]
-    if len(chosen) > 1:
-        options = " and ".join(f"--{kind.replace('_', '-')}" for kind in chosen)
-        raise BadInput(f"{options} exclude each other; give one of them")
-    kind = "".join(chosen)
+    if len(chosen) + (name is not None) > 1:
+        raise BadInput("--network, --route, --data-sheet and --from exclude each other; give one")
+    with _refusals():
+        source = starters.template("".join(chosen)) if name is None else starters.example(name)
+        contents = starters.files(source, file)
     if str(file) == "-":
-        if kind == "route":
-            raise BadInput("--route writes two files, and - is the terminal; give a name")
-        click.echo(starter_text(kind), nl=False)
+        if len(contents) > 1:
+            raise BadInput("this scenario has files beside it, and - is the terminal; give a name")
+        click.echo(source.read_text(encoding="utf-8"), nl=False)
         return
+    paths = [file.parent / name for name in contents]
+    for path in paths:
+        if os.path.lexists(path):
+            raise BadInput(f"{path}: exists already; choose another name")
+    new_folder = not file.parent.exists()
     try:
-        contents = starter_files(kind, file)
-        paths = [file.parent / name for name in contents]
-        for path in paths:
-            if (path.exists() or path.is_symlink()) and not is_old_schema(path):
-                raise BadInput(f"{path}: exists already; choose another name")
-        new_folder = not file.parent.exists()
-        write(file.parent, contents)
+        write(file.parent, {name: text.encode() for name, text in contents.items()})
     except (OSError, ValueError) as error:  # ValueError: a zero byte in a name
         reason = getattr(error, "strerror", None) or error
         raise BadInput(f"{file}: cannot be written: {reason}") from error
     if not quiet:
         first, *others = map(str, paths)
+        beside = f", with {' and '.join(others)}" if others else ""
         folder = f"; the folder {file.parent} is new" if new_folder else ""
-        click.echo(printable(f"{first} written, with {' and '.join(others)}{folder}"))
+        click.echo(printable(f"{first} written{beside}{folder}"))
         click.echo(printable(f"next: radar-sense check {first}"))
 
 
-@cli.command()
+@cli.command(cls=OneCommand)
 def schema() -> None:
     """Print the JSON Schema of the scenario file, for editors.
-
-    `init` writes the schema into the folder of a scenario. The first line of the scenario names
-    the schema for the editor.
 
     \b
     Examples:
@@ -536,8 +501,6 @@ def _scenario(config: Path | None) -> Scenario:
 @contextmanager
 def _refusals() -> Iterator[None]:
     """Turn the errors of the package into errors of the command line."""
-    from radar_sense.errors import ComputationError, InputError
-
     try:
         yield
     except InputError as error:
@@ -546,111 +509,49 @@ def _refusals() -> Iterator[None]:
         raise click.ClickException(str(error)) from error
 
 
-def _threads(workers: int | None) -> int:
-    return workers or min(os.cpu_count() or 1, MOST_THREADS)
-
-
 @contextmanager
 def _computing(
     analysis: Command, workers: int | None, dask: str | None, quiet: bool
 ) -> Iterator[Mapping[str, Any]]:
-    """Return the arguments for threads, cluster and progress."""
-    arguments: dict[str, Any] = {}
+    """Return the arguments for threads and cluster, and show the progress on a terminal."""
+    from radar_sense.progress import listening
+
     with ExitStack() as stack:
         if not quiet and sys.stderr is not None and sys.stderr.isatty():
-            if "progress" in analysis.keywords:
-                arguments["progress"] = _progress
-            else:
-                stack.enter_context(_computing_line(analysis.name))
+            listener, clear = display(analysis.name)
+            stack.enter_context(listening(listener))
+            stack.callback(clear)
         if dask is not None:
             from radar_sense.montecarlo.cluster import cluster
 
-            arguments["executor"], threads = stack.enter_context(cluster(dask))
-            arguments["workers"] = workers or threads
+            executor, threads = stack.enter_context(cluster(dask))
+            yield {"executor": executor, "workers": workers or threads}
         elif "workers" in analysis.keywords:
-            arguments["workers"] = _threads(workers)
-        yield arguments
+            yield {"workers": workers or min(os.cpu_count() or 1, MOST_THREADS)}
+        else:
+            yield {}
 
 
-@contextmanager
-def _delayed(show: Callable[[], None]) -> Iterator[threading.Timer]:
-    """Call a function in a thread after PATIENCE seconds, unless the context ends first."""
-    timer = threading.Timer(PATIENCE, show)
-    timer.daemon = True
-    timer.start()
-    try:
-        yield timer
-    finally:
-        timer.cancel()
-        timer.join()
+def display(name: str) -> tuple[Listener, Callable[[], None]]:
+    """Return a listener that shows steps on one line of standard error, and what clears it."""
+    started = {"": time.monotonic()}
+    shown, width = started[""], 0
 
+    def listener(what: str, done: int, total: int) -> None:
+        nonlocal shown, width
+        now = time.monotonic()
+        begun = started.setdefault(what, now)
+        if now - started[""] < PATIENCE or now - shown < INTERVAL:
+            return
+        shown = now
+        left = (now - begun) * (total - done) / done if done else math.nan
+        words = f", {left:.0f} s left" if left >= 1 else ""
+        text = f"{name}: {done:,} of {total:,} {what}{words}"
+        click.echo(f"\r{text:{width}}", nl=False, err=True)
+        width = len(text)
 
-@contextmanager
-def _computing_line(name: str) -> Iterator[None]:
-    """Show the progress of an analysis on the terminal: the steps done, and all steps."""
-    from radar_sense.progress import listening
+    def clear() -> None:
+        if width:
+            click.echo(f"\r{'':{width}}\r", nl=False, err=True)
 
-    line, shown = f"{name}: computing ...", False
-    lock = threading.Lock()
-
-    def draw(text: str) -> None:
-        nonlocal line
-        click.echo(f"\r{text:{len(line)}}", nl=False, err=True)
-        line = text
-
-    def show() -> None:
-        nonlocal shown
-        with lock:
-            shown = True
-            draw(line)
-
-    def update(what: str, done: int, total: int) -> None:
-        nonlocal line
-        text = f"{name}: {done:,} of {total:,} {what}"
-        with lock:
-            if shown:
-                draw(text)
-            else:
-                line = text
-
-    with _delayed(show), listening(update):
-        try:
-            yield
-        finally:
-            if shown:
-                click.echo("\r" + " " * len(line) + "\r", nl=False, err=True)
-
-
-@contextmanager
-def _progress(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Show progress on standard error after PATIENCE seconds."""
-    started = time.monotonic()
-    lock = threading.Lock()
-
-    def rate(_: object) -> str:
-        return f"{bar.pos / max(time.monotonic() - started, 1e-3):,.0f} {what}/s"
-
-    bar: Any = click.progressbar(
-        length=total, label=what, show_pos=True, item_show_func=rate, file=sys.stderr
-    )
-    shown = False
-
-    def show() -> None:
-        nonlocal shown
-        with lock:
-            shown = True
-            bar.render_progress()
-
-    def advance(steps: int) -> None:
-        with lock:
-            if shown:
-                bar.update(steps)
-            else:  # the bar is not drawn yet
-                bar.make_step(steps)
-
-    with _delayed(show):
-        try:
-            yield advance
-        finally:
-            if shown:
-                bar.render_finish()
+    return listener, clear

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
 
 class InputError(ValueError):
@@ -59,6 +60,16 @@ def check_choice(name: str, value: object, allowed: Iterable[str]) -> None:
 
 class ComputationError(RuntimeError):
     """A computation that could not be completed, described in one line with the remedy."""
+
+
+class FigureError(RuntimeError):
+    """A figure that could not be drawn; table and record were written.
+
+    Attributes:
+        paths: The files that were written.
+    """
+
+    paths: Sequence[Path] = ()
 
 
 def did_you_mean(word: str, allowed: Iterable[str]) -> str:

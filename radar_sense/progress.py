@@ -1,4 +1,4 @@
-"""Progress of a computation: the computing code reports steps, and a listener shows the steps."""
+"""Progress of a computation: the computing code reports steps, and one listener shows them."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import TypeAlias
 
-#: Called with the name of the computation, the steps done, and all steps.
+#: Called with the name of the steps, the steps done, and all steps.
 Listener: TypeAlias = Callable[[str, int, int], None]
 
 _listener: ContextVar[Listener | None] = ContextVar("listener", default=None)
@@ -18,6 +18,20 @@ def report(what: str, done: int, total: int) -> None:
     listener = _listener.get()
     if listener is not None:
         listener(what, done, total)
+
+
+@contextmanager
+def steps(total: int, what: str) -> Iterator[Callable[[int], None]]:
+    """Return a function that is called with the number of new steps, and reports all."""
+    done = 0
+
+    def advance(new: int) -> None:
+        nonlocal done
+        done += new
+        report(what, done, total)
+
+    report(what, 0, total)
+    yield advance
 
 
 @contextmanager

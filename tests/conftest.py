@@ -16,8 +16,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from click.testing import CliRunner
 
-from radar_sense.analyses.contract import Result, analysis, silent
-from radar_sense.cli import ANALYSES, cli
+from radar_sense import cli as command_line
+from radar_sense.analyses.contract import Result, analysis
+from radar_sense.cli import cli
 
 
 def pytest_collection_finish() -> None:
@@ -51,33 +52,24 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outco
 
 
 @pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Let the command `fake` compute by calling a function.
+def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], None]:
+    """Let the command `fake` compute by calling a function."""
+    known = command_line.commands()
 
-    With `has_progress`, the analysis takes the keyword `progress` and hands it to the function.
-    """
-
-    def register(function: Callable[..., object], *, has_progress: bool = False) -> None:
-        def result(scenario):
-            return Result(scenario, {"x": scenario.axis.values})
-
-        def plain(scenario):
+    def register(function: Callable[[], object]) -> None:
+        def run(scenario):
             """Fake."""
             function()
-            return result(scenario)
+            return Result(scenario, {"x": scenario.axis.values})
 
-        def shown(scenario, *, progress=silent):
-            """Fake."""
-            function(progress)
-            return result(scenario)
-
-        module = type(sys)("fake_of_a_test")
-        module.fake = analysis(
+        command = analysis(
             plot=lambda result, figure: figure.subplots(),
             examples=["radar-sense fake"],
             name="fake",
-        )(shown if has_progress else plain)
+        )(run)
+        module = type(os)("radar_sense.analyses.fake")
+        module.fake = command
         monkeypatch.setitem(sys.modules, module.__name__, module)
-        monkeypatch.setitem(ANALYSES, "fake", (f"{module.__name__}:fake", "Fake."))
+        monkeypatch.setattr(command_line, "commands", lambda: {**known, "fake": known["budget"]})
 
     return register

@@ -14,7 +14,7 @@ import html
 import inspect
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 from radar_sense import files
 from radar_sense.analyses.columns import Column, find
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
+from radar_sense.errors import FigureError as FigureError
 from radar_sense.errors import InputError, check_choice, describe, did_you_mean, shorten_list
 from radar_sense.limits import (
     FORMATS,
@@ -35,6 +36,7 @@ from radar_sense.limits import (
     plain_number,
 )
 from radar_sense.montecarlo.sequences import SAMPLERS
+from radar_sense.progress import steps
 from radar_sense.propagation import METHODS
 from radar_sense.scenario import Scenario, check_scenario, for_radar
 from radar_sense.states import FloatArray
@@ -43,23 +45,15 @@ if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
 
-class FigureError(RuntimeError):
-    """A figure that could not be drawn; table and record were written."""
-
-
 class Progress(Protocol):
-    """Shows the progress of a computation."""
+    """Starts to report steps: called with their number and name."""
 
-    def __call__(
-        self, total: int, what: str
-    ) -> AbstractContextManager[Callable[[int], None] | None]:
-        """Start to show progress. Call the value of the context with the number of new steps."""
+    def __call__(self, total: int, what: str) -> AbstractContextManager[Callable[[int], None]]:
+        """Return a context, with a function that is called with the number of new steps."""
         ...
 
 
-def silent(total: int, what: str) -> AbstractContextManager[None]:
-    """Show no progress."""
-    return nullcontext()
+silent: Progress = steps
 
 
 @dataclass(frozen=True)
@@ -253,9 +247,7 @@ class Result:
         style: str = STYLES[0],
         command: Sequence[str] = (),
     ) -> list[Path]:
-        """Write table, figures and record, all of them or none.
-
-        A figure of another result under the same name is removed.
+        """Write table, figures and record; the record is the last, with the digests of the others.
 
         Args:
             folder: Folder of the files; made if missing.
@@ -269,24 +261,10 @@ class Result:
 
         Raises:
             FigureError: If the figure could not be drawn. Table and record are written.
-            OSError: If a file cannot be written. No file is written then.
+            OSError: If a file cannot be written.
             ValueError: If there is no such format or style.
             InputError: If the result cannot have a format. No file is written then.
         """
-        written = self.write(folder, formats, style=style, command=command)
-        if written.figure_error is not None:
-            raise written.figure_error
-        return written.paths
-
-    def write(
-        self,
-        folder: str | Path,
-        formats: Sequence[str],
-        *,
-        style: str = STYLES[0],
-        command: Sequence[str] = (),
-    ) -> Written:
-        """Write the files as `save` does. Return the files written, replaced and removed."""
         allowed = self.by.formats if self.by else FORMATS
         for name in formats:
             if name not in allowed:
@@ -295,40 +273,31 @@ class Result:
         exports = {name: functions[name](self) for name in formats if name in functions}
         if style not in STYLES:
             raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
-        folder = Path(folder)
-        ending, table = files.data(self.table)
-        record = files.record(
-            analysis=self.analysis,
-            command=command,
-            seed=self.scenario.seed,
-            scenario=self.scenario.resolved(),
-            warnings=self.warnings,
-            summary=self.summary,
-            columns={
+        ending, table = files.table(self.table)
+        figures, error = self._figures([name for name in formats if name in FORMATS], style)
+        named = {ending: table, **figures, **exports}
+        contents = {f"{self.stem}.{name}": content for name, content in named.items()}
+        record = files.record(self.record(command), contents)
+        paths = files.write(Path(folder), {**contents, f"{self.stem}.json": record})
+        if error is not None:
+            error.paths = paths
+            raise error
+        return paths
+
+    def record(self, command: Sequence[str] = ()) -> dict[str, Any]:
+        """Return the inputs, the warnings, the summary and the columns, for the JSON record."""
+        return {
+            "analysis": self.analysis,
+            "command": list(command),
+            "seed": self.scenario.seed,
+            "scenario": self.scenario.resolved(),
+            "warnings": self.warnings,
+            "summary": self.summary,
+            "columns": {
                 name: {"unit": column.unit, "meaning": column.meaning}
                 for name, column in self.columns.items()
             },
-        )
-        figures, error = self._figures([name for name in formats if name in FORMATS], style)
-        figures |= exports
-        contents: dict[str, bytes | None] = {f"{self.stem}.{ending}": table}
-        contents |= {f"{self.stem}.{name}": content for name, content in figures.items()}
-        name_of_record = f"{self.stem}.json"
-        contents[name_of_record] = record
-        paths = [folder / name for name in contents]
-
-        old_record = _content(folder / name_of_record)
-        replaced = files.replaced_command(old_record, record) if old_record else None
-        if not old_record and any(path.is_file() for path in paths):
-            replaced = "a run without a record, which may have been killed while it wrote"
-        removed = []
-        same_table = files.holds(folder / f"{self.stem}.{ending}", table)
-        if not same_table or not files.same_result(old_record, record):
-            stale = [folder / f"{self.stem}.{name}" for name in allowed if name not in figures]
-            removed = [path for path in stale if path.is_file()]
-        contents |= dict.fromkeys((path.name for path in removed), None)
-        files.write(folder, contents, name_of_record)
-        return Written(paths, removed, replaced, error)
+        }
 
     def _figures(
         self, formats: Sequence[str], style: str
@@ -363,31 +332,6 @@ class Result:
         warnings = f"<pre><b>Warnings</b>\n{lines(self.warnings)}</pre>" if self.warnings else ""
         title = f"{self.analysis}: {self.scenario.name}"
         return f"<b>{html.escape(title)}</b><pre>{lines(self.report)}</pre>{warnings}"
-
-
-@dataclass(frozen=True)
-class Written:
-    """Files that a result was written to.
-
-    Attributes:
-        paths: The table, the figures, the record.
-        removed: Figures of another result that had the same name.
-        replaced: The run whose files were replaced, in words. None for the same command, or if
-            there were no files.
-        figure_error: The error if the figure could not be drawn.
-    """
-
-    paths: list[Path]
-    removed: list[Path]
-    replaced: str | None
-    figure_error: FigureError | None
-
-
-def _content(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
-    except OSError:
-        return b""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -7,57 +7,59 @@ import re
 from importlib import resources
 from pathlib import Path
 
-from radar_sense import schema
-from radar_sense.reading import parse
+from radar_sense.errors import InputError, check_choice
+from radar_sense.limits import MAX_NAME
 
-#: The route of the starter, as its scenario names it.
-_ROUTE = "route.csv"
+_PACKAGE = Path(str(resources.files("radar_sense")))
 _PLAIN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]*")
+#: The name of a scenario, and a file that it names outside of comments.
+_NAME = re.compile(r"^name: \S+", re.MULTILINE)
+_FILE = re.compile(r"^([^#\n]*\bfile: )([\w.-]+)", re.MULTILINE)
 
 
-def starter_text(kind: str) -> str:
-    """Return the text of a commented scenario.
-
-    Args:
-        kind: "network", "route", "data_sheet", or "" for the scenario of the paper.
-    """
-    return _template(f"{kind}.yaml") if kind else parse.default_text()
+def template(kind: str) -> Path:
+    """Return the commented scenario of a kind: network, route, data_sheet, or "" for the paper."""
+    return _PACKAGE / f"templates/{kind}.yaml" if kind else _PACKAGE / "paper.yaml"
 
 
-def starter_files(kind: str, file: Path) -> dict[str, bytes]:
-    """Return the files of a starter by name: the scenario, its schema, its route.
+def examples() -> dict[str, Path]:
+    """Return the example scenarios by name, from the installed package or the working copy."""
+    installed = _PACKAGE / "configs"
+    folder = installed if installed.is_dir() else _PACKAGE.parent / "configs"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
 
-    Args:
-        kind: "network", "route", "data_sheet", or "" for the scenario of the paper.
-        file: The scenario file. The other files are for the folder of this file.
+
+def example(name: str) -> Path:
+    """Return an example scenario.
 
     Raises:
-        ValueError: If the scenario file would have the name of the schema.
+        InputError: If there is no such example.
     """
-    if file.name == schema.FILE_NAME:
-        raise ValueError(f"{file.name} is the name of the schema; choose another name")
-    text = schema.MODELINE + starter_text(kind)
-    files = {file.name: text.encode()}
-    if kind == "route":
-        route = f"{file.stem}_{_ROUTE}"
-        quoted = route if _PLAIN.fullmatch(route) else json.dumps(route, ensure_ascii=False)
-        files[file.name] = text.replace(f"file: {_ROUTE}", f"file: {quoted}").encode()
-        files[route] = _template(_ROUTE).encode()
-    files[schema.FILE_NAME] = schema.text().encode()
-    return files
+    check_choice("--from", name, examples())
+    return examples()[name]
 
 
-def is_old_schema(path: Path) -> bool:
-    """Return whether a file is the schema beside a scenario, as some version has written it."""
-    if path.name != schema.FILE_NAME:
-        return False
-    try:
-        content = json.loads(path.read_bytes())
-    except (OSError, ValueError):
-        return False
-    return isinstance(content, dict) and content.get("title") == schema.TITLE
+def files(source: Path, file: Path) -> dict[str, str]:
+    """Return the text of each file of a starter by name: the scenario, and the files it names.
 
+    Args:
+        source: A template or an example.
+        file: The scenario file to write, which gives the scenario its name.
 
-def _template(name: str) -> str:
-    folder = resources.files("radar_sense").joinpath("templates")
-    return folder.joinpath(name).read_text(encoding="utf-8")
+    Raises:
+        InputError: If the scenario file has the name of a file that the scenario names.
+    """
+    text = source.read_text(encoding="utf-8")
+    beside = {}
+
+    def own(found: re.Match[str]) -> str:
+        name = f"{file.stem}_{found[2].removeprefix(f'{source.stem}_')}"
+        beside[name] = (source.parent / found[2]).read_text(encoding="utf-8")
+        return found[1] + (name if _PLAIN.fullmatch(name) else json.dumps(name, ensure_ascii=False))
+
+    text = _FILE.sub(own, text)
+    if stem := re.sub(r"[^A-Za-z0-9_.-]", "_", file.stem).lstrip("_.-")[:MAX_NAME]:
+        text = _NAME.sub(lambda found: f"name: {stem}".ljust(len(found[0])), text, count=1)
+    if file.name in beside:
+        raise InputError(f"{file.name} is the name of a file of this scenario; choose another name")
+    return {file.name: text, **beside}

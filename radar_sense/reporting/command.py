@@ -16,16 +16,14 @@ from radar_sense.analyses.compare import compare
 from radar_sense.analyses.contract import (
     OPTIONS,
     Command,
-    FigureError,
     Progress,
     Result,
-    Written,
     silent,
 )
-from radar_sense.analyses.coverage_map import coverage_map
-from radar_sense.analyses.detection_range import detection_range
+from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
 from radar_sense.analyses.overview import overview
+from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
 from radar_sense.errors import InputError
@@ -106,22 +104,8 @@ class Report:
             FigureError: If a figure cannot be drawn. No file is written then.
             OSError: If the file cannot be written.
         """
-        written = self.write(folder, command=command)
-        if written.figure_error is not None:
-            raise written.figure_error
-        return written.paths
-
-    def write(
-        self, folder: str | Path, formats: Sequence[str] = (), *, command: Sequence[str] = ()
-    ) -> Written:
-        """Write the page as `save` does, and return the written files as `Result.write` does."""
-        folder, name = Path(folder), f"{self.stem}.html"
-        try:
-            content = self.html(command).encode()
-        except FigureError as error:
-            return Written([], [], None, error)
-        files.write(folder, {name: content})
-        return Written([folder / name], [], None, None)
+        content = self.html(command).encode()
+        return files.write(Path(folder), {f"{self.stem}.html": content})
 
 
 class Gathering(Command):
@@ -171,8 +155,7 @@ def _report(
         for command, question, ask in questions:
             seen = {warning for section in sections for warning in section.warnings}
             sections.append(_answer(command, question, ask, seen))
-            if advance:
-                advance(1)
+            advance(1)
     return Report(scenario, tuple(sections))
 
 

@@ -4,7 +4,6 @@ everywhere.
 
 import dataclasses
 import json
-import sys
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,7 +23,7 @@ from helpers import (
 
 import radar_sense as rs
 from radar_sense import cli as command_line
-from radar_sense.analyses.contract import OPTIONS, Analysis, Option, Result, analysis
+from radar_sense.analyses.contract import OPTIONS, Result
 from radar_sense.limits import POSITIVE, parameter
 from radar_sense.model.detectors import DETECTORS, North
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
@@ -32,7 +31,7 @@ from radar_sense.propagation import METHODS, Method
 from radar_sense.propagation.linear import linear
 
 ROOT = Path(__file__).parents[2]
-ALL = {name: command_line.load(name) for name in command_line.ANALYSES}
+ALL = {name: command_line.load(name) for name in command_line.commands() if name != "report"}
 #: What keeps an analysis short.
 SHORT = {
     "montecarlo": {"runs": 32},
@@ -113,14 +112,13 @@ def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
         assert table.read_bytes() == Path("shell", table.name).read_bytes()
 
 
-def test_the_list_of_commands_agrees_with_the_analyses():
-    for name, (_, text) in command_line.ANALYSES.items():
-        assert ALL[name].name == name
-        assert ALL[name].help.splitlines()[0] == text
-        assert ALL[name].examples
-        assert all(example.startswith(f"radar-sense {name}") for example in ALL[name].examples)
-        known = {*ALL[name].keywords, "level", "radar", "runs", "seed", "dask"}
-        assert {option.name for option in ALL[name].options} <= known
+def test_each_command_has_examples_and_known_options():
+    for name, command in ALL.items():
+        assert command.name == name
+        assert command.examples
+        assert all(example.startswith(f"radar-sense {name}") for example in command.examples)
+        known = {*command.keywords, "level", "radar", "runs", "seed", "method", "dask"}
+        assert {option.name for option in command.options} <= known
 
 
 def test_options_of_an_analysis():
@@ -222,26 +220,38 @@ def test_a_new_method_of_propagation(tool, monkeypatch):
         assert sum(assumed in w for w in rs.variance(sheet, method=method).warnings) == 1
 
 
-def test_a_new_analysis(tool, monkeypatch):
-    def plot(result, figure):
-        figure.subplots().plot(result.table["x"])
+#: A command is one file: options, numbers, table, words and figure.
+RAMP = '''
+"""A straight line."""
 
-    @analysis(
-        plot=plot,
-        options=["level", "radar", Option("twice", "Double it.", flag=True)],
-        examples=["radar-sense ramp"],
-    )
-    def ramp(scenario, *, twice=False):
-        """A straight line."""
-        x = np.arange(3.0) * (2 if twice else 1)
-        return Result(scenario, {"x": x}, {"top": float(x.max())}, (f"up to {x.max():g}",))
+import numpy as np
 
-    module = type(sys)("ramp_of_a_newcomer")
-    module.ramp = ramp
-    monkeypatch.setitem(sys.modules, module.__name__, module)
-    row = (f"{module.__name__}:ramp", "A straight line.")
-    monkeypatch.setitem(command_line.ANALYSES, "ramp", row)
-    assert isinstance(ramp, Analysis)
+from radar_sense.analyses.contract import Option, Result, analysis
+
+
+def plot(result, figure):
+    figure.subplots().plot(result.table["x"])
+
+
+@analysis(
+    plot=plot,
+    options=["level", "radar", Option("twice", "Double it.", flag=True)],
+    examples=["radar-sense ramp"],
+)
+def ramp(scenario, *, twice=False):
+    """A straight line."""
+    x = np.arange(3.0) * (2 if twice else 1)
+    return Result(scenario, {"x": x}, {"top": float(x.max())}, (f"up to {x.max():g}",))
+'''
+
+
+def test_a_new_command_is_one_file(tool, monkeypatch, tmp_path):
+    """The file is found by its name, wherever the folder of the commands is."""
+    folder = tmp_path / "analyses"
+    folder.mkdir()
+    (folder / "ramp.py").write_text(RAMP)
+    monkeypatch.setattr(command_line, "FOLDER", folder)
+    monkeypatch.setattr(rs.analyses, "__path__", [str(folder), *rs.analyses.__path__])
     assert "A straight line." in tool("--help").out
     help_text = tool("ramp", "--help").out
     assert "radar-sense ramp" in help_text

@@ -14,7 +14,7 @@ from helpers import document
 
 import radar_sense as rs
 from radar_sense.analyses.coverage.map_export import geojson
-from radar_sense.analyses.coverage_map import coverage_map
+from radar_sense.analyses.map import coverage_map
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
 

@@ -11,7 +11,7 @@ from radar_sense import cli
 from radar_sense.analyses.contract import OPTIONS
 
 NETWORK = rs.load_scenario(Path(__file__).parents[2] / "configs/network.yaml")
-ALL = {name: cli.load(name) for name in {**cli.ANALYSES, **cli.REPORTS}}
+ALL = {name: cli.load(name) for name in cli.commands()}
 SHARED = [OPTIONS[name] for name in ("level", "radar", "runs", "seed")]
 #: Each command with the options that are its own, and the options that all commands have. `dask`
 #: is an option of the command line only.

@@ -12,7 +12,7 @@ from helpers import document, scenario
 
 import radar_sense as rs
 from radar_sense.analyses.coverage.rays import FARTHEST, rays, survey
-from radar_sense.analyses.detection_range import detection_range
+from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
 from radar_sense.model.horizon import horizon_range

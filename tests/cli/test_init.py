@@ -1,15 +1,17 @@
-"""`init`: scenarios to start from, written all or none, and nothing overwritten."""
+"""`init`: scenarios to start from, with nothing overwritten."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
-from radar_sense import schema
+from radar_sense.reading import starters
 from radar_sense.reading.parse import default_text
 
-SCHEMA = schema.FILE_NAME
+ROOT = Path(__file__).parents[2]
 OPTIONS = {
     "": [],
     "network": ["--network"],
@@ -20,7 +22,7 @@ OPTIONS = {
 ANALYSES = {
     "": ["sensitivity"],
     "network": ["variance", "--radar", "ridge"],
-    "route": ["mission", "--method", "probit"],
+    "route": ["variance"],
     "data_sheet": ["budget", "--target", "0.5"],
 }
 
@@ -30,15 +32,31 @@ def contents():
 
 
 def test_the_scenario_of_the_paper(tool):
-    code, out, err = tool("init")
+    code, out, err = tool("init", "my.yaml")
     assert (code, err) == (0, "")
-    assert out == (f"scenario.yaml written, with {SCHEMA}\nnext: radar-sense check scenario.yaml\n")
-    assert contents() == {
-        "scenario.yaml": f"# yaml-language-server: $schema={SCHEMA}\n{default_text()}".encode(),
-        SCHEMA: schema.text().encode(),
-    }
-    assert tool("check", "scenario.yaml") == tool("check")
+    assert out == "my.yaml written\nnext: radar-sense check my.yaml\n"
+    (name, text), *_ = contents().items()
+    assert name == "my.yaml"
+    assert "\nname: my    " in text.decode()
+    assert text.decode().replace("name: my   ", "name: paper") == default_text()
     assert tool("init", "-") == (0, default_text(), "")
+    assert tool("variance", "my.yaml", "--no-plot").code == 0
+    assert Path("figures/my_variance.csv").is_file()
+
+
+def test_init_loads_no_slow_package(tmp_path):
+    code = (
+        "import sys\n"
+        "from radar_sense.cli import cli\n"
+        "try: cli.main(['init', '--from', 'table', 'my.yaml'])\n"
+        "except SystemExit as end: assert not end.code\n"
+        "print(*{'numpy', 'scipy', 'matplotlib', 'yaml'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=tmp_path
+    )
+    assert done.stdout.splitlines()[-1] == ""
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["my.yaml", "my_synthetic_aircraft.csv"]
 
 
 @pytest.mark.parametrize("kind", OPTIONS)
@@ -46,19 +64,29 @@ def test_every_starter_runs(tool, kind):
     code, out, err = tool("init", *OPTIONS[kind], "sub/my.yaml")
     assert (code, err) == (0, "")
     assert "the folder sub is new" in out
-    text = Path("sub/my.yaml").read_text(encoding="utf-8")
-    # an editor finds the schema from the folder of the scenario
-    (name,) = re.findall(r"\A# yaml-language-server: \$schema=(\S+)\n", text)
-    assert (Path("sub") / name).is_file()
     route = {"my_route.csv"} if kind == "route" else set()
-    assert {path.name for path in Path("sub").iterdir()} == {"my.yaml", SCHEMA, *route}
-    assert all(str(Path("sub") / name) in out for name in ("my.yaml", SCHEMA, *route))
+    assert {path.name for path in Path("sub").iterdir()} == {"my.yaml", *route}
+    assert all(str(Path("sub") / name) in out for name in ("my.yaml", *route))
     assert tool("check", "sub/my.yaml").code == 0
     command, *options = ANALYSES[kind]
     assert tool(command, "sub/my.yaml", *options, "--no-plot").code == 0
     # over a third of the lines have a comment
+    text = Path("sub/my.yaml").read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if line.strip()]
     assert sum("#" in line for line in lines) > len(lines) / 3
+
+
+@pytest.mark.parametrize("name", [path.stem for path in sorted(ROOT.glob("configs/*.yaml"))])
+def test_every_example_is_a_start(tool, name):
+    assert tool("init", "--from", name, "my.yaml").code == 0
+    assert tool("check", "my.yaml").code == 0
+    assert "\nname: my" in Path("my.yaml").read_text(encoding="utf-8")
+
+
+def test_the_examples_are_in_the_wheel():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert 'force-include = { "configs" = "radar_sense/configs" }' in text
+    assert len(starters.examples()) == len(list(ROOT.glob("configs/*.yaml")))
 
 
 @pytest.mark.parametrize("make", ["file", "folder", "dangling link"])
@@ -77,23 +105,12 @@ def test_nothing_is_overwritten(tool, make):
     assert make != "file" or path.read_text() == "mine"
 
 
-@pytest.mark.parametrize("name", ["my_route.csv", SCHEMA])
-def test_all_files_or_none(tool, name):
-    Path(name).write_text("mine")
+def test_all_files_or_none(tool):
+    Path("my_route.csv").write_text("mine")
     code, out, err = tool("init", "--route", "my.yaml")
     assert (code, out) == (2, "")
-    assert err.startswith(f"Error: {name}: exists already")
-    assert contents() == {name: b"mine"}
-
-
-def test_the_schema_of_another_version_is_replaced(tool):
-    assert tool("init", "one.yaml").code == 0
-    Path(SCHEMA).write_text(schema.text().replace("ellipsoid", "ball"))
-    assert tool("init", "--network", "two.yaml").code == 0
-    assert contents()[SCHEMA] == schema.text().encode()
-    # a copy of the schema under another name is a file like any other
-    Path("three.yaml").write_text(schema.text())
-    assert tool("init", "three.yaml").code == 2
+    assert err.startswith("Error: my_route.csv: exists already")
+    assert contents() == {"my_route.csv": b"mine"}
 
 
 @pytest.mark.parametrize("stem", ["a b", "x'y", 'x"y', "ä: #", "-", "1"])
@@ -108,8 +125,9 @@ def test_the_route_of_any_name(tool, stem):
     ("args", "words"),
     [
         (["--route", "--network"], "exclude each other"),
-        (["--route", "-"], "--route writes two files"),
-        ([SCHEMA], "the name of the schema"),
+        (["--route", "--from", "paper"], "exclude each other"),
+        (["--route", "-"], "give a name"),
+        (["--from", "paperr"], "did you mean 'paper'?"),
     ],
 )
 def test_refusals(tool, args, words):

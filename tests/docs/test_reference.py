@@ -79,5 +79,5 @@ def test_every_public_name_and_command_is_there():
     columns = PAGES[ROOT / "docs/reference/columns.md"]
     for name in cli.cli.list_commands(None):
         assert f"## `{name}`" in commands
-    for name in cli.ANALYSES:
+    for name in set(cli.commands()) - {"report"}:
         assert f"## `{name}`" in columns

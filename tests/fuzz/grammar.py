@@ -678,8 +678,8 @@ def _option_value(option: Option, scenario: RandomScenario, wrong: float) -> str
 # --- cases ---------------------------------------------------------------------------------------
 
 #: Commands of which a case takes some 10 ms, and commands that take longer.
-SLOW = ("convergence", "detectors", "validate", *cli.REPORTS)
-ANALYSES = tuple(sorted({*cli.ANALYSES} - {*SLOW}))
+SLOW = ("convergence", "detectors", "validate", "report")
+ANALYSES = tuple(sorted({*cli.commands()} - {*SLOW}))
 
 #: Addresses at which no scheduler is.
 _ADDRESSES = (

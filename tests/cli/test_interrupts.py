@@ -1,0 +1,51 @@
+"""Ctrl-C and SIGTERM at any moment: one line, exit code 130, and whole files or none."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).parents[2]
+#: What a run says when it is interrupted: before, among and after its files.
+LINES = (
+    "Interrupted; nothing was written.",
+    "Interrupted; files of two runs may stand side by side, the record tells.",
+    "Interrupted; all files were written.",
+)
+#: A run of the tool that tells when Python has started: no program handles a signal before.
+STARTED = "import os; os.write(1, b'.'); from radar_sense.__main__ import main; main()"
+NAMES = {"paper_variance.csv", "paper_variance.json"}
+
+
+def interrupted(folder: Path, number: int, seconds: float) -> tuple[int, str]:
+    """Return exit code and standard error of a run with a signal after some seconds."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", STARTED, "variance", "--no-plot"],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    process.stdout.read(1)
+    time.sleep(0.01 + seconds)  # `__main__` imports nothing but the standard library
+    process.send_signal(number)
+    _, err = process.communicate()
+    return process.returncode, err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_at_a_random_moment(tmp_path, number):
+    (tmp_path / "figures").mkdir()
+    for seconds in np.random.default_rng(number).uniform(0.0, 1.0, 12):
+        code, err = interrupted(tmp_path, number, seconds)
+        lines = [line for line in err.splitlines() if line and not line.startswith("Warning: ")]
+        assert (code, lines) == (0, []) or (code == 130 and lines[0] in LINES), (seconds, err)
+        assert {path.name for path in (tmp_path / "figures").iterdir()} in (set(), NAMES)
