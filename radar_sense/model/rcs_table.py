@@ -15,20 +15,19 @@ Within a step or two of these ends, σ_r differs by up to 5 % from a spline with
 ("not-a-knot"). Straight above and below, azimuth has no meaning and all values must be the same.
 
 With an envelope, σ_r is an upper bound of the spline, and twice continuously differentiable too.
-Each cell between nodes is divided into finer cells. In a finer cell the spline is a polynomial, and
-at most its largest Bézier coefficient (G. Farin, Curves and Surfaces for CAGD, 2002, ch. 6). The
-envelope is a cubic B-spline on the finer nodes. Each control value affects a region. The value is
-the largest bound of all finer cells within the angle of this region. The B-spline is a mean of its
-control values, with positive weights. The envelope is therefore nowhere below the largest σ_r
-within the angle.
+The envelope is a cubic B-spline on a finer grid with equal steps. In each part of a cell of this
+grid between nodes of the table, the spline is a polynomial, and at most its largest Bézier
+coefficient (G. Farin, Curves and Surfaces for CAGD, 2002, ch. 6). A control value of the B-spline
+affects four cells by four. The value is the largest bound of all cells within the angle of these.
+The B-spline is a mean of its control values, with positive weights. The envelope is therefore
+nowhere below the largest σ_r within the angle.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from itertools import pairwise
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +37,9 @@ from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import join, split
 from radar_sense.model.rcs import rcs_model
 from radar_sense.states import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 #: Each cell between nodes has 16 coefficients of 8 bytes.
 MAX_NODES = 1_000_000
@@ -270,82 +272,61 @@ class _Axis:
         cell += (angle >= self.nodes.take(cell + 1)) & (cell < len(self.nodes) - 2)
         return cell, angle - self.nodes.take(cell)
 
-    def through(self, values: FloatArray) -> FloatArray:
-        """Return coefficients (4, cells, ...) of the cubic spline through nodal values (n, ...)."""
+    def spline(self, values: FloatArray) -> CubicSpline:
+        """Return the cubic spline through values at the nodes (n, ...)."""
         from scipy.interpolate import CubicSpline  # slow to import
 
         if self.periodic:
             values = np.concatenate([values, values[:1]])
-        ends = "periodic" if self.periodic else "clamped"
-        coefficients: FloatArray = CubicSpline(self.nodes, values, bc_type=ends).c[::-1]
+        return CubicSpline(self.nodes, values, bc_type="periodic" if self.periodic else "clamped")
+
+    def bezier(self, values: FloatArray, edges: FloatArray) -> FloatArray:
+        """Return Bézier coefficients (4, k, ...) of the spline through nodal values (n, ...).
+
+        Args:
+            values: Values at the nodes.
+            edges: Edges (k + 1,) of the cells, ascending, with all nodes among them. Beyond the
+                nodes the spline is constant.
+        """
+        from scipy.interpolate import BPoly, PPoly  # slow to import
+
+        spline, start = self.spline(values), edges[:-1]
+        inside = (start >= self.nodes[0]) & (start < self.nodes[-1])
+        start = np.clip(start, self.nodes[0], self.nodes[-1])
+        power = [spline(start, order) / math.factorial(order) for order in (3, 2, 1, 0)]
+        for coefficient in power[:3]:
+            coefficient[~inside] = 0.0
+        coefficients: FloatArray = BPoly.from_power_basis(PPoly(np.stack(power), edges)).c
         return coefficients
 
     def with_control(self, values: FloatArray) -> FloatArray:
         """Return coefficients (4, cells, ...) of the cubic B-spline with control values (n, ...).
 
-        The B-spline is a mean of four control values, with positive weights of sum 1 (C. de Boor,
-        A Practical Guide to Splines, 1978, ch. IX).
+        The nodes have equal steps. The B-spline is a mean of four control values, with positive
+        weights of sum 1 (C. de Boor, A Practical Guide to Splines, 1978, ch. IX).
         """
-        from scipy.interpolate import BSpline, CubicHermiteSpline  # slow to import
-
-        nodes, rest = self.nodes, [(0, 0)] * (values.ndim - 1)
         if self.periodic:
-            knots = np.concatenate([nodes[-4:-1] - TURN, nodes, nodes[1:4] + TURN])
-            control = np.concatenate([values[-1:], values, values[:2]])
+            values = np.concatenate([values[-1:], values, values[:2]])
         else:
-            knots = np.pad(nodes, 3, mode="reflect", reflect_type="odd")
-            control = np.pad(values, [(1, 1), *rest], mode="reflect")
-        spline = BSpline(knots, control, 3)
-        at_nodes = spline(nodes), spline.derivative()(nodes)
-        coefficients: FloatArray = CubicHermiteSpline(nodes, *at_nodes).c[::-1]
-        return coefficients
-
-    def divided(self, step: float) -> _Axis:
-        """Return the axis with every cell divided evenly, into parts no wider than a step."""
-        nodes = [
-            start + (stop - start) * np.arange(parts) / parts
-            for (start, stop), parts in zip(pairwise(self.nodes), self.parts(step), strict=True)
-        ]
-        return _Axis.of(np.append(np.concatenate(nodes), self.nodes[-1]), periodic=self.periodic)
-
-    def parts(self, step: float) -> NDArray[np.intp]:
-        """Return how many parts no wider than a step each cell has."""
-        return np.ceil(np.diff(self.nodes) / step * (1 - 1e-9)).astype(np.intp)
-
-    def bezier(self, values: FloatArray, finer: _Axis) -> FloatArray:
-        """Return Bézier coefficients (4, finer cells, ...) of the spline through values (n, ...).
-
-        Args:
-            values: Values at the nodes.
-            finer: This axis, divided.
-        """
-        coefficients = self.through(values)
-        cell, start = self.place(finer.nodes[:-1])
-        shape = (-1, *[1] * (values.ndim - 1))
-        start, width = start.reshape(shape), np.diff(finer.nodes).reshape(shape)
-        c0, c1, c2, c3 = coefficients[:, cell]
-        first = ((c3 * start + c2) * start + c1) * start + c0
-        slope = ((3.0 * c3 * start + 2.0 * c2) * start + c1) * width
-        bend = (3.0 * c3 * start + c2) * width**2
-        last = first + slope + bend + c3 * width**3
-        return np.stack([first, first + slope / 3.0, first + (2.0 * slope + bend) / 3.0, last])
-
-    def affected(self) -> tuple[FloatArray, FloatArray]:
-        """Return the first and last angle (n,) that the control value of each node affects."""
-        nodes = self.nodes
-        if self.periodic:
-            nodes = np.concatenate([nodes[-3:-1] - TURN, nodes, nodes[1:2] + TURN])
-            return nodes[:-4], nodes[4:]
-        nodes = np.pad(nodes, 2, mode="edge")
-        return nodes[:-4], nodes[4:]
+            values = np.pad(values, [(1, 1), *[(0, 0)] * (values.ndim - 1)], mode="reflect")
+        a, b, c, d = (values[k : k + len(self.nodes) - 1] for k in range(4))
+        h = (self.nodes[-1] - self.nodes[0]) / (len(self.nodes) - 1)
+        return np.stack(
+            [
+                (a + 4.0 * b + c) / 6.0,
+                (c - a) / (2.0 * h),
+                (a - 2.0 * b + c) / (2.0 * h**2),
+                (d - a + 3.0 * (b - c)) / (6.0 * h**3),
+            ]
+        )
 
 
 def _interpolated(around: _Axis, upward: _Axis | None, values: FloatArray) -> FloatArray:
     """Return coefficients (cells, 4) or (cells, 16) of the spline through values (n,) or (n, m)."""
-    by_azimuth = around.through(values)
+    by_azimuth = around.spline(values).c[::-1]
     if upward is None:
         return np.ascontiguousarray(by_azimuth.T)
-    return _by_cell(upward.through(np.moveaxis(by_azimuth, 2, 0)))
+    return _by_cell(upward.spline(np.moveaxis(by_azimuth, 2, 0)).c[::-1])
 
 
 def _by_cell(coefficients: FloatArray) -> FloatArray:
@@ -366,90 +347,64 @@ def _enveloped(
         values: ln σ_r at the nodes (n,) or (n, m).
         width: w [rad].
     """
+    from scipy.ndimage import maximum_filter1d  # slow to import
+
     most = max(ENVELOPE_CELLS, values.size)
     step = max(width / ENVELOPE_STEPS, np.pi * np.sqrt(2.0 / most))
     rows, columns = int(np.ceil(np.pi / step)), int(np.ceil(TURN / step))
     if upward is None:
         rows, columns = _ROWS, int(min(np.ceil(TURN * ENVELOPE_STEPS / width), most // _ROWS))
-    azimuth = _Axis.of(np.linspace(-np.pi, np.pi, columns + 1), periodic=True)
+    first, last = around.nodes[[0, -1]]
+    azimuth = _Axis.of(np.linspace(first, last, columns + 1), periodic=True)
     elevation = _Axis.of(np.linspace(-np.pi / 2, np.pi / 2, rows + 1), periodic=False)
 
-    edges, edges_upward, bounds = _bounds(around, upward, values, step, most)
-    low, high = elevation.affected()
-    control = _largest_between(bounds.T, edges_upward, low - width, high + width).T
+    def window(angle: float, step: float) -> int:
+        """Return how many cells lie within an angle of the four that a control value affects."""
+        return 2 * math.ceil(angle / step + 1e-9) + 4
+
+    bounds = _bounds(around, upward, values, azimuth.nodes, elevation.nodes)
+    bounds = np.pad(bounds, [(0, 1), (0, 0)], mode="edge")  # there is a node more than cells
+    control = maximum_filter1d(bounds, window(width, np.pi / rows), axis=0, mode="nearest")
     # From an elevation ε, the angle w reaches as far in azimuth as arcsin(sin w / cos ε), ...
-    steepest = np.maximum(abs(low), abs(high))
+    steepest = np.minimum(abs(elevation.nodes) + 2.0 * np.pi / rows, np.pi / 2)
     polar = steepest + width >= np.pi / 2 - 1e-9  # ... or all around
     sine = np.sin(width) / np.cos(np.where(polar, 0.0, steepest))
     reach = np.where(polar, np.pi, np.arcsin(np.minimum(sine, 1.0)))
-    turns = np.concatenate([edges[:-1] - TURN, edges[:-1], edges + TURN])
-    left, right = azimuth.affected()
-    control = np.stack(
-        [
-            np.full(columns, row.max())
-            if all_around
-            else _largest_between(np.tile(row, 3), turns, left - sideways, right + sideways)
-            for row, sideways, all_around in zip(control, reach, polar, strict=True)
-        ]
-    )
+    for row, sideways in zip(control, reach, strict=True):
+        row[:] = maximum_filter1d(row, window(sideways, TURN / columns), mode="wrap")
     control += _MARGIN
     by_azimuth = np.moveaxis(azimuth.with_control(control.T), 2, 0)
     return azimuth, elevation, _by_cell(elevation.with_control(by_azimuth))
 
 
 def _bounds(
-    around: _Axis, upward: _Axis | None, values: FloatArray, step: float, most: int
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Divide the cells of a table and bound the spline in each part, on all of the sphere.
-
-    The parts are no wider than a step, or wider where there would be more than `most` parts.
-
-    Returns:
-        Edges of the parts in azimuth (k + 1,) and in elevation (j + 1,), and a bound of the spline
-        in each part (j, k).
-    """
-    axes = [around] if upward is None else [around, upward]
-    while step < MAX_STEP and math.prod(int(axis.parts(step).sum()) for axis in axes) > most:
-        step *= 1.1
-    finer = around.divided(step)
-    by_azimuth = around.bezier(values, finer)
-    ends = by_azimuth.max(axis=0).reshape(len(finer.nodes) - 1, -1).T
-    # The spline is constant below and above the elevations of the table.
-    edges, bounds = np.zeros(1), ends[:0]
-    if upward is not None:
-        finer_upward = upward.divided(step)
-        edges = finer_upward.nodes
-        bounds = upward.bezier(np.moveaxis(by_azimuth, 2, 0), finer_upward).max(axis=(0, 2))
-    edges = np.concatenate([[-np.pi / 2], edges, [np.pi / 2]])
-    return finer.nodes, edges, np.concatenate([ends[:1], bounds, ends[-1:]])
-
-
-def _largest_between(
-    values: FloatArray, edges: FloatArray, low: FloatArray, high: FloatArray
+    around: _Axis,
+    upward: _Axis | None,
+    values: FloatArray,
+    azimuth: FloatArray,
+    elevation: FloatArray,
 ) -> FloatArray:
-    """Return the largest value of the cells that overlap each interval.
+    """Return a bound of the spline in each cell of an envelope (k, j).
+
+    In a part of a cell between two nodes of the table, the spline is at most its largest Bézier
+    coefficient.
 
     Args:
-        values: A value for each cell (..., cells).
-        edges: Edges of the cells (cells + 1,), ascending.
-        low: Where the intervals begin (k,).
-        high: Where they end (k,).
-
-    Returns:
-        (..., k).
+        around: The azimuths of the table.
+        upward: The elevations of the table, if it has any.
+        values: ln σ_r at the nodes (n,) or (n, m).
+        azimuth: Edges of the cells (j + 1,).
+        elevation: Edges of the cells (k + 1,).
     """
-    rounding = 1e-9
-    start = np.maximum(np.searchsorted(edges, low - rounding, side="right") - 1, 0)
-    stop = np.minimum(np.searchsorted(edges, high + rounding), values.shape[-1])
-    # Two runs of a power of two cells cover any interval.
-    power = np.frexp(stop - start)[1] - 1
-    largest = np.empty((*values.shape[:-1], len(low)))
-    for exponent in range(int(power.max()) + 1):
-        here, length = power == exponent, 1 << exponent
-        largest[..., here] = np.maximum(values[..., start[here]], values[..., stop[here] - length])
-        if exponent < power.max():
-            values = np.maximum(values[..., :-length], values[..., length:])
-    return largest
+    edges = np.union1d(around.nodes, azimuth)
+    by_azimuth = around.bezier(values, edges)
+    starts = np.searchsorted(edges, azimuth[:-1])
+    if upward is None:
+        return np.tile(np.maximum.reduceat(by_azimuth.max(axis=0), starts), (len(elevation) - 1, 1))
+    edges_upward = np.union1d(upward.nodes, elevation)
+    starts_upward = np.searchsorted(edges_upward, elevation[:-1])
+    parts = np.max([upward.bezier(c.T, edges_upward).max(axis=0) for c in by_azimuth], axis=0)
+    return np.maximum.reduceat(np.maximum.reduceat(parts, starts_upward), starts, axis=1)
 
 
 #: A fault of a table: the index of the faulty value, and a description.
