@@ -15,7 +15,7 @@ import math
 import re
 from array import array
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -186,12 +186,11 @@ class TableFile:
         text = "".join(cells)
         # `float` takes other digits and 1_000 too.
         if text.isascii() and "_" not in text and len(max(cells, key=len)) <= MAX_LETTERS:
-            try:
+            with suppress(ValueError):
                 row = [float(cell) for cell in cells]
-            except ValueError:
-                row = [math.nan]
-            if math.isfinite(sum(row)):
-                return row
+                if math.isfinite(sum(row)):
+                    return row
+        # One by one, to name the wrong cell.
         of_columns = zip(self.names, cells, limits, strict=True)
         return [self._number(line, name, cell, limit) for name, cell, limit in of_columns]
 
