@@ -130,8 +130,8 @@ def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
 
 
 def test_marcum_where_the_function_of_scipy_fails():
-    """SciPy's noncentral chi-square gives 0 for Q₁(5, 14) and for a miss of 2e-91."""
-    assert 1 - chndtr(14.0**2, 2, 5.0**2) == 0
+    """SciPy's noncentral chi-square gives 0 or less for Q₁(5, 14), and 0 for a miss of 2e-91."""
+    assert 1 - chndtr(14.0**2, 2, 5.0**2) <= 0  # below 0 in SciPy 1.15
     p_fa = float(mp.exp(-98))
     assert_allclose(Marcum().p_d(np.array(12.5), p_fa), 1.8991679014e-19, rtol=1e-10)
     assert chndtr(-2 * np.log(1e-4), 2, 600.0) == 0
