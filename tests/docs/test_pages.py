@@ -90,8 +90,9 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
         answer_is_no = "--threshold" in line
         assert result.exit_code == (3 if answer_is_no else 0), f"{line}\n{result.output}"
         if shown:
-            rows = [row for row in result.output.splitlines() if not row.startswith("replaced")]
-            assert_shown(line, shown, "\n".join(rows))
+            warnings = [row for row in shown if row.startswith("Warning: ")]
+            assert_shown(line, [row for row in shown if row not in warnings], result.stdout)
+            assert set(warnings) <= set(result.stderr.splitlines()), line
 
 
 @pytest.mark.parametrize("page", pages_with(r"^```python$"), ids=lambda page: page.stem)
