@@ -21,6 +21,7 @@ from radar_sense.model.detectors import (
     Swerling2,
     Swerling3,
     Swerling4,
+    linearize,
     required_snr,
 )
 from radar_sense.record import detector_block
@@ -207,7 +208,7 @@ def _integrated(snr: FloatArray, p_fas: list[float]) -> dict[str, FloatArray]:
     slopes: dict[str, FloatArray] = {}
     per_db = snr * (np.log(10.0) / 10.0)
     for pulses in PULSES:
-        both = [Swerling2(pulses=pulses).linearize(snr, p_fa) for p_fa in p_fas]
+        both = [linearize(Swerling2(pulses=pulses), snr, p_fa) for p_fa in p_fas]
         columns[f"p_d_swerling2_{pulses}"] = np.concatenate([p_d for p_d, _ in both])
         slopes[f"dp_d_per_db_swerling2_{pulses}"] = np.concatenate(
             [slope * per_db for _, slope in both]
@@ -227,7 +228,7 @@ def _required(scenario: Scenario) -> list[dict[str, Any]]:
         for detector in compared:
             for p_d in REQUIRED:
                 snr = required_snr(detector, p_fa, p_d)
-                _, slope = detector.linearize(np.asarray(snr), p_fa)
+                _, slope = linearize(detector, np.asarray(snr), p_fa)
                 rows.append(
                     {
                         "detector": detector_block(detector),

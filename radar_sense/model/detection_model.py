@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_number
-from radar_sense.model.detectors import Detector, North
+from radar_sense.model.detectors import Detector, North, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import NEPERS, snr
 from radar_sense.model.rcs import MOST_NEPERS, RCS, linearize_with_error, with_error
@@ -39,6 +39,9 @@ BLOCK = 16_384
 #: From S and P_fa to values of a detector, and the slope of the last value by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
+# glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
+# fetch it again page by page, and a gradient would take twice the time. Never touched.
+np.empty(3 << 20)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,7 +113,7 @@ class DetectionModel:
         object.__setattr__(self, "attenuation", attenuation)
         if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
             raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
-        if not hasattr(self.detector, "linearize") or isinstance(self.detector, type):
+        if not hasattr(self.detector, "linearize_probit") or isinstance(self.detector, type):
             raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
@@ -149,7 +152,7 @@ class DetectionModel:
                 negative.
         """
         _check_states(aircraft, radar)
-        return Linearization(*self._partials(self.detector.linearize, aircraft, radar))
+        return Linearization(*self._partials(partial(linearize, self.detector), aircraft, radar))
 
     def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
         """Return P_D (...) and the values of `linearize_probit`, from one computation of S.
@@ -302,7 +305,6 @@ def _in_blocks(
             f"radar constant must not be negative, got {np.nanmin(radar[..., CONSTANT])}"
         )
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
-    _keep_freed_memory()
     aircraft, radar = (
         s if s.shape[:-1] == shape else np.broadcast_to(s, shape + s.shape[-1:])
         for s in (aircraft, radar)
@@ -315,18 +317,6 @@ def _in_blocks(
         for result, value in zip(results, values, strict=True):
             result[block] = value
     return tuple(result[()] for result in results)
-
-
-@cache
-def _keep_freed_memory() -> None:
-    """Raise the size from which glibc returns freed memory to the system.
-
-    glibc returns free memory at the end of the heap that exceeds twice the largest array freed so
-    far (mallopt(3), M_TRIM_THRESHOLD and M_MMAP_THRESHOLD). Each block would fetch the memory
-    again page by page, which costs as much as the arithmetic. One large array is freed here first.
-    Results do not depend on this call. Other C libraries ignore the freed array.
-    """
-    np.empty(3 << 20)  # 24 MB, never touched
 
 
 def _blocks(shape: tuple[int, ...], size: int) -> Iterator[tuple[slice, ...]]:

@@ -20,19 +20,19 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import ClassVar, NamedTuple, Protocol, TypeVar
+from typing import ClassVar, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import erfc, erfcx, gammainc, i0e, ndtr, ndtri, ndtri_exp
+from scipy.special import gammainc, i0e, ndtr, ndtri, ndtri_exp
 
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit, check_number, check_parameters, parameter, section
-from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tails
+from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tail, Tails
+from radar_sense.model.normal import density, hazard
 from radar_sense.model.probit_table import ProbitTable
 from radar_sense.states import FloatArray
 
-_HALF_OVER_SQRT_PI = 0.5 / np.sqrt(np.pi)
 #: The accuracy is tested within these limits.
 _PULSES = Limit(at_least=1, at_most=1000, whole=True)
 _CELLS = Limit(at_least=1, at_most=1000, whole=True)
@@ -44,10 +44,6 @@ class Detector(Protocol):
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...)."""
-        ...
-
-    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return P_D (...) and its slope dP_D/dS (...)."""
         ...
 
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
@@ -76,28 +72,19 @@ def detector(*names: str) -> Callable[[D], D]:
 class North:
     """North's approximation to the detection of a steady target by one pulse, `eq:pd_approx`.
 
-    P_D ≈ ½ erfc(√(−ln P_fa) − √(S + ½)) (D. O. North, Proc. IEEE 51(7), 1963).
+    P_D ≈ ½ erfc(√(−ln P_fa) − √(S + ½)) (D. O. North, Proc. IEEE 51(7), 1963). ½ erfc(−x) is
+    Φ(√2 x), so the probit is √2 times the argument, and exact where P_D rounds to 0 or 1.
     """
 
     def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
         """Return P_D (...) at signal-to-noise ratios (...) not below zero."""
-        p_d: FloatArray = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
+        p_d: FloatArray = ndtr(math.sqrt(2.0) * (np.sqrt(snr + 0.5) - math.sqrt(-math.log(p_fa))))
         return p_d
 
-    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return P_D (...) and its slope dP_D/dS (...)."""
-        argument = np.sqrt(snr + 0.5)
-        miss = np.sqrt(-np.log(p_fa)) - argument
-        return 0.5 * erfc(miss), _HALF_OVER_SQRT_PI * np.exp(-miss * miss) / argument
-
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...).
-
-        ½ erfc(−x) = Φ(√2 x), so the probit is √2 times the argument, and is exact where P_D rounds
-        to 0 or 1.
-        """
-        argument = np.sqrt(snr + 0.5)
-        return np.sqrt(2.0) * (argument - np.sqrt(-np.log(p_fa))), np.sqrt(0.5) / argument
+        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+        root = np.sqrt(snr + 0.5)
+        return math.sqrt(2.0) * (root - math.sqrt(-math.log(p_fa))), math.sqrt(0.5) / root
 
 
 @dataclass(frozen=True)
@@ -205,17 +192,10 @@ class PulseDetector:
         p_d: FloatArray = ndtr(_table(self, p_fa).probit(snr))
         return p_d
 
-    def linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return P_D (...) and its slope dP_D/dS (...)."""
-        if self._single:
-            return self._pulse_linearize(snr, p_fa)
-        z, by_snr = _table(self, p_fa).linearize_probit(snr)
-        return ndtr(z), by_snr * (np.exp(-0.5 * z * z) / math.sqrt(2.0 * math.pi))
-
     def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
         """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
         if self._single:
-            return self._pulse_linearize_probit(snr, p_fa)
+            return probit_of_tail(*self._pulse_tail(snr, p_fa))
         return _table(self, p_fa).linearize_probit(snr)
 
     def tails(self, p_fa: float) -> Tails:
@@ -245,14 +225,11 @@ class PulseDetector:
         return self.pulses == 1 and self.cfar is None and self.binary is None
 
     def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+        """Return P_D (...) of a single pulse with a fixed threshold."""
         raise NotImplementedError
 
-    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        raise NotImplementedError
-
-    def _pulse_linearize_probit(
-        self, snr: FloatArray, p_fa: float
-    ) -> tuple[FloatArray, FloatArray]:
+    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
+        """Return the lesser tail of P_D (...) of a single pulse with a fixed threshold."""
         raise NotImplementedError
 
 
@@ -280,24 +257,12 @@ class Marcum(PulseDetector):
         return math.inf
 
     def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Return P_D (...) at signal-to-noise ratios (...) not below zero."""
-        q = _marcum(snr, p_fa)
-        tail = np.exp(-q.decay) * q.bessel * q.total
-        return np.where(q.upper, 1.0 - tail, tail)
+        upper, log_tail, _ = _marcum(snr, p_fa)
+        tail = np.exp(log_tail)
+        return np.where(upper, 1.0 - tail, tail)
 
-    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return P_D (...) and its slope dP_D/dS (...)."""
-        q = _marcum(snr, p_fa)
-        scale = np.exp(-q.decay) * q.bessel
-        tail = scale * q.total
-        return np.where(q.upper, 1.0 - tail, tail), scale * q.slope
-
-    def _pulse_linearize_probit(
-        self, snr: FloatArray, p_fa: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
-        q = _marcum(snr, p_fa)
-        return probit_of_tail(q.upper, np.log(q.bessel * q.total) - q.decay, q.slope / q.total)
+    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
+        return _marcum(snr, p_fa)
 
 
 @detector("swerling1")
@@ -318,23 +283,13 @@ class Swerling1(PulseDetector):
         return 1.0
 
     def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Return P_D (...) at mean signal-to-noise ratios (...) not below zero."""
         return np.exp(math.log(p_fa) / (1.0 + snr))
 
-    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return P_D (...) and its slope dP_D/dS (...)."""
-        u = -math.log(p_fa) / (1.0 + snr)
-        p_d = np.exp(-u)
-        return p_d, p_d * u / (1.0 + snr)
-
-    def _pulse_linearize_probit(
-        self, snr: FloatArray, p_fa: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
         u = -math.log(p_fa) / (1.0 + snr)
         upper = u < math.log(2.0)
         odds = np.where(upper, np.expm1(np.where(upper, u, 1.0)), 1.0)  # (1 − P_D)/P_D
-        return probit_of_tail(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
+        return Tail(upper, np.log(odds) - u, u / (1.0 + snr) / odds)
 
 
 @detector("swerling2")
@@ -369,23 +324,11 @@ class Swerling3(PulseDetector):
         return 2.0
 
     def _pulse_p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
-        """Return P_D (...) at mean signal-to-noise ratios (...) not below zero."""
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
         return (1.0 + u * (s / (1.0 + s))) * np.exp(-u)
 
-    def _pulse_linearize(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
-        """Return P_D (...) and its slope dP_D/dS (...)."""
-        s = 0.5 * snr
-        u = -math.log(p_fa) / (1.0 + s)
-        noise = np.exp(-u)
-        slope = u * ((1.0 + 0.5 * u * s) / (1.0 + s)) * noise / (1.0 + s)
-        return (1.0 + u * (s / (1.0 + s))) * noise, slope
-
-    def _pulse_linearize_probit(
-        self, snr: FloatArray, p_fa: float
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the probit z = Φ⁻¹(P_D) (...) and its slope dz/dS (...)."""
+    def _pulse_tail(self, snr: FloatArray, p_fa: float) -> Tail:
         s = 0.5 * snr
         u = -math.log(p_fa) / (1.0 + s)
         detected = 1.0 + u * (s / (1.0 + s))
@@ -395,7 +338,7 @@ class Swerling3(PulseDetector):
         missed = gammainc(2.0, u) * np.exp(np.minimum(u, 2.0)) / u + 1.0 / (1.0 + s)
         tail = np.where(upper, missed, detected / u)
         rate = (1.0 + 0.5 * u * s) / (1.0 + s) / tail / (1.0 + s)
-        return probit_of_tail(upper, np.log(tail) + np.log(u) - u, rate)
+        return Tail(upper, np.log(tail) + np.log(u) - u, rate)
 
 
 @detector("swerling4")
@@ -409,6 +352,12 @@ class Swerling4(Swerling3):
     def shape(self) -> float:
         """Shape K of the count of the signal in `integration`."""
         return 2.0 * self.pulses
+
+
+def linearize(detector: Detector, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+    """Return P_D (...) and its slope dP_D/dS = φ(z) dz/dS (...)."""
+    z, by_snr = detector.linearize_probit(snr, p_fa)
+    return ndtr(z), by_snr * density(z)
 
 
 def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
@@ -444,18 +393,8 @@ def _table(detector: PulseDetector, p_fa: float) -> ProbitTable:
     return ProbitTable.of(exact, 3.0 * float(tails.tail(np.zeros(1)).rate[0]))
 
 
-class _Marcum(NamedTuple):
-    """The summed tail of Q₁, and the slope of P_D: each is exp(−decay) · bessel · (...)."""
-
-    upper: NDArray[np.bool_]  #: whether the tail is 1 − P_D
-    decay: FloatArray  #: (a − b)²/2
-    bessel: FloatArray  #: exp(−ab) I₀(ab)
-    total: FloatArray  #: the sum, over I₀(ab)
-    slope: FloatArray  #: dP_D/dS without the factors exp(−decay) and bessel
-
-
-def _marcum(snr: FloatArray, p_fa: float) -> _Marcum:
-    """Sum the series of `Marcum`, from the last term to the first.
+def _marcum(snr: FloatArray, p_fa: float) -> Tail:
+    """Return the lesser tail of `Marcum`, summed from the last term to the first.
 
     With m and n the lesser and the greater of S and X, the ratio of a term to the previous term is
 
@@ -486,13 +425,9 @@ def _marcum(snr: FloatArray, p_fa: float) -> _Marcum:
             np.divide(m, w, out=w)
     rest += 1.0  # all but the factor w₁ = m/w
     upper = snr >= threshold
-    return _Marcum(
-        upper,
-        (np.sqrt(snr) - math.sqrt(threshold)) ** 2,
-        i0e(2.0 * np.sqrt(m * n)),
-        np.where(upper, 0.0, 1.0) + m / w * rest,
-        threshold / w,
-    )
+    total = np.where(upper, 0.0, 1.0) + m / w * rest  # over I₀(ab)
+    decay = (np.sqrt(snr) - math.sqrt(threshold)) ** 2
+    return Tail(upper, np.log(i0e(2.0 * np.sqrt(m * n)) * total) - decay, threshold / w / total)
 
 
 def probit_of_tail(
@@ -506,5 +441,4 @@ def probit_of_tail(
         rate: |d ln tail/dS| (...). The slope of z is the rate times tail/φ(z), Mills' ratio.
     """
     side = ndtri_exp(log_tail)
-    mills = math.sqrt(0.5 * math.pi) * erfcx(-math.sqrt(0.5) * side)
-    return np.where(upper, -side, side), rate * mills
+    return np.where(upper, -side, side), rate / hazard(-side)

@@ -26,13 +26,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfcx, log_ndtr, ndtr, ndtri_exp
+from scipy.special import log_ndtr, ndtr, ndtri_exp
 
 from radar_sense.errors import InputError, shorten_list
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon
+from radar_sense.model.normal import density, hazard
 from radar_sense.model.rcs import RCS
 from radar_sense.states import (
     AIRCRAFT_RCS,
@@ -250,7 +251,7 @@ class NetworkModel:
         z, by_aircraft, by_radar = self._each_probit(aircraft, radar, visible, extrapolated=False)
         missed = log_ndtr(-z)
         # ∂P_D/∂z_i = exp(ln Q − ln Q_i) φ(z_i)
-        weight = np.exp(_others(missed) - 0.5 * z * z) / math.sqrt(2.0 * math.pi)
+        weight = np.exp(_others(missed)) * density(z)
         fused = ndtr(z[0])
         for part in z[1:]:
             fused = _either(fused, ndtr(part))
@@ -482,10 +483,9 @@ def excess_hazard(z: FloatArray) -> FloatArray:
     because φ(z)/Φ(−z) is the derivative of −ln Φ(−z), and z the derivative of −ln φ(z). For large
     z, e(z) is the continued fraction 1/(z + 2/(z + 3/(z + …))) (DLMF 7.9.1).
     """
-    hazard = math.sqrt(2.0 / math.pi) / erfcx(z / math.sqrt(2.0))
     large = np.maximum(z, _LARGE)
     excess: FloatArray = np.where(
-        z < _LARGE, hazard - z, 1.0 / (large + 2.0 / (large + 3.0 / (large + 4.0 / large)))
+        z < _LARGE, hazard(z) - z, 1.0 / (large + 2.0 / (large + 3.0 / (large + 4.0 / large)))
     )
     return excess
 

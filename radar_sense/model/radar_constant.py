@@ -17,7 +17,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.limits import Limit
-from radar_sense.model.radar_equation import LOSSES_KEY, RADARS
+from radar_sense.model.radar_equation import LOSSES_KEY, NEPERS, RADARS
 from radar_sense.states import FloatArray
 
 #: Largest standard deviation of a divisor of c_r as a fraction of its value, and lowest draw in
@@ -29,7 +29,6 @@ TOLERANCE_DB = Limit(at_least=0, at_most=20)
 #: mean and standard deviation are fractions of the assumed values.
 MEAN_CHANGE, STD_CHANGE, SKEWNESS_CHANGE = 0.01, 0.02, 0.3
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
-_NEPERS = math.log(10.0) / 10.0  # ln of a ratio of powers of 1 dB
 
 
 @dataclass(frozen=True)
@@ -59,7 +58,7 @@ class Tolerance:
     @property
     def slope(self) -> float:
         """Contribution to σ of c_r over c_r: ∂ ln c_r/∂u of value + std · u at u = 0."""
-        return self.power * self.std * (_NEPERS if self.decibels else 1.0 / self.value)
+        return self.power * self.std * (NEPERS if self.decibels else 1.0 / self.value)
 
     def factor(self, normals: FloatArray) -> FloatArray:
         """Return the factor of c_r (...) where the parameter is value + std · normals.

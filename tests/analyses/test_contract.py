@@ -165,10 +165,6 @@ def test_a_new_detector(tool, monkeypatch):
     class Shifted(North):
         """North's approximation for twice the signal."""
 
-        def linearize(self, snr, p_fa):
-            value, slope = super().linearize(2.0 * snr, p_fa)
-            return value, 2.0 * slope
-
         def linearize_probit(self, snr, p_fa):
             value, slope = super().linearize_probit(2.0 * snr, p_fa)
             return value, 2.0 * slope
