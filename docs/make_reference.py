@@ -1,8 +1,8 @@
-"""Make the reference pages, and the schema in the package, from what the program declares.
+"""Make the reference pages from what the program declares.
 
     python docs/make_reference.py
 
-writes docs/reference/*.md and radar_sense/radar_sense.schema.json. `make reference` does the same.
+writes docs/reference/*.md. `make reference` does the same.
 A test compares the files with what this makes.
 """
 
@@ -20,10 +20,11 @@ import click
 import yaml
 
 import radar_sense
-from radar_sense import cli, keys, schema
+from radar_sense import cli
 from radar_sense.analyses.contract import Analysis
-from radar_sense.keys import Key
-from radar_sense.model.radar_equation import RADARS
+from radar_sense.scenario_file import declare
+from radar_sense.scenario_file.declare import Key, keys_of
+from radar_sense.scenario_file.sections import File, Tolerances
 
 ROOT = Path(__file__).parents[1]
 MADE = (
@@ -65,7 +66,6 @@ def pages() -> dict[Path, str]:
         folder / "columns.md": columns_page(),
         folder / "commands.md": commands_page(),
         folder / "python.md": python_page(),
-        ROOT / "radar_sense" / schema.FILE_NAME: schema.text(),
     }
 
 
@@ -86,7 +86,6 @@ def anchor(title: str) -> str:
 
 def scenario_page() -> str:
     """Return the reference of the scenario file."""
-    sections = keys.sections()
     text = (
         "# The scenario file\n\n"
         + MADE
@@ -96,24 +95,33 @@ def scenario_page() -> str:
         "completion of keys in an editor.\n\n"
         "Examples are from the files that come with the program, where a file has the key.\n"
     )
-    for name, section in sections.items():
-        text += f"\n## {title(name)}\n\n"
-        text += table(
-            ["key", "meaning", "unit", "allowed", "default or need", "example"],
-            [_key_row(sections, name, key) for key in section],
-        )
-        if name == "uncertainty.aircraft":
-            text += _PARTS.format("position and attitude", "6 × 6", "m and °")
-        if name == "uncertainty.radar.LEVEL":
-            text += _PARTS.format("position and constant", "4 × 4", "m and J m²/K")
+    for cls, name in TITLES.items():
+        keys = keys_of(cls)
+        text += f"\n## {title(name)}\n\n{inspect.getdoc(cls).partition(chr(10))[0]}\n"
+        if keys:
+            head = ["key", "meaning", "unit", "allowed", "default or need", "example"]
+            text += "\n" + table(head, [_key_row(name, keys, key) for key in keys])
+        if any("covariance" in key.unless for key in keys):
+            text += (
+                "\nA part with three components may be one standard deviation for all, a list of "
+                "three, or a 3 × 3 covariance as three rows.\n"
+            )
     return text
 
 
-_PARTS = (
-    "\nA part with three components may be one standard deviation for all, a list of three, or a "
-    "3 × 3 covariance as three rows. `covariance` stands in place of {}, and is the {} covariance "
-    "in {}.\n"
-)
+def _titles() -> dict[type, str]:
+    """Return the title of each section, which is described where it stands first.
+
+    The keys of `Tolerances` are those of the data sheets.
+    """
+    titles: dict[type, str] = {}
+    for name, cls in declare.sections(File):
+        if cls is not Tolerances:
+            titles.setdefault(cls, name)
+    return titles
+
+
+TITLES = _titles()
 
 
 def title(section: str) -> str:
@@ -121,76 +129,44 @@ def title(section: str) -> str:
     return f"`{section}`" if section else "The file"
 
 
-def _key_row(sections: Mapping[str, Sequence[Key]], name: str, key: Key) -> list[str]:
-    section = sections[name]
-    of_section = [other for other in sections if _is_section_of(other, name, key)]
-    is_part = key.required and any(other.name == "covariance" for other in section)
-    example = ""
+def _key_row(name: str, keys: Sequence[Key], key: Key) -> list[str]:
+    allowed = key.kind.allowed
+    if allowed.startswith("one of "):
+        words = allowed.removeprefix("one of ").split(", ")
+        allowed = ", ".join(f"`{word}`" for word in words)
+    headings = [title(TITLES[cls]) for cls in key.kind.sections().values() if cls in TITLES]
+    links = " or ".join(f"[{heading}](#{anchor(heading)})" for heading in headings)
+    example = f"`{_yaml(example_of(name, keys, key))}`"
     if key.name == "covariance":
-        size = sum(other.size for other in section if other.required)
-        allowed = f"{size} rows of {size} numbers"
         example = "[covariance.yaml](../../configs/covariance.yaml)"
-    elif of_section:
-        links = " or ".join(f"[{title(s)}](#{anchor(title(s))})" for s in of_section)
-        allowed = f"see {links}"
-        if key.choices:  # a word, or a mapping
-            allowed += "; or " + ", ".join(f"`{word}`" for word in key.choices)
-    else:
-        example = f"`{_yaml(example_of(name, section, key))}`"
-        allowed = schema.allowed(dataclasses.replace(key, size=1) if is_part else key).rstrip(".")
-        if key.choices:
-            allowed = ", ".join(f"`{word}`" for word in key.choices)
+    elif links and not allowed:
+        example = ""
     return [
         f"`{key.name}`",
         key.meaning,
-        key.unit_name,
-        allowed,
-        _needed(name, section, key),
+        key.unit,
+        "; ".join(filter(None, [f"{allowed[:1].upper()}{allowed[1:]}", links and f"see {links}"])),
+        _needed(keys, key),
         example,
     ]
 
 
-#: Keys whose need depends on another section.
-_NEEDED = {
-    ("aircraft", "attitude_deg"): "required on an orbit, not allowed on a path",
-    ("uncertainty", "aircraft"): "required, unless the route file has it",
-    ("uncertainty", "radar"): "required with `radar`, not allowed with `radars`",
-}
-
-
-def _needed(name: str, section: Sequence[Key], key: Key) -> str:
+def _needed(keys: Sequence[Key], key: Key) -> str:
     """Return whether a key is required, its default, or its alternatives."""
-    groups = [["radar", "radars"], ["position_m", "position_geodetic"], schema.CONSTANTS]
-    groups += [
-        [unit.name for unit in units]
-        for cls in RADARS.values()
-        for units in keys.declared_units(cls)
-        if len(units) > 1
-    ]
-    names = {other.name for other in section}
-    for group in groups:
-        if key.name in group and names >= set(group):
-            return f"one of {', '.join(f'`{other}`' for other in group)}"
-    if key.name == "covariance":
-        return "in place of the other parts"
-    if key.required and "covariance" in names:
-        return "required, unless `covariance` is there"
-    if key.name == "loss_db" and keys.LOSSES_DB.name in names:
-        return "required, unless `losses_db` is there"
-    if (name, key.name) in _NEEDED:
-        return _NEEDED[name, key.name]
-    if key.required:
+
+    def listed(names: Sequence[str]) -> str:
+        return ", ".join(f"`{other}`" for other in names)
+
+    group = [other.name for other in keys if key.one_of and other.one_of == key.one_of]
+    if len(group) > 1:
+        return f"one of {listed(group)}"
+    if key.unless:
+        return f"required without {listed(key.unless)}"
+    if key.instead_of:
+        return f"in place of {listed(key.instead_of)}"
+    if group or key.default is declare.REQUIRED:
         return "required"
-    return f"`{schema.default(key)}`" if schema.default(key) else "none"
-
-
-def _is_section_of(section: str, parent: str, key: Key) -> bool:
-    """Return whether a section is the value of a key."""
-    if parent == "radars[]" and key.name == "uncertainty":
-        return section == "uncertainty.radar.LEVEL"
-    path = section.partition(" (")[0].removesuffix("[]").removesuffix(".LEVEL")
-    above = parent.partition(" (")[0].replace("radars[]", "radar")
-    return path == f"{above}.{key.name}".lstrip(".")
+    return f"`{key.shown_default}`" if key.shown_default else "none"
 
 
 @functools.cache
@@ -213,14 +189,12 @@ def _mappings() -> list[Mapping[str, Any]]:
 
 def example_of(name: str, section: Sequence[Key], key: Key) -> Any:
     """Return an example of a key: from a file, or from `EXAMPLES`."""
-    names = {k.name for k in section}
-    word = re.search(r"\((?:model|type): (\w+)\)", name)
+    word = re.search(r"\((model|type): (\w+)\)$", name)
+    names = {*(k.name for k in section), *(word.groups()[:1] if word else ())}
     for mapping in _mappings():
-        words = (mapping.get("model"), mapping.get("type"))
-        if key.name in mapping and names >= mapping.keys() and (not word or word[1] in words):
+        is_one = not word or mapping.get(word[1]) == word[2]
+        if key.name in mapping and names >= mapping.keys() and is_one:
             return mapping[key.name]
-    if word and key.choices and word[1] in key.choices:
-        return word[1]
     if key.name not in EXAMPLES:
         raise KeyError(
             f"{name}.{key.name} has no example: use it in a file in configs/ or add it to EXAMPLES"
@@ -336,6 +310,9 @@ def _analyses() -> dict[str, Analysis]:
 
 def _documented(name: str, value: Any) -> str:
     text = f"```python\n{_signature(name, value)}\n```\n\n{_markdown(inspect.getdoc(value))}"
+    given = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
+    parameters = [f"- `{f.name}`: {f.metadata['meaning']}\n" for f in given if f.metadata]
+    text += ("\n*Parameters*\n\n" if parameters else "") + "".join(parameters)
     lines = [
         f"- `{_signature(member, attribute, width=1000)}`: {summary}\n"
         for member, attribute, summary in (_members(value) if inspect.isclass(value) else ())

@@ -38,10 +38,10 @@ from radar_sense.montecarlo.montecarlo import monte_carlo_states as monte_carlo_
 from radar_sense.propagation import Moments as Moments
 from radar_sense.propagation import nonlinear as nonlinear
 from radar_sense.propagation import propagate as propagate
-from radar_sense.reading.parse import load_scenario as load_scenario
-from radar_sense.reading.parse import parse_scenario as parse_scenario
 from radar_sense.reporting.command import report as report
 from radar_sense.scenario import Scenario as Scenario
+from radar_sense.scenario_file.load import load_scenario as load_scenario
+from radar_sense.scenario_file.load import parse_scenario as parse_scenario
 from radar_sense.scenario_file.rcs_file import load_rcs_table as load_rcs_table
 from radar_sense.scenario_file.route_file import load_route as load_route
 

@@ -448,7 +448,7 @@ def init(file: Path, name: str | None, quiet: bool, **kinds: bool) -> None:
       radar-sense init --from airport_surveillance airport.yaml
     """
     from radar_sense.files import write
-    from radar_sense.reading import starters
+    from radar_sense.scenario_file import starters
 
     chosen = [kind for kind, flag in kinds.items() if flag]
     if len(chosen) + (name is not None) > 1:
@@ -487,13 +487,13 @@ def schema() -> None:
     Examples:
       radar-sense schema
     """
-    from radar_sense.schema import text
+    from radar_sense.scenario_file.sections import schema_text
 
-    click.echo(text(), nl=False)
+    click.echo(schema_text(), nl=False)
 
 
 def _scenario(config: Path | None) -> Scenario:
-    from radar_sense.reading.parse import load_scenario
+    from radar_sense.scenario_file.load import load_scenario
 
     return load_scenario(config)
 

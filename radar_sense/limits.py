@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from numbers import Real
@@ -65,6 +66,29 @@ class Limit:
         return " ".join([kind, " and ".join(conditions)]).strip()
 
 
+@dataclass(frozen=True)
+class Text:
+    """Text that matches a regular expression, which is in words too."""
+
+    pattern: str
+    words: str
+
+    def allows(self, value: object) -> bool:
+        """Return whether the value is such a text."""
+        return isinstance(value, str) and re.fullmatch(self.pattern, value) is not None
+
+    def __str__(self) -> str:
+        return self.words
+
+
+#: Names become parts of the names of files and columns.
+NAME = Text(
+    f"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{MAX_NAME - 1}}}",
+    f"a name of up to {MAX_NAME} letters A to Z, digits, '_', '-' or '.'",
+)
+_LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
+RADAR_NAME = Text(_LABEL, "the name of a radar, up to 40 letters A to Z, digits, '_' or '-'")
+LEVEL_NAME = Text(_LABEL, "the name of a level, up to 40 letters A to Z, digits, '_' or '-'")
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)
@@ -94,27 +118,27 @@ FORMATS = ("png", "pdf", "svg")
 STYLES = ("one-column", "two-columns", "slides")
 
 
-def parameter(key: str, limit: Limit, *, default: Any = MISSING) -> Any:
-    """Declare a dataclass field that a scenario file sets.
-
-    The docstring of the class has the meaning of the field.
+def parameter(key: str, meaning: str, limit: Limit, *, default: Any = MISSING) -> Any:
+    """Declare a dataclass field with a number that a scenario file sets.
 
     Args:
         key: Key in the file, with the SI unit in the name.
+        meaning: Meaning of the field.
         limit: The numbers allowed.
         default: Value of a missing key. Without a default the key is required.
     """
-    return field(default=default, metadata={"key": key, "limit": limit})
+    return field(default=default, metadata={"key": key, "meaning": meaning, "limit": limit})
 
 
-def section(key: str, kinds: type | Mapping[str, type]) -> dict[str, Any]:
-    """Return the metadata of a dataclass field that a mapping of a scenario file sets.
+def section(key: str, meaning: str, kinds: type | Mapping[str, type]) -> Any:
+    """Declare a dataclass field that a mapping of a scenario file sets; None without it.
 
     Args:
         key: Key of the mapping in the file.
+        meaning: Meaning of the field.
         kinds: Dataclass of the field, or dataclasses by the `type` in the mapping.
     """
-    return {"section": key, "kinds": kinds}
+    return field(default=None, metadata={"key": key, "meaning": meaning, "kinds": kinds})
 
 
 def plain_number(value: Any) -> Any:

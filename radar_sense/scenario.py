@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import html
+import hashlib
 import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -15,27 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import axis as axes
-from radar_sense import covariance, record
+from radar_sense import covariance
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError, check_choice, describe, shorten_list
-from radar_sense.keys import ANALYSIS_METHOD, NAME, RADAR_NAME, RUNS_KEY, SEED_KEY
+from radar_sense.flight import Geometry, Path, States
 from radar_sense.limits import (
     MAX_NAME,
     METHODS,
+    NAME,
     NOT_NEGATIVE,
+    RADAR_NAME,
     RUNS,
     SEED,
     STD_DB,
     Limit,
     check_number,
 )
-from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import RCS
-from radar_sense.model.trajectory import Route
-from radar_sense.provenance import Provenance, StatedCovariance
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, size_of
 
 #: The fields that are mappings by level, each with an example.
@@ -46,20 +44,22 @@ _BY_LEVEL = {
 }
 
 
-class _Network:
-    """The field `Scenario.model`, which turns a model of one radar or several into a network.
+#: Most numbers of an array that a record has as they are: a covariance of two radars.
+_FEW = 64
+_NO_POSES = States(axes.pose_number(0), np.zeros((0, len(AIRCRAFT))))
 
-    With a descriptor type checkers accept both kinds of models and find a `NetworkModel`.
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The file that a scenario was read from, for its record.
+
+    Attributes:
+        file: The file, a `scenario_file.sections.File`.
+        made: Fields of the scenario as they were made from the file.
     """
 
-    def __get__(self, scenario: Scenario | None, owner: type[Scenario]) -> NetworkModel:
-        if scenario is None:
-            raise AttributeError("model")  # for `dataclass`, the field has no default
-        network: NetworkModel = vars(scenario)["model"]
-        return network
-
-    def __set__(self, scenario: Scenario, model: DetectionModel | NetworkModel) -> None:
-        vars(scenario)["model"] = as_network(model)
+    file: Any
+    made: Mapping[str, Any] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -96,10 +96,12 @@ class Scenario:
             0 gives independent errors at all poses, and infinity one error at all poses.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
             frame. None unless the route is in latitude and longitude.
-        provenance: Files, orbit, places and data sheets that the arrays were made from.
+        geometry: The poses and the flight between them. The default is a path where `time_s` is
+            given, else states alone.
+        source: The file that the scenario was read from; None if made in Python.
     """
 
-    model: _Network = _Network()
+    model: NetworkModel
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
@@ -107,18 +109,20 @@ class Scenario:
     name: str = "scenario"
     axis: Axis = field(default_factory=lambda: axes.pose_number(0))
     level: str = ""
-    runs: int = RUNS_KEY.default
-    seed: int = SEED_KEY.default
-    method: str = ANALYSIS_METHOD.default
+    runs: int = 500
+    seed: int = 1
+    method: str = "automatic"
     tolerances: Mapping[str, tuple[tuple[Tolerance, ...], ...]] = field(default_factory=dict)
     time_s: FloatArray | None = None
     rcs_db: float = 0.0
     attenuation_std: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     correlation_s: float = 0.0
     origin: tuple[float, float, float] | None = None
-    provenance: Provenance = field(default_factory=Provenance)
+    geometry: Geometry = _NO_POSES
+    source: Source | None = None
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "model", as_network(self.model))
         for name in ("aircraft", "radar", "cov_aircraft", "time_s"):
             if getattr(self, name) is not None:
                 object.__setattr__(self, name, _read_only(name, getattr(self, name)))
@@ -129,8 +133,6 @@ class Scenario:
                 raise InputError(f"{name} must be a mapping of levels, {example}")
         if not isinstance(self.axis, Axis):
             raise InputError(f"axis must be an Axis, got {self.axis!r}")
-        if not isinstance(self.provenance, Provenance):
-            raise InputError(f"provenance must be a Provenance, got {self.provenance!r}")
         levels = {level: _read_only(level, c) for level, c in self.cov_radar.items()}
         object.__setattr__(self, "cov_radar", MappingProxyType(levels))
         for name in ("tolerances", "attenuation_std"):
@@ -148,6 +150,22 @@ class Scenario:
         self._check_choices()
         object.__setattr__(self, "runs", int(self.runs))  # 500.0 is a whole number too
         object.__setattr__(self, "seed", int(self.seed))
+        object.__setattr__(self, "geometry", self._geometry())
+
+    def _geometry(self) -> Geometry:
+        """Return the geometry given, or the geometry of other poses than it has."""
+        given, along = self.geometry, self.axis
+        each = self.cov_aircraft if self.cov_aircraft.ndim == 3 else None
+        own = (self.aircraft, along, each)
+        made = (given.aircraft, given.axis, given.covariance)
+        if all(one is other for one, other in zip(own, made, strict=True)):
+            return given
+        if self.time_s is None:
+            return States(along, self.aircraft, each)
+        step_s = given.step_s if isinstance(given, Path) else None
+        return Path(
+            along, self.aircraft, each, time_s=self.time_s, origin=self.origin, step_s=step_s
+        )
 
     def _check_states(self) -> None:
         count, size = len(self.aircraft), len(RADAR) * self._radar_count
@@ -184,9 +202,7 @@ class Scenario:
             )
 
     def _check_covariances(self) -> None:
-        stated = self.provenance.cov_aircraft
-        if stated is None or self.cov_aircraft is not stated.made:  # the reader has checked these
-            _check_covariance("cov_aircraft", self.cov_aircraft, len(AIRCRAFT), len(self.aircraft))
+        _check_covariance("cov_aircraft", self.cov_aircraft, len(AIRCRAFT), len(self.aircraft))
         if not self.cov_radar:
             raise InputError("cov_radar needs at least one level, {'medium': (4, 4)}")
         for level, matrix in self.cov_radar.items():
@@ -197,8 +213,8 @@ class Scenario:
     def _check_of_radars(self) -> None:
         """Check the names of the radars, and what each radar has by level."""
         for name in self.model.names:
-            if not re.fullmatch(RADAR_NAME.pattern, name):
-                raise InputError(f"names of radars must be {RADAR_NAME.allowed}, got {name!r}")
+            if not RADAR_NAME.allows(name):
+                raise InputError(f"names of radars must be {RADAR_NAME}, got {name!r}")
         for name in ("tolerances", "attenuation_std"):
             for level, of_radars in getattr(self, name).items():
                 if level not in self.cov_radar:
@@ -224,8 +240,8 @@ class Scenario:
                 )
 
     def _check_choices(self) -> None:
-        if not isinstance(self.name, str) or not re.fullmatch(NAME.pattern, self.name):
-            raise InputError(f"name must be {NAME.allowed}, got {self.name!r}")
+        if not NAME.allows(self.name):
+            raise InputError(f"name must be {NAME}, got {self.name!r}")
         check_choice("level", self.level, self.cov_radar)
         check_choice("method", self.method, METHODS)
         for name, value, limit in (("runs", self.runs, RUNS), ("seed", self.seed, SEED)):
@@ -245,23 +261,6 @@ class Scenario:
             f"{self.model.in_words}, level {self.level} of {shorten_list(list(self.cov_radar))}, "
             f"{self.runs} runs, seed {self.seed}>"
         )
-
-    def _repr_html_(self) -> str:
-        rows = {
-            "poses": f"{len(self.aircraft)}, {self.axis.name} {self.axis.at(0)} "
-            f"to {self.axis.at(-1)}",
-            "radars": self.model.in_words,
-            "c<sub>r</sub> [J m²/K]": ", ".join(f"{c:g}" for c in self.radar[CONSTANTS]),
-            "levels": ", ".join(self.cov_radar),
-            "level": self.level,
-            "runs": str(self.runs),
-            "seed": str(self.seed),
-        }
-        cells = "".join(
-            f"<tr><th style='text-align:left'>{key}</th><td>{html.escape(value)}</td></tr>"
-            for key, value in rows.items()
-        )
-        return f"<table><caption>Scenario {html.escape(self.name)}</caption>{cells}</table>"
 
     @property
     def rcs_std(self) -> float:
@@ -356,6 +355,7 @@ class Scenario:
             if self.cov_aircraft.ndim == 2
             else self.cov_aircraft[poses],
             time_s=None if self.time_s is None else self.time_s[poses],
+            geometry=self.geometry.at_poses(poses),
         )
 
     def at_states(self, aircraft: FloatArray) -> Scenario:
@@ -363,133 +363,79 @@ class Scenario:
 
         All states have the covariance of the first pose. The values are not checked.
         """
-        states = aircraft.reshape(-1, len(AIRCRAFT))
+        geometry = States(axes.pose_number(aircraft.size // 6), aircraft.reshape(-1, len(AIRCRAFT)))
         return self._with(
-            axis=axes.pose_number(len(states)),
-            aircraft=states,
+            axis=geometry.axis,
+            aircraft=geometry.aircraft,
             cov_aircraft=self.cov_aircraft.reshape(-1, len(AIRCRAFT), len(AIRCRAFT))[0],
             time_s=None,
+            geometry=geometry,
         )
 
-    def route(self) -> Route:
-        """Return the poses of a path as a route, to interpolate between them.
+    def along(self, geometry: Geometry) -> Scenario:
+        """Return the scenario at other poses of its flight, as `geometry.at` returns them.
 
-        Raises:
-            InputError: If the poses have no times.
+        The record still has the orbit or the path of the file.
         """
-        if self.time_s is None:
-            raise InputError(
-                "an orbit has no times: give a path, geometry: {type: path, file: my_route.csv}"
-            )
-        covariance = self.cov_aircraft
-        return Route(
-            time_s=self.time_s,
-            aircraft=self.aircraft,
-            covariance=covariance if covariance.ndim == 3 else None,
-            attitude_given=True,  # interpolated, not derived from the track again
-            origin=self.origin,
+        time_s = geometry.time_s if isinstance(geometry, Path) else None
+        covariances = self.cov_aircraft if geometry.covariance is None else geometry.covariance
+        poses = {"aircraft": geometry.aircraft, "cov_aircraft": covariances}
+        source = self.source
+        if source is not None:
+            known = {name: new for name, new in poses.items() if self._is_of_file(name)}
+            source = dataclasses.replace(source, made={**source.made, **known})
+        return self._with(
+            axis=geometry.axis, time_s=time_s, geometry=geometry, source=source, **poses
         )
 
-    def along_path(
-        self,
-        *,
-        axis: Axis,
-        aircraft: FloatArray,
-        cov_aircraft: FloatArray,
-        time_s: FloatArray | None,
-    ) -> Scenario:
-        """Return the scenario with other poses of the same path or orbit.
-
-        The record still has the path or the orbit.
+    def of_file(self, file: Any) -> Scenario:
+        """Return the scenario with the file that it was made of.
 
         Args:
-            axis: Axis of the poses (n,).
-            aircraft: States (n, 6).
-            cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
-            time_s: Time of each pose (n,) [s] of a path; None on an orbit.
+            file: A `scenario_file.sections.File`.
         """
-        source = self.provenance
-        if record.is_as_made(self.aircraft, source):
-            source = dataclasses.replace(source, aircraft=aircraft)
-        stated = source.cov_aircraft
-        if stated is not None and np.array_equal(self.cov_aircraft, stated.made):
-            stated = StatedCovariance(stated.stated, cov_aircraft)
-            source = dataclasses.replace(source, cov_aircraft=stated)
-        return self._with(
-            axis=axis,
-            aircraft=_read_only("aircraft", aircraft),
-            cov_aircraft=_read_only("cov_aircraft", cov_aircraft),
-            time_s=None if time_s is None else _read_only("time_s", time_s),
-            provenance=source,
-        )
+        return self._with(source=Source(file, {**self.__getstate__(), "rcs": self.rcs}))
 
     def resolved(self) -> dict[str, Any]:
-        """Return the scenario with the keys and units of a scenario file, defaults filled in.
+        """Return the scenario as in its file: keys and numbers as typed, defaults filled in.
 
-        A scenario from a file reads back as the same scenario. See `record` for arrays without a
-        file.
+        A section that is not as the file made it has the fields of this class in its place, with
+        the digests of long arrays. No file has such a section.
         """
-        document: dict[str, Any] = {"name": self.name}
-        uncertainty = {
-            **record.cov_aircraft_block(
-                self.cov_aircraft, self.provenance.cov_aircraft, self.rcs_db
+        several, levels = bool(self.model.names), tuple(_BY_LEVEL)
+        fields = {
+            "radars" if several else "radar": ("model", "radar", *(levels if several else ())),
+            "aircraft": ("rcs",),
+            "geometry": ("aircraft",),
+            "uncertainty": (
+                "cov_aircraft",
+                "rcs_db",
+                "correlation_s",
+                *(() if several else levels),
             ),
-            **record.correlation_block(self.correlation_s, has_times=self.time_s is not None),
         }
-        if self.model.names:
-            document["radars"] = [self._radar_document(i) for i in range(self._radar_count)]
-        else:
-            document["radar"] = self._radar_document(0)
-            uncertainty["radar"] = self._levels_document(0)
+        document = {} if self.source is None else self.source.file.document()
+        for section, names in fields.items():
+            if not all(map(self._is_of_file, names)):
+                states = {name: _recorded(getattr(self, name)) for name in names}
+                document[section] = {"type": "states", **states}
+        if not self._is_of_file("aircraft"):
+            document["aircraft"].pop("attitude_deg", None)
+        choices = {"level": self.level, "runs": self.runs, "seed": self.seed}
         return {
-            **document,
-            "aircraft": {
-                "rcs": record.rcs_block(self.model.rcs, self.provenance.rcs),
-                **record.attitude_block(self.aircraft, self.provenance),
-            },
-            "geometry": record.geometry_block(self.aircraft, self.axis, self.provenance),
-            "uncertainty": uncertainty,
-            "analysis": {
-                "level": self.level,
-                "runs": self.runs,
-                "seed": self.seed,
-                "method": self.method,
-            },
+            "name": self.name,
+            **{section: document[section] for section in fields},
+            "analysis": {**choices, "method": self.method},
         }
 
-    def _radar_document(self, i: int) -> dict[str, Any]:
-        state, sources = self.radar[_components(i)], self.provenance.radars
-        radar = self.model.radars[i]
-        source = sources.get(radar.name)
-        block = record.radar_block(radar.model, state, source, radar.scan_period)
-        limits = record.limits_block(
-            radar.max_range, radar.min_range, radar.horizon, self.provenance.earth
-        )
-        if not radar.name:
-            return {**block, **{key: value for key, value in limits.items() if value}}
-        return {
-            "name": radar.name,
-            **block,
-            **limits,
-            "uncertainty": self._levels_document(i),
-        }
+    @property
+    def rcs(self) -> RCS:
+        """Radar cross section of the aircraft."""
+        return self.model.rcs
 
-    def _levels_document(self, i: int) -> dict[str, Any]:
-        components = _components(i)
-        name = self.model.names[i] if self.model.names else ""
-        source = self.provenance.radars.get(name)
-        none: tuple[tuple[Tolerance, ...], ...] = ((),) * self._radar_count
-        return {
-            level: record.level_block(
-                matrix[components, components],
-                self.tolerances.get(level, none)[i],
-                source,
-                self.radar[components],
-                level,
-                self.attenuation_std[level][i] if level in self.attenuation_std else 0.0,
-            )
-            for level, matrix in self.cov_radar.items()
-        }
+    def _is_of_file(self, name: str) -> bool:
+        """Return whether a field is as it was made from the file."""
+        return self.source is not None and _same(getattr(self, name), self.source.made[name])
 
     def with_analysis(
         self,
@@ -520,16 +466,17 @@ class Scenario:
             object.__setattr__(changed, name, value)
         return changed
 
-    def __reduce__(self) -> tuple[Callable[..., Scenario], tuple[dict[str, Any]]]:
-        # A mapping proxy cannot be pickled.
-        names = ("cov_radar", "tolerances", "attenuation_std")
-        mappings = {name: dict(getattr(self, name)) for name in names}
-        return _make_scenario, (vars(self) | mappings,)
+    def __getstate__(self) -> dict[str, Any]:
+        # a mapping proxy cannot be pickled
+        return vars(self) | {name: dict(getattr(self, name)) for name in _BY_LEVEL}
 
-
-def _make_scenario(fields: Mapping[str, Any]) -> Scenario:
-    """Make a scenario from its fields, as unpickling does."""
-    return Scenario(**fields)
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        for name in _BY_LEVEL:
+            vars(self)[name] = MappingProxyType(state[name])
+        for array in (*state.values(), *self.cov_radar.values()):
+            if isinstance(array, np.ndarray):
+                array.flags.writeable = False
 
 
 def check_scenario(scenario: object) -> None:
@@ -549,25 +496,14 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
     model = scenario.model
     if len(model.radars) < 2:
         return {}
-    return {
-        radar.name: scenario._with(
-            model=NetworkModel((radar,)),
-            radar=scenario.radar[_components(i)],
-            cov_radar=MappingProxyType(
-                {
-                    level: matrix[_components(i), _components(i)]
-                    for level, matrix in scenario.cov_radar.items()
-                }
-            ),
-            tolerances=MappingProxyType(
-                {level: (of_radars[i],) for level, of_radars in scenario.tolerances.items()}
-            ),
-            attenuation_std=MappingProxyType(
-                {level: (of_radars[i],) for level, of_radars in scenario.attenuation_std.items()}
-            ),
-        )
-        for i, radar in enumerate(model.radars)
-    }
+    source, found = scenario.source, {}
+    for i, radar in enumerate(model.radars):
+        own = None
+        if source is not None and source.file.radars and len(source.file.radars) > i:
+            file = dataclasses.replace(source.file, radars=(source.file.radars[i],))
+            own = Source(file, {**source.made, **_of_radar(source.made, i)})
+        found[radar.name] = scenario._with(**_of_radar(vars(scenario), i), source=own)
+    return found
 
 
 def for_radar(scenario: Scenario, name: str) -> Scenario:
@@ -591,9 +527,42 @@ def for_radar(scenario: Scenario, name: str) -> Scenario:
     return single_radar_scenarios(scenario).get(name, scenario)._with(name=stem)
 
 
-def _components(radar: int) -> slice:
-    """Return the components of one radar in the states of all radars."""
-    return slice(len(RADAR) * radar, len(RADAR) * (radar + 1))
+def _of_radar(fields: Mapping[str, Any], i: int) -> dict[str, Any]:
+    """Return the fields of a scenario that belong to its radars, for one of the radars."""
+    components = slice(len(RADAR) * i, len(RADAR) * (i + 1))
+    by_level = {
+        "cov_radar": {c: m[components, components] for c, m in fields["cov_radar"].items()},
+        "tolerances": {level: (of[i],) for level, of in fields["tolerances"].items()},
+        "attenuation_std": {level: (of[i],) for level, of in fields["attenuation_std"].items()},
+    }
+    return {
+        "model": NetworkModel((fields["model"].radars[i],)),
+        "radar": fields["radar"][components],
+        **{name: MappingProxyType(of_levels) for name, of_levels in by_level.items()},
+    }
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Return whether two fields of scenarios are the same."""
+    if isinstance(one, Mapping):
+        return one.keys() == other.keys() and all(_same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray):
+        return one is other or np.array_equal(one, other)
+    return bool(one == other)
+
+
+def _recorded(value: Any) -> Any:
+    """Return a field of a scenario for its record."""
+    if isinstance(value, Mapping):
+        return {key: _recorded(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray) and value.size > _FEW:
+        little_endian = np.asarray(value, dtype="<f8").tobytes()
+        return {"shape": list(value.shape), "sha256": hashlib.sha256(little_endian).hexdigest()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, NetworkModel):
+        return [repr(radar) for radar in value.radars]
+    return value if isinstance(value, float) and math.isfinite(value) else repr(value)
 
 
 def _is_sequence(values: object) -> bool:

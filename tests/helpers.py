@@ -17,7 +17,7 @@ import yaml
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
-from radar_sense.reading.parse import default_text, load_scenario, parse_scenario
+from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
 

@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from radar_sense.cli import cli
-from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from radar_sense.keys import unit_name
+from radar_sense.units import unit_name
 
 _PLACEHOLDER = re.compile(r"<\w+>")
 

@@ -13,6 +13,7 @@ from radar_sense.analyses.columns import Column, quantities
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.analyses.report import describe_extreme, peak
 from radar_sense.model.detectors import (
+    CFARS,
     DETECTORS,
     Detector,
     Marcum,
@@ -24,7 +25,6 @@ from radar_sense.model.detectors import (
     linearize,
     required_snr,
 )
-from radar_sense.record import detector_block
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -231,7 +231,7 @@ def _required(scenario: Scenario) -> list[dict[str, Any]]:
                 _, slope = linearize(detector, np.asarray(snr), p_fa)
                 rows.append(
                     {
-                        "detector": detector_block(detector),
+                        "detector": _describe_detector(detector),
                         "p_fa": p_fa,
                         "p_d": p_d,
                         "snr_db": 10.0 * math.log10(snr) if snr else None,
@@ -254,18 +254,20 @@ def _describe_required(rows: list[dict[str, Any]]) -> Iterator[str]:
             else f"{'any':>20}"
             for row in of_one
         )
-        yield f"    {_describe_detector(of_one[0]['detector']):<31}{''.join(values)}"
+        yield f"    {of_one[0]['detector']:<31}{''.join(values)}"
 
 
-def _describe_detector(block: str | dict[str, Any]) -> str:
+def _describe_detector(detector: Detector) -> str:
     """Return a detector in words."""
-    if isinstance(block, str):
-        return block
-    words = [block["model"]]
-    if block.get("pulses", 1) > 1:
-        words.append(f"{block['pulses']} pulses")
-    if "cfar" in block:
-        words.append(f"{block['cfar']['type']} {block['cfar']['cells']}")
-    if "binary" in block:
-        words.append(f"{block['binary']['m']} of {block['binary']['n']}")
+    names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
+    words = names[:1] or [repr(detector)]
+    if not isinstance(detector, PulseDetector):
+        return words[0]
+    if detector.pulses > 1:
+        words.append(f"{detector.pulses} pulses")
+    if detector.cfar is not None:
+        kinds = [name for name, cls in CFARS.items() if isinstance(detector.cfar, cls)]
+        words.append(f"{kinds[0]} {detector.cfar.cells}")
+    if detector.binary is not None:
+        words.append(f"{detector.binary.m} of {detector.binary.n}")
     return ", ".join(words)

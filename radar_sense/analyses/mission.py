@@ -43,6 +43,7 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
+from radar_sense.flight import Path
 from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
 from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
 from radar_sense.mission.cumulative import Cumulative, cumulative_detection
@@ -79,12 +80,13 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
         InputError: If the geometry has no times, or a radar has no scan period. Also if the
             aircraft is on top of a radar at a look.
     """
-    if scenario.time_s is None:
+    flight = scenario.geometry
+    if not isinstance(flight, Path):
         raise InputError(
             "a mission needs times, which an orbit does not have: "
             "give a path, geometry: {type: path, file: my_route.csv}"
         )
-    schedule, poses = schedule_looks(scenario.model, scenario.route())
+    schedule, poses = schedule_looks(scenario.model, flight.route)
     along = axis.time(schedule.time)
     # The interpolated line may be nearer to a radar than any pose of the path.
     for radar in scenario.radar.reshape(-1, len(RADAR)):
@@ -95,13 +97,14 @@ def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
                 f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
                 f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
             )
-    looks = scenario.along_path(
+    looks = dataclasses.replace(
+        flight,
         axis=along,
         aircraft=poses.aircraft,
-        cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
+        covariance=poses.covariance,
         time_s=schedule.time,
     )
-    return looks, schedule
+    return scenario.along(looks), schedule
 
 
 def plot(result: Result, figure: Figure) -> None:

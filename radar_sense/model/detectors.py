@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import ClassVar, Protocol, TypeVar
 
@@ -89,13 +89,13 @@ class North:
 
 @dataclass(frozen=True)
 class CellAveraging:
-    """A threshold proportional to the mean of the noise in reference cells.
+    """A threshold proportional to the mean of the noise in reference cells."""
 
-    Attributes:
-        cells: Number M of reference cells, each with the sum of as many pulses as the cell tested.
-    """
-
-    cells: int = parameter("cells", _CELLS)
+    cells: int = parameter(
+        "cells",
+        "Number M of reference cells, each with the sum of as many pulses as the cell tested.",
+        _CELLS,
+    )
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -107,14 +107,10 @@ class OrderedStatistics:
 
     P_D = Π_{i<k} (M − i)/(M − i + α/(1 + S)) for an exponential target, and P_fa is P_D at S = 0
     (H. Rohling, IEEE Trans. AES-19(4), 1983).
-
-    Attributes:
-        cells: Number M of reference cells.
-        rank: Rank k of the cell, 1 for the one with the least noise.
     """
 
-    cells: int = parameter("cells", _CELLS)
-    rank: int = parameter("rank", _CELLS)
+    cells: int = parameter("cells", "Number M of reference cells.", _CELLS)
+    rank: int = parameter("rank", "Rank k of the cell, 1 for the one with the least noise.", _CELLS)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -134,14 +130,10 @@ class BinaryIntegration:
     """A detection where m of n looks are above the threshold; the n looks are one look.
 
     P_fa belongs to the n looks together.
-
-    Attributes:
-        m: Looks above the threshold that make a detection.
-        n: Looks, each with the sum of `pulses` pulses.
     """
 
-    m: int = parameter("m", _LOOKS)
-    n: int = parameter("n", _LOOKS)
+    m: int = parameter("m", "Looks above the threshold that make a detection.", _LOOKS)
+    n: int = parameter("n", "Looks, each with the sum of `pulses` pulses.", _LOOKS)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -151,20 +143,16 @@ class BinaryIntegration:
 
 @dataclass(frozen=True)
 class PulseDetector:
-    """A detector of N pulses, with a fixed threshold or CFAR.
+    """A detector of N pulses, with a fixed threshold or CFAR."""
 
-    Attributes:
-        pulses: Number N of pulses that are integrated noncoherently.
-        cfar: CFAR, or None for a fixed threshold.
-        binary: Detection by m of n looks, or None.
-    """
-
-    pulses: int = parameter("pulses", _PULSES, default=1)
-    cfar: CellAveraging | OrderedStatistics | None = field(
-        default=None, metadata=section("cfar", CFARS)
+    pulses: int = parameter(
+        "pulses", "Number N of pulses that are integrated noncoherently.", _PULSES, default=1
     )
-    binary: BinaryIntegration | None = field(
-        default=None, metadata=section("binary", BinaryIntegration)
+    cfar: CellAveraging | OrderedStatistics | None = section(
+        "cfar", "CFAR, or None for a fixed threshold.", CFARS
+    )
+    binary: BinaryIntegration | None = section(
+        "binary", "Detection by m of n looks, or None.", BinaryIntegration
     )
 
     #: Whether the cross section is the same for all pulses of a scan, yet random.

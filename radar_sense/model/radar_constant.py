@@ -11,7 +11,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -101,13 +100,11 @@ class DataSheet:
         constant: c_r [J m²/K].
         values: The parameters, by the keys of a scenario file and in the units of these keys;
             losses by name under `losses_db.NAME`.
-        search_factor: The search factor of a surveillance radar as a scenario file writes it.
     """
 
     kind: str
     constant: float
     values: Mapping[str, float]
-    search_factor: int | str | None = None
 
     def tolerances(self, std: Mapping[str, float]) -> tuple[Tolerance, ...]:
         """Return the tolerances of parameters, from their standard deviations by key."""
@@ -138,13 +135,6 @@ def loss_key(name: str) -> str:
 def column_name(key: str) -> str:
     """Return the name of a parameter in tables."""
     return f"{key.removeprefix(_LOSS)}_db" if key.startswith(_LOSS) else key
-
-
-def nest_losses(by_key: Mapping[str, float]) -> dict[str, Any]:
-    """Return values by key with the losses in an inner mapping, as in a scenario file."""
-    losses = {k.removeprefix(_LOSS): v for k, v in by_key.items() if k.startswith(_LOSS)}
-    others = {key: value for key, value in by_key.items() if not key.startswith(_LOSS)}
-    return {**others, **({LOSSES_KEY: losses} if losses else {})}
 
 
 @dataclass(frozen=True)

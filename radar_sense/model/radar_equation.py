@@ -62,28 +62,39 @@ STANDARD_K = 290.0
 _PULSE = Unit(1e6, -1, "Width of the pulse before compression, the inverse of the bandwidth.")
 
 
-def _factor(power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
+def _factor(meaning: str, power: int, limit: Limit = POSITIVE, **units: Unit) -> Any:
     """Declare a parameter with its units by key; c_r is proportional to parameter^power."""
-    return field(metadata={"power": power, "limit": limit, "units": units, "decibels": False})
+    return field(metadata=_metadata(meaning, power, limit, units))
 
 
 def _noise_temperature() -> Any:
     """Declare T_0. A scenario file may leave the key out, and T_0 is then `STANDARD_K`."""
     units = {"temperature_k": _SI}
-    metadata = {"power": -1, "limit": POSITIVE, "units": units, "decibels": False}
+    metadata = _metadata("Noise reference temperature T_0.", -1, POSITIVE, units)
     return field(metadata={**metadata, "assumed": STANDARD_K})
 
 
-def _count(key: str) -> Any:
+def _count(key: str, meaning: str) -> Any:
     """Declare a count that c_r is proportional to, 1 by default and without a tolerance."""
-    metadata = {"power": 1, "limit": COUNT, "units": {key: _SI}, "decibels": False}
-    return field(default=1, metadata=metadata)
+    return field(default=1, metadata=_metadata(meaning, 1, COUNT, {key: _SI}))
 
 
-def _decibels(sign: int, key: str) -> Any:
+def _decibels(meaning: str, sign: int, key: str) -> Any:
     """Declare a parameter in decibels; c_r is proportional to 10^(sign · dB/10)."""
     limit = DECIBELS if sign > 0 else LOSSES
-    return field(metadata={"power": sign, "limit": limit, "units": {key: _SI}, "decibels": True})
+    return field(metadata=_metadata(meaning, sign, limit, {key: _SI}, decibels=True))
+
+
+def _metadata(
+    meaning: str, power: int, limit: Limit, units: Mapping[str, Unit], *, decibels: bool = False
+) -> dict[str, Any]:
+    return {
+        "meaning": meaning,
+        "power": power,
+        "limit": limit,
+        "units": units,
+        "decibels": decibels,
+    }
 
 
 @dataclass(frozen=True)
@@ -94,24 +105,21 @@ class SurveillanceRadar:
     Integration of pulses gives no further gain.
 
     Attributes:
-        average_power: Average transmitted power P_av [W].
-        aperture: Antenna aperture A [m²].
-        temperature: Noise reference temperature T_0 [K].
-        scan_time: Time T_sc for one scan of the search volume [s].
-        search_volume: Solid angle Ω searched [sr].
-        loss_db: Losses L [dB].
-        noise_figure_db: Noise figure F [dB].
-        losses_db: Further losses by name [dB].
         search_factor: Divisor of the product, 16 in the paper, 4π elsewhere.
+        losses_db: Further losses by name [dB].
     """
 
-    average_power: float = _factor(1, average_power_w=_SI, average_power_kw=Unit(1e3))
-    aperture: float = _factor(1, aperture_m2=_SI)
+    average_power: float = _factor(
+        "Average transmitted power P_av.", 1, average_power_w=_SI, average_power_kw=Unit(1e3)
+    )
+    aperture: float = _factor("Antenna aperture A.", 1, aperture_m2=_SI)
     temperature: float = _noise_temperature()
-    scan_time: float = _factor(1, scan_time_s=_SI, rotation_rpm=_ROTATION)
-    search_volume: float = _factor(-1, SOLID_ANGLE, search_volume_sr=_SI)
-    loss_db: float = _decibels(-1, "loss_db")
-    noise_figure_db: float = _decibels(-1, "noise_figure_db")
+    scan_time: float = _factor(
+        "Time T_sc for one scan of the search volume.", 1, scan_time_s=_SI, rotation_rpm=_ROTATION
+    )
+    search_volume: float = _factor("Solid angle Ω searched.", -1, SOLID_ANGLE, search_volume_sr=_SI)
+    loss_db: float = _decibels("Losses L.", -1, "loss_db")
+    noise_figure_db: float = _decibels("Noise figure F.", -1, "noise_figure_db")
     search_factor: float = 16.0
     losses_db: Mapping[str, float] = field(default_factory=dict)
 
@@ -149,25 +157,25 @@ class TrackingRadar:
     energy.
 
     Attributes:
-        peak_power: Peak transmitted power P_t [W].
-        gain_db: Gain G of the antenna, the same for transmission and reception [dBi].
-        wavelength: Wavelength λ [m].
-        bandwidth: Noise bandwidth B [Hz].
-        temperature: Noise reference temperature T_0 [K].
-        loss_db: Losses L [dB].
-        noise_figure_db: Noise figure F [dB].
-        coherent_pulses: Number of pulses that are integrated coherently into one.
         losses_db: Further losses by name [dB].
     """
 
-    peak_power: float = _factor(1, peak_power_w=_SI, peak_power_kw=Unit(1e3))
-    gain_db: float = _decibels(2, "gain_dbi")
-    wavelength: float = _factor(2, frequency_ghz=_FREQUENCY, wavelength_m=_SI)
-    bandwidth: float = _factor(-1, bandwidth_mhz=Unit(1e6), pulse_width_us=_PULSE)
+    peak_power: float = _factor(
+        "Peak transmitted power P_t.", 1, peak_power_w=_SI, peak_power_kw=Unit(1e3)
+    )
+    gain_db: float = _decibels(
+        "Gain G of the antenna, the same for transmission and reception.", 2, "gain_dbi"
+    )
+    wavelength: float = _factor("Wavelength λ.", 2, frequency_ghz=_FREQUENCY, wavelength_m=_SI)
+    bandwidth: float = _factor(
+        "Noise bandwidth B.", -1, bandwidth_mhz=Unit(1e6), pulse_width_us=_PULSE
+    )
     temperature: float = _noise_temperature()
-    loss_db: float = _decibels(-1, "loss_db")
-    noise_figure_db: float = _decibels(-1, "noise_figure_db")
-    coherent_pulses: int = _count("coherent_pulses")
+    loss_db: float = _decibels("Losses L.", -1, "loss_db")
+    noise_figure_db: float = _decibels("Noise figure F.", -1, "noise_figure_db")
+    coherent_pulses: int = _count(
+        "coherent_pulses", "Number of pulses that are integrated coherently into one."
+    )
     losses_db: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

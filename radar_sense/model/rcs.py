@@ -33,6 +33,7 @@ from radar_sense.states import FloatArray
 
 #: Largest ln of the factor of an error. P_D is 1 far below, and a larger factor overflows.
 MOST_NEPERS = 300.0
+_LOBES = Limit(at_least=1, at_most=1e6, whole=True)
 
 C = TypeVar("C", bound=type[Any])
 
@@ -95,16 +96,12 @@ def linearize_with_error(
 @rcs_model("constant")
 @dataclass(frozen=True)
 class ConstantRCS:
-    """The same cross section at all aspects.
-
-    Attributes:
-        rcs: σ_r [m²], positive.
-    """
+    """The same cross section at all aspects."""
 
     isotropic: ClassVar[bool] = True
     lobed: ClassVar[bool] = False
 
-    rcs: float = parameter("rcs_m2", POSITIVE)
+    rcs: float = parameter("rcs_m2", "Radar cross section σ_r.", POSITIVE)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -126,19 +123,14 @@ class EllipsoidRCS:
     σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0), σ_r
     is π a²b²/c². In the formula c acts along the nose, a along the wing and b down. The paper's
     text (a forward) and table (c up) differ from its formula.
-
-    Attributes:
-        a: Axis that acts along the wing [m], positive.
-        b: Axis that acts down [m], positive.
-        c: Axis that acts along the nose [m], positive.
     """
 
     isotropic: ClassVar[bool] = False
     lobed: ClassVar[bool] = False
 
-    a: float = parameter("a_m", POSITIVE)
-    b: float = parameter("b_m", POSITIVE)
-    c: float = parameter("c_m", POSITIVE)
+    a: float = parameter("a_m", "Axis that acts along the wing.", POSITIVE)
+    b: float = parameter("b_m", "Axis that acts down.", POSITIVE)
+    c: float = parameter("c_m", "Axis that acts along the nose.", POSITIVE)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -204,19 +196,14 @@ class ExactEllipsoidRCS:
     in the term of down. With (a, b, c) = (s_y, s_z, s_x) the paper's D exceeds the exact D by
     (s_x² − s_z²) cos²λ sin²φ. The difference is 0 at the horizon and abeam, and largest straight
     above and below, where λ is undefined.
-
-    Attributes:
-        x: Semi-axis along the nose [m], positive.
-        y: Semi-axis along the wing [m], positive.
-        z: Semi-axis down [m], positive.
     """
 
     isotropic: ClassVar[bool] = False
     lobed: ClassVar[bool] = False
 
-    x: float = parameter("x_m", POSITIVE)
-    y: float = parameter("y_m", POSITIVE)
-    z: float = parameter("z_m", POSITIVE)
+    x: float = parameter("x_m", "Semi-axis along the nose.", POSITIVE)
+    y: float = parameter("y_m", "Semi-axis along the wing.", POSITIVE)
+    z: float = parameter("z_m", "Semi-axis down.", POSITIVE)
 
     def __post_init__(self) -> None:
         check_parameters(self)
@@ -264,18 +251,15 @@ class SpikeballRCS:
     returned. The gradients of the two lobes differ in sign only and give the same linearized
     deviation.
 
-    Attributes:
-        lobes: n, a positive whole number.
-        amplitude: A [m²], not negative.
-        floor: σ_min [m²], not negative; A and σ_min are not both zero.
+    A and σ_min are not both zero.
     """
 
     isotropic: ClassVar[bool] = False
     lobed: ClassVar[bool] = True
 
-    lobes: int = parameter("lobes", Limit(at_least=1, at_most=1e6, whole=True))
-    amplitude: float = parameter("amplitude_m2", NOT_NEGATIVE)
-    floor: float = parameter("floor_m2", NOT_NEGATIVE)
+    lobes: int = parameter("lobes", "Number n of lobes.", _LOBES)
+    amplitude: float = parameter("amplitude_m2", "Amplitude A of the lobes.", NOT_NEGATIVE)
+    floor: float = parameter("floor_m2", "Least cross section σ_min.", NOT_NEGATIVE)
 
     def __post_init__(self) -> None:
         check_parameters(self)

@@ -17,7 +17,7 @@ from radar_sense.axis import azimuth
 from radar_sense.montecarlo import adaptive
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import linear
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import SOURCES
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)

@@ -11,7 +11,7 @@ from radar_sense.analyses.error_budget import error_budget, only_at, required_ac
 from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import ScenarioError
 from radar_sense.propagation import METHODS, form, propagate_scenario
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import SOURCES
 
 FEW = {"start": 0, "stop": 90, "step": 15}

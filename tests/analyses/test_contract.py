@@ -139,7 +139,7 @@ def test_a_new_rcs_model(tool, monkeypatch):
     @dataclasses.dataclass(frozen=True)
     class Halved(EllipsoidRCS):
         isotropic: ClassVar[bool] = False
-        part: float = parameter("part", POSITIVE)
+        part: float = parameter("part", "Part of the cross section.", POSITIVE)
 
         def cross_section(self, body_vector):
             return self.part * super().cross_section(body_vector)

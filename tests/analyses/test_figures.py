@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
 from radar_sense.analyses.verdicts import threshold as planning
-from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 ALL = {
     "variance": analyses.variance,

@@ -100,7 +100,7 @@ def test_detectors_of_two_radars():
         assert worst["error"] == error[np.argmax(abs(error))]
         assert (worst["error"] < 0) == (worst["p_fa"] == 0.2)
     # a detector of a radar is shown for the P_fa of the radar
-    rows = [row for row in summary["required_snr"] if "cfar" in row["detector"]]
+    rows = [row for row in summary["required_snr"] if "cell_averaging" in row["detector"]]
     assert [row["p_fa"] for row in rows] == [1e-6, 1e-6]
     assert any("swerling2, 10 pulses, cell_averaging 24 " in line for line in result.report)
     detector = s.model.models[0].detector

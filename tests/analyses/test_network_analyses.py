@@ -14,8 +14,8 @@ from radar_sense.propagation import (
     propagate,
     propagate_scenario,
 )
-from radar_sense.reading.parse import load_scenario
 from radar_sense.scenario import single_radar_scenarios
+from radar_sense.scenario_file.load import load_scenario
 
 PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model

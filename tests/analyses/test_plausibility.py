@@ -9,7 +9,7 @@ from helpers import document, scenario, write_path
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 ROUTE = (
     "time_s,north_m,east_m,down_m\n0,300000,0,-9000\n20,300000,4000,-9000\n40,300000,8000,-9000\n"

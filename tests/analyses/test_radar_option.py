@@ -22,8 +22,8 @@ from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reading.parse import load_scenario, parse_scenario
 from radar_sense.scenario import for_radar, single_radar_scenarios
+from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 COMMANDS = {
     "variance": [],

@@ -17,7 +17,7 @@ from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
 from radar_sense.model.horizon import horizon_range
 from radar_sense.propagation import nonlinear_in_scenario
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 SPHERE = {"model": "constant", "rcs_m2": 0.09}
 QUICK = {"step_deg": 90.0}

@@ -22,7 +22,7 @@ from radar_sense.model.radar_constant import (
     shape_warning,
 )
 from radar_sense.propagation import METHODS, propagate_scenario
-from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.states import SOURCES
 
 # Methods whose assumption on the distribution of c_r is wrong.

@@ -26,7 +26,7 @@ from radar_sense.propagation import (
     METHODS,
     propagate_scenario,
 )
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 # The budget.
 

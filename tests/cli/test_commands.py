@@ -26,7 +26,7 @@ from radar_sense.analyses.coverage.grid import grid
 from radar_sense.cli import cli
 from radar_sense.progress import steps
 from radar_sense.propagation import METHODS
-from radar_sense.reading.parse import default_text
+from radar_sense.scenario_file.load import default_text
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
@@ -100,7 +100,7 @@ def examples(text: str) -> list[str]:
 @pytest.mark.usefixtures("short")
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
-    monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
+    monkeypatch.setattr("radar_sense.scenario_file.load.default_text", lambda: coarse)
     monkeypatch.setattr("radar_sense.reporting.command.DRAWS", 40)
     monkeypatch.setattr("radar_sense.reporting.page._figure", lambda result, words: "")
     code, out, err = tool(command, "--help")
@@ -431,7 +431,7 @@ def test_every_scenario_in_configs_runs(tool, monkeypatch, config, command):
     if command not in ("check", "variance"):
         read = rs.load_scenario
         monkeypatch.setattr(
-            "radar_sense.reading.parse.load_scenario", lambda path: ten_poses(read(path))
+            "radar_sense.scenario_file.load.load_scenario", lambda path: ten_poses(read(path))
         )
     if command == "map":
         cells = grid(rs.load_scenario(config))  # a 40th of a side

@@ -277,7 +277,7 @@ def test_a_working_folder_that_is_gone(tool, fake):
 @pytest.mark.parametrize("which", ["table", "route", "scenario"])
 def test_an_input_is_never_overwritten(tool, command, which):
     """An input file is protected under every spelling of its name."""
-    from radar_sense.reading.parse import default_text
+    from radar_sense.scenario_file.load import default_text
 
     root = ROOT / "configs"
     Path("figures").mkdir()
@@ -304,7 +304,7 @@ def test_an_input_is_never_overwritten(tool, command, which):
 
 def test_paths_that_are_not_utf_8(tool):
     """29.3: a name of any bytes is read, recorded and printed."""
-    from radar_sense.reading.parse import default_text
+    from radar_sense.scenario_file.load import default_text
 
     name = os.fsdecode(b"\xff.yaml")
     Path(name).write_text(default_text())

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from radar_sense.reading import starters
-from radar_sense.reading.parse import default_text
+from radar_sense.scenario_file import starters
+from radar_sense.scenario_file.load import default_text
 
 ROOT = Path(__file__).parents[2]
 OPTIONS = {

@@ -16,13 +16,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from radar_sense import cli, keys
+from radar_sense import cli
 from radar_sense.analyses.contract import OPTIONS, Command, Option
-from radar_sense.keys import Key
-from radar_sense.limits import LARGEST, SMALLEST, STYLES, Limit
-from radar_sense.model.radar_equation import RADARS
+from radar_sense.limits import LARGEST, NOT_NEGATIVE, SMALLEST, STYLES, Limit
+from radar_sense.model.detectors import DETECTORS
+from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS_MODELS
-from radar_sense.scenario_file import rcs_file, route_file
+from radar_sense.scenario_file import declare, rcs_file, route_file
+from radar_sense.scenario_file.declare import Key, keys_of
+from radar_sense.scenario_file.sections import File, Surveillance, Tracking
 
 #: The scenario file of a case.
 CONFIG = "my.yaml"
@@ -111,7 +113,9 @@ BAD_BYTES = (b"\xff", b"\xc3(", b"\xed\xa0\x80", b"\xfe\xff", b"\x80", b"\xf8\x8
 
 Pairs = list[tuple[str, Any]]
 
-SECTIONS = keys.sections()
+SECTIONS = {title: keys_of(cls) for title, cls in declare.sections(File)}
+#: Keys of a path that depend on its file.
+CONVENTIONS = ("max_gap_s", "altitude_above", "geoid_height_m", "speed_m_s", "icao24")
 
 
 @dataclass(frozen=True)
@@ -161,6 +165,28 @@ def number(rng: random.Random, limit: Limit, usual: tuple[float, float] | None, 
     return rng.choice((f"{value:.{digits}g}", repr(value), f"{value:.{digits}e}"))
 
 
+def _needed(key: Key) -> bool:
+    return key.default is declare.REQUIRED or bool(key.one_of or key.unless)
+
+
+def _limit(key: Key) -> Limit:
+    """Return the limit of a number, or of each of some numbers."""
+    schema = key.kind.schema()
+    schema = schema.get("anyOf", [schema])[0]
+    schema = schema.get("items", schema)
+    ends = ("exclusiveMinimum", "minimum", "exclusiveMaximum", "maximum")
+    return Limit(*(schema.get(end) for end in ends), whole=schema["type"] == "integer")
+
+
+def _units(kind: str) -> list[list[Key]]:
+    """Return the keys of each parameter of a data sheet."""
+    parameters: dict[str, list[Key]] = {}
+    for key in keys_of({"surveillance": Surveillance, "tracking": Tracking}[kind]):
+        if key.name not in ("losses_db", "search_factor"):
+            parameters.setdefault(key.one_of or key.name, []).append(key)
+    return list(parameters.values())
+
+
 def _ordinary(limit: Limit) -> tuple[float, float]:
     """Return an interval of ordinary sizes within a limit."""
     low = limit.at_least if limit.at_least is not None else limit.above
@@ -204,7 +230,7 @@ class RandomScenario:
         for key in self.sections[section]:
             if key.name in given:
                 pairs.append((key.name, given[key.name]))
-            elif key.name not in skip and (key.required or self.rng.random() < self.optional):
+            elif key.name not in skip and (_needed(key) or self.rng.random() < self.optional):
                 pairs.append((key.name, self.value(section, key)))
         if self.rng.random() < 0.3:
             self.rng.shuffle(pairs)
@@ -215,33 +241,35 @@ class RandomScenario:
         rule = self.rules.get(f"{section}.{key.name}")
         if rule:
             return rule(self)
-        if key.choices:
-            return self.rng.choice(list(key.choices))
-        if key.infinite and self.rng.random() < 0.1:
+        schema = key.kind.schema()
+        if schema.get("type") == "boolean":
+            return self.rng.choice(("true", "false"))
+        if "enum" in schema:
+            return str(self.rng.choice(schema["enum"]))
+        if "anyOf" in schema and self.rng.random() < 0.1:
             return ".inf"
-        if key.limit is None:
+        if schema.get("type") == "object":
             raise KeyError(f"{section}.{key.name} is a section and needs a rule in the grammar")
-        several = [self.number(key) for _ in range(key.size)]
-        return several if key.size > 1 else several[0]
+        several = [self.number(key) for _ in range(schema.get("minItems", 1))]
+        return several if "minItems" in schema else several[0]
 
     def number(self, key: Key) -> str:
         """Return a number of a key."""
         wild = self.wild if key.name != "runs" else 0.0
-        return number(self.rng, key.limit or keys.ANY, USUAL.get(key.name), wild)
+        return number(self.rng, _limit(key), USUAL.get(key.name), wild)
 
     def radar(self, section: str = "radar", **given: Any) -> Pairs:
         """Return a radar: at a place, with a constant or a data sheet."""
         geodetic = self.geodetic and self.rng.random() < 0.7
         skip = {"constant", *RADARS, "position_m" if geodetic else "position_geodetic"}
         pairs = self.fill(section, {*skip, "uncertainty", "eclipsing"}, **given)
-        self.attenuation = float(dict(pairs).get(keys.ATTENUATION.name, 0))
+        self.attenuation = float(dict(pairs).get("attenuation_db_per_km", 0))
         kind = self.rng.choice(["constant", "constant", *RADARS])
         if kind == "constant":
             key = next(key for key in self.sections[section] if key.name == kind)
             self.sheet: list[Key] = []
             return [*pairs, (kind, self.number(key))]
-        cls = RADARS[kind]
-        chosen = [self.rng.choice(units) for units in keys.declared_units(cls)]
+        chosen = [self.rng.choice(units) for units in _units(kind)]
         sheet: Pairs = [(key.name, self.number(key)) for key in chosen]
         self.sheet = [key for key in chosen if key.name != "coherent_pulses"]
         if self.rng.random() < 0.3:
@@ -250,14 +278,14 @@ class RandomScenario:
         if kind == "surveillance":  # has the energy of all pulses
             pairs = [(name, value) for name, value in pairs if name != "detector"]
         if kind == "surveillance" and self.rng.random() < 0.5:
-            sheet.append(("search_factor", self.rng.choice(list(keys.SEARCH_FACTOR.choices))))
+            sheet.append(("search_factor", self.rng.choice(list(SEARCH_FACTORS))))
         if any(key.name == "pulse_width_us" for key in self.sheet):
-            pairs.append(("eclipsing", self.rng.choice(keys.YES_NO)))
+            pairs.append(("eclipsing", self.rng.choice(("true", "false"))))
         return [*pairs, (kind, sheet)]
 
     def detector(self) -> Any:
         """Return the name of a detector, or a mapping."""
-        name = self.rng.choice(list(keys.DETECTOR.choices))
+        name = self.rng.choice(list(DETECTORS))
         if name == "north" or self.rng.random() < 0.6:
             return name
         cells = str(self.rng.randint(12, 40))
@@ -275,7 +303,7 @@ class RandomScenario:
         if self.rng.random() > (0.5 if self.attenuation else 0.005):
             return level
         std = self.attenuation * self.rng.uniform(0, 1.02)
-        return [*level, (keys.ATTENUATION_STD.name, repr(std))]
+        return [*level, ("attenuation_db_per_km", repr(std))]
 
     def radars(self) -> list[Pairs]:
         """Return several radars."""
@@ -291,7 +319,7 @@ class RandomScenario:
 
     def level(self) -> Pairs:
         """Return the uncertainty of a radar."""
-        section = "uncertainty.radar.LEVEL"
+        section = "uncertainty.radar.NAME"
         if self.rng.random() < 0.1:
             return [("covariance", self.matrix(4))]
         pairs: Pairs = [("position_m", self.std("position_m"))]
@@ -300,10 +328,10 @@ class RandomScenario:
             return [*pairs, ("constant", [(key.name, self.small()) for key in chosen])]
         constant = next(key for key in self.sections[section] if key.name == "constant")
         usual = (0.01, 10.0)
-        return [*pairs, ("constant", number(self.rng, constant.limit, usual, self.wild))]
+        return [*pairs, ("constant", number(self.rng, _limit(constant), usual, self.wild))]
 
     def small(self) -> str:
-        return number(self.rng, keys.NOT_NEGATIVE, (1e-4, 0.01), self.wild)
+        return number(self.rng, NOT_NEGATIVE, (1e-4, 0.01), self.wild)
 
     def std(self, name: str) -> Any:
         """Return a standard deviation, one for each component, or a matrix."""
@@ -311,7 +339,7 @@ class RandomScenario:
         kind = self.rng.random()
         if kind < 0.2:
             return self.matrix(3)
-        std = [number(self.rng, keys.NOT_NEGATIVE, usual, self.wild) for _ in range(3)]
+        std = [number(self.rng, NOT_NEGATIVE, usual, self.wild) for _ in range(3)]
         return std[0] if kind < 0.7 else std
 
     def matrix(self, size: int) -> list[list[str]]:
@@ -328,7 +356,7 @@ class RandomScenario:
     def cov_aircraft(self) -> Pairs:
         rcs: Pairs = []
         if self.rng.random() < 0.2:
-            rcs.append((keys.RCS_DB.name, self.number(keys.RCS_DB)))
+            rcs.append(("rcs_db", repr(self.rng.uniform(0.1, 3))))
         if self.rng.random() < 0.15:
             return [("covariance", self.matrix(6)), *rcs]
         return [*((name, self.std(name)) for name in ("position_m", "attitude_deg")), *rcs]
@@ -345,29 +373,31 @@ class RandomScenario:
         model = self.rng.choice([*RCS_MODELS])
         section = f"aircraft.rcs (model: {model})"
         if model != "table":
-            return self.fill(section, set(), model=model)
+            return [("model", model), *self.fill(section, set())]
         mirror = self.rng.random() < 0.5
         self.files["rcs.csv"] = rcs_table(self.rng, mirror=mirror)
         # an envelope takes half a second to make
         skip = {"sha256"} if self.rng.random() < 0.05 else {"sha256", "envelope_deg"}
-        return self.fill(
-            section, skip, model=model, file="rcs.csv", mirror="true" if mirror else "false"
-        )
+        halved = "true" if mirror else "false"
+        return [("model", model), *self.fill(section, skip, file="rcs.csv", mirror=halved)]
 
     def aircraft(self) -> Pairs:
-        return self.fill("aircraft", {"attitude_deg"} if self.path else set())
+        if self.path:
+            return self.fill("aircraft", {"attitude_deg"})
+        attitude = next(key for key in self.sections["aircraft"] if key.name == "attitude_deg")
+        return self.fill("aircraft", set(), attitude_deg=self.value("aircraft", attitude))
 
     def geometry(self) -> Pairs:
         if not self.path:
-            return self.fill("geometry (type: orbit)", set(), type="orbit")
+            return [("type", "orbit"), *self.fill("geometry (type: orbit)", set())]
         section = "geometry (type: path)"
-        skip = {"sha256", "origin", *(key.name for key in keys.CONVENTIONS)}
+        skip = {"sha256", "origin", *CONVENTIONS}
         given: dict[str, Any] = {"origin": self.place("geometry.origin")} if self.geodetic else {}
         if self.geodetic and self.rng.random() < 0.4:
             given["altitude_above"] = "sea"
-            given[keys.GEOID_HEIGHT.name] = self.number(keys.GEOID_HEIGHT)
+            given["geoid_height_m"] = repr(self.rng.uniform(-100, 80))
         self.files["route.csv"] = route(self.rng, geodetic=self.geodetic, cov=self.route_has_cov)
-        return self.fill(section, skip, type="path", file="route.csv", **given)
+        return [("type", "path"), *self.fill(section, skip, file="route.csv", **given)]
 
     def place(self, section: str) -> Pairs:
         return self.fill(section, set())
@@ -531,7 +561,7 @@ def mutate_tree(tree: Pairs, rng: random.Random) -> str:
         return f"{key} named {name[:60]!r}"
     if kind < 0.86:
         # a key of another section
-        section = rng.choice(list(SECTIONS.values()))
+        section = rng.choice([section for section in SECTIONS.values() if section])
         other = rng.choice(section).name
         container.append((other, rng.choice(NASTY)) if isinstance(item, tuple) else other)
         return f"{other} beside {key}"

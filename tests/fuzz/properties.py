@@ -22,7 +22,7 @@ from fuzz.grammar import CONFIG, Case, case
 
 import radar_sense as rs
 from radar_sense import cli as command_line
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 #: Problems of a file as a whole, which are on no line.
 _WHOLE_FILE = re.compile(

@@ -88,7 +88,7 @@ def test_keys_are_read_and_read_back(tmp_path, given, value, text):
 def test_defaults(tmp_path):
     s = load(tmp_path, radar__scan_period_s=3)
     assert (s.correlation_s, s.model.radars[0].scan_period) == (0.0, 3.0)
-    assert s.resolved()["uncertainty"]["aircraft_correlation_s"] == 0
+    assert "aircraft_correlation_s" not in s.resolved()["uncertainty"]
     np.testing.assert_array_equal(s.time_s, [100, 500, 1000, 1500])
     np.testing.assert_array_equal(s.at_poses(slice(1, 3)).time_s, [500, 1000])
     orbit = rs.load_scenario()
@@ -103,7 +103,7 @@ def test_defaults(tmp_path):
 @pytest.mark.parametrize(
     ("key", "value", "words"),
     [
-        ("uncertainty__aircraft_correlation_s", -1, "must be a number not less than 0, got -1"),
+        ("uncertainty__aircraft_correlation_s", -1, "not less than 0, or .inf, got -1"),
         ("uncertainty__aircraft_correlation_s", math.nan, "not less than 0, or .inf, got '.nan'"),
         ("uncertainty__aircraft_correlation_s", -math.inf, "not less than 0, or .inf, got '-.inf'"),
         ("uncertainty__aircraft_correlation_s", [1], "or .inf, got a list of 1"),

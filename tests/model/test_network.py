@@ -30,7 +30,7 @@ from radar_sense.propagation import (
     propagate,
     propagate_scenario,
 )
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import CONSTANTS
 
 PAPER = load_scenario()

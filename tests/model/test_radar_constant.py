@@ -25,7 +25,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
 from radar_sense.propagation.gaussian_states import uncertain_states
 from radar_sense.propagation.standard_space import StandardNormalSpace
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 # The constant itself.
 

@@ -24,7 +24,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.progress import listening
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 from radar_sense.streams import Stream, random_stream
 
 THREE = {"start": 15, "stop": 85, "step": 35}

@@ -27,7 +27,7 @@ from radar_sense.montecarlo.montecarlo import (
 )
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.progress import listening
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 
 NOTHING = {"position_m": 0, "attitude_deg": 0}
 FEW = {"start": 0, "stop": 180, "step": 15}

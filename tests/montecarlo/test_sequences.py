@@ -17,7 +17,7 @@ from radar_sense.montecarlo import sequences as sampling
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol
 from radar_sense.propagation import propagate_scenario
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 from radar_sense.streams import random_stream
 
 RUNS, POSES = 256, 5

@@ -26,7 +26,7 @@ from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, count_no
 from radar_sense.propagation import (
     propagate_scenario,
 )
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 # Draws.
 

@@ -22,7 +22,7 @@ from radar_sense.propagation import (
     upper_bound,
     upper_bound_in_scenario,
 )
-from radar_sense.reading.parse import load_scenario
+from radar_sense.scenario_file.load import load_scenario
 
 RADARS = (1, 6)
 

@@ -21,8 +21,8 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.gaussian_states import uncertain_states
 from radar_sense.propagation.standard_space import StandardNormalSpace
-from radar_sense.reading.parse import load_scenario
 from radar_sense.scenario import single_radar_scenarios
+from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import CONSTANTS
 
 PAPER = load_scenario()

@@ -19,9 +19,9 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import plotting
-from radar_sense.reading.parse import default_text, parse_scenario
 from radar_sense.reporting import command
 from radar_sense.reporting import page as page_module
+from radar_sense.scenario_file.load import default_text, parse_scenario
 
 ROOT = Path(__file__).parents[2]
 VOID = {"meta", "br", "hr", "img", "link", "input"}
@@ -341,7 +341,7 @@ def test_exit_codes(tool, options, code, words):
 
 def test_a_figure_that_cannot_be_drawn_leaves_nothing(tool, monkeypatch):
     coarse = default_text().replace("step: 0.5", "step: 60")
-    monkeypatch.setattr("radar_sense.reading.parse.default_text", lambda: coarse)
+    monkeypatch.setattr("radar_sense.scenario_file.load.default_text", lambda: coarse)
 
     def fail(*args):
         raise ValueError("no ink")

@@ -16,11 +16,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.model.geometry import body_vector, orbit
-from radar_sense.model.trajectory import interpolate
+from radar_sense.model.geometry import body_vector
 from radar_sense.propagation import Moments
-from radar_sense.provenance import Orbit, Path
-from radar_sense.record import is_as_made
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, RADAR, FloatArray
 
@@ -67,21 +64,7 @@ def can_refine(scenario: Scenario) -> bool:
     A path of two rows or more can be refined, and an orbit of two azimuths or more. With
     `geometry.interpolate` the user has chosen all poses.
     """
-    source = scenario.provenance
-    if len(scenario.aircraft) < 2:
-        return False
-    if scenario.time_s is None:
-        as_made = is_as_made(scenario.aircraft, source) and scenario.cov_aircraft.ndim == 2
-        return isinstance(source.geometry, Orbit) and as_made
-    return not (isinstance(source.geometry, Path) and source.geometry.step_s is not None)
-
-
-def coordinate(scenario: Scenario) -> FloatArray:
-    """Return the time [s] of each pose of a path (n,), or the azimuth [deg] on an orbit.
-
-    On a path the coordinate is the time, also if the axis of tables is the distance.
-    """
-    return scenario.axis.values if scenario.time_s is None else scenario.time_s
+    return scenario.geometry.continuous
 
 
 def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit: float) -> Refined:
@@ -130,7 +113,7 @@ def refined(
         propagate: Returns the moments of a scenario.
         tolerance: Largest distance of P_D and its bound from straight lines.
     """
-    place = coordinate(scenario)
+    place = scenario.geometry.coordinate
     shortest = SHORTEST_ARC if scenario.time_s is None else SHORTEST
     n = len(place)
     row = np.arange(n)  # number of the row, or −1
@@ -162,35 +145,7 @@ def refined(
 
 def along(scenario: Scenario, place: FloatArray) -> Scenario:
     """Return the scenario at other times (k,) [s] of the path, or azimuths [deg] of the orbit."""
-    if scenario.time_s is None:
-        axis = dataclasses.replace(scenario.axis, values=place)
-        aircraft = _on_orbit(scenario, place)
-        return scenario.along_path(
-            axis=axis, aircraft=aircraft, cov_aircraft=scenario.cov_aircraft, time_s=None
-        )
-    route = scenario.route()
-    poses = interpolate(route, place)
-    values = np.interp(place, route.time_s, scenario.axis.values)
-    return scenario.along_path(
-        axis=dataclasses.replace(scenario.axis, values=values),
-        aircraft=poses.aircraft,
-        cov_aircraft=scenario.cov_aircraft if poses.covariance is None else poses.covariance,
-        time_s=place,
-    )
-
-
-def _on_orbit(scenario: Scenario, azimuth: FloatArray) -> FloatArray:
-    """Return the states (k, 6) at azimuths (k,) [deg] of the scenario's orbit."""
-    circle = scenario.provenance.geometry
-    assert isinstance(circle, Orbit)
-    aircraft = np.repeat(scenario.aircraft[:1], len(azimuth), axis=0)
-    aircraft[:, POSITION] = orbit(
-        np.deg2rad(azimuth),
-        radius=circle.radius,
-        down=circle.down,
-        azimuth_from=circle.azimuth_from,
-    )
-    return aircraft
+    return scenario.along(scenario.geometry.at(place))
 
 
 def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
@@ -247,14 +202,12 @@ def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
 
 def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> Scenario:
     """Return the scenario at some places, with the states of the rows unchanged to the last bit."""
-    path = along(scenario, place)
+    geometry = scenario.geometry.at(place)
     at_row = np.flatnonzero(row >= 0)
-    aircraft = path.aircraft.copy()
+    aircraft = geometry.aircraft.copy()
     aircraft[at_row] = scenario.aircraft[row[at_row]]
-    covariance = path.cov_aircraft
-    if covariance.ndim == 3:
+    covariance = geometry.covariance
+    if covariance is not None:
         covariance = covariance.copy()
         covariance[at_row] = scenario.cov_aircraft[row[at_row]]
-    return path.along_path(
-        axis=path.axis, aircraft=aircraft, cov_aircraft=covariance, time_s=path.time_s
-    )
+    return scenario.along(dataclasses.replace(geometry, aircraft=aircraft, covariance=covariance))

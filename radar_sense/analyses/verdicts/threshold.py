@@ -24,6 +24,7 @@ from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
 from radar_sense.analyses.report import describe_poses, distribution_warnings
 from radar_sense.analyses.verdicts import refinement
+from radar_sense.flight import Path
 from radar_sense.montecarlo.exceedance import Anywhere, decide, exceeded_anywhere
 from radar_sense.propagation import (
     Moments,
@@ -31,7 +32,6 @@ from radar_sense.propagation import (
     nonlinear_in_scenario,
     propagate_scenario,
 )
-from radar_sense.provenance import Path
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -222,7 +222,7 @@ def _tested(
     test = threshold_test(
         upper,
         p_max,
-        refinement.coordinate(poses),
+        poses.geometry.coordinate,
         p_d=np.where(violated, np.inf, moments.p_d),
         unreliable=unreliable & ~drawn,
     )
@@ -392,7 +392,7 @@ def _poses_lines(tested: _PathTest) -> list[str]:
             f"  tested at {len(scenario.axis)} poses, {tested.path.added} of them between {given}: "
             f"P_D and bound are within {tested.path.tolerance:g} of straight lines"
         ]
-    geometry = scenario.provenance.geometry
+    geometry = scenario.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:
         return [f"  tested every {geometry.step_s:g} s, the step of geometry.interpolate"]
     return []

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 import radar_sense as rs
 from radar_sense.limits import POSITIVE, parameter
 from radar_sense.model.detectors import DETECTORS, North, Swerling1, required_snr
-from radar_sense.reading.parse import parse_scenario
+from radar_sense.scenario_file.load import parse_scenario
 
 CELLS = {"type": "cell_averaging", "cells": 24}
 RANKED = {"type": "ordered_statistics", "cells": 24, "rank": 18}
@@ -52,7 +52,8 @@ BAD = [
     ({"model": "marcum", "cfar": {"cells": 3}}, "cfar: missing key 'type', one of cell_averaging"),
     ({"model": "marcum", "cfar": {"type": "os", "cells": 3}}, "must be one of cell_averaging, ord"),
     ({"model": "marcum", "cfar": {"type": "cell_averaging", "cells": 1}}, "cfar needs more cells"),
-    ({"model": "north", "pulses": 3}, "pulses: is no key of the detector north; detectors with"),
+    ({"model": "north", "pulses": 3}, "'pulses', allowed: model; it is a key of marcum, swerling1"),
+    ("swerling0", "got 'swerling0'; write 'marcum'"),
     ({"pulses": 3}, "radar.detector: missing key 'model', one of north, marcum"),
     ({"model": "marcum", "pulse": 3}, "did you mean 'pulses'"),
     ({"model": "marcum", "pulses": 0}, "detector.pulses: must be a whole number not less than 1"),
@@ -84,13 +85,9 @@ def test_a_detector_from_outside_has_keys_of_its_own(monkeypatch):
 
     @dataclasses.dataclass(frozen=True)
     class Scaled(North):
-        """North's, for a signal some times as strong.
+        """North's, for a signal some times as strong."""
 
-        Attributes:
-            factor: Factor of the signal.
-        """
-
-        factor: float = parameter("factor", POSITIVE, default=2.0)
+        factor: float = parameter("factor", "Factor of the signal.", POSITIVE, default=2.0)
 
         def linearize_probit(self, snr, p_fa):
             z, slope = super().linearize_probit(self.factor * snr, p_fa)

@@ -1,6 +1,6 @@
 """`radars:` in a scenario: several radars in place of one, as the command line takes them.
 
-A refusal is one line that names file, line, key path and the allowed values, as in `test_yaml`.
+A refusal is one line that names file, line, key path and the allowed values, as in `test_keys`.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from numpy.testing import assert_array_equal
 import radar_sense as rs
 from radar_sense.covariance import block_diagonal
 from radar_sense.model.horizon import EARTH_RADIUS
-from radar_sense.reading.parse import default_text
+from radar_sense.scenario_file.load import default_text
 from radar_sense.states import CONSTANTS
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -250,7 +250,7 @@ def test_not_a_list_of_radars(tool, value):
 
 def test_too_many_radars(tool):
     path, complaint, _ = refused(tool, *(radar_entry(f"r{i}") for i in range(65)))
-    assert (path, complaint) == ("radars", "has 65 radars, allowed are 64")
+    assert (path, complaint) == ("radars", "has 65 entries, allowed are 64")
 
 
 @pytest.mark.parametrize("value", [5, "a", [1], None])
@@ -271,11 +271,11 @@ def test_neither_radar_nor_radars(tool):
     content = network_document(radar_entry("a"))
     del content["radars"]
     _, _, complaint = place(refusal(tool, yaml_text(content)))
-    assert "missing key 'radar'" in complaint
+    assert complaint == "needs one of the keys 'radar' and 'radars'"
     content["radrs"] = [radar_entry("a")]
     _, _, complaint = place(refusal(tool, yaml_text(content)))
     assert "unknown key 'radrs'" in complaint
-    assert "did you mean 'radar'?" in complaint
+    assert "did you mean 'radars'?" in complaint
 
 
 def test_levels_that_differ(tool):

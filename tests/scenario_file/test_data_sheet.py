@@ -21,7 +21,7 @@ from radar_sense.model.radar_constant import (
     shape,
 )
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.reading.parse import load_scenario, parse_scenario
+from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 # Allowed keys.
 
@@ -80,12 +80,11 @@ def changed(kind, without=(), tolerances=None, **added):
 BAD = {
     "two keys of one parameter": (
         changed("surveillance", average_power_w=1),
-        "radar.surveillance: needs exactly one of the keys 'average_power_w' and "
-        "'average_power_kw'",
+        "radar.surveillance.average_power_w: stands beside 'average_power_kw'; give only one",
     ),
     "no key of a parameter": (
         changed("tracking", without=["frequency_ghz"]),
-        "radar.tracking: needs exactly one of the keys 'frequency_ghz' and 'wavelength_m'",
+        "radar.tracking: needs one of the keys 'frequency_ghz' and 'wavelength_m'",
     ),
     "missing": (
         changed("tracking", without=["gain_dbi"]),
@@ -130,7 +129,7 @@ BAD = {
     "no loss": (changed("tracking", losses_db={}), "losses_db: needs at least one loss"),
     "tolerance of a loss that is not given": (
         changed("tracking", tolerances={"losses_db": {"beam": 1}}, losses_db={"beam_shape": 1}),
-        "constant.losses_db: unknown key 'beam', allowed: beam_shape",
+        "constant.losses_db.beam: is not in the data sheet, allowed: .*, losses_db.beam_shape",
     ),
     "no tolerance of a loss": (
         changed("tracking", tolerances={"losses_db": {}}, losses_db={"beam_shape": 1}),
@@ -142,7 +141,7 @@ BAD = {
     ),
     "tolerance of a number of pulses": (
         changed("tracking", tolerances={"coherent_pulses": 1}, coherent_pulses=4),
-        "constant: unknown key 'coherent_pulses', allowed: peak_power_kw",
+        "constant: unknown key 'coherent_pulses', allowed: ",
     ),
     "pulses of a scan": (
         changed("surveillance", coherent_pulses=4),
@@ -162,11 +161,11 @@ BAD = {
                 "p_fa": 1e-6,
             },
         },
-        "radar: needs one of the keys 'constant', 'surveillance' and 'tracking', and not both",
+        "radar.tracking: stands beside 'surveillance'; give only one of the two",
     ),
     "tolerance of what is not given": (
         changed("surveillance", tolerances={"average_power_w": 500}),
-        "sheet.constant: unknown key 'average_power_w', allowed: average_power_kw, .*"
+        "sheet.constant.average_power_w: is not in the data sheet, allowed: average_power_kw, .*"
         "did you mean 'average_power_kw'",
     ),
     "tolerance of the search factor": (
@@ -284,7 +283,7 @@ def test_coherent_pulses_are_a_gain():
     assert sixteen.radar[3] == pytest.approx(16 * one.radar[3], rel=1e-15)
     assert sixteen.resolved()["radar"]["tracking"]["coherent_pulses"] == 16
     assert parse_scenario(yaml_text(sixteen.resolved())).radar[3] == sixteen.radar[3]
-    assert "coherent_pulses" not in one.resolved()["radar"]["tracking"]
+    assert one.resolved()["radar"]["tracking"]["coherent_pulses"] == 1
 
 
 # The configurations.

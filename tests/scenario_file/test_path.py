@@ -360,7 +360,7 @@ def _without(key):
     ("place", "changes", "says"),
     [
         (ALPS, {"geometry__origin": None}, "radar.position_geodetic: needs a path whose route is"),
-        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_geodetic: stands beside 'position_m'"),
+        (ALPS, {"radar__position_m": [0, 0, 0]}, "position_m: stands beside 'position_geodetic'"),
         ({**ALPS, "latitude_deg": 91}, {}, "position_geodetic.latitude_deg: must be .* 90, got 91"),
         ({**ALPS, "longitude_deg": 361}, {}, "longitude_deg: must be .* 360, got 361"),
         ({**ALPS, "altitude_m": 2e5}, {}, "altitude_m: must be .*, got 200000"),
@@ -443,8 +443,16 @@ def test_an_rcs_table_warns_of_the_least_certain_attitude_of_all(tmp_path):
 
 REFUSED = [
     (ROUTE, {"aircraft__attitude_deg": [0, 0, 90]}, "aircraft.attitude_deg: must be left out"),
-    (UNCERTAIN, {"uncertainty__aircraft": {"position_m": 1}}, "uncertainty.aircraft: must be left"),
-    (ROUTE, {"uncertainty": {"radar": {}}}, "uncertainty: missing key 'aircraft'"),
+    (
+        UNCERTAIN,
+        {"uncertainty__aircraft": {"position_m": 1, "attitude_deg": 1}},
+        "uncertainty.aircraft: must be left",
+    ),
+    (
+        ROUTE,
+        {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
+        "uncertainty: missing key 'aircraft'",
+    ),
     (ROUTE, {"geometry__type": "paths"}, "geometry.type: must be one of orbit, path, got 'paths'"),
     (ROUTE, {"geometry__range_km": 500}, "geometry: unknown key 'range_km', allowed: type, file"),
     (ROUTE, {"geometry": {"type": "path"}}, "geometry: missing key 'file'"),

@@ -1,0 +1,170 @@
+"""The poses of the aircraft, and the flight between them: an orbit, a path, or states alone.
+
+geometry = scenario.geometry
+if geometry.continuous:
+    between = geometry.at(times)      # azimuths on an orbit
+    finer = scenario.along(between)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense import axis as axes
+from radar_sense.axis import Axis
+from radar_sense.errors import InputError
+from radar_sense.model.geometry import orbit
+from radar_sense.model.trajectory import Route, interpolate
+from radar_sense.states import POSITION, FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Poses of the aircraft along an axis.
+
+    Attributes:
+        axis: Axis of the poses (n,).
+        aircraft: States (n, 6).
+        covariance: C_aa of each pose (n, 6, 6), or None if it is the same at all poses.
+    """
+
+    axis: Axis
+    aircraft: FloatArray = field(repr=False)
+    covariance: FloatArray | None = field(repr=False, default=None)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether the aircraft flies from pose to pose, so that there are poses between them."""
+        return False
+
+    @property
+    def coordinate(self) -> FloatArray:
+        """Coordinate of each pose (n,) for `at`: azimuth [deg] on an orbit, time [s] on a path."""
+        return self.axis.values
+
+    def at(self, coordinate: FloatArray) -> Geometry:
+        """Return the poses of the flight at other coordinates (k,).
+
+        Raises:
+            InputError: If there is no flight from pose to pose.
+        """
+        raise InputError("there is no flight from pose to pose")
+
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:
+        """Return some of the poses."""
+        covariance = None if self.covariance is None else self.covariance[poses]
+        return States(self.axis.at_poses(poses), self.aircraft[poses], covariance)
+
+
+class States(Geometry):
+    """Poses without a flight between them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit(Geometry):
+    """A level circle about the origin, at one attitude.
+
+    Attributes:
+        radius: Horizontal radius [m].
+        down: Down coordinate [m].
+        azimuth_from: Direction of azimuth 0, "east" or "north".
+    """
+
+    radius: float = 0.0
+    down: float = 0.0
+    azimuth_from: str = "east"
+
+    @classmethod
+    def of(
+        cls,
+        azimuth: FloatArray,
+        attitude: FloatArray,
+        *,
+        radius: float,
+        down: float,
+        azimuth_from: str,
+    ) -> Orbit:
+        """Return the orbit at azimuths (n,) [deg] with an attitude (3,) [rad]."""
+        position = orbit(np.deg2rad(azimuth), radius=radius, down=down, azimuth_from=azimuth_from)
+        aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
+        aircraft.flags.writeable = False
+        return cls(
+            axes.azimuth(azimuth), aircraft, radius=radius, down=down, azimuth_from=azimuth_from
+        )
+
+    @property
+    def continuous(self) -> bool:
+        """Whether there are poses between the poses: with two azimuths or more."""
+        return len(self.axis) > 1 and self.covariance is None
+
+    def at(self, coordinate: FloatArray) -> Orbit:
+        """Return the orbit at other azimuths (k,) [deg]."""
+        return Orbit.of(
+            coordinate,
+            self.aircraft[0, POSITION.stop :],
+            radius=self.radius,
+            down=self.down,
+            azimuth_from=self.azimuth_from,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Path(Geometry):
+    """A path: rows with times, and a straight flight from row to row.
+
+    Position is linear in time, in latitude and longitude if the path follows the curve of the
+    earth. Attitude turns the short way at a constant rate. Covariances are interpolated linearly.
+
+    Attributes:
+        time_s: Time of each pose (n,) [s], increasing.
+        origin: Latitude, longitude [rad] and height above the ellipsoid [m] of the origin of the
+            frame, for a path in latitude and longitude.
+        step_s: Step of time [s] of poses that the user chose, so that no others are looked for
+            between them; None for the rows of a route.
+    """
+
+    time_s: FloatArray = field(repr=False, kw_only=True)
+    origin: tuple[float, float, float] | None = None
+    step_s: float | None = None
+
+    @property
+    def continuous(self) -> bool:
+        """Whether there are poses to look for between the poses."""
+        return len(self.axis) > 1 and self.step_s is None
+
+    @property
+    def coordinate(self) -> FloatArray:
+        """Time of each pose (n,) [s]."""
+        return self.time_s
+
+    @property
+    def route(self) -> Route:
+        """The path as a route, to interpolate between its poses."""
+        # the attitude is interpolated, and not derived from the track again
+        return Route(self.time_s, self.aircraft, self.covariance, True, self.origin)
+
+    def at(self, coordinate: FloatArray) -> Path:
+        """Return the path at other times (k,) [s] within its own."""
+        poses = interpolate(self.route, coordinate)
+        values = np.interp(coordinate, self.time_s, self.axis.values)
+        return dataclasses.replace(
+            self,
+            axis=dataclasses.replace(self.axis, values=values),
+            aircraft=poses.aircraft,
+            covariance=poses.covariance,
+            time_s=coordinate,
+        )
+
+    def at_poses(self, poses: slice | NDArray[np.intp]) -> Path:
+        """Return the path with some of its rows."""
+        return dataclasses.replace(
+            self,
+            axis=self.axis.at_poses(poses),
+            aircraft=self.aircraft[poses],
+            covariance=None if self.covariance is None else self.covariance[poses],
+            time_s=self.time_s[poses],
+        )

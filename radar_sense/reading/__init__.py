@@ -1,1 +1,0 @@
-"""From files to a `Scenario`: YAML, CSV, degrees and decibels to SI units."""

@@ -1,0 +1,589 @@
+"""From a scenario file to a `Scenario`: SI, frames, levels, and the checks across sections."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+from scipy.constants import speed_of_light
+
+from radar_sense import axis, covariance
+from radar_sense.errors import InputError, did_you_mean
+from radar_sense.flight import Geometry, Orbit, Path
+from radar_sense.limits import DEG, LARGEST, MIN_RANGE, NOT_NEGATIVE, SMALLEST
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import Detector, PulseDetector
+from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
+from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.horizon import Horizon
+from radar_sense.model.network import NetworkModel, Radar, name_problem
+from radar_sense.model.radar_constant import (
+    MAX_DIVISOR_STD,
+    DataSheet,
+    Tolerance,
+    column_name,
+    loss_key,
+    relative_std,
+)
+from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
+from radar_sense.model.rcs import RCS
+from radar_sense.model.rcs_table import TableRCS
+from radar_sense.model.track import covariance_in_frame
+from radar_sense.model.trajectory import resample
+from radar_sense.scenario import Scenario
+from radar_sense.scenario_file import sections
+from radar_sense.scenario_file.declare import keys_of
+from radar_sense.scenario_file.place import Place
+from radar_sense.scenario_file.rcs_file import read_rcs_table
+from radar_sense.scenario_file.route_file import read_route
+from radar_sense.scenario_file.text_file import DigestError, FileError, recorded
+from radar_sense.states import POSITION, FloatArray
+
+MAX_POSES = 1_000_000
+_KM, _PER_KM = 1e3, 1e-3
+#: Keys of a path that the reader of routes takes as they are.
+_CONVENTIONS = (
+    "max_gap_s",
+    "altitude_above",
+    "geoid_height_m",
+    "speed_m_s",
+    "icao24",
+    "sha256",
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The uncertainty of a radar at one level.
+
+    Attributes:
+        covariance: C_rr (4, 4).
+        tolerances: Tolerances of c_r; () for a Gaussian c_r.
+        attenuation: Standard deviation of the attenuation [dB/m].
+    """
+
+    covariance: FloatArray
+    tolerances: tuple[Tolerance, ...]
+    attenuation: float
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltRadar:
+    """A radar with its state (4,) and its levels of uncertainty by name."""
+
+    radar: Radar
+    state: FloatArray
+    levels: Mapping[str, Level]
+
+
+def build(file: sections.File, place: Place) -> Scenario:
+    """Return the scenario of a file.
+
+    Args:
+        file: The file.
+        place: Root of the file, for errors.
+
+    Raises:
+        InputError: If sections contradict each other, or a file that is named is not allowed.
+    """
+    rcs, rcs_section = _rcs(file.aircraft.rcs, place["aircraft"]["rcs"])
+    geometry, flight_section = _geometry(file, place)
+    radars = _radars(file, place, rcs, geometry)
+    for radar in radars:
+        _refuse_collision(place["geometry"], geometry, radar)
+        _refuse_uncovered(place["geometry"], rcs, geometry, radar)
+    cov_aircraft = _cov_aircraft(file.uncertainty, place["uncertainty"], geometry)
+    if cov_aircraft.ndim == 3:
+        geometry = dataclasses.replace(geometry, covariance=cov_aircraft)
+    of_aircraft = file.uncertainty.aircraft
+    rcs_db = 0.0 if of_aircraft is None else float(of_aircraft.rcs_db)
+    if rcs_db and getattr(rcs, "spread", None) is not None:
+        raise place["uncertainty"]["aircraft"]["rcs_db"].error(
+            "stands beside the column std_db of the RCS table; give only one of the two: both are "
+            "the uncertainty of the RCS"
+        )
+    levels, of_level = radars[0].levels, file.analysis.level
+    if of_level not in levels:
+        raise place["analysis"]["level"].error(
+            f"must be one of {', '.join(levels)}, got {of_level!r}" + did_you_mean(of_level, levels)
+        )
+    scenario = Scenario(
+        name=file.name,
+        model=NetworkModel(tuple(radar.radar for radar in radars)),
+        axis=geometry.axis,
+        aircraft=geometry.aircraft,
+        radar=np.concatenate([radar.state for radar in radars]),
+        cov_aircraft=cov_aircraft,
+        cov_radar={
+            name: covariance.block_diagonal([radar.levels[name].covariance for radar in radars])
+            for name in levels
+        },
+        level=of_level,
+        runs=file.analysis.runs,
+        seed=file.analysis.seed,
+        method=file.analysis.method,
+        tolerances={
+            name: tuple(radar.levels[name].tolerances for radar in radars)
+            for name in levels
+            if any(radar.levels[name].tolerances for radar in radars)
+        },
+        time_s=geometry.time_s if isinstance(geometry, Path) else None,
+        rcs_db=rcs_db,
+        attenuation_std={
+            name: tuple(radar.levels[name].attenuation for radar in radars)
+            for name in levels
+            if any(radar.levels[name].attenuation for radar in radars)
+        },
+        correlation_s=float(file.uncertainty.aircraft_correlation_s),
+        origin=_origin(geometry),
+        geometry=geometry,
+    )
+    aircraft = dataclasses.replace(file.aircraft, rcs=rcs_section)
+    return scenario.of_file(dataclasses.replace(file, aircraft=aircraft, geometry=flight_section))
+
+
+def _origin(geometry: Geometry) -> tuple[float, float, float] | None:
+    return geometry.origin if isinstance(geometry, Path) else None
+
+
+def _si(place: sections.Place) -> tuple[float, float, float]:
+    """Return latitude, longitude [rad] and height [m]."""
+    return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
+
+
+def _read_from(place: Place, read: Any, *args: Any, **options: Any) -> Any:
+    """Read another file. Errors about the file as a whole get the place of the key that names it.
+
+    Errors with a line of the other file stay as they are.
+    """
+    try:
+        return read(*args, **options)
+    except DigestError as error:
+        raise place["sha256"].error(f"{error}") from error
+    except FileError as error:
+        raise place["file"].error(f"{error}") from error
+
+
+# The aircraft and its flight.
+
+
+def _rcs(stated: Any, place: Place) -> tuple[RCS, Any]:
+    """Return the RCS and its section, with the digest of the file of a table."""
+    if not isinstance(stated, sections.Table):
+        return stated, stated
+    path = FilePath(place.file).parent / stated.file
+    envelope = None if stated.envelope_deg is None else stated.envelope_deg * DEG
+    options = {"mirror": stated.mirror, "envelope": envelope, "sha256": stated.sha256}
+    table, sha256 = _read_from(place, read_rcs_table, path, **options)
+    return table, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
+
+
+def _geometry(file: sections.File, place: Place) -> tuple[Geometry, Any]:
+    """Return the poses and the flight, and their section, with the digest of a route file."""
+    attitude = file.aircraft.attitude_deg
+    if isinstance(file.geometry, sections.Path):
+        if attitude is not None:
+            raise place["aircraft"]["attitude_deg"].error(
+                "must be left out with a path: attitude is from the route file or from its track"
+            )
+        return _path(file.geometry, place["geometry"])
+    if attitude is None:
+        raise place["aircraft"].error("missing key 'attitude_deg', required on an orbit")
+    circle = file.geometry
+    orbit = Orbit.of(
+        _azimuths(circle.azimuth_deg, place["geometry"]["azimuth_deg"]["step"]),
+        np.array(attitude) * DEG,
+        radius=circle.range_km * _KM,
+        down=circle.down_km * _KM,
+        azimuth_from=circle.azimuth_from,
+    )
+    return orbit, circle
+
+
+def _azimuths(sweep: sections.Sweep, place: Place) -> FloatArray:
+    """Return azimuths (n,) [deg]."""
+    start, stop, step = float(sweep.start), float(sweep.stop), float(sweep.step)
+    if step == 0 or (stop - start) * step < 0:
+        raise place.error(
+            f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}"
+        )
+    # Rounding must not lose the last pose, as in (180 − 0)/0.1 = 1799.9999999999998.
+    steps = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9)
+    if steps >= MAX_POSES:
+        raise place.error(f"makes {steps + 1:,} poses, allowed are {MAX_POSES:,}")
+    # Rounding to 1e-12 degrees turns 3 · 0.1 = 0.30000000000000004 into 0.3.
+    return np.round(start + step * np.arange(steps + 1), 12)
+
+
+def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
+    path = FilePath(place.file).parent / stated.file
+    route, sha256 = _read_from(
+        place,
+        read_route,
+        path,
+        origin=None if stated.origin is None else _si(stated.origin),
+        **{name: getattr(stated, name) for name in _CONVENTIONS},
+    )
+    step_s = None
+    if stated.interpolate is not None:
+        step_s = float(stated.interpolate.step_s)
+        try:
+            route = resample(route, step_s, stated.interpolate.method)
+        except InputError as error:
+            raise place["interpolate"].error(f"{error}") from error
+    along = axis.time(route.time_s) if stated.axis == "time" else axis.distance(route.distance_m)
+    flight = Path(
+        along,
+        route.aircraft,
+        route.covariance,
+        time_s=route.time_s,
+        origin=route.origin,
+        step_s=step_s,
+    )
+    return flight, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
+
+
+def _cov_aircraft(stated: sections.Uncertainty, place: Place, geometry: Geometry) -> FloatArray:
+    """Return C_aa (6, 6), or C_aa of each pose (n, 6, 6)."""
+    own = stated.aircraft
+    if geometry.covariance is not None:
+        if own is not None and {*place["aircraft"].items()} != {"rcs_db"}:
+            raise place["aircraft"].error(
+                "must be left out here, or the columns std_... and cov_... in the route file: "
+                "both state the uncertainty of the aircraft"
+            )
+        return geometry.covariance
+    if own is None:
+        raise place.error("missing key 'aircraft', required unless the route file has std_...")
+    place = place["aircraft"]
+    matrix = _covariance(own, place, {"position_m": (3, 1.0), "attitude_deg": (3, DEG)})
+    if not isinstance(geometry, Path) or geometry.origin is None:
+        return matrix
+    try:
+        return covariance_in_frame(matrix, geometry.time_s, geometry.aircraft, geometry.origin)
+    except InputError as error:
+        raise place.error(f"{error}") from error
+
+
+def _covariance(
+    stated: sections.PoseUncertainty | sections.RadarUncertainty,
+    place: Place,
+    parts: Mapping[str, tuple[int, float]],
+) -> FloatArray:
+    """Return a covariance in SI from its parts, or from the whole.
+
+    Args:
+        stated: The section.
+        place: The section, for errors.
+        parts: Size of each part, and SI value of 1 in the unit of the part.
+    """
+    if stated.covariance is not None:
+        units = np.concatenate([np.full(size, unit) for size, unit in parts.values()])
+        return _matrix(stated.covariance, place["covariance"]) * np.outer(units, units)
+    total = np.zeros((sum(size for size, _ in parts.values()),) * 2)
+    start = 0
+    for name, (size, unit) in parts.items():
+        block = slice(start, start + size)
+        value = getattr(stated, name)
+        if value is None:
+            raise place.error(f"missing key '{name}', required without covariance")
+        if isinstance(value, tuple) and isinstance(value[0], tuple):
+            total[block, block] = _matrix(value, place[name]) * unit**2
+        else:
+            total[block, block] = covariance.from_std(np.broadcast_to(value, size)) * unit**2
+        start += size
+    return total
+
+
+def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
+    matrix = np.array(rows)
+    problem = covariance.problem(matrix)
+    if problem:
+        raise place.error(problem)
+    symmetric: FloatArray = (matrix + matrix.T) / 2
+    return symmetric
+
+
+# The radars.
+
+
+def _radars(file: sections.File, place: Place, rcs: RCS, geometry: Geometry) -> list[BuiltRadar]:
+    uncertainty = place["uncertainty"]
+    if file.radar is not None:
+        if file.uncertainty.radar is None:
+            raise uncertainty.error("missing key 'radar', required with 'radar'")
+        levels, at = file.uncertainty.radar, uncertainty["radar"]
+        return [_radar(file.radar, levels, place["radar"], at, rcs, geometry)]
+    if file.uncertainty.radar is not None:
+        raise uncertainty["radar"].error(
+            "must be left out here: give 'uncertainty' of each radar in 'radars'"
+        )
+    stated = file.radars or ()
+    for i, radar in enumerate(stated):
+        _refuse_name([r.name for r in stated[: i + 1]], place["radars"][i]["name"])
+        _refuse_other_levels(stated[0], radar, place["radars"][i]["uncertainty"])
+    return [
+        _radar(radar, radar.uncertainty, entry, entry["uncertainty"], rcs, geometry)
+        for radar, entry in zip(stated, place["radars"].entries(), strict=True)
+    ]
+
+
+def _refuse_name(names: Sequence[str], place: Place) -> None:
+    """Raise InputError unless the last of some names of radars is unlike the others."""
+    if names[-1] in names[:-1]:
+        raise place.error(f"must be a name that no other radar has, got {names[-1]!r}")
+    problem = name_problem(names)
+    if problem:
+        raise place.error(problem)
+
+
+def _refuse_other_levels(
+    first: sections.NamedRadar, radar: sections.NamedRadar, place: Place
+) -> None:
+    """Raise InputError unless a radar has the levels of the first."""
+    expected, levels = list(first.uncertainty), radar.uncertainty
+    for level in levels:
+        if level not in expected:
+            raise place[level].error(
+                f"must be a level that radar {first.name!r} has too: {', '.join(expected)}"
+                + did_you_mean(level, set(expected) - set(levels))
+            )
+    missing = [level for level in expected if level not in levels]
+    if missing:
+        raise place.error(
+            f"missing level '{missing[0]}'; radar {radar.name!r} must have the levels that radar "
+            f"{first.name!r} has: {', '.join(expected)}"
+        )
+
+
+def _radar(
+    stated: sections.Radar,
+    levels: sections.Levels,
+    place: Place,
+    at_levels: Place,
+    rcs: RCS,
+    geometry: Geometry,
+) -> BuiltRadar:
+    """Return a radar.
+
+    Args:
+        stated: Its section.
+        levels: Its levels of uncertainty.
+        place: The section, for errors.
+        at_levels: The levels, for errors.
+        rcs: RCS of the aircraft.
+        geometry: The poses, which have the frame.
+    """
+    sheet = _data_sheet(stated, place)
+    _refuse_detector(stated, place["detector"])
+    attenuation = stated.attenuation_db_per_km * _PER_KM
+    model = DetectionModel(rcs, float(stated.p_fa), stated.detector, attenuation)
+    position, turn = _position(stated, place, geometry)
+    constant = stated.constant if sheet is None else sheet.constant
+    period = stated.scan_period_s
+    return BuiltRadar(
+        Radar(
+            model,
+            name=getattr(stated, "name", ""),
+            max_range=math.inf if stated.max_range_km is None else stated.max_range_km * _KM,
+            min_range=_min_range(stated, sheet, place),
+            horizon=Horizon(_origin(geometry)) if stated.horizon else None,
+            scan_period=None if period is None else float(period),
+        ),
+        np.array([*position, constant], dtype=float),
+        {
+            name: _level(level, at_levels[name], sheet, attenuation, turn)
+            for name, level in levels.items()
+        },
+    )
+
+
+def _position(
+    stated: sections.Radar, place: Place, geometry: Geometry
+) -> tuple[FloatArray, FloatArray | None]:
+    """Return north, east, down (3,) [m], and the turn (3, 3) of local axes to the frame, if any."""
+    if stated.position_geodetic is None:
+        return np.array(stated.position_m), None
+    origin = _origin(geometry)
+    if origin is None:
+        raise place["position_geodetic"].error(
+            "needs a path whose route is in latitude and longitude, with its geometry.origin; "
+            "here give position_m"
+        )
+    on_earth = _si(stated.position_geodetic)
+    return ned_from_geodetic(on_earth, origin), turn_to_origin(on_earth, origin)
+
+
+def _refuse_detector(stated: sections.Radar, place: Place) -> None:
+    detector: Detector = stated.detector
+    if not isinstance(detector, PulseDetector):
+        return
+    looks = detector.pulses * (detector.binary.n if detector.binary else 1)
+    if stated.surveillance is not None and looks > 1:
+        raise place.error(
+            "must be of one pulse with 'surveillance', which takes all the energy of a scan "
+            "for a single pulse; 'tracking' and 'constant' take one of several pulses"
+        )
+    try:
+        detector.tails(float(stated.p_fa))  # a CFAR with few cells cannot have a small P_fa
+    except InputError as error:
+        raise place.error(f"{error}") from error
+
+
+def _min_range(stated: sections.Radar, sheet: DataSheet | None, place: Place) -> float:
+    """Return the slant range [m] within which a radar detects nothing."""
+    min_range, key = stated.min_range_km * _KM, "min_range_km"
+    if stated.eclipsing:
+        if sheet is None or "pulse_width_us" not in sheet.values:
+            raise place["eclipsing"].error(
+                "needs the length of the pulse, pulse_width_us of 'tracking'; here give "
+                "min_range_km"
+            )
+        eclipsed = 0.5 * speed_of_light * sheet.values["pulse_width_us"] * 1e-6
+        if eclipsed > min_range:
+            min_range, key = eclipsed, "eclipsing"
+    if stated.max_range_km is not None and min_range >= stated.max_range_km * _KM:
+        raise place[key].error(
+            f"hides the target within {min_range / _KM:g} km, must be less than max_range_km, "
+            f"{stated.max_range_km:g} km"
+        )
+    return min_range
+
+
+def _level(
+    stated: sections.RadarUncertainty,
+    place: Place,
+    sheet: DataSheet | None,
+    attenuation: float,
+    turn: FloatArray | None,
+) -> Level:
+    """Return the uncertainty of a radar at one level, in the frame of the poses.
+
+    Args:
+        stated: The section.
+        place: The section, for errors.
+        sheet: Data sheet of the radar, or None.
+        attenuation: Attenuation [dB/m].
+        turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
+            longitude, where the file has the covariance; None if they are the same.
+    """
+    tolerances: tuple[Tolerance, ...] = ()
+    if isinstance(stated.constant, sections.Tolerances):
+        tolerances = _tolerances(stated.constant, place["constant"], sheet)
+        assert sheet is not None
+        std = sheet.constant * relative_std(tolerances)
+        stated = dataclasses.replace(stated, constant=std)
+    matrix = _covariance(stated, place, {"position_m": (3, 1.0), "constant": (1, 1.0)})
+    if turn is not None:
+        frame = np.eye(len(matrix))
+        frame[POSITION, POSITION] = turn
+        matrix = frame @ matrix @ frame.T
+        matrix = covariance.without_rounding(0.5 * (matrix + matrix.T))
+    std_attenuation = stated.attenuation_db_per_km * _PER_KM
+    if std_attenuation > attenuation:
+        raise place["attenuation_db_per_km"].error(
+            "must be at most the attenuation_db_per_km of the radar, "
+            f"{attenuation / _PER_KM:g}, got {stated.attenuation_db_per_km:g}"
+        )
+    return Level(matrix, tolerances, std_attenuation)
+
+
+# Data sheets.
+
+
+def _data_sheet(stated: sections.Radar, place: Place) -> DataSheet | None:
+    """Return the data sheet of a radar, or None for a constant."""
+    kind = next((kind for kind in RADARS if getattr(stated, kind) is not None), None)
+    if kind is None:
+        return None
+    sheet, place = getattr(stated, kind), place[kind]
+    given = {k.name: v for k in keys_of(type(sheet)) if (v := getattr(sheet, k.name)) is not None}
+    losses: dict[str, float] = given.pop(LOSSES_KEY, {})
+    factor = given.pop("search_factor", None)
+    arguments: dict[str, Any] = {LOSSES_KEY: losses, "loss_db": 0.0}
+    for f in dataclasses.fields(RADARS[kind]):
+        for name, unit in f.metadata.get("units", {}).items():
+            if name in given:
+                arguments[f.name] = unit.to_si(given[name])
+    if factor is not None:
+        arguments["search_factor"] = SEARCH_FACTORS[factor]
+    for name in losses:
+        column = column_name(loss_key(name))
+        if column in (k.name for k in keys_of(type(sheet))):
+            raise place[LOSSES_KEY][name].error(
+                f"must have another name, as {column!r} is a key of the radar"
+            )
+    constant = RADARS[kind](**arguments).constant()
+    if not SMALLEST <= constant <= LARGEST:
+        raise place.error(
+            f"makes the radar constant {constant:g} J m^2/K, allowed is {SMALLEST:g} to {LARGEST:g}"
+        )
+    values = {**given, **{loss_key(name): loss for name, loss in losses.items()}}
+    return DataSheet(kind, constant, values)
+
+
+def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tolerance, ...]:
+    """Return the tolerances of parameters of a data sheet."""
+    if sheet is None:
+        raise place.error(
+            f"must be {NOT_NEGATIVE}, got a mapping; standard deviations by parameter need "
+            f"{' or '.join(f'radar.{kind}' for kind in RADARS)} in place of radar.constant"
+        )
+    given = {k.name: v for k in keys_of(type(stated)) if (v := getattr(stated, k.name)) is not None}
+    losses: dict[str, float] = given.pop(LOSSES_KEY, {})
+    std = {**given, **{loss_key(name): loss for name, loss in losses.items()}}
+    allowed = [name for name in sheet.values if name != "coherent_pulses"]
+    if not std:
+        raise place.error(f"needs at least one of the keys {', '.join(allowed)}")
+    for name, value in std.items():
+        at = place[LOSSES_KEY][name.rpartition(".")[2]] if "." in name else place[name]
+        if name not in allowed:
+            raise at.error(
+                f"is not in the data sheet, allowed: {', '.join(allowed)}"
+                + did_you_mean(name, set(allowed) - set(std))
+            )
+        (tolerance,) = sheet.tolerances({name: value})
+        most = MAX_DIVISOR_STD * tolerance.value
+        if tolerance.power < 0 and not tolerance.decibels and value > most:
+            raise at.error(
+                f"must be a number not less than 0 and not greater than {most:g}, 1/6 of the "
+                f"parameter because c_r is divided by this parameter; got {value:g}"
+            )
+    return sheet.tolerances(std)
+
+
+# Checks of the radars against the poses.
+
+
+def _refuse_collision(place: Place, geometry: Geometry, radar: BuiltRadar) -> None:
+    distance = slant_range(geometry.aircraft, radar.state)
+    nearest = int(np.argmin(distance))
+    if distance[nearest] < MIN_RANGE:
+        raise place.error(
+            f"the aircraft is on top of {_called(radar)} at "
+            f"{geometry.axis.name} {geometry.axis.at(nearest)}, "
+            f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+        )
+
+
+def _refuse_uncovered(place: Place, rcs: RCS, geometry: Geometry, radar: BuiltRadar) -> None:
+    if not isinstance(rcs, TableRCS) or rcs.elevation is None:
+        return
+    body = body_vector(geometry.aircraft, radar.state)
+    outside = np.flatnonzero(rcs.uncovered(body))
+    if len(outside):
+        x, y, z = body[outside[0]]
+        raise place.error(
+            f"at {geometry.axis.name} {geometry.axis.at(outside[0])} the aircraft sees "
+            f"{_called(radar)} at elevation {np.arctan2(-z, np.hypot(x, y)) / DEG:.3g} deg, the "
+            f"RCS table covers {rcs.elevation[0] / DEG:g} to {rcs.elevation[-1] / DEG:g} deg"
+        )
+
+
+def _called(radar: BuiltRadar) -> str:
+    return f"radar {radar.radar.name!r}" if radar.radar.name else "the radar"

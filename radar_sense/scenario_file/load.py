@@ -1,0 +1,51 @@
+"""A scenario file to a `Scenario`."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+from radar_sense.errors import InputError, describe
+from radar_sense.scenario import Scenario
+from radar_sense.scenario_file import declare, sections
+from radar_sense.scenario_file.build import build
+from radar_sense.scenario_file.place import parse
+from radar_sense.scenario_file.text_file import decoded, open_text
+
+#: Largest scenario file. A scenario is a page of text, far smaller than this.
+MAX_BYTES = 64 * 1024
+
+
+def default_text() -> str:
+    """Return the text of the embedded scenario, which is the scenario of the paper."""
+    return resources.files("radar_sense").joinpath("paper.yaml").read_text(encoding="utf-8")
+
+
+def load_scenario(path: str | Path | None = None) -> Scenario:
+    """Read and check a scenario file, or the scenario of the paper if no path is given.
+
+    Raises:
+        InputError: If the file cannot be read or anything in the file is not allowed.
+    """
+    if path is None:
+        return parse_scenario(default_text(), "paper.yaml")
+    with open_text(path, "a scenario file", MAX_BYTES) as file:
+        data = file.read(MAX_BYTES + 1)
+    return parse_scenario(decoded(data, str(path)).removeprefix("\ufeff"), str(path))
+
+
+def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+    """Check the text of a scenario.
+
+    Args:
+        text: YAML.
+        source: Name of the text in errors. Files that the scenario names are looked for from the
+            folder of this name.
+
+    Raises:
+        InputError: If anything in the text is not allowed.
+    """
+    if not isinstance(text, str):
+        raise InputError(f"text must be YAML as text, got {describe(text)}")
+    root = parse(text, source)
+    return build(declare.read(root, sections.File), root)

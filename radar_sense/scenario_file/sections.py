@@ -1,0 +1,430 @@
+"""Every key of a scenario file: meaning, unit, limits, default, and what excludes what.
+
+The name of a key ends with its unit. A new key is a line here, and where `build` makes SI of it.
+RCS models, detectors and data sheets declare their keys with the fields of their classes.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from radar_sense.limits import (
+    ANY,
+    LEVEL_NAME,
+    MAX_RADARS,
+    METHODS,
+    NAME,
+    NOT_NEGATIVE,
+    POSITIVE,
+    PROBABILITY,
+    RADAR_NAME,
+    RUNS,
+    SEED,
+    STD_DB,
+    Limit,
+    Text,
+)
+from radar_sense.model import trajectory
+from radar_sense.model.detectors import DETECTORS, Detector, North
+from radar_sense.model.radar_constant import TOLERANCE_DB
+from radar_sense.model.radar_equation import LOSSES, LOSSES_KEY, RADARS, SEARCH_FACTORS
+from radar_sense.model.rcs import RCS_MODELS
+from radar_sense.model.rcs_table import ENVELOPE
+from radar_sense.scenario_file.declare import (
+    by_word,
+    deviations,
+    key,
+    list_of,
+    matrix,
+    named,
+    number,
+    number_or,
+    numbers,
+    schema,
+    section,
+    words,
+    write,
+    yes_no,
+)
+from radar_sense.scenario_file.route_file import (
+    ALTITUDES,
+    GEOID_HEIGHT,
+    ICAO24,
+    ICAO24_IN_WORDS,
+    SPEED,
+)
+
+SCHEMA_TITLE = "Scenario of radar-sense"
+_FILE = Text(r"[^\0\r\n]{1,1000}", "the name of a file")
+_SHA256 = Text("[0-9a-f]{64}", "64 digits 0 to 9 and a to f")
+_LOSS = Text(
+    "[a-z][a-z0-9_]{0,29}",
+    "the name of a loss, up to 30 letters a to z, digits and '_', a letter first",
+)
+_ANGLE = Limit(at_least=-360, at_most=360)
+_AZIMUTH = Limit(at_least=-360, at_most=720)
+#: Names of detectors elsewhere: a target that does not fluctuate is Swerling's case 0 or 5.
+_STEADY = dict.fromkeys(("swerling0", "swerling5"), "marcum")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Place:
+    """A place on the earth."""
+
+    latitude_deg: float = key("WGS-84 latitude.", Limit(at_least=-90, at_most=90))
+    longitude_deg: float = key("WGS-84 longitude.", Limit(at_least=-180, at_most=360))
+    altitude_m: float = key("Height above the ellipsoid.", Limit(at_least=-10e3, at_most=100e3))
+
+
+def _section(name: str, doc: str, keys: Mapping[str, Any]) -> type:
+    """Return a section of this module that is made of keys by name."""
+    namespace = {"__doc__": doc, "__module__": __name__}
+    fields = [(key, Any, declared) for key, declared in keys.items()]
+    return dataclasses.make_dataclass(name, fields, namespace=namespace, frozen=True, kw_only=True)
+
+
+# The uncertainty.
+
+
+def _tolerances() -> type:
+    """Return the section of standard deviations by parameter of a data sheet."""
+    limits = {
+        name: TOLERANCE_DB if f.metadata["decibels"] else NOT_NEGATIVE
+        for cls in RADARS.values()
+        for f in dataclasses.fields(cls)
+        for name in f.metadata.get("units", {})
+        if f.default is dataclasses.MISSING
+    }
+    keys: dict[str, Any] = {
+        name: key(f"Standard deviation of {name}.", limit, default=None)
+        for name, limit in limits.items()
+    }
+    losses = named(_LOSS, number(TOLERANCE_DB), "loss")
+    keys[LOSSES_KEY] = key("Standard deviations of the losses by name.", losses, default=None)
+    return _section("Tolerances", "Standard deviations by parameter of a data sheet.", keys)
+
+
+Tolerances = _tolerances()
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseUncertainty:
+    """The uncertainty of the aircraft, the same at all poses."""
+
+    position_m: Any = key(
+        "Uncertainty of north, east, down.",
+        deviations(3, NOT_NEGATIVE),
+        unless=("covariance", "rcs_db"),
+    )
+    attitude_deg: Any = key(
+        "Uncertainty of roll, pitch, yaw.",
+        deviations(3, NOT_NEGATIVE),
+        unless=("covariance", "rcs_db"),
+    )
+    covariance: Any = key(
+        "Covariance of position [m] and attitude [°] together.",
+        matrix(6),
+        default=None,
+        instead_of=("position_m", "attitude_deg"),
+    )
+    rcs_db: float = key(
+        "Standard deviation of the RCS [dB], one factor for all radars and looks.",
+        STD_DB,
+        default=0.0,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RadarUncertainty:
+    """The uncertainty of a radar at one level."""
+
+    position_m: Any = key(
+        "Uncertainty of north, east, down.", deviations(3, NOT_NEGATIVE), unless=("covariance",)
+    )
+    constant: Any = key(
+        "Standard deviation of c_r [J m²/K], or standard deviations by parameter of its data "
+        "sheet.",
+        number_or(NOT_NEGATIVE, Tolerances),
+        unless=("covariance",),
+    )
+    covariance: Any = key(
+        "Covariance of position [m] and c_r [J m²/K] together.",
+        matrix(4),
+        default=None,
+        instead_of=("position_m", "constant"),
+    )
+    attenuation_db_per_km: float = key(
+        "Uncertainty of the attenuation: divided by the attenuation, the standard deviation of its "
+        "natural logarithm.",
+        NOT_NEGATIVE,
+        default=0.0,
+    )
+
+
+Levels = Mapping[str, RadarUncertainty]
+_LEVELS = named(LEVEL_NAME, section(RadarUncertainty), "level of uncertainty")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Uncertainty:
+    """The uncertainty of the states."""
+
+    aircraft: PoseUncertainty | None = key(
+        "Covariance of the pose; required unless the route file has it.",
+        PoseUncertainty,
+        default=None,
+    )
+    aircraft_correlation_s: float = key(
+        "Correlation time of the pose errors.", number(NOT_NEGATIVE, infinite=True), default=0.0
+    )
+    radar: Levels | None = key(
+        "Levels of uncertainty of the radar, by name; required with `radar`, not allowed with "
+        "`radars`.",
+        _LEVELS,
+        default=None,
+    )
+
+
+# The radars.
+
+
+def _data_sheet(kind: str) -> type:
+    """Return the section of a data sheet, with one key a unit of each parameter."""
+    keys: dict[str, Any] = {}
+    for f in dataclasses.fields(RADARS[kind]):
+        units = f.metadata.get("units", {})
+        for name, unit in units.items():
+            options: dict[str, Any] = {"one_of": f.name}
+            if f.name == "loss_db":
+                options = {"unless": (LOSSES_KEY,)}
+            elif f.default is not dataclasses.MISSING or "assumed" in f.metadata:
+                options = {"default": f.metadata.get("assumed", f.default)}
+            meaning = unit.meaning or f.metadata["meaning"]
+            keys[name] = key(meaning, f.metadata["limit"], **options)
+    losses = named(_LOSS, number(LOSSES), "loss")
+    keys[LOSSES_KEY] = key("Further losses by name [dB].", losses, default=None)
+    if kind == "surveillance":
+        keys["search_factor"] = key(
+            "Divisor of the power-aperture product in c_r.", words(*SEARCH_FACTORS), default="16"
+        )
+    return _section(kind.capitalize(), f"{RADARS[kind].__doc__}", keys)
+
+
+Surveillance, Tracking = _data_sheet("surveillance"), _data_sheet("tracking")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Radar:
+    """The only radar."""
+
+    position_m: tuple[float, float, float] | None = key(
+        "North, east, down of the radar.", numbers(3), one_of="position"
+    )
+    position_geodetic: Place | None = key(
+        "Place of the radar, with a route in latitude and longitude.", Place, one_of="position"
+    )
+    p_fa: float = key("Probability of false alarm.", PROBABILITY)
+    constant: float | None = key("Radar constant c_r [J m²/K].", POSITIVE, one_of="constant")
+    surveillance: Any = key(
+        "Parameters of a surveillance radar, in place of the constant.",
+        Surveillance,
+        one_of="constant",
+    )
+    tracking: Any = key(
+        "Parameters of a tracking radar, in place of the constant.",
+        Tracking,
+        one_of="constant",
+    )
+    detector: Detector = key(
+        "Detector and fluctuation of the target.",
+        by_word("model", DETECTORS, bare=True, synonyms=_STEADY),
+        default=North(),
+    )
+    scan_period_s: float | None = key(
+        "Time from one look to the next; without it each pose is a look.", POSITIVE, default=None
+    )
+    attenuation_db_per_km: float = key(
+        "One-way attenuation on the way to the target and back.", NOT_NEGATIVE, default=0.0
+    )
+    max_range_km: float | None = key("Slant range beyond which P_D is 0.", POSITIVE, default=None)
+    min_range_km: float = key("Slant range within which P_D is 0.", NOT_NEGATIVE, default=0.0)
+    eclipsing: bool = key(
+        "Whether P_D is 0 within c tau/2 (tau: pulse_width_us), where the transmitter hides the "
+        "echo.",
+        yes_no(),
+        default=False,
+    )
+    horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Name:
+    name: str = key("Name of the radar in columns and figures.", RADAR_NAME)
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedRadar(Radar, _Name):  # in this order the name is the first key
+    """One of several radars."""
+
+    uncertainty: Levels = key("Levels of uncertainty of this radar.", _LEVELS)
+
+
+# The aircraft and its flight.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Table:
+    """An RCS table."""
+
+    file: str = key("Name of a CSV file, from the folder of the scenario file.", _FILE)
+    mirror: bool = key(
+        "Whether the file has one half of a symmetric aircraft.", yes_no(), default=False
+    )
+    envelope_deg: float | None = key(
+        "Half width of the envelope of the table.", ENVELOPE, default=None
+    )
+    sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
+
+
+class _RCSModels(Mapping[str, type]):
+    """The RCS models by name. A model may be added at any time."""
+
+    def __getitem__(self, name: str) -> type:
+        return Table if name == "table" else RCS_MODELS[name]
+
+    def __iter__(self) -> Any:
+        return iter(RCS_MODELS)
+
+    def __len__(self) -> int:
+        return len(RCS_MODELS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aircraft:
+    """The aircraft."""
+
+    rcs: Any = key("Radar cross section.", by_word("model", _RCSModels()))
+    attitude_deg: tuple[float, float, float] | None = key(
+        "Roll, pitch, yaw on an orbit; required on an orbit, not allowed on a path.",
+        numbers(3, _ANGLE),
+        default=None,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """Azimuths of the poses."""
+
+    start: float = key("First azimuth [°].", _AZIMUTH)
+    stop: float = key("Last azimuth [°].", _AZIMUTH)
+    step: float = key("Step of azimuth [°].", ANY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Orbit:
+    """A level circle about the origin."""
+
+    range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
+    down_km: float = key("Down coordinate of the orbit.", ANY)
+    azimuth_deg: Sweep = key("Azimuths of the poses.", Sweep)
+    azimuth_from: str = key(
+        "Direction of azimuth 0: east as in the paper, or north as on a compass.",
+        words("east", "north"),
+        default="east",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Interpolation:
+    """Poses at equal steps of time."""
+
+    step_s: float = key("Step of time.", POSITIVE)
+    method: str = key("Interpolation in time.", words(*trajectory.METHODS), default="legs")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Path:
+    """The path of a route file."""
+
+    file: str = key("Name of a route file, from the folder of the scenario file.", _FILE)
+    axis: str = key("Axis of tables and figures.", words("time", "distance"), default="time")
+    origin: Place | None = key(
+        "Origin of the frame of a route in latitude and longitude.", Place, default=None
+    )
+    interpolate: Interpolation | None = key(
+        "Poses at equal steps of time; without it the rows of the file.",
+        Interpolation,
+        default=None,
+    )
+    max_gap_s: float | None = key(
+        "Longest step of time allowed in the file.", POSITIVE, default=None
+    )
+    altitude_above: str | None = key(
+        "What the altitudes of the file are above. Without the key: the sea in GPX, else the "
+        "ellipsoid. The sea and pressure altitude need geoid_height_m.",
+        words(*ALTITUDES),
+        default=None,
+    )
+    geoid_height_m: float | None = key(
+        "Height of the sea level above the WGS-84 ellipsoid on the route.",
+        GEOID_HEIGHT,
+        default=None,
+    )
+    speed_m_s: float | None = key(
+        "Speed along the legs between waypoints, for a file without times.", SPEED, default=None
+    )
+    icao24: str | None = key(
+        "Address of the aircraft in a file of ADS-B state vectors with several aircraft.",
+        Text(ICAO24, ICAO24_IN_WORDS),
+        default=None,
+    )
+    sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
+
+
+# The file.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Analysis:
+    """Choices for the analyses."""
+
+    level: str = key("Level of uncertainty of the radar, one of its levels.", LEVEL_NAME)
+    runs: int = key("Monte Carlo runs.", RUNS, default=500)
+    seed: int = key("Seed of the random numbers.", SEED, default=1)
+    method: str = key(
+        "How uncertain states become a distribution of P_D.", words(*METHODS), default="automatic"
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class File:
+    """A scenario file."""
+
+    name: str = key("Stem of the names of the files written.", NAME)
+    radar: Radar | None = key("The radar.", Radar, one_of="radars")
+    radars: tuple[NamedRadar, ...] | None = key(
+        "Several radars in place of one, each with a name.",
+        list_of(NamedRadar, MAX_RADARS, "one radar or more, each with a name"),
+        one_of="radars",
+    )
+    aircraft: Aircraft = key("RCS and attitude of the aircraft.", Aircraft)
+    geometry: Orbit | Path = key(
+        "The poses of the aircraft: an orbit or a path.",
+        by_word("type", {"orbit": Orbit, "path": Path}),
+    )
+    uncertainty: Uncertainty = key("Covariances of the states.", Uncertainty)
+    analysis: Analysis = key("Choices for the analyses.", Analysis)
+
+    def document(self) -> dict[str, Any]:
+        """Return the file with the numbers as typed and defaults filled in."""
+        return write(self)
+
+
+def schema_text() -> str:
+    """Return the JSON Schema of a scenario file, as JSON."""
+    head = {"$schema": "http://json-schema.org/draft-07/schema#", "title": SCHEMA_TITLE}
+    return json.dumps({**head, **schema(File)}, indent=1, ensure_ascii=False) + "\n"

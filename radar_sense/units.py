@@ -1,0 +1,32 @@
+"""The unit of a number, which is the end of the name of its key or column."""
+
+from __future__ import annotations
+
+#: Units by the last word of a name.
+UNITS = {
+    "m": "m",
+    "km": "km",
+    "m2": "m²",
+    "deg": "°",
+    "s": "s",
+    "sr": "sr",
+    "k": "K",
+    "w": "W",
+    "kw": "kW",
+    "db": "dB",
+    "dbi": "dBi",
+    "rpm": "1/min",
+    "ghz": "GHz",
+    "mhz": "MHz",
+    "us": "µs",
+}
+
+
+def unit_name(name: str) -> str:
+    """Return the unit at the end of a name, as in `range_km` or `db_per_km`; "" without a unit."""
+    if name.endswith("_m_s"):
+        return "m/s"
+    stem, _, unit = name.rpartition("_")
+    if stem.endswith("_per"):
+        return f"{unit_name(stem.removesuffix('_per'))}/{UNITS.get(unit, unit)}"
+    return UNITS.get(unit, "") if stem else ""
