@@ -315,6 +315,7 @@ def _run(
     """Read the scenario, compute, write all files, and print the report and the file names."""
     from radar_sense import files
 
+    logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():

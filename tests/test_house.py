@@ -23,7 +23,7 @@ STOREYS = (
     ("flight",),
     ("model",),
     ("axis", "covariance"),
-    ("states", "limits", "units", "streams"),
+    ("states", "limits", "units", "streams", "cost"),
     ("errors", "progress"),
 )
 STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}

@@ -14,6 +14,7 @@ from radar_sense.analyses.columns import Column, quantities
 from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.analyses.coverage.grid import BETA
 from radar_sense.analyses.coverage.rays import (
+    EVALUATIONS,
     FARTHEST,
     Rays,
     Reach,
@@ -33,6 +34,7 @@ from radar_sense.analyses.report import (
 )
 from radar_sense.analyses.verdicts.plausibility import below_ground
 from radar_sense.axis import Axis
+from radar_sense.cost import foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
@@ -236,6 +238,8 @@ def detection_range(
         "course": None if course_deg is None else math.radians(course_deg),
     }
     singles = single_radar_scenarios(scenario) or {"": scenario}
+    rays_in_all = len(angle_deg) * len(singles)
+    foresee(f"{rays_in_all:,} rays", rays_in_all * EVALUATIONS, less="rays of a longer --step-deg")
     table: dict[str, FloatArray] = {axis.key: angle_deg}
     after: dict[str, FloatArray] = {}
     arrays: dict[str, FloatArray] = {}

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from radar_sense.cost import foresee
 from radar_sense.limits import RUNS, SEED, WORKERS, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
@@ -30,7 +31,7 @@ from radar_sense.montecarlo.statistics import (
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
-from radar_sense.states import FloatArray
+from radar_sense.states import RADAR, FloatArray
 
 #: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
@@ -144,7 +145,8 @@ def monte_carlo(
     """
     check_scenario(scenario)
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    _require_possible(len(scenario.aircraft), scenario.runs, sampler)
+    radars = len(scenario.model.radars)
+    _require_possible(len(scenario.aircraft), scenario.runs, sampler, radars, workers)
     return _compare(
         Sampler.of(scenario),
         propagate_scenario(scenario, method=method),
@@ -198,7 +200,8 @@ def monte_carlo_states(
             "needs aircraft (n, 6), and one radar (4m,) with cov_radar (4m, 4m) for all poses; got "
             f"shapes {aircraft.shape}, {radar.shape} and {cov_radar.shape}"
         )
-    _require_possible(len(aircraft), int(runs), sampler)
+    radars = radar.size // len(RADAR)
+    _require_possible(len(aircraft), int(runs), sampler, radars, workers)
     return _compare(
         Sampler.of_states(model, aircraft, radar, cov_aircraft, cov_radar),
         propagate(model, aircraft, radar, cov_aircraft, cov_radar, method=method),
@@ -210,10 +213,12 @@ def monte_carlo_states(
     )
 
 
-def _require_possible(poses: int, runs: int, sampler: str) -> None:
-    """Raise InputError if the sampler or the memory does not allow the draws."""
+def _require_possible(poses: int, runs: int, sampler: str, radars: int, workers: int) -> None:
+    """Raise InputError if the sampler, the time or the memory does not allow the draws."""
     check_sampler(sampler, runs)
     Statistics(poses, runs, TAIL)
+    what = f"{runs:,} runs of {poses:,} poses and {radars} radar{'s' if radars > 1 else ''}"
+    foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)
 
 
 def _compare(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtri
 
+from radar_sense.cost import MOST_BYTES
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
@@ -21,8 +22,6 @@ from radar_sense.states import FloatArray
 REPLICATES = 8
 #: Limit of the function values at a time (8 MB). The result does not depend on the limit.
 MAX_VALUES = 1_000_000
-#: Limit of the memory for the sample and the values of one output [bytes].
-MAX_BYTES = 4_000_000_000
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -71,7 +70,7 @@ def sobol_indices(
         The indices; NaN for an output without variance.
 
     Raises:
-        InputError: If the sample takes more than MAX_BYTES.
+        InputError: If the sample takes more than MOST_BYTES.
     """
     # scipy.stats is slow to import
     from scipy.stats import qmc
@@ -80,12 +79,12 @@ def sobol_indices(
     exponent = max(1, int(np.ceil(np.log2(samples / REPLICATES))))
     # 10 numbers an input for normals, states and temporaries; 4 a value at A, B and each mixture
     row_bytes = 8 * (10 * dimension + 4 * (len(groups) + 2))
-    if row_bytes << exponent > MAX_BYTES:
-        fit = REPLICATES << int(np.log2(MAX_BYTES / row_bytes))
+    if row_bytes << exponent > MOST_BYTES:
+        fit = REPLICATES << int(np.log2(MOST_BYTES / row_bytes))
         raise InputError(
             f"Sobol' indices of {samples:,} runs would take "
-            f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than {MAX_BYTES / 1e9:g} GB; "
-            f"at most {fit:,} runs fit"
+            f"{(row_bytes << exponent) / 1e9:,.1f} GB of memory, more than "
+            f"{MOST_BYTES / 1e9:g} GB; at most {fit:,} runs fit"
         )
     # at least 2, because SciPy rounds the mean of a single output differently
     block = max(2, MAX_VALUES // ((len(groups) + 2) << exponent))

@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betaincinv
 
+from radar_sense.cost import MOST_BYTES
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
-#: Limit of the memory for the tails [bytes].
-MAX_TAIL_BYTES = 4_000_000_000
 #: Rows are sorted when they are this many times the rows of a tail; two of them are kept.
 ROOM = 3
 
@@ -59,19 +58,19 @@ class Statistics:
         mean: Mean of each column (columns,).
 
     Raises:
-        InputError: If the rows to keep take more than MAX_TAIL_BYTES.
+        InputError: If the rows to keep take more than MOST_BYTES.
     """
 
     def __init__(self, columns: int, count: int, probability: float) -> None:
         self._keep = math.floor((count - 1) * probability) + 2
         row = ROOM * columns * 8
-        if self._keep * row > MAX_TAIL_BYTES:
-            fit = math.floor((math.floor(MAX_TAIL_BYTES / row) - 2) / probability)
+        if self._keep * row > MOST_BYTES:
+            fit = math.floor((math.floor(MOST_BYTES / row) - 2) / probability)
             remedy = f"at most {fit:,} runs fit" if fit >= 2 else "use fewer poses"
             raise InputError(
                 f"exact quantiles of {count:,} runs of {columns:,} poses would take "
                 f"{self._keep * row / 1e9:,.1f} GB of memory, more than "
-                f"{MAX_TAIL_BYTES / 1e9:g} GB; {remedy}"
+                f"{MOST_BYTES / 1e9:g} GB; {remedy}"
             )
         self.count = 0
         self.mean = np.zeros(columns)

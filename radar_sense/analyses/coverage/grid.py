@@ -19,6 +19,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
@@ -167,6 +168,7 @@ def p_d_in_cells(
         return p_d, bound.reshape(p_d.shape)
 
     count = 1 if method is None else 2
+    _foresee(scenario, cells, 1.0 if method is None else EVALUATIONS[method], workers)
     p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers, progress)
     return p_d, bounds[0] if bounds else None
 
@@ -197,6 +199,7 @@ def worst_p_d_in_cells(
     pose = pose_in_cells(scenario, down, None)
     step = 2.0 * np.pi / heading_count(scenario, pose)
     headings = step * np.arange(round(2.0 * np.pi / step))
+    _foresee(scenario, cells, len(headings) + _SECTIONS, workers)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
         turn = _turn_to_origin(aircraft, scenario.origin)
@@ -277,6 +280,18 @@ def _golden_section(
         at_left, at_right = np.where(up, at_right, value), np.where(up, value, at_left)
     up = at_right > at_left
     return np.where(up, at_right, at_left), np.where(up, right, left)
+
+
+def _foresee(scenario: Scenario, cells: Grid, evaluations: float, workers: int) -> None:
+    """Say what a map takes, from the evaluations of P_D of one radar in a cell."""
+    rows, columns = cells.shape
+    radars = len(scenario.model.radars)
+    foresee(
+        f"{rows:,} x {columns:,} cells of {radars} radar{'s' if radars > 1 else ''}",
+        rows * columns * radars * evaluations,
+        less="cells of a longer --step-km",
+        workers=workers,
+    )
 
 
 def _in_cells(

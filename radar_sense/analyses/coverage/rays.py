@@ -41,6 +41,8 @@ FALSI_STEPS, FALSI_TOLERANCE = 40, 1e-7
 INSIDE = 1.0 - 1e-9
 #: Rays computed at a time.
 _BLOCK = 64
+#: Evaluations of P_D that take as long as a ray with its band (docs/benchmarks.md).
+EVALUATIONS = 20_000
 
 #: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
