@@ -404,10 +404,10 @@ def test_command(tool):
 
 def test_the_same_map_is_the_same_bytes(monkeypatch):
     s = scenario()
-    once = output.data(coverage_map(s, **SMALL).table)
+    once = output.table(coverage_map(s, **SMALL).table)
     real = time.time
     monkeypatch.setattr(time, "time", lambda: real() + 1e8)
-    assert output.data(coverage_map(s, **SMALL).table) == once
+    assert output.table(coverage_map(s, **SMALL).table) == once
     assert once[0] == "npz"
     assert np.load(io.BytesIO(once[1]))["p_d"].shape == (25, 21)
 
