@@ -21,7 +21,9 @@ import yaml
 
 import radar_sense
 from radar_sense import cli
-from radar_sense.analyses.contract import Analysis
+from radar_sense.analyses.error_budget import parts_of, sources_of
+from radar_sense.command import Command
+from radar_sense.limits import METHODS
 from radar_sense.scenario_file import declare
 from radar_sense.scenario_file.declare import Key, keys_of
 from radar_sense.scenario_file.sections import File, Tolerances
@@ -213,8 +215,33 @@ def _yaml(value: Any) -> str:
 # Columns and commands.
 
 
+#: Scenarios and options whose tables have all columns of a command; others run as they are.
+RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
+    "variance": [("paper", {"method": "probit"}), ("path", {}), ("corridor", {"threshold": 0.9})],
+    "budget": [
+        ("paper", {"method": "montecarlo", "runs": 8}),
+        ("network", {"method": "linear"}),
+        ("airport_surveillance", {"method": "linear"}),
+    ],
+    "sensitivity": [("paper", {"method": "probit"})],
+    "compare": [("paper", {"runs": 8})],
+    "montecarlo": [("paper", {"runs": 8, "method": "probit"})],
+    "validate": [("paper", {"digits": 1, "method": "probit"})],
+    "convergence": [("paper", {"runs": 8})],
+    "mission": [("mission", {"runs": 8, "m": 2, "n": 3})],
+    "map": [
+        ("corridor", {"step_km": 100, "upper": True, "method": "probit"}),
+        ("path", {"step_km": 400, "worst_heading": True}),
+    ],
+    "range": [("paper", {"step_deg": 90}), ("paper", {"step_deg": 90, "by": "aspect"})],
+    "rcs": [("table", {})],
+}
+#: Poses of a run; two looks of a mission need more.
+POSES = 40
+
+
 def columns_page() -> str:
-    """Return the reference of the columns of all tables."""
+    """Return the reference of the columns of all tables, from tables that are really made."""
     text = (
         "# The columns of the tables\n\n"
         + MADE
@@ -224,17 +251,40 @@ def columns_page() -> str:
         "meaning of each column.\n\n"
         "Each file is written whole, and the record last. The record has the SHA-256 digest of "
         "each of its files: a table or a figure with another digest is of another run.\n\n"
-        "The columns depend on the scenario and the options. The order is the order in the file, "
-        "as far as possible.\n"
+        "The columns depend on the scenario and the options. The poses are in the column "
+        "`theta_r_deg` on an orbit, `time_s` or `distance_m` on a path, and `pose` for states of "
+        "Python. In a network, most columns are there for each radar too, with its name at the "
+        "end.\n"
     )
-    for name in sorted(set(cli.commands()) - {"report"}):
-        text += f"\n## `{name}`\n\n"
-        rows = [
-            [f"`{c.name}`", c.unit, re.sub(r"<(\w+)>", r"*\1*", c.meaning)]
-            for c in cli.load(name).columns
-        ]
-        text += table(["column", "unit", "meaning"], rows)
+    for name in sorted(set(cli.commands()) - {"report", "check"}):
+        rows: dict[str, list[str]] = {}
+        for config, options in RUNS.get(name, [("paper", {})]):
+            scenario = radar_sense.load_scenario(ROOT / f"configs/{config}.yaml")
+            scenario = scenario.at_poses(slice(0, POSES if name == "mission" else 3))
+            result = cli.load(name)(scenario, **options)
+            for column, (unit, meaning) in result.columns.items():
+                column, meaning = _with_placeholders(scenario, column, meaning)
+                rows.setdefault(column, [f"`{column}`", unit, meaning])
+        text += f"\n## `{name}`\n\n" + table(["column", "unit", "meaning"], list(rows.values()))
     return text
+
+
+def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, str]:
+    """Return name and meaning of a column with `<radar>` in place of the name of a radar, etc."""
+    names = {
+        "level": scenario.cov_radar,
+        "radar": scenario.model.names if len(scenario.model.names) > 1 else (),
+        "source": [*parts_of(scenario), *sources_of(scenario)],
+        "method": METHODS,
+        "p_d": ("0.5",),
+    }
+    for placeholder, words in names.items():
+        for word in words:
+            changed = re.sub(rf"_{re.escape(word)}(?=_|$)", f"_<{placeholder}>", column)
+            if changed != column:
+                column = changed
+                meaning = re.sub(rf"\b{re.escape(word)}\b", f"*{placeholder}*", meaning)
+    return column, meaning
 
 
 def commands_page() -> str:
@@ -299,12 +349,12 @@ def python_page() -> str:
     return text
 
 
-def _analyses() -> dict[str, Analysis]:
+def _analyses() -> dict[str, Command]:
     """Return the analyses by their names in Python."""
     return {
         name: value
         for name, value in sorted(vars(radar_sense.analyses).items())
-        if isinstance(value, Analysis) and value.__name__ == name
+        if isinstance(value, Command) and value.__name__ == name
     }
 
 

@@ -4,8 +4,8 @@ Names below `# Old names` can be imported, and are not in `__all__`.
 """
 
 from radar_sense import analyses as analyses
-from radar_sense.analyses.contract import Result as Result
 from radar_sense.axis import Axis as Axis
+from radar_sense.command import Result as Result
 from radar_sense.errors import ComputationError as ComputationError
 from radar_sense.errors import FigureError as FigureError
 from radar_sense.errors import InputError as InputError

@@ -26,7 +26,7 @@ from radar_sense.errors import ComputationError, FigureError, InputError, did_yo
 from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
-    from radar_sense.analyses.contract import Command, Option
+    from radar_sense.command import Command, Option
     from radar_sense.progress import Listener
     from radar_sense.scenario import Scenario
 
@@ -75,7 +75,8 @@ def commands() -> dict[str, Path]:
         name: path
         for name, path in files.items()
         if any(
-            mark in path.read_text(encoding="utf-8") for mark in ("\n@analysis(", " = Gathering(")
+            mark in path.read_text(encoding="utf-8")
+            for mark in ("\n@command(", "\n@analysis(", " = Gathering(")
         )
     }
 

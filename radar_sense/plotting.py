@@ -13,7 +13,7 @@ import re
 import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
@@ -29,8 +29,6 @@ from numpy.typing import NDArray
 from radar_sense.axis import Axis, runs_of
 from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
-
-R = TypeVar("R")
 
 
 class Style(NamedTuple):
@@ -124,14 +122,11 @@ def styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
             yield LINES[place][0], LINES[(place + 2 * turn + turn // 3) % len(LINES)][1]
 
 
-def draw(
-    plot: Callable[[R, Figure], None], result: R, footer: str, style: str = DEFAULT_STYLE
-) -> Figure:
-    """Return a new figure, drawn by an analysis' `plot`.
+def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STYLE) -> Figure:
+    """Return a new figure.
 
     Args:
         plot: Draws into an empty figure.
-        result: The result.
         footer: The small print at the lower right.
         style: Name of a size in `STYLES`.
 
@@ -153,7 +148,51 @@ def draw(
             color="0.45",
             linespacing=1.0,
         ).set_parse_math(False)
-        plot(result, figure)
+        plot(figure)
+    return figure
+
+
+class Given:
+    """One's own axes in place of the panels of a new figure.
+
+    Sizes, titles and the legend above a figure have no meaning there: the legend is on the first
+    axes.
+    """
+
+    def __init__(self, axes: Sequence[Axes]) -> None:
+        self.axes = list(axes)
+
+    def subplots(self, rows: int = 1, columns: int = 1, *, squeeze: bool = True, **_: Any) -> Any:
+        """Return the axes in the place of new ones.
+
+        Raises:
+            ValueError: If there are fewer or more axes than panels.
+        """
+        if len(self.axes) != rows * columns:
+            raise ValueError(f"this figure has {rows * columns} panels, got {len(self.axes)} axes")
+        return np.array(self.axes).reshape(rows, columns) if not squeeze else self.axes[0]
+
+    def legend(self, handles: Any, labels: Any, **_: Any) -> Any:
+        """Put the legend on the first axes."""
+        return self.axes[0].legend(handles, labels)
+
+    def get_supxlabel(self) -> str:
+        """Return no small print."""
+        return ""
+
+    def set_figheight(self, inches: float) -> None:
+        """Leave the figure as it is."""
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.axes[0].figure, name)
+
+
+def draw_on(plot: Callable[[Any], object], axes: Axes | Sequence[Axes]) -> Figure:
+    """Draw on one's own axes, and return their figure."""
+    given = Given([axes] if isinstance(axes, Axes) else list(axes))
+    plot(given)
+    figure = given.axes[0].get_figure()
+    assert isinstance(figure, Figure)
     return figure
 
 
@@ -267,6 +306,27 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], Flo
     for ax in axes:
         ax.margins(x=0)
     return axes, coordinates
+
+
+def pose_lines(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray], label: str) -> None:
+    """Draw lines (n,) by name over the poses, from zero."""
+    (axes,), x = pose_panels(figure, 1, axis)
+    for (name, values), style in zip(lines.items(), styles(), strict=False):
+        draw_line(axes, x, values, style, label=name)
+    axes.set_ylabel(label)
+    from_zero(axes)
+    draw_legend(figure, axes, on_lines=axes.lines)
+
+
+_UNITS = {"db": "dB", "dbi": "dBi", "kw": "kW", "w": "W", "k": "K", "m": "m", "deg": "deg"}
+_UNITS |= {"ghz": "GHz", "mhz": "MHz", "us": "us", "rpm": "1/min", "m2": "m^2"}
+
+
+def key_in_words(key: str) -> str:
+    """Return the name of a key or a source in words, with its unit if the name ends with one."""
+    stem, _, last = key.rpartition("_")
+    unit = _UNITS.get(last) if stem else None
+    return key.replace("_", " ") if unit is None else f"{stem.replace('_', ' ')} [{unit}]"
 
 
 class DisplayUnit(NamedTuple):

@@ -15,6 +15,8 @@ STOREYS = (
     ("scenario_file",),
     ("reporting",),
     ("analyses",),
+    ("words",),
+    ("command",),
     ("plotting", "files"),
     ("mission",),
     ("montecarlo",),

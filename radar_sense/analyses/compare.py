@@ -2,72 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from concurrent.futures import Executor
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from radar_sense.analyses.columns import AXIS, DRAWS, P_D, quantities
-from radar_sense.analyses.contract import Result, analysis
-from radar_sense.analyses.report import (
-    describe_extreme,
-    distribution_warnings,
-    monte_carlo_columns,
-    peak,
-    points_named,
-    table_warnings,
-    validity_warnings,
+from radar_sense import words
+from radar_sense.command import (
+    DASK,
+    LEVEL,
+    NUMBER_OF_RUNS,
+    ONE_RADAR,
+    SAMPLER,
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    Result,
+    command,
 )
-from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
+from radar_sense.propagation import METHODS, Moments, propagate_scenario
 from radar_sense.scenario import Scenario
 
 if TYPE_CHECKING:
+    from radar_sense.axis import Axis
     from radar_sense.plotting import Figure
 
 
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    (top, bottom), x = plotting.pose_panels(figure, 2, result.scenario.axis)
-    table = result.table
-    ends = {"lower": table["mc_lower"], "upper": table["mc_upper"]}
-    plotting.draw_fill(top, x, ends["lower"], ends["upper"], color="0.8", lw=0, label="Monte Carlo")
-    for method, style in zip(METHODS, plotting.LINES, strict=False):
-        for end, drawn in ends.items():
-            label = method if end == "upper" else None
-            plotting.draw_line(top, x, table[f"{end}_3sigma_{method}"], style, label=label)
-            plotting.draw_line(bottom, x, table[f"{end}_3sigma_{method}"] - drawn, style)
-    top.set_ylabel(r"$3\,\sigma$ bounds of $P_D$")
-    bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
-    plotting.draw_legend(figure, top)
-
-
-_TABLE = (
-    *AXIS,
-    P_D,
-    *DRAWS,
-    *quantities(
-        {
-            "mean_pd_<method>": "Mean of P_D by <method>.",
-            "sigma_pd_<method>": "Standard deviation of P_D by <method>.",
-            "lower_3sigma_<method>": "Lower 3-sigma bound of P_D by <method>.",
-            "upper_3sigma_<method>": "Upper 3-sigma bound of P_D by <method>.",
-        }
-    ),
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=["level", "radar", "runs", "seed", "sampler", "workers", "dask"],
-    examples=[
+@command(
+    LEVEL,
+    ONE_RADAR,
+    NUMBER_OF_RUNS,
+    SEED_OF_DRAWS,
+    SAMPLER,
+    WORKER_THREADS,
+    DASK,
+    examples=(
         "radar-sense compare",
         "radar-sense compare my.yaml --level high --runs 1e4",
         "radar-sense compare network.yaml --radar ridge",
-    ],
+    ),
 )
 def compare(
     scenario: Scenario,
@@ -89,58 +64,53 @@ def compare(
     Raises:
         InputError: If there is no such sampler.
     """
-    axis = scenario.axis
+    axis, result = scenario.axis, Result(scenario)
     mc = monte_carlo(scenario, sampler=sampler, workers=workers, executor=executor)
     moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
-    worst = {
-        method: {
-            "bounds": peak(np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper)), axis),
-            "sigma": peak(abs(m.std - mc.std), axis),
-            "mean": peak(abs(m.mean - mc.mean), axis),
-        }
-        for method, m in moments.items()
-    }
-    return Result(
-        scenario=scenario,
-        table={
-            axis.key: axis.values,
-            "p_d": mc.band.p_d,
-            **monte_carlo_columns(mc),
-            **{
-                f"{name}_{method}": column
-                for method, m in moments.items()
-                for name, column in (
-                    ("mean_pd", m.mean),
-                    ("sigma_pd", m.std),
-                    ("lower_3sigma", m.lower),
-                    ("upper_3sigma", m.upper),
-                )
-            },
-        },
-        summary={
-            "runs": mc.runs,
-            "sampler": mc.sampler,
-            "largest_difference": worst,
-        },
-        report=(
-            f"largest difference from {mc.runs} runs "
-            f"({scenario.level}, seed {mc.seed}{points_named(mc)}):",
-            f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
-            *(
-                f"  {method:10}"
-                + "".join(
-                    f"{describe_extreme(extreme, axis):28}" for extreme in w.values()
-                ).rstrip()
-                for method, w in worst.items()
-            ),
-        ),
-        warnings=(
-            *(
-                warning
-                for method, m in moments.items()
-                for warning in validity_warnings(scenario, m, method, "the draws hold there")
-            ),
-            *distribution_warnings(scenario, *METHODS),
-            *table_warnings(scenario, runs=mc.runs),
-        ),
-    )
+
+    words.add_axis(result.table, axis)
+    result.table.add("p_d", mc.band.p_d, words.NOMINAL)
+    words.add_draws(result.table, mc)
+    for method, m in moments.items():
+        result.table.add(f"mean_pd_{method}", m.mean, f"Mean of P_D by {method}.")
+        result.table.add(f"sigma_pd_{method}", m.std, f"Standard deviation of P_D by {method}.")
+        for end, bound in (("lower", m.lower), ("upper", m.upper)):
+            meaning = f"{end.capitalize()} 3-sigma bound of P_D by {method}."
+            result.table.add(f"{end}_3sigma_{method}", bound, meaning)
+
+    worst = {}
+    for method, m in moments.items():
+        bounds = np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper))
+        off = {"bounds": bounds, "sigma": abs(m.std - mc.std), "mean": abs(m.mean - mc.mean)}
+        worst[method] = {name: words.peak(values, axis) for name, values in off.items()}
+    result.summary |= {"runs": mc.runs, "sampler": mc.sampler, "largest_difference": worst}
+    by = f"({scenario.level}, seed {mc.seed}{words.points_named(mc)})"
+    result.report += [
+        f"largest difference from {mc.runs} runs {by}:",
+        f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
+    ]
+    for method, differences in worst.items():
+        cells = [f"{words.describe_extreme(top, axis):28}" for top in differences.values()]
+        result.report.append(f"  {method:10}{''.join(cells).rstrip()}")
+
+    for method, m in moments.items():
+        result.warnings += words.validity_warnings(scenario, m, method, "the draws hold there")
+    result.warnings += words.distribution_warnings(scenario, *METHODS)
+    result.warnings += words.table_warnings(scenario, runs=mc.runs)
+    result.draw = partial(_draw, axis=axis, mc=mc, moments=moments)
+    return result
+
+
+def _draw(figure: Figure, axis: Axis, mc: MonteCarlo, moments: Mapping[str, Moments]) -> None:
+    """Draw the bounds, and their differences from the draws."""
+    from radar_sense import plotting
+
+    (top, bottom), x = plotting.pose_panels(figure, 2, axis)
+    plotting.draw_fill(top, x, mc.lower, mc.upper, color="0.8", lw=0, label="Monte Carlo")
+    for (method, m), style in zip(moments.items(), plotting.LINES, strict=False):
+        for bound, drawn, label in ((m.upper, mc.upper, method), (m.lower, mc.lower, None)):
+            plotting.draw_line(top, x, bound, style, label=label)
+            plotting.draw_line(bottom, x, bound - drawn, style)
+    top.set_ylabel(r"$3\,\sigma$ bounds of $P_D$")
+    bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
+    plotting.draw_legend(figure, top)

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Option, Result, analysis
-from radar_sense.analyses.report import problem_warnings
 from radar_sense.axis import Axis
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.montecarlo import TAIL, draw_block
@@ -27,6 +26,7 @@ from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
+from radar_sense.words import problem_warnings
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure

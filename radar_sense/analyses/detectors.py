@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.columns import Column, quantities
-from radar_sense.analyses.contract import Result, analysis
-from radar_sense.analyses.report import describe_extreme, peak
+from radar_sense.command import Result, Table, command
 from radar_sense.model.detectors import (
     CFARS,
     DETECTORS,
@@ -26,7 +25,7 @@ from radar_sense.model.detectors import (
     required_snr,
 )
 from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
+from radar_sense.words import describe_extreme, peak
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -44,121 +43,10 @@ INTEGRATING = (Marcum, Swerling1, Swerling2, Swerling3, Swerling4)
 REQUIRED = (0.5, 0.9)
 
 
-def _power_of_ten(value: float) -> str:
-    factor, exponent = f"{value:.1e}".split("e")
-    power = f"10^{{{int(exponent)}}}"
-    return f"${power}$" if factor == "1.0" else rf"${factor}\cdot {power}$"
-
-
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    (top, bottom, slope) = plotting.panels(figure, 3)
-    table, chosen = result.table, result.scenario.model.models[0].p_fa
-    p_fas = np.unique(table["p_fa"])
-    snr_db = table["snr_db"][table["p_fa"] == chosen]
-    # The extreme P_fa are drawn only if their labels keep clear of the scenario's P_fa.
-    extremes = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
-    for p_fa in (chosen, *extremes):
-        for name, style in zip(DISTINCT, (("0.75", "-"), *plotting.LINES), strict=False):
-            p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
-            label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
-            plotting.draw_line(top, snr_db, p_d, style, label=label)
-        # Labels are above the data. The scenario's label is higher, to avoid overlap.
-        half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
-        place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
-        top.annotate(
-            f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=plotting.points(6.5)
-        )
-    for line in top.lines[:: len(DISTINCT)]:
-        line.set_linewidth(plotting.points(3.5))  # North's line is under Marcum's line
-    top.set_ylim(-0.04, 1.34)
-    top.set_yticks(np.linspace(0, 1, 6))
-    top.set_ylabel(r"$P_D$")
-    # Grey and black, because colours stand for detectors in the upper panel.
-    others = [p for p in p_fas[::-1] if p != chosen]
-    dashes = [dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5])]
-    styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
-    for p_fa, style in {chosen: ("black", "-"), **styles}.items():
-        error = table["north_less_marcum"][table["p_fa"] == p_fa]
-        plotting.draw_line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
-    bottom.set_ylabel("North less Marcum")
-    _draw_slopes(slope, result, chosen)
-    slope.set_xlabel("Signal-to-noise ratio $S$ of a pulse [dB]")
-    slope.xaxis.set_major_locator(plotting.MaxNLocator(nbins=9))
-    plotting.draw_legend(figure, top, bottom)
-
-
-def _draw_slopes(axes: Axes, result: Result, p_fa: float) -> None:
-    """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
-    from radar_sense import plotting
-
-    table = result.table
-    rows = table["p_fa"] == p_fa
-    snr_db = table["snr_db"][rows]
-    slopes = {n: table[f"dp_d_per_db_swerling2_{n}"][rows] for n in PULSES}
-    p_d = {n: table[f"p_d_swerling2_{n}"][rows] for n in PULSES}
-    half = {n: np.interp(0.5, p_d[n], snr_db) for n in PULSES}
-    for n, style in zip(
-        PULSES, (plotting.LINES[1], plotting.LINES[0], plotting.LINES[3]), strict=True
-    ):
-        plotting.draw_line(axes, snr_db, slopes[n], style)
-        if not p_d[n][0] < 0.5 < p_d[n][-1]:
-            continue
-        at_half = np.interp(half[n], snr_db, slopes[n])
-        side = 1 if half[n] < 15.0 else -1  # where the label has room
-        axes.plot(half[n], at_half, "o", color=style[0], markersize=plotting.points(4))
-        axes.annotate(
-            f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}",
-            (half[n], at_half),
-            xytext=(plotting.points(9) * side, 0),
-            textcoords="offset points",
-            ha="left" if side > 0 else "right",
-            va="center",
-            fontsize=plotting.points(6.5),
-            color=style[0],
-        )
-        if n > 1:
-            # One pulse, with the gain of integration added to the signal-to-noise ratio.
-            plotting.draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
-            axes.lines[-1].set_linewidth(plotting.points(0.7))
-    note = "dots: $P_D$ 0.5; thin: 1 pulse, gain in the radar constant"
-    axes.set_title(note, loc="right", fontsize=plotting.points(6.5), pad=plotting.points(2))
-    axes.set_xlim(SNR_DB[0], SNR_DB[-1])
-    axes.set_ylim(0, 1.18 * max(values.max() for values in slopes.values()))
-    axes.set_ylabel("d$P_D$/dB of Swerling 2")
-
-
-_TABLE = (
-    *quantities(
-        {
-            "p_fa": "Probability of false alarm.",
-            "snr_db": "Signal-to-noise ratio of a single pulse.",
-            "p_d_<detector>": "P_D by the detector <detector>.",
-            "north_less_marcum": "P_D by North's approximation minus the exact P_D.",
-            "p_d_swerling2_<pulses>": "P_D by Swerling 2 with <pulses> integrated pulses.",
-        }
-    ),
-    Column(
-        "dp_d_per_db_swerling2_<pulses>",
-        "Derivative of P_D by the SNR in dB, for <pulses> pulses.",
-        "1/dB",
-    ),
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=[],
-    examples=[
-        "radar-sense detectors",
-        "radar-sense detectors my.yaml --format png",
-    ],
-)
+@command(examples=("radar-sense detectors", "radar-sense detectors my.yaml --format png"))
 def detectors(scenario: Scenario) -> Result:
     """P_D of every detector, the error of North's approximation, and the integration of pulses."""
+    result = Result(scenario)
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     ratios = 10.0 ** (SNR_DB / 10.0)
     p_d = {
@@ -166,6 +54,26 @@ def detectors(scenario: Scenario) -> Result:
         for name in DISTINCT
     }
     error = p_d["north"] - p_d["marcum"]
+    snr_db = np.tile(SNR_DB, len(p_fas))
+
+    add = result.table.add
+    add("p_fa", np.repeat(p_fas, len(SNR_DB)), "Probability of false alarm.")
+    add("snr_db", snr_db, "Signal-to-noise ratio of a single pulse.", "dB")
+    for name, values in p_d.items():
+        add(f"p_d_{name}", values, f"P_D by the detector {name}.")
+    add("north_less_marcum", error, "P_D by North's approximation minus the exact P_D.")
+    integrated = {
+        n: [linearize(Swerling2(pulses=n), ratios, p_fa) for p_fa in p_fas] for n in PULSES
+    }
+    for n, both in integrated.items():
+        values = np.concatenate([values for values, _ in both])
+        add(f"p_d_swerling2_{n}", values, f"P_D by Swerling 2 with {n} integrated pulses.")
+    per_db = ratios * (np.log(10.0) / 10.0)
+    for n, both in integrated.items():
+        slopes = np.concatenate([slope * per_db for _, slope in both])
+        meaning = f"Derivative of P_D by the SNR in dB, for {n} pulses."
+        add(f"dp_d_per_db_swerling2_{n}", slopes, meaning, "1/dB")
+
     worst = []
     for p_fa, errors in zip(p_fas, error.reshape(len(p_fas), -1), strict=True):
         i = int(np.argmax(abs(errors)))
@@ -177,43 +85,21 @@ def detectors(scenario: Scenario) -> Result:
         of_radars.append(abs(north - exact))
     at_poses = peak(np.max(of_radars, axis=0), scenario.axis)
     required = _required(scenario)
-    return Result(
-        scenario=scenario,
-        table={
-            "p_fa": np.repeat(p_fas, len(SNR_DB)),
-            "snr_db": np.tile(SNR_DB, len(p_fas)),
-            **{f"p_d_{name}": values for name, values in p_d.items()},
-            "north_less_marcum": error,
-            **_integrated(ratios, p_fas),
-        },
-        summary={
-            "largest_error_of_north": worst,
-            "error_of_north_at_poses": at_poses,
-            "required_snr": required,
-        },
-        report=(
-            "largest error of North's approximation, P_D(north) - P_D(marcum):",
-            *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
-            f"largest error at the poses of this scenario: "
-            f"{describe_extreme(at_poses, scenario.axis)}",
-            "required signal-to-noise ratio S of a pulse, and dP_D/dB there:",
-            *_describe_required(required),
-        ),
-    )
-
-
-def _integrated(snr: FloatArray, p_fas: list[float]) -> dict[str, FloatArray]:
-    """Return the columns of P_D and dP_D/dB of Swerling 2 by the number of pulses."""
-    columns: dict[str, FloatArray] = {}
-    slopes: dict[str, FloatArray] = {}
-    per_db = snr * (np.log(10.0) / 10.0)
-    for pulses in PULSES:
-        both = [linearize(Swerling2(pulses=pulses), snr, p_fa) for p_fa in p_fas]
-        columns[f"p_d_swerling2_{pulses}"] = np.concatenate([p_d for p_d, _ in both])
-        slopes[f"dp_d_per_db_swerling2_{pulses}"] = np.concatenate(
-            [slope * per_db for _, slope in both]
-        )
-    return columns | slopes
+    result.summary |= {
+        "largest_error_of_north": worst,
+        "error_of_north_at_poses": at_poses,
+        "required_snr": required,
+    }
+    result.report += [
+        "largest error of North's approximation, P_D(north) - P_D(marcum):",
+        *(f"  P_fa {w['p_fa']:<8g} {w['error']:+.4f} at {w['snr_db']:.1f} dB" for w in worst),
+        f"largest error at the poses of this scenario: {describe_extreme(at_poses, scenario.axis)}",
+        "required signal-to-noise ratio S of a pulse, and dP_D/dB there:",
+        *_describe_required(required),
+    ]
+    chosen = scenario.model.models[0].p_fa
+    result.draw = partial(_draw, table=result.table, chosen=chosen)
+    return result
 
 
 def _required(scenario: Scenario) -> list[dict[str, Any]]:
@@ -271,3 +157,87 @@ def _describe_detector(detector: Detector) -> str:
     if detector.binary is not None:
         words.append(f"{detector.binary.m} of {detector.binary.n}")
     return ", ".join(words)
+
+
+def _draw(figure: Figure, table: Table, chosen: float) -> None:
+    """Draw P_D by detector, the error of North's approximation, and the slope of Swerling 2."""
+    from radar_sense import plotting
+
+    (top, bottom, slope) = plotting.panels(figure, 3)
+    p_fas = np.unique(table["p_fa"])
+    snr_db = table["snr_db"][table["p_fa"] == chosen]
+    # The extreme P_fa are drawn only if their labels keep clear of the scenario's P_fa.
+    extremes = [p for p in (P_FAS[0], P_FAS[-1]) if abs(np.log10(p) - np.log10(chosen)) > 1]
+    for p_fa in (chosen, *extremes):
+        for name, style in zip(DISTINCT, (("0.75", "-"), *plotting.LINES), strict=False):
+            p_d = table[f"p_d_{name}"][table["p_fa"] == p_fa]
+            label = re.sub("(?<=g)(?=[0-9])", " ", name.capitalize()) if p_fa == chosen else None
+            plotting.draw_line(top, snr_db, p_d, style, label=label)
+        # Labels are above the data. The scenario's label is higher, to avoid overlap.
+        half = np.interp(0.5, table["p_d_marcum"][table["p_fa"] == p_fa], snr_db)
+        place = (np.clip(half, -5, 25), 1.2 if p_fa == chosen else 1.07)
+        top.annotate(
+            f"$P_{{fa}}$ {_power_of_ten(p_fa)}", place, ha="center", fontsize=plotting.points(6.5)
+        )
+    for line in top.lines[:: len(DISTINCT)]:
+        line.set_linewidth(plotting.points(3.5))  # North's line is under Marcum's line
+    top.set_ylim(-0.04, 1.34)
+    top.set_yticks(np.linspace(0, 1, 6))
+    top.set_ylabel(r"$P_D$")
+    # Grey and black, because colours stand for detectors in the upper panel.
+    others = [p for p in p_fas[::-1] if p != chosen]
+    dashes = [dash for _, dash in (*plotting.LINES[:4], plotting.LINES[5])]
+    styles = {p: ("0.45", dash) for p, dash in zip(others, dashes, strict=False)}
+    for p_fa, style in {chosen: ("black", "-"), **styles}.items():
+        error = table["north_less_marcum"][table["p_fa"] == p_fa]
+        plotting.draw_line(bottom, snr_db, error, style, label=f"$P_{{fa}}$ {_power_of_ten(p_fa)}")
+    bottom.set_ylabel("North less Marcum")
+    _draw_slopes(slope, table, chosen)
+    slope.set_xlabel("Signal-to-noise ratio $S$ of a pulse [dB]")
+    slope.xaxis.set_major_locator(plotting.MaxNLocator(nbins=9))
+    plotting.draw_legend(figure, top, bottom)
+
+
+def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
+    """Draw dP_D/dB of Swerling 2 by the number of pulses, with dots where P_D is 0.5."""
+    from radar_sense import plotting
+
+    rows = table["p_fa"] == p_fa
+    snr_db = table["snr_db"][rows]
+    slopes = {n: table[f"dp_d_per_db_swerling2_{n}"][rows] for n in PULSES}
+    p_d = {n: table[f"p_d_swerling2_{n}"][rows] for n in PULSES}
+    half = {n: np.interp(0.5, p_d[n], snr_db) for n in PULSES}
+    for n, style in zip(
+        PULSES, (plotting.LINES[1], plotting.LINES[0], plotting.LINES[3]), strict=True
+    ):
+        plotting.draw_line(axes, snr_db, slopes[n], style)
+        if not p_d[n][0] < 0.5 < p_d[n][-1]:
+            continue
+        at_half = np.interp(half[n], snr_db, slopes[n])
+        side = 1 if half[n] < 15.0 else -1  # where the label has room
+        axes.plot(half[n], at_half, "o", color=style[0], markersize=plotting.points(4))
+        axes.annotate(
+            f"{n} pulse{'s' if n > 1 else ''}: {at_half:.3f}",
+            (half[n], at_half),
+            xytext=(plotting.points(9) * side, 0),
+            textcoords="offset points",
+            ha="left" if side > 0 else "right",
+            va="center",
+            fontsize=plotting.points(6.5),
+            color=style[0],
+        )
+        if n > 1:
+            # One pulse, with the gain of integration added to the signal-to-noise ratio.
+            plotting.draw_line(axes, snr_db - half[1] + half[n], slopes[1], ("0.55", "-"))
+            axes.lines[-1].set_linewidth(plotting.points(0.7))
+    note = "dots: $P_D$ 0.5; thin: 1 pulse, gain in the radar constant"
+    axes.set_title(note, loc="right", fontsize=plotting.points(6.5), pad=plotting.points(2))
+    axes.set_xlim(SNR_DB[0], SNR_DB[-1])
+    axes.set_ylim(0, 1.18 * max(values.max() for values in slopes.values()))
+    axes.set_ylabel("d$P_D$/dB of Swerling 2")
+
+
+def _power_of_ten(value: float) -> str:
+    factor, exponent = f"{value:.1e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if factor == "1.0" else rf"${factor}\cdot {power}$"

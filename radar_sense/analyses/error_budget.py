@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import covariance
-from radar_sense.analyses.report import reached
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, components_with_parts
@@ -30,6 +29,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, finer_sources, sources
+from radar_sense.words import reached
 
 #: The name of the budget by Sobol' indices, beside the methods of propagation.
 MONTE_CARLO = "montecarlo"
@@ -514,3 +514,42 @@ def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable
     if sqrt_cov.ndim == 2:
         return itertools.repeat(covariance.draws(mean, sqrt_cov, normals))
     return (covariance.draws(mean, matrix, normals) for matrix in sqrt_cov[poses])
+
+
+@dataclass(frozen=True, eq=False)
+class Contribution:
+    """What a source adds to the uncertainty of P_D, at each of n poses.
+
+    Attributes:
+        name: Name in the columns.
+        three_sigma: 3σ of P_D from the source alone (n,).
+        share: Share of the variance of P_D (n,).
+        share_error: Standard error of the share (n,), by Sobol' indices.
+        part_of: Name of the source that it is a part of; "" for a source.
+    """
+
+    name: str
+    three_sigma: FloatArray
+    share: FloatArray
+    share_error: FloatArray | None = None
+    part_of: str = ""
+
+    @property
+    def label(self) -> str:
+        """The name, of a part without the name of its source."""
+        return self.name.removeprefix(f"{self.part_of}_")
+
+
+def contributions(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
+    """Return the sources of an error budget, then their parts and finer sources, by name."""
+    part_of = {name: part.source for name, part in parts_of(scenario).items()}
+    part_of |= {
+        n: n.removesuffix("_attenuation") for n in found.finer if n.endswith("_attenuation")
+    }
+    variance, errors = np.where(found.std > 0, found.std**2, np.nan), found.share_error or {}
+    return {
+        name: Contribution(
+            name, 3 * std, std**2 / variance, errors.get(name), part_of.get(name, "")
+        )
+        for name, std in {**found.alone, **found.parts, **found.finer}.items()
+    }

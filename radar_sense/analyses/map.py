@@ -1,17 +1,16 @@
-"""A map of P_D or its upper bound over an area, with the route in the same colours."""
+"""P_D over an area at one height and course."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.columns import quantities
-from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
 from radar_sense.analyses.coverage.grid import (
     BETA,
     Grid,
@@ -25,10 +24,22 @@ from radar_sense.analyses.coverage.grid import (
 )
 from radar_sense.analyses.coverage.map_export import geojson
 from radar_sense.analyses.verdicts.plausibility import below_ground
+from radar_sense.command import (
+    COURSE_DEG,
+    DOWN_KM,
+    LEVEL,
+    METHOD,
+    ONE_RADAR,
+    WORKER_THREADS,
+    Option,
+    Result,
+    command,
+)
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
+from radar_sense.progress import steps
 from radar_sense.propagation import nonlinear_in_scenario, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, RADAR, FloatArray
@@ -44,113 +55,32 @@ LEVELS = (0.1, 0.5, 0.9)
 SAMPLED = 20
 
 
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    table, scenario = result.table, result.scenario
-    north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
-    bounded, worst = "upper_3sigma" in table, "worst_heading_deg" in table
-    # A figure resolves no more than 1000 cells a side, and contours of more cells take long.
-    stride = max(1, -(-max(len(north), len(east)) // 1000))
-    north, east = north[::stride], east[::stride]
-    values = table["upper_3sigma" if bounded else "p_d"][::stride, ::stride]
-    half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
-    extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
-    shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
-
-    plotting.set_height(
-        figure, 0.75 + min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
-    )
-    axes = figure.subplots()
-    axes.grid(visible=False)
-    axes.set_title(
-        _pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=plotting.points(7.5)
-    )
-    image = axes.imshow(
-        values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
-    )
-    name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
-    of_headings = "Largest $P_D$ over all headings"
-    bar = figure.colorbar(
-        image,
-        ax=axes,
-        label=name if bounded else of_headings if worst else r"Probability of detection $P_D$",
-        extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
-        fraction=0.05,
-        pad=0.03,
-    )
-    levels = result.summary["contours"]
-    drawn = [v for v in levels if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
-    if drawn:
-        lines = axes.contour(
-            east,
-            north,
-            values,
-            drawn,
-            colors=["white" if v < 0.6 else "black" for v in drawn],
-            linestyles="-",
-            linewidths=plotting.points(0.8),
-        )
-        if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
-            axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
-        for v in drawn:
-            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
-    _draw_route(axes, result)
-    radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
-    axes.plot(
-        radars[:, 1],
-        radars[:, 0],
-        "^",
-        color="white",
-        mec="black",
-        mew=plotting.points(0.7),
-        ms=plotting.points(5.5),
-        label="radar" if len(radars) == 1 else "radars",
-    )
-    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
-    plotting.draw_legend(figure, axes)
-    # With a fixed aspect, one round of layout can leave a label outside the page. A second round
-    # would make a flat map flatter, and flat maps have room for their labels.
-    if shape > 0.5 or scenario.model.names:
-        figure.draw_without_rendering()
-    if scenario.model.names:
-        plotting.label_points(axes, radars[:, 1::-1], scenario.model.names)
-
-
-def _draw_route(axes: Axes, result: Result) -> None:
-    """Draw the route in the colours of the map, by P_D or the bound at each pose."""
-    from radar_sense import plotting
-
-    poses = result.scenario.aircraft / 1e3
-    bounded = "upper_3sigma" in result.table
-    label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
-    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], result.arrays["route"], COLOURS, label)
-
-
-def _pose_in_words(summary: Mapping[str, Any]) -> str:
-    """Describe the height and the heading of the aircraft in the cells."""
-    roll, pitch, yaw = summary["attitude_deg"]
-    heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
-    level = max(abs(roll), abs(pitch)) < 0.05
-    tilt = "" if level else f", roll {roll:.1f} deg, pitch {pitch:.1f} deg"
-    return f"{-summary['down_km']:.4g} km above the origin, {heading}{tilt}"
-
-
-_OPTIONS = (
+@command(
+    LEVEL,
+    ONE_RADAR,
     Option("upper", "Show the upper 3-sigma bound in place of P_D.", flag=True),
-    dataclasses.replace(OPTIONS["method"], help=f"For --upper. {OPTIONS['method'].help}"),
+    replace(METHOD, help=f"For --upper. {METHOD.help}"),
     Option(
         "north_km",
         "South and north end.",
         MAP_KM,
+        "KM",
         count=2,
         default_text="around radars and path",
     ),
-    Option("east_km", "West and east end.", MAP_KM, count=2, default_text="around radars and path"),
-    Option("step_km", "Distance of cells.", MAP_STEP_KM, default_text="1/500 of the longer side"),
-    "down_km",
-    "course_deg",
+    Option(
+        "east_km",
+        "West and east end.",
+        MAP_KM,
+        "KM",
+        count=2,
+        default_text="around radars and path",
+    ),
+    Option(
+        "step_km", "Distance of cells.", MAP_STEP_KM, "KM", default_text="1/500 of the longer side"
+    ),
+    DOWN_KM,
+    COURSE_DEG,
     Option(
         "p_d",
         "P_D of a contour line; may be given several times.",
@@ -159,35 +89,15 @@ _OPTIONS = (
         multiple=True,
     ),
     Option("worst_heading", "Show the largest P_D over all headings.", flag=True),
-    "workers",
-)
-
-
-_TABLE = quantities(
-    {
-        "north_m": "North of the rows of cells, from the origin.",
-        "east_m": "East of the columns of cells, from the origin.",
-        "p_d": "P_D in each cell (rows, columns).",
-        "upper_3sigma": "With --upper: upper 3-sigma bound of P_D in each cell.",
-        "worst_heading_deg": "With --worst-heading: the heading of the largest P_D.",
-        "latitude_deg": "With an origin: WGS-84 latitude of each cell (rows, columns).",
-        "longitude_deg": "With an origin: WGS-84 longitude of each cell (rows, columns).",
-    }
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=["level", "radar", *_OPTIONS],
-    examples=[
+    WORKER_THREADS,
+    examples=(
         "radar-sense map",
         "radar-sense map my.yaml --upper --method probit --step-km 5",
         "radar-sense map --north-km -400 400 --east-km 0 800 --course-deg 45",
         "radar-sense map my.yaml --worst-heading --step-km 10",
         "radar-sense map network.yaml --radar ridge",
-    ],
-    exports={"geojson": geojson},
+    ),
+    exports=("geojson",),
     name="map",
 )
 def coverage_map(
@@ -203,7 +113,6 @@ def coverage_map(
     worst_heading: bool = False,
     method: str = "linear",
     workers: int = 1,
-    progress: Progress = silent,
 ) -> Result:
     """P_D over an area at one height and course.
 
@@ -225,7 +134,6 @@ def coverage_map(
         worst_heading: Whether P_D is the largest over all headings.
         method: Method of propagation of the bound.
         workers: Number of threads.
-        progress: Shows the cells that are done.
 
     Raises:
         InputError: If an option or the area is not allowed, or options exclude each other.
@@ -236,42 +144,49 @@ def coverage_map(
         raise InputError("worst_heading and upper exclude each other; give one of them")
     if worst_heading and course_deg is not None:
         raise InputError("worst_heading and course_deg exclude each other; give one of them")
-    contours = sorted(set(p_d))
+    result, contours, bounding = (
+        Result(scenario, method),
+        sorted(set(p_d)),
+        method if upper else None,
+    )
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
-    table: dict[str, Any] = {"north_m": cells.north, "east_m": cells.east}
-    with progress(math.prod(cells.shape), "cells") as advance:
-        if worst_heading:
-            table["p_d"], table["worst_heading_deg"] = worst_p_d_in_cells(
-                scenario, cells, down=down, workers=workers, progress=advance
-            )
-        else:
-            table["p_d"], bound = p_d_in_cells(
-                scenario,
-                cells,
-                down=down,
-                course=course,
-                method=method if upper else None,
-                workers=workers,
-                progress=advance,
-            )
-            if bound is not None:
-                table["upper_3sigma"] = bound
     pose = pose_in_cells(scenario, down, course)
+    area: dict[str, Any] = {"down": down, "workers": workers}
+    add = result.table.add
+    add("north_m", cells.north, "North of the rows of cells, from the origin.", "m")
+    add("east_m", cells.east, "East of the columns of cells, from the origin.", "m")
+    in_cells, bound = "P_D in each cell (rows, columns).", None
+    with steps(math.prod(cells.shape), "cells") as step:
+        if worst_heading:
+            shown, heading = worst_p_d_in_cells(scenario, cells, **area, progress=step)
+            add("p_d", shown, in_cells)
+            meaning = "With --worst-heading: the heading of the largest P_D."
+            add("worst_heading_deg", heading, meaning, "°")
+        else:
+            shown, bound = p_d_in_cells(
+                scenario, cells, course=course, method=bounding, **area, progress=step
+            )
+            add("p_d", shown, in_cells)
+    if bound is not None:
+        add("upper_3sigma", bound, "With --upper: upper 3-sigma bound of P_D in each cell.")
+        shown = bound
     if scenario.origin is not None:
-        table["latitude_deg"], table["longitude_deg"] = _places(cells, pose, scenario.origin)
-    shown = table["upper_3sigma" if upper else "p_d"]
+        for name, degrees in zip(
+            ("latitude", "longitude"), _places(cells, pose, scenario.origin), strict=True
+        ):
+            meaning = f"With an origin: WGS-84 {name} of each cell (rows, columns)."
+            add(f"{name}_deg", degrees, meaning, "°")
+
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
     areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in contours}
-    quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
-    rows, columns = cells.shape
-    route = _route(scenario, method if upper else None)
-    summary: dict[str, Any] = {
+    route = _route(scenario, bounding)
+    result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
-        "cells": [rows, columns],
+        "cells": list(cells.shape),
         "down_km": float(pose[DOWN]) / 1e3,
         "attitude_deg": np.rad2deg(pose[ATTITUDE]).tolist(),
         "worst_heading": worst_heading,
@@ -281,27 +196,22 @@ def coverage_map(
         "area_km2_at_or_above": areas,
         "route": [float(np.min(route)), float(np.max(route))],
     }
-    return Result(
-        scenario=scenario,
-        method=method,
-        table=table,
-        arrays={"route": route},
-        summary=summary,
-        report=(
-            f"{quantity} in {rows} x {columns} cells, {_pose_in_words(summary)}",
-            *(
-                f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
-                for level, area in areas.items()
-            ),
-            "along the route, at the attitude of each pose, "
-            f"{summary['route'][0]:.4f} to {summary['route'][1]:.4f}",
-        ),
-        warnings=(
-            *below_ground(scenario, down_km),
-            *_warnings(scenario, cells, pose, shown, method),
-            *(_unreliable(scenario, cells, pose, method) if upper else ()),
-        ),
-    )
+    quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
+    place = _pose_in_words(result.summary)
+    result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}"]
+    result.report += [
+        f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
+        for level, area in areas.items()
+    ]
+    low, high = result.summary["route"]
+    result.report += [f"along the route, at the attitude of each pose, {low:.4f} to {high:.4f}"]
+    result.warnings += below_ground(scenario, down_km)
+    result.warnings += _warnings(scenario, cells, pose, shown, method)
+    if upper:
+        result.warnings += _unreliable(scenario, cells, pose, method)
+    result.exports = {"geojson": partial(geojson, route=route)}
+    result.draw = partial(_draw, result=result, route=route)
+    return result
 
 
 def _places(
@@ -366,3 +276,96 @@ def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) 
         f"the {method} bound is unreliable in {count} of {len(unreliable)} cells that were "
         f"checked{remedy}",
     )
+
+
+def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
+    """Draw the cells with contours, the route and the radars."""
+    from radar_sense import plotting
+
+    table, scenario = result.table, result.scenario
+    north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
+    bounded, worst = "upper_3sigma" in table, "worst_heading_deg" in table
+    # A figure resolves no more than 1000 cells a side, and contours of more cells take long.
+    stride = max(1, -(-max(len(north), len(east)) // 1000))
+    north, east = north[::stride], east[::stride]
+    values = table["upper_3sigma" if bounded else "p_d"][::stride, ::stride]
+    half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
+    extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
+    shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
+
+    plotting.set_height(
+        figure, 0.75 + min(2.25 * plotting.nominal_width(figure) / 3.5, 3.6) * shape
+    )
+    axes = figure.subplots()
+    axes.grid(visible=False)
+    axes.set_title(
+        _pose_in_words(result.summary).replace(" deg", r"$^\circ$"), fontsize=plotting.points(7.5)
+    )
+    image = axes.imshow(
+        values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
+    )
+    name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
+    of_headings = "Largest $P_D$ over all headings"
+    bar = figure.colorbar(
+        image,
+        ax=axes,
+        label=name if bounded else of_headings if worst else r"Probability of detection $P_D$",
+        extend="max" if np.nanmax(values, initial=0) > 1 else "neither",
+        fraction=0.05,
+        pad=0.03,
+    )
+    levels = result.summary["contours"]
+    drawn = [v for v in levels if np.nanmin(values, initial=1) < v < np.nanmax(values, initial=0)]
+    if drawn:
+        lines = axes.contour(
+            east,
+            north,
+            values,
+            drawn,
+            colors=["white" if v < 0.6 else "black" for v in drawn],
+            linestyles="-",
+            linewidths=plotting.points(0.8),
+        )
+        if len(scenario.model.names) <= 3:  # labels of more radars would cover the contours
+            axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
+        for v in drawn:
+            bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
+    _draw_route(axes, result, route)
+    radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
+    axes.plot(
+        radars[:, 1],
+        radars[:, 0],
+        "^",
+        color="white",
+        mec="black",
+        mew=plotting.points(0.7),
+        ms=plotting.points(5.5),
+        label="radar" if len(radars) == 1 else "radars",
+    )
+    axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
+    plotting.draw_legend(figure, axes)
+    # With a fixed aspect, one round of layout can leave a label outside the page. A second round
+    # would make a flat map flatter, and flat maps have room for their labels.
+    if shape > 0.5 or scenario.model.names:
+        figure.draw_without_rendering()
+    if scenario.model.names:
+        plotting.label_points(axes, radars[:, 1::-1], scenario.model.names)
+
+
+def _draw_route(axes: Axes, result: Result, route: FloatArray) -> None:
+    """Draw the route in the colours of the map, by P_D or the bound at each pose."""
+    from radar_sense import plotting
+
+    poses = result.scenario.aircraft / 1e3
+    bounded = "upper_3sigma" in result.table
+    label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
+    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, COLOURS, label)
+
+
+def _pose_in_words(summary: Mapping[str, Any]) -> str:
+    """Describe the height and the heading of the aircraft in the cells."""
+    roll, pitch, yaw = summary["attitude_deg"]
+    heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
+    level = max(abs(roll), abs(pitch)) < 0.05
+    tilt = "" if level else f", roll {roll:.1f} deg, pitch {pitch:.1f} deg"
+    return f"{-summary['down_km']:.4g} km above the origin, {heading}{tilt}"

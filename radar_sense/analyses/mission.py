@@ -31,16 +31,6 @@ import numpy as np
 from radar_sense import axis
 from radar_sense.analyses.columns import AXIS, Column, of_radars, quantities, quantity
 from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
-from radar_sense.analyses.report import (
-    clipping_warnings,
-    describe_extreme,
-    distribution_warnings,
-    listed,
-    monte_carlo_columns,
-    outside_unit_interval,
-    peak,
-    problem_warnings,
-)
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.flight import Path
@@ -56,6 +46,16 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import RADAR, FloatArray
+from radar_sense.words import (
+    clipping_warnings,
+    describe_extreme,
+    distribution_warnings,
+    listed,
+    monte_carlo_columns,
+    outside_unit_interval,
+    peak,
+    problem_warnings,
+)
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure

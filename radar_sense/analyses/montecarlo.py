@@ -9,7 +9,10 @@ import numpy as np
 
 from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN
 from radar_sense.analyses.contract import Result, analysis
-from radar_sense.analyses.report import (
+from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
+from radar_sense.words import (
     band_columns,
     clipping_warnings,
     describe_extreme,
@@ -25,9 +28,6 @@ from radar_sense.analyses.report import (
     table_warnings,
     validity_warnings,
 )
-from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
-from radar_sense.scenario import Scenario
-from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure

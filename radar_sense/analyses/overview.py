@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from radar_sense.analyses.report import decibels
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.radar_constant import describe
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
+from radar_sense.words import decibels
 
 
 def overview(scenario: Scenario) -> tuple[str, ...]:

@@ -1,17 +1,16 @@
-"""Detection range: how far a radar detects the aircraft with a given probability."""
+"""How far each radar detects the aircraft, by bearing or by aspect."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.columns import Column, quantities
-from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.analyses.coverage.grid import BETA
 from radar_sense.analyses.coverage.rays import (
     EVALUATIONS,
@@ -24,7 +23,26 @@ from radar_sense.analyses.coverage.rays import (
     survey,
 )
 from radar_sense.analyses.error_budget import error_budget
-from radar_sense.analyses.report import (
+from radar_sense.analyses.verdicts.plausibility import below_ground
+from radar_sense.axis import Axis
+from radar_sense.command import (
+    COURSE_DEG,
+    DOWN_KM,
+    LEVEL,
+    METHOD,
+    ONE_RADAR,
+    Option,
+    Result,
+    Table,
+    command,
+)
+from radar_sense.cost import foresee
+from radar_sense.errors import InputError
+from radar_sense.limits import PROBABILITY, Limit
+from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
+from radar_sense.scenario import Scenario, single_radar_scenarios
+from radar_sense.states import DOWN, YAW, FloatArray
+from radar_sense.words import (
     describe_poses,
     distribution_warnings,
     gathered,
@@ -32,14 +50,6 @@ from radar_sense.analyses.report import (
     listed,
     problem_warnings,
 )
-from radar_sense.analyses.verdicts.plausibility import below_ground
-from radar_sense.axis import Axis
-from radar_sense.cost import foresee
-from radar_sense.errors import InputError
-from radar_sense.limits import PROBABILITY, Limit
-from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
-from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import DOWN, YAW, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -54,59 +64,10 @@ _STEP = 1e-5
 #: A smaller σ, as a part of the range, is rounding.
 ROUNDING = 1e-12
 BEARING, ASPECT = "bearing", "aspect"
-
-
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    summary, table = result.summary, result.table
-    endings = [f"_{name}" for name in summary["radars"]] or [""]
-    width = plotting.nominal_width(figure)
-    columns = min(len(endings), int(width / (1.6 if len(endings) <= 6 else 1.1)))
-    rows = -(-len(endings) // columns)
-    plotting.set_height(
-        figure, 3.3 if len(endings) == 1 else rows * (0.35 + min(width / columns, 1.75))
-    )
-    panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
-    by = summary["by"]
-    angle = np.deg2rad(table[f"{by}_deg"])
-    for panel, ending in zip(panels.flat, endings, strict=False):
-        for value, (colour, dashes) in zip(summary["p_d"], plotting.LINES, strict=False):
-            lower, reach, upper = (
-                _closed(angle, table[f"{kind}_{value:g}{ending}"] / 1e3)
-                for kind in ("lower_3sigma_m", "range_m", "upper_3sigma_m")
-            )
-            panel.fill_between(reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0)
-            panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {value:g}")
-        limit = result.arrays.get(f"limit_m{ending}")
-        if limit is not None:
-            panel.plot(
-                *_closed(angle, limit / 1e3),
-                color="0.35",
-                lw=plotting.points(0.8),
-                ls=":",
-                label="limit of the radar",
-            )
-        several = len(endings) > 1
-        names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
-        label = "" if several else "Slant range [km]"
-        plotting.set_compass(panel, () if several else names, label, label_angle=22.5)
-        panel.set_rmin(0)
-        if several:
-            panel.set_title(ending[1:], fontsize=plotting.points(8))
-            panel.tick_params(labelsize=plotting.points(6))
-    for panel in panels.flat[len(endings) :]:
-        panel.remove()
-    plotting.draw_legend(figure, figure.axes[0], title=summary["title"])
-
-
-def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return angles and values; of a full circle with the first point again at the end."""
-    step = angle[1] - angle[0] if len(angle) > 1 else 0.0
-    if not math.isclose(len(angle) * step, 2 * math.pi, rel_tol=1e-6):
-        return angle, values
-    return np.append(angle, angle[0] + 2 * math.pi), np.append(values, values[0])
+ANGLES = {
+    BEARING: "Bearing from the radar, clockwise from north.",
+    ASPECT: "With --by aspect: azimuth in the body frame, clockwise from the nose.",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,65 +95,33 @@ class RangeAt:
     unreliable: NDArray[np.bool_]
 
 
-_OF_EACH = quantities(
-    {
-        "range_m_<p_d>": "Farthest slant range with P_D <p_d>; 0 where there is none.",
-        "sigma_range_m_<p_d>": "Standard deviation of this range.",
-        "lower_3sigma_m_<p_d>": "Lower 3-sigma bound of this range.",
-        "upper_3sigma_m_<p_d>": "Upper 3-sigma bound of this range.",
-        "sigma_range_m_<p_d>_from_<source>": (
-            "Standard deviation from <source> alone, to first order."
-        ),
-        "limited_<p_d>": "1 where a limit of the radar comes first, else 0.",
-        "edges_<p_d>": "Number of times that P_D passes the value along the ray.",
-    }
-)
-_TABLE = (
-    *quantities(
-        {
-            "bearing_deg": "Bearing from the radar, clockwise from north.",
-            "aspect_deg": "With --by aspect: azimuth in the body frame, clockwise from the nose.",
-        }
+@command(
+    LEVEL,
+    ONE_RADAR,
+    METHOD,
+    Option(
+        "p_d",
+        "P_D at the range; may be given several times.",
+        PROBABILITY,
+        default_text=f"{P_D:g}",
+        multiple=True,
     ),
-    *_OF_EACH,
-    *(
-        Column(c.name.replace("<p_d>", "<p_d>_<radar>"), f"For radar <radar>: {c.meaning}", c.unit)
-        for c in _OF_EACH
+    Option(
+        "by",
+        "Angle of the table; by aspect, the aircraft turns at one bearing.",
+        metavar="bearing|aspect",
+        default=BEARING,
+        choices=(BEARING, ASPECT),
     ),
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=[
-        "level",
-        "radar",
-        "method",
-        Option(
-            "p_d",
-            "P_D at the range; may be given several times.",
-            PROBABILITY,
-            default_text=f"{P_D:g}",
-            multiple=True,
-        ),
-        Option(
-            "by",
-            "bearing, or aspect: the aircraft turns at one bearing.",
-            metavar="NAME",
-            default=BEARING,
-            choices=(BEARING, ASPECT),
-        ),
-        Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), default=1.0),
-        "down_km",
-        "course_deg",
-    ],
-    examples=[
+    Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), "DEG", default=1.0),
+    DOWN_KM,
+    COURSE_DEG,
+    examples=(
         "radar-sense range",
         "radar-sense range my.yaml --p-d 0.1 --p-d 0.9 --method form",
         "radar-sense range my.yaml --by aspect --down-km -3",
         "radar-sense range network.yaml --radar ridge",
-    ],
+    ),
     name="range",
 )
 def detection_range(
@@ -230,6 +159,7 @@ def detection_range(
         raise InputError("by aspect turns the aircraft, course_deg does not; use one of them")
     values = list(p_d)
     _check_values(scenario, values)
+    result = Result(scenario, method)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
     axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s")
     options: dict[str, Any] = {
@@ -240,82 +170,88 @@ def detection_range(
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
     foresee(f"{rays_in_all:,} rays", rays_in_all * EVALUATIONS, less="rays of a longer --step-deg")
-    table: dict[str, FloatArray] = {axis.key: angle_deg}
-    after: dict[str, FloatArray] = {}
-    arrays: dict[str, FloatArray] = {}
-    summary: dict[str, Any] = {}
-    report: list[str] = []
-    warnings: list[tuple[str, str]] = []
-    for name, single in singles.items():
-        ending = f"_{name}" if name else ""
-        around = rays(single, np.deg2rad(angle_deg), **options)
-        seen = survey(around)
-        ranges = _ranges(seen, values, method)
-        for at in ranges:
-            table |= _band_columns(at, ending)
-            after |= _further_columns(at, ending)
-        limits = _limits(seen)
-        if limits is not None:
-            arrays[f"limit_m{ending}"] = limits
-        summary[name or "radar"] = {f"{at.p_d:g}": _summary(at) for at in ranges}
-        report += [*([f"{name}:"] if name else []), *(f"  {_line(at, axis)}" for at in ranges)]
-        report += [f"  {line}" for at in ranges for line in _exceptions(at, axis)]
-        unreliable = np.any([at.unreliable for at in ranges], axis=0)
-        remedy = ": use --method form"
-        if method == "form":
-            remedy = ": compare with `radar-sense montecarlo` at poses of this range"
-        problem = unreliable, f"the {method} band of the range is unreliable", remedy
-        warnings += [(name, text) for text in problem_warnings([problem], axis)]
-    pose = around.pose
-    height = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
-    heading = "" if by == ASPECT else f", heading {math.degrees(pose[YAW]) % 360:.4g} deg"
-    title = f"{height}{heading}"
+    surveys = {
+        name: survey(rays(single, np.deg2rad(angle_deg), **options))
+        for name, single in singles.items()
+    }
+    ranges = {name: _ranges(seen, values, method) for name, seen in surveys.items()}
+
+    result.table.add(axis.key, angle_deg, ANGLES[by], "°")
+    for add in (_add_bands, _add_sources):
+        for name, of_radar in ranges.items():
+            for at in of_radar:
+                add(result.table, at, name)
+
+    pose = next(iter(surveys.values())).all_rays.pose
+    title = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
+    title += "" if by == ASPECT else f", heading {math.degrees(pose[YAW]) % 360:.4g} deg"
+    chosen = level_and_method(scenario.level, method)
+    result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
+    for name, of_radar in ranges.items():
+        result.report += [f"{name}:"] if name else []
+        result.report += [f"  {_line(at, axis)}" for at in of_radar]
+        result.report += [f"  {line}" for at in of_radar for line in _exceptions(at, axis)]
     names = list(singles) if len(singles) > 1 else []
-    gathered_warnings = gathered(warnings) if names else tuple(text for _, text in warnings)
-    return Result(
-        scenario=scenario,
-        method=method,
-        table={**table, **after},
-        arrays=arrays,
-        summary={
-            "by": by,
-            "p_d": values,
-            "radars": names,
-            "down_km": float(pose[DOWN]) / 1e3,
-            "title": title,
-            "range_m": summary,
+    result.summary |= {
+        "by": by,
+        "p_d": values,
+        "radars": names,
+        "down_km": float(pose[DOWN]) / 1e3,
+        "title": title,
+        "range_m": {
+            name or "radar": {f"{at.p_d:g}": _summary(at) for at in of_radar}
+            for name, of_radar in ranges.items()
         },
-        report=(
-            f"slant range of detection by {by}, {height}{heading} "
-            f"({level_and_method(scenario.level, method)}):",
-            *report,
-        ),
-        warnings=(
-            *below_ground(scenario, down_km),
-            *gathered_warnings,
-            *distribution_warnings(scenario, method),
-        ),
+    }
+
+    remedy = ": use --method form"
+    if method == "form":
+        remedy = ": compare with `radar-sense montecarlo` at poses of this range"
+    off = f"the {method} band of the range is unreliable"
+    warnings = [
+        (name, text)
+        for name, of_radar in ranges.items()
+        for text in problem_warnings(
+            [(np.any([at.unreliable for at in of_radar], axis=0), off, remedy)], axis
+        )
+    ]
+    result.warnings += below_ground(scenario, down_km)
+    result.warnings += gathered(warnings) if names else [text for _, text in warnings]
+    result.warnings += distribution_warnings(scenario, method)
+    limits = {name: _limits(seen) for name, seen in surveys.items()}
+    result.draw = partial(
+        _draw, angle_deg=angle_deg, ranges=ranges, limits=limits, by=by, title=title
     )
+    return result
 
 
-def _band_columns(at: RangeAt, ending: str) -> dict[str, FloatArray]:
-    """Return the columns of the range and its band."""
-    return {
-        f"range_m_{at.p_d:g}{ending}": at.slant,
-        f"sigma_range_m_{at.p_d:g}{ending}": at.std,
-        f"lower_3sigma_m_{at.p_d:g}{ending}": at.lower,
-        f"upper_3sigma_m_{at.p_d:g}{ending}": at.upper,
-    }
+def _add_bands(table: Table, at: RangeAt, radar: str) -> None:
+    """Add the range and its band."""
+    label, of = _label(at, radar)
+    name = f"{at.p_d:g}"
+    meaning = f"{of}Farthest slant range with P_D {name}; 0 where there is none."
+    table.add(f"range_m_{label}", at.slant, meaning, "m")
+    table.add(f"sigma_range_m_{label}", at.std, f"{of}Standard deviation of this range.", "m")
+    for end, bound in (("lower", at.lower), ("upper", at.upper)):
+        meaning = f"{of}{end.capitalize()} 3-sigma bound of this range."
+        table.add(f"{end}_3sigma_m_{label}", bound, meaning, "m")
 
 
-def _further_columns(at: RangeAt, ending: str) -> dict[str, FloatArray]:
-    """Return the columns of the sources, of the limit of the radar, and of the edges."""
-    label = f"{at.p_d:g}{ending}"
-    return {
-        **{f"sigma_range_m_{label}_from_{source}": std for source, std in at.by_source.items()},
-        f"limited_{label}": at.reach.limited.astype(float),
-        f"edges_{label}": at.reach.edges.astype(float),
-    }
+def _add_sources(table: Table, at: RangeAt, radar: str) -> None:
+    """Add the sources of the range, the limit of the radar, and the edges."""
+    label, of = _label(at, radar)
+    for source, std in at.by_source.items():
+        meaning = f"{of}Standard deviation from {source} alone, to first order."
+        table.add(f"sigma_range_m_{label}_from_{source}", std, meaning, "m")
+    meaning = f"{of}1 where a limit of the radar comes first, else 0."
+    table.add(f"limited_{label}", at.reach.limited.astype(float), meaning)
+    meaning = f"{of}Number of times that P_D passes the value along the ray."
+    table.add(f"edges_{label}", at.reach.edges.astype(float), meaning)
+
+
+def _label(at: RangeAt, radar: str) -> tuple[str, str]:
+    """Return the end of the names of columns, and the start of their meanings."""
+    return (f"{at.p_d:g}_{radar}", f"For radar {radar}: ") if radar else (f"{at.p_d:g}", "")
 
 
 def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
@@ -498,3 +434,56 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
             f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, the end of the search"
         )
     return lines
+
+
+def _draw(
+    figure: Figure,
+    angle_deg: FloatArray,
+    ranges: Mapping[str, Sequence[RangeAt]],
+    limits: Mapping[str, FloatArray | None],
+    by: str,
+    title: str,
+) -> None:
+    """Draw ranges and bands around each radar."""
+    from radar_sense import plotting
+
+    width, count = plotting.nominal_width(figure), len(ranges)
+    columns = min(count, int(width / (1.6 if count <= 6 else 1.1)))
+    rows = -(-count // columns)
+    plotting.set_height(figure, 3.3 if count == 1 else rows * (0.35 + min(width / columns, 1.75)))
+    panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
+    angle = np.deg2rad(angle_deg)
+    for panel, (name, of_radar) in zip(panels.flat, ranges.items(), strict=False):
+        for at, (colour, dashes) in zip(of_radar, plotting.LINES, strict=False):
+            lower, reach, upper = (
+                _closed(angle, values / 1e3) for values in (at.lower, at.slant, at.upper)
+            )
+            panel.fill_between(reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0)
+            panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
+        limit = limits[name]
+        if limit is not None:
+            panel.plot(
+                *_closed(angle, limit / 1e3),
+                color="0.35",
+                lw=plotting.points(0.8),
+                ls=":",
+                label="limit of the radar",
+            )
+        names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
+        label = "" if count > 1 else "Slant range [km]"
+        plotting.set_compass(panel, () if count > 1 else names, label, label_angle=22.5)
+        panel.set_rmin(0)
+        if count > 1:
+            panel.set_title(name, fontsize=plotting.points(8))
+            panel.tick_params(labelsize=plotting.points(6))
+    for panel in panels.flat[count:]:
+        panel.remove()
+    plotting.draw_legend(figure, panels.flat[0], title=title)
+
+
+def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return angles and values; of a full circle with the first point again at the end."""
+    step = angle[1] - angle[0] if len(angle) > 1 else 0.0
+    if not math.isclose(len(angle) * step, 2 * math.pi, rel_tol=1e-6):
+        return angle, values
+    return np.append(angle, angle[0] + 2 * math.pi), np.append(values, values[0])

@@ -1,19 +1,20 @@
-"""The radar cross section of a scenario's aircraft, by aspect."""
+"""The radar cross section by aspect: a polar cut and a map."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.columns import quantities
-from radar_sense.analyses.contract import Result, analysis
-from radar_sense.analyses.report import decibels, table_warnings
+from radar_sense.command import Result, command
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import RADAR, FloatArray
+from radar_sense.words import decibels, table_warnings
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -48,11 +49,90 @@ def _lines_of_sight(scenario: Scenario) -> FloatArray:
     return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
+@command(examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
+def rcs(scenario: Scenario) -> Result:
+    """The radar cross section by aspect: a polar cut and a map.
+
+    A scenario can use the written table, as `rcs: {model: table, file: ...}`.
+    """
+    result, model = Result(scenario), scenario.model.rcs
+    azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
+    elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
+    # Straight above and below, a table needs one value for all azimuths.
+    ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
+    below, above = np.all(ends == ends[0], axis=0)
+    elevation = elevation[(0 if below else 1) : (None if above else -1)]
+    azimuths, elevations = (a.ravel() for a in np.meshgrid(azimuth, elevation))
+    sigma = pattern(model, azimuths, elevations)
+    seen_azimuth, seen_elevation = aspects(scenario)
+    seen = model.cross_section(_lines_of_sight(scenario))
+
+    add = result.table.add
+    add(
+        "azimuth_deg", azimuths, "Azimuth of the radar seen from the aircraft, 0 off the nose.", "°"
+    )
+    meaning = "Elevation of the radar seen from the aircraft, positive above."
+    add("elevation_deg", elevations, meaning, "°")
+    add("rcs_m2", sigma, "Radar cross section in this direction.", "m²")
+    spread = getattr(model, "spread", None)
+    if spread is not None:
+        meaning = "Standard deviation of the cross section, if the RCS table has std_db."
+        add("std_db", pattern(spread, azimuths, elevations), meaning, "dB")
+
+    flat = isinstance(model, TableRCS) and model.elevation is None
+    for name, index in (("largest", int(np.argmax(sigma))), ("smallest", int(np.argmin(sigma)))):
+        place = f"azimuth {azimuths[index]:g} deg, "
+        # a flat table is the same at all elevations
+        place += "any elevation" if flat else f"elevation {elevations[index]:g} deg"
+        result.report.append(f"{name} RCS {decibels(sigma[index]):.1f} dBsm at {place}")
+        result.summary[name] = {
+            "rcs_m2": float(sigma[index]),
+            "azimuth_deg": float(azimuths[index]),
+            "elevation_deg": float(elevations[index]),
+        }
+    low, high = decibels(np.array([seen.min(), seen.max()]))
+    result.report.append(
+        f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation "
+        f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg"
+    )
+    result.summary |= {
+        "horizon_mean_m2": float(pattern(model, azimuth, np.zeros(1)).mean()),
+        "geometry": {
+            "elevation_deg": [float(seen_elevation.min()), float(seen_elevation.max())],
+            "rcs_m2": [float(seen.min()), float(seen.max())],
+        },
+    }
+    result.warnings += table_warnings(scenario)
+    arrays = _cuts(model, float(np.median(seen_elevation))) | {
+        "geometry_azimuth_deg": seen_azimuth,
+        "geometry_elevation_deg": seen_elevation,
+        "table_ends_deg": np.rad2deg(model.elevation[[0, -1]])
+        if isinstance(model, TableRCS) and model.elevation is not None
+        else np.zeros(0),
+    }
+    result.draw = partial(_draw, arrays=arrays)
+    return result
+
+
+def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:
+    """Return arrays of the figure: σ_r at the horizon, at one elevation, and over the sphere."""
+    cut = np.arange(-180.0, 180.25, 0.25)
+    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
+    return {
+        "cut_azimuth_deg": cut,
+        "cut_horizon_m2": pattern(model, cut, np.zeros(())),
+        "cut_elevation_deg": np.array(elevation_deg),
+        "cut_m2": pattern(model, cut, np.array(elevation_deg)),
+        "map_azimuth_deg": azimuth,
+        "map_elevation_deg": elevation,
+        "map_m2": pattern(model, azimuth, elevation[:, np.newaxis]),
+    }
+
+
+def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
+    """Draw the cuts, and the map with the directions of the geometry."""
     from radar_sense import plotting
 
-    arrays = result.arrays
     if plotting.nominal_width(figure) > 5.0:
         plotting.set_height(figure, 2.8)
         grid = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.2))
@@ -122,115 +202,3 @@ def plot(result: Result, figure: Figure) -> None:
     plane.set_xlabel("Azimuth in the body frame [deg]")
     plane.set_ylabel("Elevation [deg]")
     plotting.draw_legend(figure, polar, plane)
-
-
-_TABLE = quantities(
-    {
-        "azimuth_deg": "Azimuth of the radar seen from the aircraft, 0 off the nose.",
-        "elevation_deg": "Elevation of the radar seen from the aircraft, positive above.",
-        "rcs_m2": "Radar cross section in this direction.",
-        "std_db": "Standard deviation of the cross section, if the RCS table has std_db.",
-    }
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=[],
-    examples=[
-        "radar-sense rcs",
-        "radar-sense rcs my.yaml --format png",
-    ],
-)
-def rcs(scenario: Scenario) -> Result:
-    """The radar cross section by aspect: a polar cut and a map.
-
-    A scenario can use the written table, as `rcs: {model: table, file: ...}`.
-    """
-    model = scenario.model.rcs
-    azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
-    elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
-    # Straight above and below, a table needs one value for all azimuths.
-    ends = pattern(model, azimuth[:, np.newaxis], elevation[[0, -1]])
-    below, above = np.all(ends == ends[0], axis=0)
-    elevation = elevation[(0 if below else 1) : (None if above else -1)]
-    columns = [a.ravel() for a in np.meshgrid(azimuth, elevation)]
-    sigma = pattern(model, *columns)
-    horizon = pattern(model, azimuth, np.zeros(1))
-    seen_azimuth, seen_elevation = aspects(scenario)
-    seen = model.cross_section(_lines_of_sight(scenario))
-    summary: dict[str, Any] = {
-        "largest": _extreme(sigma, columns, int(np.argmax(sigma))),
-        "smallest": _extreme(sigma, columns, int(np.argmin(sigma))),
-        "horizon_mean_m2": float(horizon.mean()),
-        "geometry": {
-            "elevation_deg": [float(seen_elevation.min()), float(seen_elevation.max())],
-            "rcs_m2": [float(seen.min()), float(seen.max())],
-        },
-    }
-    low, high = decibels(np.array([seen.min(), seen.max()]))
-    flat = isinstance(model, TableRCS) and model.elevation is None
-    return Result(
-        scenario=scenario,
-        table={
-            "azimuth_deg": columns[0],
-            "elevation_deg": columns[1],
-            "rcs_m2": sigma,
-            **_spread(model, columns),
-        },
-        summary=summary,
-        report=(
-            *(
-                f"{name} RCS {_in_words(summary[name], flat=flat)}"
-                for name in ("largest", "smallest")
-            ),
-            f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation "
-            f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg",
-        ),
-        arrays={
-            **_cuts(model, float(np.median(seen_elevation))),
-            "geometry_azimuth_deg": seen_azimuth,
-            "geometry_elevation_deg": seen_elevation,
-            "table_ends_deg": np.rad2deg(model.elevation[[0, -1]])
-            if isinstance(model, TableRCS) and model.elevation is not None
-            else np.zeros(0),
-        },
-        warnings=table_warnings(scenario),
-    )
-
-
-def _spread(model: RCS, columns: list[FloatArray]) -> dict[str, FloatArray]:
-    """Return the column of the standard deviation [dB]; {} unless an RCS table has std_db."""
-    spread = getattr(model, "spread", None)
-    return {} if spread is None else {"std_db": pattern(spread, *columns)}
-
-
-def _cuts(model: RCS, elevation_deg: float) -> dict[str, FloatArray]:
-    """Return arrays of the figure: σ_r at the horizon, at one elevation, and over the sphere."""
-    cut = np.arange(-180.0, 180.25, 0.25)
-    azimuth, elevation = np.arange(-180.0, 180.5, 0.5), np.arange(-90.0, 91.0, 1.0)
-    return {
-        "cut_azimuth_deg": cut,
-        "cut_horizon_m2": pattern(model, cut, np.zeros(())),
-        "cut_elevation_deg": np.array(elevation_deg),
-        "cut_m2": pattern(model, cut, np.array(elevation_deg)),
-        "map_azimuth_deg": azimuth,
-        "map_elevation_deg": elevation,
-        "map_m2": pattern(model, azimuth, elevation[:, np.newaxis]),
-    }
-
-
-def _extreme(sigma: FloatArray, columns: list[FloatArray], index: int) -> dict[str, float]:
-    return {
-        "rcs_m2": float(sigma[index]),
-        "azimuth_deg": float(columns[0][index]),
-        "elevation_deg": float(columns[1][index]),
-    }
-
-
-def _in_words(extreme: dict[str, float], *, flat: bool) -> str:
-    """Describe an extreme and its place; a flat table is the same at all elevations."""
-    level = float(decibels(np.array(extreme["rcs_m2"])))
-    elevation = "any elevation" if flat else f"elevation {extreme['elevation_deg']:g} deg"
-    return f"{level:.1f} dBsm at azimuth {extreme['azimuth_deg']:g} deg, {elevation}"

@@ -1,104 +1,61 @@
-"""3σ of P_D for every level of radar uncertainty."""
+"""3 sigma of P_D for every level of radar uncertainty."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING
 
-from radar_sense.analyses.columns import AXIS, quantity
-from radar_sense.analyses.contract import Result, analysis
-from radar_sense.analyses.report import (
-    describe_extreme,
-    gathered,
-    largest_by_radar,
-    mean_column,
-    method_warnings,
-    peak,
-    radar_lines,
-    radar_summary,
-)
+from radar_sense import words
+from radar_sense.command import METHOD, ONE_RADAR, Result, command
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
+    from radar_sense.axis import Axis
     from radar_sense.plotting import Figure
 
 
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
-    for level, style in zip(result.scenario.cov_radar, plotting.styles(), strict=False):
-        plotting.draw_line(axes, x, result.table[f"three_sigma_{level}"], style, label=level)
-    axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
-    plotting.from_zero(axes)
-    plotting.draw_legend(figure, axes, on_lines=axes.lines)
-
-
-_TABLE = (
-    *AXIS,
-    quantity("three_sigma_<level>", "3 sigma of P_D at the level <level> of radar uncertainty."),
-    quantity("mean_pd_<level>", "Mean of P_D at the level <level>; not by linear."),
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=["radar", "method"],
-    examples=[
+@command(
+    ONE_RADAR,
+    METHOD,
+    examples=(
         "radar-sense sensitivity",
         "radar-sense sensitivity my.yaml --out results",
         "radar-sense sensitivity network.yaml --radar ridge",
-    ],
+    ),
 )
 def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
-    """3 sigma of P_D for every level of radar uncertainty.
-
-    Args:
-        scenario: The scenario.
-        method: Method of propagation.
-
-    Raises:
-        InputError: If there is no such method.
-    """
-    axis = scenario.axis
+    """3 sigma of P_D for every level of radar uncertainty."""
+    axis, result = scenario.axis, Result(scenario, method)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.cov_radar}
     moments = {level: propagate_scenario(s, method=method) for level, s in at_level.items()}
-    worst = {level: peak(3 * m.std, axis) for level, m in moments.items()}
-    width = max(map(len, worst))
-    by_itself = {level: largest_by_radar(s, method) for level, s in at_level.items()}
-    of_radars = {
-        name: ", ".join(
-            f"{level} {describe_extreme(tops[name], axis)}" for level, tops in by_itself.items()
-        )
-        for name in by_itself[scenario.level]
-    }
+
+    words.add_axis(result.table, axis)
+    for level, m in moments.items():
+        meaning = f"3 sigma of P_D at the level {level} of radar uncertainty."
+        result.table.add(f"three_sigma_{level}", 3 * m.std, meaning)
+    for level, m in moments.items():
+        words.add_mean(result.table, m.mean, method, f"_{level}")
+
+    worst = {level: words.peak(3 * m.std, axis) for level, m in moments.items()}
+    result.summary["largest_three_sigma"] = worst
     by_method = "" if method == "linear" else f" ({method})"
-    return Result(
-        scenario=scenario,
-        method=method,
-        table={
-            axis.key: axis.values,
-            **{f"three_sigma_{level}": 3 * m.std for level, m in moments.items()},
-            **{
-                key: column
-                for level, m in moments.items()
-                for key, column in mean_column(m.mean, method, f"_{level}").items()
-            },
-        },
-        summary={
-            "largest_three_sigma": worst,
-            **radar_summary(by_itself if of_radars else {}),
-        },
-        report=(
-            f"largest 3 sigma of P_D by level{by_method}:",
-            *(f"  {level:{width}}  {describe_extreme(top, axis)}" for level, top in worst.items()),
-            *radar_lines(of_radars),
-        ),
-        warnings=gathered(
-            (level, text)
-            for level, m in moments.items()
-            for text in method_warnings(at_level[level], m, method)
-        ),
+    result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
+    result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
+    words.add_radars(result, at_level, method)
+    result.warnings += words.gathered(
+        (level, text)
+        for level, m in moments.items()
+        for text in words.method_warnings(at_level[level], m, method)
     )
+    lines = {level: 3 * m.std for level, m in moments.items()}
+    result.draw = partial(_draw, axis=axis, lines=lines)
+    return result
+
+
+def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:
+    from radar_sense import plotting
+
+    plotting.pose_lines(figure, axis, lines, r"$3\,\sigma$ of $P_D$")

@@ -8,7 +8,11 @@ import numpy as np
 
 from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN, quantities
 from radar_sense.analyses.contract import Option, Progress, Result, analysis, silent
-from radar_sense.analyses.report import (
+from radar_sense.montecarlo import adaptive
+from radar_sense.montecarlo.adaptive import DIGITS
+from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA
+from radar_sense.scenario import Scenario
+from radar_sense.words import (
     band_columns,
     clipping_warnings,
     describe_poses,
@@ -20,10 +24,6 @@ from radar_sense.analyses.report import (
     table_warnings,
     validity_warnings,
 )
-from radar_sense.montecarlo import adaptive
-from radar_sense.montecarlo.adaptive import DIGITS
-from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA
-from radar_sense.scenario import Scenario
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure

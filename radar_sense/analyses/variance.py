@@ -9,19 +9,6 @@ import numpy as np
 
 from radar_sense.analyses.columns import AXIS, BAND, MEAN, of_radars, quantities
 from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
-from radar_sense.analyses.report import (
-    band_columns,
-    decibels,
-    describe_extreme,
-    describe_span,
-    level_and_method,
-    mean_column,
-    method_warnings,
-    peak,
-    radar_lines,
-    radar_summary,
-    trough,
-)
 from radar_sense.analyses.verdicts.threshold import (
     AUTOMATIC,
     COLUMNS,
@@ -35,6 +22,19 @@ from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION, FloatArray
+from radar_sense.words import (
+    band_columns,
+    decibels,
+    describe_extreme,
+    describe_span,
+    level_and_method,
+    mean_column,
+    method_warnings,
+    peak,
+    radar_lines,
+    radar_summary,
+    trough,
+)
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure

@@ -17,7 +17,6 @@ from radar_sense.analyses.contract import (
     OPTIONS,
     Command,
     Progress,
-    Result,
     silent,
 )
 from radar_sense.analyses.map import coverage_map
@@ -26,6 +25,7 @@ from radar_sense.analyses.overview import overview
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
+from radar_sense.command import Result
 from radar_sense.errors import InputError
 from radar_sense.reporting.page import Section, page
 from radar_sense.scenario import Scenario
@@ -207,7 +207,7 @@ def _answer(command: Command, question: str, ask: Callable[[], Result], seen: se
             raise
         return Section(command.name, question, (f"no answer: {error}",))
     new = tuple(warning for warning in result.warnings if warning not in seen)
-    return Section(command.name, question, result.report, new, result)
+    return Section(command.name, question, tuple(result.report), new, result)
 
 
 def compared_poses(scenario: Scenario) -> NDArray[np.intp]:

@@ -16,8 +16,8 @@ from string import Template
 
 import numpy as np
 
-from radar_sense.analyses.contract import FigureError, Result
-from radar_sense.errors import printable
+from radar_sense.command import Result
+from radar_sense.errors import FigureError, printable
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 

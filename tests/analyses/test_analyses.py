@@ -11,14 +11,14 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.report import describe_extreme, peak
-from radar_sense.analyses.report import describe_poses as where
 from radar_sense.axis import azimuth
 from radar_sense.montecarlo import adaptive
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import linear
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import SOURCES
+from radar_sense.words import describe_extreme, peak
+from radar_sense.words import describe_poses as where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
 

@@ -34,8 +34,9 @@ def test_every_column_is_declared(which):
         assert list(result.columns) == list(result.table), (name, options)
     if which == "path":
         assert result.columns["time_s"].unit == "s"
-        assert rs.variance(s).columns["range_m_north"] == Column(
-            "range_m_north", "For radar north alone: Slant range to the radar.", "m"
+        assert rs.variance(s).columns["range_m_north"] == (
+            "m",
+            "For radar north alone: Slant range to the radar.",
         )
 
 

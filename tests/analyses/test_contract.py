@@ -4,6 +4,7 @@ everywhere.
 
 import dataclasses
 import json
+import pickle
 from pathlib import Path
 from typing import ClassVar
 
@@ -23,7 +24,7 @@ from helpers import (
 
 import radar_sense as rs
 from radar_sense import cli as command_line
-from radar_sense.analyses.contract import OPTIONS, Result
+from radar_sense.command import LEVEL, Result
 from radar_sense.limits import POSITIVE, parameter
 from radar_sense.model.detectors import DETECTORS, North
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
@@ -217,27 +218,34 @@ def test_a_new_method_of_propagation(tool, monkeypatch):
 
 
 #: A command is one file: options, numbers, table, words and figure.
-RAMP = '''
-"""A straight line."""
+RAMP = '''"""A straight line."""
+
+from functools import partial
 
 import numpy as np
 
-from radar_sense.analyses.contract import Option, Result, analysis
+from radar_sense.command import LEVEL, ONE_RADAR, Option, Result, command
 
 
-def plot(result, figure):
-    figure.subplots().plot(result.table["x"])
-
-
-@analysis(
-    plot=plot,
-    options=["level", "radar", Option("twice", "Double it.", flag=True)],
+@command(
+    LEVEL,
+    ONE_RADAR,
+    Option("twice", "Double it.", flag=True),
     examples=["radar-sense ramp"],
 )
 def ramp(scenario, *, twice=False):
     """A straight line."""
     x = np.arange(3.0) * (2 if twice else 1)
-    return Result(scenario, {"x": x}, {"top": float(x.max())}, (f"up to {x.max():g}",))
+    result = Result(scenario)
+    result.table.add("x", x, "Abscissa.")
+    result.summary["top"] = float(x.max())
+    result.report += [f"up to {x.max():g}"]
+    result.draw = partial(_draw, x=x)
+    return result
+
+
+def _draw(figure, x):
+    figure.subplots().plot(x)
 '''
 
 
@@ -251,10 +259,20 @@ def test_a_new_command_is_one_file(tool, monkeypatch, tmp_path):
     assert "A straight line." in tool("--help").out
     help_text = tool("ramp", "--help").out
     assert "radar-sense ramp" in help_text
-    assert OPTIONS["level"].help in help_text
+    assert LEVEL.help in help_text
     code, out, err = tool("ramp", "--twice", "--level", "high", "--format", "png")
     assert (code, err) == (0, "")
     assert out.splitlines()[0] == "up to 4"
     assert Path("figures/paper_ramp.csv").read_text() == "x\n0.0\n2.0\n4.0\n"
     assert json.loads(Path("figures/paper_ramp.json").read_text())["summary"] == {"top": 4.0}
     assert Path("figures/paper_ramp.png").exists()
+
+
+def test_a_result_is_pickled_with_its_figure():
+    result = rs.analyses.budget(rs.load_scenario().at_poses(slice(0, 3)))
+    again = pickle.loads(pickle.dumps(result))
+    assert again.report == result.report
+    assert {n: c.tolist() for n, c in again.table.items()} == {
+        n: c.tolist() for n, c in result.table.items()
+    }
+    assert again.plot().axes

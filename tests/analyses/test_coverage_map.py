@@ -251,9 +251,9 @@ def test_the_route_has_its_own_probabilities():
     s = rs.load_scenario(ROOT / "configs/path.yaml")
     north, east = s.aircraft[:, 0] / 1e3, s.aircraft[:, 1] / 1e3
     result = coverage_map(s, step_km=20)
-    np.testing.assert_array_equal(result.arrays["route"], s.model.p_d(s.aircraft, s.radar))
+    np.testing.assert_array_equal(result.draw.keywords["route"], s.model.p_d(s.aircraft, s.radar))
     pose = int(np.argmin(abs(s.time_s - 820)))
-    assert result.arrays["route"][pose] == pytest.approx(0.21, abs=0.01)
+    assert result.draw.keywords["route"][pose] == pytest.approx(0.21, abs=0.01)
     cell = (
         np.argmin(abs(result.table["north_m"] / 1e3 - north[pose])),
         np.argmin(abs(result.table["east_m"] / 1e3 - east[pose])),
@@ -264,7 +264,7 @@ def test_the_route_has_its_own_probabilities():
     axes = figure.axes[0]
     (line,) = [c for c in axes.collections if isinstance(c, LineCollection)]
     assert len(line.get_segments()) == len(north) - 1
-    route = result.arrays["route"]
+    route = result.draw.keywords["route"]
     np.testing.assert_allclose(line.get_array(), 0.5 * (route[1:] + route[:-1]))
     (image,) = axes.images
     assert line.get_clim() == image.get_clim() == (0, 1)
@@ -272,7 +272,7 @@ def test_the_route_has_its_own_probabilities():
     assert axes.get_title() == r"9 km above the origin, heading 90$^\circ$"
     upper = coverage_map(s, step_km=20, upper=True, method="probit")
     np.testing.assert_allclose(
-        upper.arrays["route"], rs.analyses.variance(s, method="probit").table["upper_3sigma"]
+        upper.draw.keywords["route"], rs.analyses.variance(s, method="probit").table["upper_3sigma"]
     )
     worst = coverage_map(s, step_km=20, worst_heading=True)
     assert set(worst.table) == {"north_m", "east_m", "p_d", "worst_heading_deg"}

@@ -11,7 +11,6 @@ from helpers import dashes, document, lay_out, legend_off_data, scenario, small_
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
-from radar_sense.analyses.verdicts import threshold as planning
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 ALL = {
@@ -223,7 +222,7 @@ def test_one_pose_shows_its_draws():
     result = analyses.montecarlo(s)
     (axes,) = result.plot().axes
     edges = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in axes.patches])
-    draws = result.arrays["sample_paths"]
+    draws = result.draw.args[0].arrays["sample_paths"]
     assert sum(bar.get_height() for bar in axes.patches) == 300
     assert edges.min() == pytest.approx(draws.min())
     assert edges.max() == pytest.approx(draws.max())
@@ -345,11 +344,13 @@ def test_two_panels_of_the_monte_carlo_figure():
 def test_very_many_poses_make_a_small_file():
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 0.0175})
     few = s.at_poses(slice(0, None, 400))
-    result = planning.require_threshold(analyses.variance(few), 0.9)
+    result = analyses.variance(few, threshold=0.9, method="linear").draw.args[0]
     x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
     table = {n: np.interp(x, few.axis.values, column) + noise for n, column in result.table.items()}
     table |= {s.axis.key: x, "violated": (noise > 0).astype(float)}
-    figure = dataclasses.replace(result, scenario=s, table=table).plot()
+    variance = import_module("radar_sense.analyses.variance")
+    more = dataclasses.replace(result, scenario=s, table=table)
+    figure = plotting.draw(partial(variance.plot, more), "")
     (axes,) = figure.axes
     assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
     assert len(plotting.render(figure, "pdf")) < 300_000

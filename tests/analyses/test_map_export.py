@@ -13,7 +13,6 @@ import yaml
 from helpers import document
 
 import radar_sense as rs
-from radar_sense.analyses.coverage.map_export import geojson
 from radar_sense.analyses.map import coverage_map
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
@@ -120,7 +119,7 @@ def test_geojson_has_contours_radars_and_route(saved):
     np.testing.assert_allclose(found, places[[0, 1, 1, 2]], rtol=0, atol=0.0051)
     for i, feature in enumerate(by_kind["route"]):
         value = feature["properties"]["upper_3sigma"]
-        assert value == max(result.arrays["route"][i : i + 2])
+        assert value == max(result.draw.keywords["route"][i : i + 2])
 
 
 def unit(position):
@@ -199,7 +198,7 @@ def test_a_hundred_random_maps_are_valid(tmp_path):
         del content["aircraft"]["attitude_deg"]
         (tmp_path / "my.yaml").write_text(yaml.safe_dump(content))
         result = coverage_map(rs.load_scenario(tmp_path / "my.yaml"), step_km=20)
-        features, cuts = check_geojson(geojson(result))
+        features, cuts = check_geojson(result.exports["geojson"](result))
         assert {feature["properties"]["kind"] for feature in features} >= {"radar", "route"}
         cut += cuts > 0
         polar += abs(latitude) > 85

@@ -8,11 +8,11 @@ from helpers import no_physics
 
 import radar_sense as rs
 from radar_sense import cli
-from radar_sense.analyses.contract import OPTIONS
+from radar_sense.command import LEVEL, NUMBER_OF_RUNS, ONE_RADAR, SEED_OF_DRAWS
 
 NETWORK = rs.load_scenario(Path(__file__).parents[2] / "configs/network.yaml")
 ALL = {name: cli.load(name) for name in cli.commands()}
-SHARED = [OPTIONS[name] for name in ("level", "radar", "runs", "seed")]
+SHARED = [LEVEL, ONE_RADAR, NUMBER_OF_RUNS, SEED_OF_DRAWS]
 #: Each command with the options that are its own, and the options that all commands have. `dask`
 #: is an option of the command line only.
 CASES = {
@@ -76,10 +76,9 @@ def test_one_number_is_one_value_where_several_are_allowed():
     assert rs.analyses.coverage_map(few, p_d=0.3, **area).summary["contours"] == [0.3]
 
 
-@pytest.mark.parametrize("name", ["progress", "executor"])
-def test_what_computes_and_what_shows_progress_are_checked_too(name):
-    with no_physics(), pytest.raises(rs.InputError, match=rf"^{name} must be an? \w+, got 'a'$"):
-        rs.analyses.compare(NETWORK, **{name: "a"})
+def test_what_computes_is_checked_too():
+    with no_physics(), pytest.raises(rs.InputError, match=r"^executor must be an? \w+, got 'a'$"):
+        rs.analyses.compare(NETWORK, executor="a")
 
 
 def test_a_whole_number_may_be_a_float():

@@ -13,11 +13,11 @@ from helpers import document, scenario
 import radar_sense as rs
 from radar_sense.analyses.coverage.rays import FARTHEST, rays, survey
 from radar_sense.analyses.range import detection_range
-from radar_sense.analyses.report import describe_poses
 from radar_sense.axis import Axis
 from radar_sense.model.horizon import horizon_range
 from radar_sense.propagation import nonlinear_in_scenario
 from radar_sense.scenario_file.load import parse_scenario
+from radar_sense.words import describe_poses
 
 SPHERE = {"model": "constant", "rcs_m2": 0.09}
 QUICK = {"step_deg": 90.0}

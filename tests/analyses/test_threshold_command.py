@@ -153,7 +153,7 @@ def test_thresholds_that_are_refused(tool, options, words):
 @pytest.mark.parametrize("k", [2, 3])
 def test_the_threshold_is_drawn(k):
     some = rs.load_scenario().at_poses(slice(0, None, 20))
-    result = require_threshold(rs.variance(some), 0.5, k)
+    result = rs.analyses.variance(some, threshold=0.5, k=k, method="linear")
     (axes,) = lay_out(result.plot()).axes
     labels = axes.get_legend_handles_labels()[1]
     assert labels.count("violated") == 1

@@ -115,17 +115,17 @@ def test_the_command_shows_the_parts(tool):
     code, out, err = tool("budget", "my.yaml", "--target", "0.1", "--no-plot", "--out", "out")
     assert code == 0, err
     lines = out.splitlines()
-    rows = [line.split()[0] for line in lines[1 : 1 + 12]]
+    rows = [line.split()[0] for line in lines[2 : 2 + 12]]
     at = {row: i for i, row in enumerate(rows)}
     # under the radar that they are of, largest first
     for name, keys in (("a", MIXED_SEARCH_STD), ("b", MIXED_TRACK_STD)):
         mine = rows[at[name] + 1 : at[name] + 4]
         assert set(mine) == {f"constant_{key}" for key in keys}
-    shown = [re.search(r" (\d\.\d{4})", line).start() for line in lines[1:13]]
+    shown = [re.search(r" (\d\.\d{4}|0|\de-\d+) ", line).start() for line in lines[2:13]]
     assert len(set(shown)) == 1  # in one column
     assert re.search(
-        r"^of the radar constants, [ab]_constant_\w+ is the part to measure better first: with "
-        r"half its deviation the total would be 0\.\d{4}$",
+        r"^know better first: [ab]_constant_\w+, [\d.]+% of the variance of P_D at 60 deg; "
+        r"half its deviation leaves 0\.\d{4} of 0\.\d{4}$",
         out,
         re.MULTILINE,
     )
@@ -142,9 +142,9 @@ def test_the_command_shows_the_parts(tool):
 def test_the_figure_shows_the_parts():
     lines = analyses.budget(mixed_network()).plot().axes[0].lines
     labels = {str(line.get_label()): line for line in lines}
-    assert {"a loss_db", "b loss_db", "b gain_dbi"} < set(labels)
-    assert labels["b loss_db"].get_color() == labels["b"].get_color()
-    assert labels["a loss_db"].get_color() == labels["a"].get_color() != labels["b"].get_color()
+    assert {"a loss [dB]", "b loss [dB]", "b gain [dBi]"} < set(labels)
+    assert labels["b loss [dB]"].get_color() == labels["b"].get_color()
+    assert labels["a loss [dB]"].get_color() == labels["a"].get_color() != labels["b"].get_color()
 
 
 def test_check_shows_the_distribution_of_every_constant(tool):

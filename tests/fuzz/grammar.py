@@ -17,7 +17,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from radar_sense import cli
-from radar_sense.analyses.contract import OPTIONS, Command, Option
+from radar_sense.analyses.contract import OPTIONS
+from radar_sense.command import Command, Option
 from radar_sense.limits import LARGEST, NOT_NEGATIVE, SMALLEST, STYLES, Limit
 from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS

@@ -25,12 +25,12 @@ from helpers import (
 import radar_sense as rs
 from radar_sense import axis, limits
 from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
-from radar_sense.analyses.report import describe_poses
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
+from radar_sense.words import describe_poses
 
 ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"

@@ -17,8 +17,8 @@ from scipy.special import ndtr
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.rcs import directions, pattern
-from radar_sense.analyses.report import table_warnings
 from radar_sense.model.geometry import body_vector
+from radar_sense.words import table_warnings
 
 DEG = np.pi / 180
 CONFIGS = Path(__file__).parents[2] / "configs"

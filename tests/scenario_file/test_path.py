@@ -16,8 +16,6 @@ import radar_sense as rs
 from radar_sense import analyses, axis, covariance
 from radar_sense.analyses.error_budget import error_budget, only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
-from radar_sense.analyses.report import describe_extreme as at
-from radar_sense.analyses.report import describe_poses, peak
 from radar_sense.errors import ScenarioError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.adaptive import validate_method
@@ -25,6 +23,8 @@ from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file import table_file
+from radar_sense.words import describe_extreme as at
+from radar_sense.words import describe_poses, peak
 
 ROOT = Path(__file__).parents[2]
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"

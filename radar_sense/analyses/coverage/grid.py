@@ -168,7 +168,7 @@ def p_d_in_cells(
         return p_d, bound.reshape(p_d.shape)
 
     count = 1 if method is None else 2
-    _foresee(scenario, cells, 1.0 if method is None else EVALUATIONS[method], workers)
+    _foresee(scenario, cells, 1.0 if method is None else EVALUATIONS.get(method, 350.0), workers)
     p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers, progress)
     return p_d, bounds[0] if bounds else None
 

@@ -19,7 +19,7 @@ from radar_sense.model import geodesy
 from radar_sense.states import POSITION, RADAR, FloatArray
 
 if TYPE_CHECKING:
-    from radar_sense.analyses.contract import Result
+    from radar_sense.command import Result
 
 #: Most legs of a route in a file. More legs are joined, with the largest P_D of the legs.
 _MOST_LEGS = 5_000
@@ -29,8 +29,12 @@ Position = list[float]
 Feature = dict[str, Any]
 
 
-def geojson(result: Result) -> bytes:
+def geojson(result: Result, route: FloatArray) -> bytes:
     """Return a map as GeoJSON.
+
+    Args:
+        result: The map.
+        route: P_D (n,) at the poses, or its bound.
 
     Raises:
         InputError: If the scenario has no origin in latitude and longitude.
@@ -41,7 +45,7 @@ def geojson(result: Result) -> bytes:
             "geojson needs the origin of the north-east-down frame, geometry.origin in a scenario "
             "with a route in latitude and longitude"
         )
-    features = [*_contours(result, origin), *_radars(result, origin), *_legs(result, origin)]
+    features = [*_contours(result, origin), *_radars(result, origin), *_legs(result, route, origin)]
     collection = {"type": "FeatureCollection", "features": features}
     return (json.dumps(collection, ensure_ascii=False, allow_nan=False) + "\n").encode()
 
@@ -74,12 +78,14 @@ def _radars(result: Result, origin: tuple[float, float, float]) -> Iterator[Feat
         yield _feature("radar", name, ("Point", place), "#000000", {})
 
 
-def _legs(result: Result, origin: tuple[float, float, float]) -> Iterator[Feature]:
+def _legs(
+    result: Result, values: FloatArray, origin: tuple[float, float, float]
+) -> Iterator[Feature]:
     """Yield the legs of the route, each with the largest value of the poses on the leg."""
     from radar_sense import plotting
 
     places = geodesy.geodetic_from_ned(result.scenario.aircraft[:, POSITION], origin)
-    values, column = result.arrays["route"], result.summary["shown"]
+    column = result.summary["shown"]
     last = len(values) - 1
     stride = max(1, -(-last // _MOST_LEGS))
     for start in range(0, last, stride):

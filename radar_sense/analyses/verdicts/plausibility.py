@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense.analyses.report import describe_poses
 from radar_sense.analyses.verdicts.refinement import can_refine, coarse_steps
 from radar_sense.model.geodesy import geodetic_from_ned, ned_from_geodetic
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import DOWN, POSITION, RADAR, FloatArray
+from radar_sense.words import describe_poses
 
 #: Greatest speed [m/s] and slant range [m] without a warning.
 MAX_SPEED, MAX_RANGE = 2e3, 5e6

@@ -22,7 +22,6 @@ from scipy.special import ndtr
 
 from radar_sense.analyses.columns import quantities
 from radar_sense.analyses.contract import Result
-from radar_sense.analyses.report import describe_poses, distribution_warnings
 from radar_sense.analyses.verdicts import refinement
 from radar_sense.flight import Path
 from radar_sense.montecarlo.exceedance import Anywhere, decide, exceeded_anywhere
@@ -34,6 +33,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
+from radar_sense.words import describe_poses, distribution_warnings
 
 #: The default method of a threshold test: `FORM`, and draws where its bound is unreliable.
 AUTOMATIC, FORM = "automatic", "form"

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.axis import Axis, runs_of
+from radar_sense.command import Result, Table
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.radar_constant import shape_warning
@@ -114,6 +115,50 @@ def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any
     }
 
 
+def probability(value: float) -> str:
+    """Return a probability or its 3σ in four digits; "0" below 1e-6, which is rounding."""
+    if np.isnan(value):
+        return "-"
+    if abs(value) < 1e-6:
+        return "0"
+    return f"{value:.4f}" if abs(value) >= 5e-5 else f"{value:.0e}"
+
+
+def percent(share: float, error: float | None = None) -> str:
+    """Return a share with its standard error; "" without a share."""
+    shown = "" if error is None else f" +/- {error:.1%}"
+    return "" if np.isnan(share) else f" {share:6.1%}{shown}"
+
+
+def places(masks: Mapping[str, NDArray[np.bool_]], axis: Axis) -> dict[str, str]:
+    """Return the poses of each mask in words, without the masks that hold nowhere."""
+    return {name: place for name, mask in masks.items() if (place := describe_poses(mask, axis))}
+
+
+def vanishing_gradient(places: Mapping[str, str]) -> tuple[str, ...]:
+    """Return a warning of sources whose gradient vanishes at some poses."""
+    if not places:
+        return ()
+    named = ", ".join(f"{source} {place}" for source, place in places.items())
+    if len(places) > NAMED:
+        named = f"{len(places)} sources at some poses, listed in the record"
+    return (
+        f"the gradient vanishes for {named}: only effects of second order remain there, which the "
+        "linear budget leaves out; use --method form",
+    )
+
+
+def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> tuple[str, ...]:
+    """Return a warning if the sources do not add up to the total, because they are correlated."""
+    gap = np.nanmax(abs(total - np.sqrt(np.sum(np.square(three_sigma), axis=0))), initial=0)
+    if gap <= 1e-9 * np.nanmax(total, initial=0):
+        return ()
+    return (
+        "the sources are correlated: the total differs from the root sum of squares by up to "
+        f"{gap:.2g}",
+    )
+
+
 def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     """Return a heading and a line for each radar of a network; () for a single radar."""
     if not words_by_radar:
@@ -128,6 +173,65 @@ def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, 
 def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
     """Return the entry of the summary for the radars of a network; {} for a single radar."""
     return {"largest_three_sigma_by_itself": dict(largest)} if largest else {}
+
+
+#: Unit and meaning of the axes of poses.
+AXES = {
+    "theta_r_deg": ("Azimuth of the pose on an orbit.", "°"),
+    "time_s": ("Time of the pose on a path.", "s"),
+    "distance_m": ("Distance flown to the pose on a path.", "m"),
+    "pose": ("Number of the pose, from 0, of states given in Python.", ""),
+}
+NOMINAL = "P_D at the nominal states, of all radars together."
+
+
+def add_axis(table: Table, axis: Axis) -> None:
+    """Add the column of the places of the poses."""
+    table.add(axis.key, axis.values, *AXES[axis.key])
+
+
+def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> None:
+    """Add the column of the mean of P_D; the mean by `linear` is P_D itself."""
+    if method != "linear":
+        level = f" at the level {ending[1:]}" if ending else ""
+        table.add(f"mean_pd{ending}", mean, f"Mean of P_D{level}; for linear the mean is p_d.")
+
+
+def add_draws(table: Table, draws: DrawStatistics) -> None:
+    """Add the columns of the draws."""
+    table.add("mc_mean", draws.mean, "Mean of the draws of P_D.")
+    table.add("mc_std", draws.std, "Standard deviation of the draws of P_D.")
+    for end, values, quantile in (("lower", draws.lower, 0.00135), ("upper", draws.upper, 0.99865)):
+        sign = "-" if end == "lower" else "+"
+        meaning = f"Quantile of the draws at {quantile}, as {sign}3 sigma of a normal distribution."
+        table.add(f"mc_{end}", values, meaning)
+
+
+def rows(words_by_name: Mapping[str, str]) -> list[str]:
+    """Return lines of names and words, in two columns."""
+    width = max(map(len, words_by_name), default=0)
+    return [f"  {name:{width}}  {words}" for name, words in words_by_name.items()]
+
+
+def add_radars(result: Result, at_level: Mapping[str, Scenario], method: str) -> None:
+    """Add the largest 3 sigma of each radar of a network alone, at one level or at several."""
+    axis = result.scenario.axis
+    found = {level: largest_by_radar(s, method) for level, s in at_level.items()}
+    first = next(iter(found.values()))
+    if not first:
+        return
+    several = len(found) > 1
+    result.summary |= radar_summary(found if several else first)
+    result.report += ["largest 3 sigma of each radar alone:"]
+    result.report += rows(
+        {
+            name: ", ".join(
+                f"{level} " * several + describe_extreme(tops[name], axis)
+                for level, tops in found.items()
+            )
+            for name in first
+        }
+    )
 
 
 def monte_carlo_columns(draws: DrawStatistics, before: str = "") -> dict[str, FloatArray]:

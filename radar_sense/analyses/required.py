@@ -1,0 +1,130 @@
+"""The accuracy that a limit requires of each source, in words and numbers, for `budget`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from radar_sense import words
+from radar_sense.analyses.error_budget import (
+    MONTE_CARLO,
+    RequiredAccuracy,
+    only_at,
+    required_accuracies,
+)
+from radar_sense.analyses.verdicts import refinement
+from radar_sense.axis import Axis
+from radar_sense.command import Option, Result
+from radar_sense.errors import InputError
+from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
+from radar_sense.propagation import METHODS, propagate_scenario
+
+OPTIONS = (
+    Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
+    Option(
+        "threshold",
+        "Also the accuracy at which P_D + K sigma is P_MAX.",
+        THRESHOLD,
+        metavar="P_MAX",
+    ),
+    Option("k", "Number of sigma of --threshold.", SIGMAS, metavar="K", default_text="3"),
+    Option(
+        "at",
+        "The only pose for --target or --threshold: azimuth [deg], time [s] or distance [m].",
+        ANY,
+        metavar="X",
+        default_text="all",
+    ),
+)
+
+
+def check_options(
+    method: str, target: float | None, threshold: float | None, k: float | None, at: float | None
+) -> None:
+    """Raise InputError if options do not go together."""
+    if target is not None and threshold is not None:
+        raise InputError("target and threshold exclude each other; give one of them")
+    if target is None and threshold is None and at is not None:
+        raise InputError("at needs target or threshold")
+    if threshold is None and k is not None:
+        raise InputError("k needs threshold")
+    if method == MONTE_CARLO and (target, threshold) != (None, None):
+        name = "target" if threshold is None else "threshold"
+        raise InputError(f"{name} needs one of the methods {', '.join(METHODS)}")
+
+
+def add_required_accuracy(
+    result: Result,
+    *,
+    target: float | None,
+    threshold: float | None,
+    k: float | None,
+    at: float | None,
+) -> None:
+    """Add the largest factor on σ of each source, and of all, at which a limit holds."""
+    limit = target if threshold is None else threshold
+    if limit is None:
+        return
+    scenario, method = result.scenario, result.method
+    sigmas = None if threshold is None else 3.0 if k is None else k
+    chosen = scenario if at is None else only_at(scenario, at)
+    propagate = partial(propagate_scenario, method=method, beta=sigmas or 3.0)
+    poses = refinement.resolve(chosen, propagate, limit)
+    axis = poses.scenario.axis
+    required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)
+
+    value = "3 sigma" if sigmas is None else f"P_D + {sigmas:g} sigma"
+    place = "at all poses" if at is None else f"at {axis.format(at)}"
+    between = f" and at {poses.added} between them" if poses.added else ""
+    result.report += [
+        f"for {value} <= {limit:g} {place}{between}, sigma of one source (others unchanged) or of "
+        "all must be:"
+    ]
+    if not poses.resolved:
+        result.report += [f"  {refinement.unresolved(poses)}"]
+    short = {name: name.removeprefix("radar_constant_") for name in required}
+    result.report += words.rows(
+        {
+            label if label == name else f"  {label}": in_words(required[name], axis)
+            for name, label in short.items()
+        }
+    )
+    result.summary["target" if sigmas is None else "threshold"] = {
+        **({"three_sigma": limit} if sigmas is None else {"p_max": limit, "k": sigmas}),
+        "poses": len(axis),
+        "poses_between_rows": poses.added,
+        "resolved": poses.resolved,
+        f"at_{axis.unit}": at,
+        "required_accuracy": _by_source(required, axis),
+    }
+
+
+def _by_source(required: Mapping[str, RequiredAccuracy], axis: Axis) -> dict[str, dict[str, Any]]:
+    """Return the numbers of the record, with the place under the name of the axis."""
+    found = {}
+    for source, accuracy in required.items():
+        numbers = dataclasses.asdict(accuracy)
+        numbers[axis.key] = numbers.pop("place")
+        found[source] = numbers
+    return found
+
+
+def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
+    """Describe the largest factor on the standard deviations of a source."""
+    factor = accuracy.factor
+    if factor is None and accuracy.known:
+        source = f", from {accuracy.residual_from}" if accuracy.residual_from else ""
+        place = axis.format(accuracy.place)
+        return f"impossible alone ({accuracy.residual:.4f} remains at {place}{source})"
+    if not factor:
+        return "less than a millionth" if accuracy.known else "not known: the method has no value"
+    if np.isinf(factor):
+        return "anything"
+    beyond = "" if accuracy.known else " (no value beyond)"
+    if factor >= 1:
+        return f"no smaller; may grow {factor:.4g}-fold{beyond}"
+    return f"{100 * factor:.3g} %{beyond}"

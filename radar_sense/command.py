@@ -1,0 +1,473 @@
+"""What makes a function a command: its options, its table and its result.
+
+    @command(LEVEL, ONE_RADAR, METHOD, examples=("radar-sense budget",))
+    def budget(scenario: Scenario) -> Result: ...
+
+`budget` is then a `Command`. Python calls it with a scenario, and the command line finds it by the
+name of its file.
+"""
+
+from __future__ import annotations
+
+import functools
+import html
+import inspect
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+
+from numpy.typing import NDArray
+
+from radar_sense import files
+from radar_sense.errors import (
+    FigureError,
+    InputError,
+    check_choice,
+    describe,
+    did_you_mean,
+    shorten_list,
+)
+from radar_sense.limits import (
+    FORMATS,
+    MAP_KM,
+    RUNS,
+    SEED,
+    STYLES,
+    WORKERS,
+    Limit,
+    check_number,
+    plain_number,
+)
+from radar_sense.montecarlo.sequences import SAMPLERS
+from radar_sense.propagation import METHODS
+from radar_sense.scenario import Scenario, check_scenario, for_radar
+from radar_sense.states import FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Axes, Figure
+
+
+@dataclass(frozen=True)
+class Option:
+    """A keyword of a command, which is an option of the command line.
+
+    Attributes:
+        name: The keyword; `step_km` is --step-km on the command line.
+        help: Line in the help of the command.
+        limit: Limit of a number; None for a word.
+        metavar: Placeholder of the value in the help.
+        default: The default value.
+        default_text: The default in words, if the value is None.
+        count: Number of values of the option.
+        choices: The words allowed, if they do not depend on the scenario.
+        also: Words allowed besides the choices.
+        flag: Whether the option takes no value.
+        multiple: Whether the option may be given several times.
+    """
+
+    name: str
+    help: str
+    limit: Limit | None = None
+    metavar: str = "N"
+    default: Any = None
+    default_text: str = ""
+    count: int = 1
+    choices: Collection[str] = ()
+    also: tuple[str, ...] = ()
+    flag: bool = False
+    multiple: bool = False
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """All words allowed; () for any text or a number."""
+        return (*self.choices, *self.also)
+
+    def checked(self, value: Any) -> Any:
+        """Return a value as the command takes it: numbers of Python, several in a tuple.
+
+        Raises:
+            InputError: If the value has another type, is out of the limit, or is another word.
+        """
+        if not self.multiple and self.count == 1:
+            return self._checked(value)
+        several = isinstance(value, Iterable) and not isinstance(value, str)
+        values = tuple(value) if several else (value,)
+        if not self.multiple and len(values) != self.count:
+            raise InputError(f"{self.name} must be {self.count} values, got {describe(value)}")
+        return tuple(map(self._checked, values))
+
+    def _checked(self, value: Any) -> Any:
+        if self.limit is not None:
+            return check_number(self.name, value, self.limit)
+        if self.words:
+            check_choice(self.name, value, self.words)
+        value = plain_number(value) if self.flag else value
+        kind, allowed = (bool, "True or False") if self.flag else (str, "text")
+        if not isinstance(value, kind):
+            raise InputError(f"{self.name} must be {allowed}, got {describe(value)}")
+        return value
+
+
+# The options that mean the same everywhere.
+LEVEL = Option("level", "Level of radar uncertainty.", metavar="NAME")
+ONE_RADAR = Option("radar", "Only this radar of a network.", metavar="NAME")
+METHOD = Option(
+    "method",
+    f"Method of propagation: {', '.join(METHODS)}.",
+    metavar="NAME",
+    choices=METHODS,
+    default="linear",
+)
+NUMBER_OF_RUNS = Option("runs", "Number of runs.", RUNS, default_text="the scenario's")
+SEED_OF_DRAWS = Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's")
+SAMPLER = Option(
+    "sampler",
+    "random; or sobol, quasi-random points that need fewer runs for mean and sigma.",
+    metavar="NAME",
+    default="random",
+    choices=SAMPLERS,
+)
+WORKER_THREADS = Option(
+    "workers",
+    "Threads to compute with; the numbers do not depend on the number of threads.",
+    WORKERS,
+    default_text="all cores, at most 8",
+)
+DASK = Option(
+    "dask",
+    "Compute on a Dask cluster, given by its scheduler, such as tcp://host:8786.",
+    metavar="ADDRESS",
+)
+DOWN_KM = Option("down_km", "Down, negative is up.", MAP_KM, "KM", default_text="the first pose's")
+COURSE_DEG = Option(
+    "course_deg",
+    "Yaw of the aircraft.",
+    Limit(at_least=-360, at_most=360),
+    "DEG",
+    default_text="the first pose's",
+)
+_OF_SCENARIO = {
+    option.name: option for option in (LEVEL, ONE_RADAR, METHOD, NUMBER_OF_RUNS, SEED_OF_DRAWS)
+}
+
+
+class Column(NamedTuple):
+    """What a column of a table is: its unit ("" for a pure number) and its meaning."""
+
+    unit: str
+    meaning: str
+
+
+class Table(dict[str, FloatArray]):
+    """Columns of one length (n,) by name; a map has axes and planes.
+
+    Attributes:
+        columns: Unit and meaning of each column.
+    """
+
+    def __init__(self) -> None:
+        self.columns: dict[str, Column] = {}
+
+    def add(self, name: str, values: NDArray[Any], meaning: str, unit: str = "") -> None:
+        """Append a column."""
+        self[name] = values
+        self.columns[name] = Column(unit, meaning)
+
+
+@dataclass(eq=False)
+class Result:
+    """What a command returns: numbers, lines for the terminal, and how to draw them.
+
+    Attributes:
+        scenario: The scenario, with level, method, runs and seed as they were used.
+        method: Method of propagation of the numbers.
+        table: The columns.
+        summary: Numbers for the JSON record.
+        report: Lines for the terminal, the answer first.
+        warnings: Where the numbers are unreliable, one sentence each.
+        draw: Draws into an empty figure. A `partial` of a function of a module, for pickle.
+        passed: Whether the test of the command passed; True if there is no test.
+        exports: Functions of the result that return a file, by format besides figures.
+        analysis: Name of the command.
+        shown: Names of the options that the small print of the figure shows.
+    """
+
+    scenario: Scenario
+    method: str = "linear"
+    table: Table = field(default_factory=Table)
+    summary: dict[str, Any] = field(default_factory=dict)
+    report: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    draw: Callable[[Figure], object] | None = None
+    passed: bool = True
+    exports: Mapping[str, Callable[[Result], bytes]] = field(default_factory=dict)
+    analysis: str = "result"
+    shown: tuple[str, ...] = ()
+
+    @property
+    def stem(self) -> str:
+        """Name of the files of the result, without folder and ending."""
+        return f"{self.scenario.name}_{self.analysis}"
+
+    @property
+    def small_print(self) -> str:
+        """Scenario, level and method, for the figure. Numbers without a σ have no level."""
+        words = [f"scenario {self.scenario.name}"]
+        if any("sigma" in name for name in self.table):
+            chosen = {"level": self.scenario.level, "method": self.method}
+            words += [f"{name} {word}" for name, word in chosen.items() if name in self.shown]
+        return ", ".join(words)
+
+    def plot(self, style: str = STYLES[0], *, ax: Axes | Sequence[Axes] | None = None) -> Figure:
+        """Draw the figure.
+
+        Args:
+            style: Size of the figure: one-column, two-columns, slides.
+            ax: One's own axes to draw on, one for each panel; None makes a figure.
+
+        Raises:
+            ValueError: If the result has no figure, there is no such style, or the axes do not fit.
+        """
+        from radar_sense import plotting
+
+        if self.draw is None:
+            raise ValueError("this result has no figure")
+        if ax is not None:
+            return plotting.draw_on(self.draw, ax)
+        return plotting.draw(self.draw, self.small_print, style)
+
+    def to_dataframe(self) -> Any:
+        """Return the columns of one length as a pandas DataFrame.
+
+        Raises:
+            ImportError: If pandas is not installed.
+        """
+        from pandas import DataFrame
+
+        return DataFrame({name: c for name, c in self.table.items() if c.ndim == 1})
+
+    def save(
+        self,
+        folder: str | Path = ".",
+        formats: Sequence[str] = ("png",),
+        *,
+        style: str = STYLES[0],
+        command: Sequence[str] = (),
+    ) -> list[Path]:
+        """Write table, figures and record; the record is the last, with the digests of the others.
+
+        Args:
+            folder: Folder of the files; made if missing.
+            formats: Formats of the figure: png, pdf, svg; of a map also geojson. () writes no
+                figure.
+            style: Size of the figure: one-column, two-columns, slides.
+            command: The command line, for the record.
+
+        Returns:
+            The files: the table, the figures, the record.
+
+        Raises:
+            FigureError: If the figure could not be drawn. Table and record are written.
+            OSError: If a file cannot be written.
+            ValueError: If there is no such format or style.
+            InputError: If the result cannot have a format. No file is written then.
+        """
+        allowed = (*FORMATS, *self.exports)
+        for name in formats:
+            if name not in allowed:
+                raise ValueError(f"format must be one of {', '.join(allowed)}, got {name!r}")
+        if style not in STYLES:
+            raise ValueError(f"style must be one of {', '.join(STYLES)}, got {style!r}")
+        ending, table = files.table(self.table)
+        contents = {ending: table}
+        error = None
+        try:
+            contents |= self._figures([name for name in formats if name in FORMATS], style)
+        except FigureError as failure:
+            error = failure
+        contents |= {n: self.exports[n](self) for n in formats if n in self.exports}
+        contents = {f"{self.stem}.{name}": content for name, content in contents.items()}
+        record = files.record(self.record(command), contents)
+        paths = files.write(Path(folder), {**contents, f"{self.stem}.json": record})
+        if error is not None:
+            error.paths = paths
+            raise error
+        return paths
+
+    def _figures(self, formats: Sequence[str], style: str) -> dict[str, bytes]:
+        """Return the figure in each format."""
+        if not formats:
+            return {}
+        try:
+            from radar_sense import plotting
+
+            figure = self.plot(style)
+            return {name: plotting.render(figure, name) for name in formats}
+        except Exception as error:
+            raise FigureError(
+                f"the figure could not be drawn ({type(error).__name__}: {error}); "
+                "table and record are written"
+            ) from error
+
+    def record(self, command: Sequence[str] = ()) -> dict[str, Any]:
+        """Return the inputs, the warnings, the summary and the columns, for the JSON record."""
+        return {
+            "analysis": self.analysis,
+            "command": list(command),
+            "seed": self.scenario.seed,
+            "scenario": self.scenario.resolved(),
+            "warnings": self.warnings,
+            "summary": self.summary,
+            "columns": {name: column._asdict() for name, column in self.columns.items()},
+        }
+
+    @property
+    def columns(self) -> Mapping[str, Column]:
+        """Unit and meaning of each column of the table."""
+        return self.table.columns
+
+    def __repr__(self) -> str:
+        rows = max((len(column) for column in self.table.values()), default=0)
+        return (
+            f"<Result of {self.analysis}: {self.scenario.name}, {rows} rows of "
+            f"{shorten_list(list(self.table))}; .report, .warnings, .table, .plot(), .save(folder)>"
+        )
+
+    def _repr_html_(self) -> str:
+        lines = "\n".join([*self.report, *(f"Warning: {text}" for text in self.warnings)])
+        title = html.escape(f"{self.analysis}: {self.scenario.name}")
+        return f"<b>{title}</b><pre>{html.escape(lines)}</pre>"
+
+
+@dataclass(eq=False, repr=False)
+class Command:
+    """A function of a scenario that returns a result, with its options.
+
+    Attributes:
+        run: The function.
+        options: Its options.
+        examples: Command lines for the help.
+        name: Name of the command; of the function by default.
+        exports: Formats that the result can have besides figures.
+    """
+
+    run: Callable[..., Any]
+    options: tuple[Option, ...] = ()
+    examples: tuple[str, ...] = ()
+    name: str = ""
+    exports: tuple[str, ...] = ()
+    endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
+    has_figures: ClassVar[bool] = True
+    #: Returns the warnings of a scenario itself, which every result has.
+    check: ClassVar[Callable[[Scenario], Iterable[str]]] = staticmethod(lambda scenario: ())
+
+    def __post_init__(self) -> None:
+        functools.update_wrapper(self, self.run)  # for `help` and `inspect.signature`
+        self.__name__ = self.run.__name__.lstrip("_")
+        self.name = self.name or self.__name__
+        signature = inspect.signature(self.run)
+        kind = inspect.Parameter.KEYWORD_ONLY
+        shared = [
+            inspect.Parameter(name, kind, default=None)
+            for name in _OF_SCENARIO
+            if name not in signature.parameters
+        ]
+        parameters = [*signature.parameters.values(), *shared]
+        self.__signature__ = signature.replace(parameters=parameters)
+
+    def __call__(self, scenario: Scenario, **options: Any) -> Any:
+        """Return the result of the command.
+
+        Args:
+            scenario: The scenario.
+            options: Options of the command. `level`, `radar`, `method`, `runs` and `seed` are
+                always allowed.
+
+        Raises:
+            InputError: If the scenario is no `Scenario`, or an option is not allowed.
+            TypeError: If the command has no such option.
+        """
+        check_scenario(scenario)
+        own = self._own(options)
+        selected = self.selected(scenario, **options)
+        result = self.run(selected, **own)
+        if isinstance(result, Result):
+            result.analysis = self.name
+            result.shown = tuple(option.name for option in self.options)
+            warnings = (*Command.check(selected), *result.warnings)
+            # lists while they are made
+            vars(result).update(report=tuple(result.report), warnings=warnings)
+        return result
+
+    def _own(self, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the options of the function, checked. None is allowed where it is the default."""
+        parameters = inspect.signature(self.run).parameters
+        declared = {option.name: option for option in self.options}
+        if not isinstance(options.get("executor"), Executor | None):
+            raise InputError(f"executor must be an Executor, got {describe(options['executor'])}")
+        own = {}
+        for name, value in options.items():
+            if name in self.keywords:
+                is_default = value is None and parameters[name].default is None
+                unchecked = is_default or name not in declared
+                own[name] = value if unchecked else declared[name].checked(value)
+            elif name not in _OF_SCENARIO:
+                allowed = sorted({*self.keywords, *_OF_SCENARIO})
+                raise TypeError(
+                    f"{self.name}() has no option {name!r}, allowed: {', '.join(allowed)}"
+                    + did_you_mean(name, allowed)
+                )
+        return own
+
+    def selected(self, scenario: Scenario, **options: Any) -> Scenario:
+        """Return the scenario with the chosen level, method, runs, seed and radar.
+
+        Raises:
+            InputError: If there is no such level, method or radar, or a number is out of range.
+        """
+        chosen = {n: options[n] for n in _OF_SCENARIO if n in options and n not in self.keywords}
+        radar = chosen.pop("radar", None)
+        scenario = scenario.with_analysis(**chosen)
+        return scenario if radar is None else for_radar(scenario, radar)
+
+    def stem(self, scenario: Scenario) -> str:
+        """Return the name of the files of a result, without folder and ending."""
+        return f"{scenario.name}_{self.name}"
+
+    @property
+    def formats(self) -> tuple[str, ...]:
+        """Formats that the command can write besides its table and record."""
+        return (*FORMATS, *self.exports)
+
+    @property
+    def keywords(self) -> tuple[str, ...]:
+        """Keywords of the function."""
+        return tuple(inspect.signature(self.run).parameters)[1:]
+
+    @property
+    def help(self) -> str:
+        """Return the help of the command: the docstring up to the arguments."""
+        text = inspect.getdoc(self.run) or ""
+        return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
+
+    def __repr__(self) -> str:
+        return f"<command {self.name}: {self.help.partition(chr(10))[0]}>"
+
+
+def command(
+    *options: Option,
+    examples: Sequence[str] = (),
+    name: str = "",
+    exports: tuple[str, ...] = (),
+) -> Callable[[Callable[..., Result]], Command]:
+    """Make a command of a function from a scenario to a result.
+
+    Args:
+        options: The options of the command line.
+        examples: Command lines for the help.
+        name: Name of the command; of the function by default.
+        exports: Formats that the result can have besides figures.
+    """
+    return lambda run: Command(run, options, tuple(examples), name, exports)
