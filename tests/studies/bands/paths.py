@@ -2,8 +2,8 @@
 
 Between two rows the position is on a straight line. The attitude turns about one axis at a constant
 rate. P_D of the nominal states is computed every 0.02 s. A route grazes where P_D is above the
-threshold for at least a second, and well below it at every row. Some routes pass by instead: their
-limit or lobe is at least eight standard deviations away, and P_D stays near P_fa.
+threshold for at least a second, and well below it at every row. Some routes pass by instead, eight
+standard deviations from a limit or far from the lobe, and P_D stays near P_fa.
 """
 
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ KINDS = ("range", "eclipse", "horizon", "closest", "lobe", "turn")
 PASSING = ("range", "horizon", "lobe")
 #: P_D at a row over the threshold, at most.
 WELL_BELOW = 0.5
-#: Distance from the limit or the lobe of a route that passes by, in standard deviations.
+#: Distance from the limit of a route that passes by, in standard deviations.
 APART = 8.0
 
 

@@ -18,7 +18,7 @@ from scipy.special import ndtr
 from .model import Oracle
 from .populations import POPULATIONS, problem, problems
 
-BATCH, CHUNK, MOST = 200_000, 20_000, 2_000_000
+BATCH, CHUNK, MOST = 200_000, 20_000, 1_200_000
 ENOUGH = 0.001
 #: Quantiles that are stored, as numbers of standard deviations of a normal distribution.
 GRID = np.linspace(-4, 4, 81)
