@@ -7,6 +7,7 @@ name. Duplicate keys and tags are errors.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import yaml
 
@@ -74,12 +75,13 @@ class Place:
 
     def items(self) -> dict[str, Place]:
         """Return the values of a mapping by key."""
-        return {name: value for name, (_, value) in self._pairs().items()}
+        return {name: value for name, (_, value) in self._pairs.items()}
 
     def of_key(self, name: str) -> Place:
         """Return the place of a key of a mapping, for errors about the key."""
-        return self._pairs()[name][0]
+        return self._pairs[name][0]
 
+    @cached_property
     def _pairs(self) -> dict[str, tuple[Place, Place]]:
         if not self.is_mapping:
             raise self.wrong("a mapping (key: value)")

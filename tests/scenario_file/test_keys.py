@@ -13,21 +13,17 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from helpers import assert_refused, place, refusal, write
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import radar_sense as rs
-from radar_sense.limits import ANY, NAME, Limit
-from radar_sense.scenario_file.declare import matrix, number, numbers, text, words
 from radar_sense.scenario_file.load import MAX_BYTES, default_text
-from radar_sense.scenario_file.place import parse
 
 Lines = list[tuple[str, str]]
 
@@ -46,8 +42,6 @@ def flattened(document: dict, above: str = "") -> Lines:
 
 LINES = flattened(yaml.safe_load(default_text()))
 PATHS = [path for path, _ in LINES]
-BRANCHES = [path for path, text in LINES if not text]
-LEVELS = [p for p in PATHS if re.fullmatch(r"uncertainty\.radar\.\w+", p)]
 #: Keys whose default is the paper's value.
 OPTIONAL = ["radar.detector", "geometry.azimuth_from", "analysis.runs", "analysis.seed"]
 
@@ -94,27 +88,10 @@ def only_warnings(err: str) -> bool:
     return all(line.startswith("Warning: ") for line in err.splitlines())
 
 
-# Every key of the scenario, misused in every way.
-
-
 def test_the_lines_are_the_embedded_scenario(tool):
     assert yaml.safe_load(yaml_text(LINES)) == yaml.safe_load(default_text())
     assert len(LINES) > 30
     accepted(tool, LINES)
-
-
-@pytest.mark.parametrize(
-    "path", [p for p in PATHS if p not in [*OPTIONAL, *LEVELS, "analysis.method"]]
-)
-def test_missing_key(tool, path):
-    lines = without(path)
-    line, where, complaint = place(refusal(tool, yaml_text(lines)))
-    above = parent(path)
-    assert where == above
-    assert f"'{path.split('.')[-1]}'" in complaint
-    # In YAML a mapping begins with its first entry, or, without entries, at its key.
-    entries = [p for p, _ in lines if p.startswith(f"{above}.")]
-    assert line == (line_of(entries[0] if entries else above, lines) if above else 1)
 
 
 @pytest.mark.parametrize("path", OPTIONAL)
@@ -129,182 +106,42 @@ def test_method(tool, method):
     assert accepted(tool, without("analysis.method")).method == "automatic"
 
 
-@pytest.mark.parametrize("path", [p for p in PATHS if p not in LEVELS])
-def test_misspelled_key(tool, path):
-    key = path.split(".")[-1]
-    longer = path + key[-1]
-    lines = [(longer + p[len(path) :] if is_within(p, path) else p, v) for p, v in LINES]
-    line, where, complaint = place(refusal(tool, yaml_text(lines)))
-    assert (line, where) == (line_of(longer, lines), parent(path))
-    assert f"unknown key '{key}{key[-1]}'" in complaint
-    assert f"did you mean '{key}'?" in complaint
-    assert "allowed: " in complaint
-
-
-@pytest.mark.parametrize("path", PATHS)
-def test_duplicate_key(tool, path):
-    first = line_of(path, LINES)
-    end = max(i for i, (p, _) in enumerate(LINES, 1) if is_within(p, path))
-    lines = [*LINES[:end], (path, LINES[first - 1][1] or "{}"), *LINES[end:]]
-    line, where, complaint = place(refusal(tool, yaml_text(lines)))
-    assert (line, where) == (end + 1, parent(path))
-    assert f"duplicate key '{path.split('.')[-1]}'" in complaint
-    assert f"line {first}" in complaint
-
-
-#: Words in the place of a number, and their quotation in the error.
-NO_NUMBER = {
-    "yes": "'yes'",
-    "12:30": "'12:30'",
-    "'5'": "'5'",
-    "[1, 2]": "a list of 2",
-    "[[1]]": "a list of ",
-    "{}": "a mapping",
-    "": "nothing",
-    "null": "'null'",
-    "~": "'~'",
-    ".nan": ".nan",
-    ".inf": ".inf",
-    "-.Inf": "-.Inf",
-    "nan": "nan",
-    "1e999": "1e999",
-    "-1e999": "-1e999",
-    "abc": "'abc'",
-    "2001-01-01": "'2001-01-01'",
-    "0x10": "'0x10'",
-    "1_000": "'1_000'",
-    "1,5": "'1,5'",
-    "١٢": "'١٢'",
-    "5 5": "'5 5'",
-}
-#: Allowed names, which YAML 1.1 may read as other types.
-GOOD_NAMES = ["yes", "null", "nan", "abc", "'5'", "1_000", "1e999", "2001-01-01", "0x10"]
-
-
-#: Kinds of values, and texts of `NO_NUMBER` that are good there.
-KINDS = {
-    "number": (number(ANY), []),
-    "number or infinity": (number(ANY, infinite=True), [".inf"]),
-    "integer": (number(Limit(whole=True)), []),
-    "numbers": (numbers(3), []),
-    "matrix": (matrix(1), ["[[1]]"]),
-    "choice": (words("north", "east"), []),
-    "name": (text(NAME), GOOD_NAMES),
-}
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_refuses_words_that_are_no_numbers(kind):
-    read, good = KINDS[kind][0].read, KINDS[kind][1]
-    for word, shown in NO_NUMBER.items():
-        value = parse(f"a: 1\nkey: {word}\n", "my.yaml")["key"]
-        if word in good:
-            read(value)
-            continue
-        with pytest.raises(rs.ScenarioError) as refused:
-            read(value)
-        _, _, complaint = place(f"Error: {refused.value}")
-        assert str(refused.value).startswith("my.yaml:2: key"), word
-        assert shown in complaint or f"'{shown}'" in complaint, word
-        assert re.search("must be (a|one of|finite)", complaint), word
-
-
-@pytest.mark.parametrize("path", [p for p in PATHS if p not in BRANCHES])
-def test_wrong_type(tool, path):
-    line, where, complaint = place(refusal(tool, yaml_text(replaced({path: "12:30"}))))
-    assert (line, where) == (line_of(path, LINES), path)
-    assert "'12:30'" in complaint
-    assert re.search("must be (a|the|one of)", complaint)
-
-
-@pytest.mark.parametrize("value", ["yes", "5", "[1, 2]", "", "null", "abc", ".nan"])
-@pytest.mark.parametrize("path", BRANCHES)
-def test_value_where_a_mapping_belongs(tool, path, value):
-    lines = replaced({path: value})
-    line, where, complaint = place(refusal(tool, yaml_text(lines)))
-    assert (line, where) == (line_of(path, lines), path)
-    assert "must be a mapping" in complaint
-    assert NO_NUMBER.get(value, value).strip("'") in complaint
-
-
-@pytest.mark.parametrize("path", BRANCHES)
-def test_empty_mapping(tool, path):
-    _, where, complaint = place(refusal(tool, yaml_text(replaced({path: "{}"}))))
-    assert where == path
-    assert re.search(r"missing key '\w+'|needs ", complaint)
-
-
-@pytest.mark.parametrize(
-    "tag", ["!!python/object:os.system", "!!python/object/apply:os.system", "!!python/name:x", "!x"]
-)
-@pytest.mark.parametrize("path", ["radar.constant", "aircraft.rcs.a_m", "analysis.level"])
-def test_tags(tool, path, tag):
-    for value in ("x", "[x]"):
-        text = yaml_text(replaced({path: f"{tag} {value}"}))
-        line, where, complaint = place(refusal(tool, text))
-        assert (line, where) == (line_of(path, LINES), path)
-        assert "tag" in complaint
-        assert tag.strip("!")[:10] in complaint
-
-
 # Values out of range.
 
 RADAR = "uncertainty.radar.medium"
 AIRCRAFT = "uncertainty.aircraft"
+#: Values that are refused for a reason of their own; `test_declare` has the others.
 WRONG = [
     ("name", "../up", "'../up'"),
     ("name", "'a b'", "'a b'"),
     ("name", ".hidden", "'.hidden'"),
-    ("name", "-x", "'-x'"),
-    ("name", "a/b", "'a/b'"),
     ("name", r'"a\nb"', r"'a\nb'"),
     ("name", "a" * 101, "100"),
     ("radar.p_fa", "0", "not less than 1e-100 and less than 1, got 0"),
     ("radar.p_fa", "1", "not less than 1e-100 and less than 1, got 1"),
-    ("radar.p_fa", "-0.5", "got -0.5"),
-    ("radar.p_fa", "1.5", "got 1.5"),
     ("radar.p_fa", "1e-400", "1e-400"),
     ("radar.p_fa", "0." + "9" * 30, "less than 1"),
-    ("radar.constant", "0", "greater than 0, got 0"),
+    ("radar.p_fa", "1%", "got '1%'; write 0.01 for 1%"),
     ("radar.constant", "-167", "greater than 0, got -167"),
     ("radar.constant", "1e-30", "1e-20 to 1e+20"),
-    ("radar.position_m", "[0, 0]", "a list of 3 numbers, got a list of 2"),
-    ("radar.position_m", "[0, 0, 0, 0]", "a list of 3 numbers, got a list of 4"),
-    ("radar.position_m[3]", "[0, 0, .nan]", ".nan"),
-    ("radar.position_m[1]", "[[0], 0, 0]", "a list of 1"),
+    ("radar.constant", "1,5", "got '1,5'; write 1.5 for 1,5"),
     ("radar.position_m[2]", "[0, 1e21, 0]", "1e21"),
-    ("aircraft.attitude_deg", "90", "a list of 3 numbers"),
     ("aircraft.attitude_deg[3]", "[0, 0, 361]", "360"),
-    ("aircraft.rcs.a_m", "0", "greater than 0, got 0"),
-    ("aircraft.rcs.b_m", "-0.13", "greater than 0, got -0.13"),
     ("aircraft.rcs.c_m", "-0.0", "greater than 0"),
     ("aircraft.rcs.model", "elipsoid", "did you mean 'ellipsoid'?"),
     ("geometry.type", "orbits", "did you mean 'orbit'?"),
-    ("radar.detector", "swerling", "north, marcum, swerling1, swerling2, swerling3, swerling4"),
     ("radar.detector", "marcun", "got 'marcun'; did you mean 'marcum'?"),
-    ("radar.detector", "[north]", "got a list of 1"),
-    ("geometry.azimuth_from", "nort", "did you mean 'north'?"),
-    ("geometry.range_km", "-1", "not less than 0, got -1"),
+    ("radar.detector", "swerling0", "got 'swerling0'; write 'marcum'"),
     ("geometry.azimuth_deg.step", "0", "got 0"),
     ("geometry.azimuth_deg.step", "-0.0", "step other than 0"),
     ("geometry.azimuth_deg.step", "-0.5", "from 0 to 180, got -0.5"),
     ("geometry.azimuth_deg.step", "1.8e-7", "1,000,000"),  # a billion poses
     ("geometry.azimuth_deg.step", "1e-20", "1,000,000"),
-    ("geometry.azimuth_deg.start", "-361", "-360"),
-    ("geometry.azimuth_deg.stop", "721", "720"),
     ("analysis.level", "medum", "low, medium, high, got 'medum'; did you mean 'medium'?"),
-    ("analysis.runs", "0", "not less than 2"),
-    ("analysis.runs", "1", "not less than 2"),
+    ("analysis.method", "lineer", "did you mean 'linear'?"),
     ("analysis.runs", "2.5", "a whole number"),
-    ("analysis.runs", "-500", "got -500"),
-    ("analysis.runs", "1e10", "1e+09"),
-    ("analysis.seed", "-1", "not less than 0, got -1"),
-    ("analysis.seed", "0.5", "a whole number"),
-    (f"{AIRCRAFT}.position_m", "-10", "not less than 0, got -10"),
     (f"{AIRCRAFT}.attitude_deg[2]", "[1, -1, 1]", "not less than 0, got -1"),
-    (f"{RADAR}.constant", "-5", "not less than 0, got -5"),
     (f"{RADAR}.constant", "[5]", "a list of 1"),
-    (f"{RADAR}.position_m", "[1, 2]", "a list of 3"),
     # Covariances.
     (f"{RADAR}.position_m", "[[1, 0], [0, 1]]", "a list of 3 rows of 3 numbers, got a list of 2"),
     (f"{RADAR}.position_m[2]", "[[1, 0, 0], [0, 1], [0, 0, 1]]", "a list of 3 numbers"),
@@ -383,16 +220,6 @@ def surveillance(**changes: str) -> Lines:
     return [
         ("radar.surveillance", f"{{{text}}}") if p == "radar.constant" else (p, v) for p, v in LINES
     ]
-
-
-@pytest.mark.parametrize("key", SURVEILLANCE)
-def test_surveillance_parameters_are_checked(tool, key):
-    values = ["abc", ".inf", *(["201", "-201"] if key.endswith("_db") else ["0", "-1"])]
-    for value in values:
-        lines = surveillance(**{key: value})
-        line, where, complaint = place(refusal(tool, yaml_text(lines)))
-        assert (line, where) == (line_of("radar.surveillance", lines), f"radar.surveillance.{key}")
-        assert value in complaint
 
 
 def test_surveillance_that_makes_an_impossible_constant(tool):
@@ -618,27 +445,6 @@ def test_errors_of_a_real_process(tmp_path):
 
 
 # Accepted texts.
-
-
-@pytest.mark.parametrize(
-    ("text", "value"),
-    [
-        ("1e-6", 1e-6),
-        ("1.7e-4", 1.7e-4),
-        ("5", 5.0),
-        ("5.0", 5.0),
-        ("+5", 5.0),
-        (".5", 0.5),
-        ("5.", 5.0),
-        ("1E3", 1e3),
-        ("1e+3", 1e3),
-        ("007", 7.0),
-        ("0.1", 0.1),
-        ("&anchor 5", 5.0),
-    ],
-)
-def test_numbers_as_people_write_them(tool, text, value):
-    assert accepted(tool, replaced({"radar.constant": text})).radar[3] == value
 
 
 @pytest.mark.parametrize("name", ["NO", "123", "yes", "1e-6", "null", "a-b_c.d", "'123'"])
@@ -915,118 +721,20 @@ def test_check_quietly(tool):
     assert tool("check", "-q") == (0, "", "")
 
 
-# Random texts.
-
-FEW_LINES = replaced({"geometry.azimuth_deg.step": "60"})
-EXTREME = ["0", "1e-20", "1e20", "-1e20", "1e-10", "1e10", "1", "-1", "2", "0.5", "90", "1e3"]
-scalar = st.one_of(
-    st.sampled_from([*NO_NUMBER, *EXTREME, "*loop", "&loop [*loop]", "!!str 5", "- 1", "#", "? "]),
-    st.floats(allow_nan=True).map(repr),
-    st.integers().map(str),
-    st.text(st.characters(codec="utf-8"), max_size=8),
-)
-value = st.recursive(
-    scalar,
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=4).map(lambda v: f"[{', '.join(v)}]"),
-        st.lists(st.tuples(scalar, inner), max_size=3).map(
-            lambda v: f"{{{', '.join(f'{k}: {x}' for k, x in v)}}}"
-        ),
-    ),
-    max_leaves=8,
-)
-change = st.tuples(
-    st.integers(0, len(FEW_LINES) - 1), st.sampled_from(["set", "drop", "twice", "add"]), value
-)
+# Any bytes; `tests/fuzz` breaks scenarios at random.
 
 
-@st.composite
-def mangled(draw: st.DrawFn) -> bytes:
-    """Return the scenario with a few lines changed at random."""
-    lines = list(FEW_LINES)
-    for index, action, added in draw(st.lists(change, min_size=1, max_size=3)):
-        index %= len(lines)
-        path, old = lines[index]
-        new = {
-            "set": [(path, added)],
-            "drop": [],
-            "twice": [(path, old)] * 2,
-            "add": [(path, old), (f"{parent(path)}.{added}".lstrip("."), added)],
-        }
-        lines[index : index + 1] = new[action]
-    return yaml_text(lines).encode()
-
-
-NUMBERS = [
-    p
-    for p, v in FEW_LINES
-    if v and not p.endswith(("name", "detector", "model", "type", "from", "level"))
-]
-
-
-@st.composite
-def extreme(draw: st.DrawFn) -> bytes:
-    """Return the scenario with numbers at the ends of their limits."""
-    chosen = draw(st.lists(st.sampled_from(NUMBERS), min_size=1, max_size=8, unique=True))
-    number = st.sampled_from(EXTREME)
-    tiny = st.sampled_from(["5e-324", "1e-300", "1e-20", "0.5", "0.9999999999999999"])
-    detectors = ("north", "marcum", "swerling1", "swerling3")
-    changes = {"radar.detector": draw(st.sampled_from(detectors))}
-    for path in chosen:
-        old = dict(FEW_LINES)[path]
-        if path.endswith("p_fa"):
-            changes[path] = draw(tiny)
-        elif old.startswith("["):
-            changes[path] = f"[{', '.join(draw(number) for _ in range(3))}]"
-        else:
-            changes[path] = draw(number)
-    if draw(st.booleans()):
-        a, floor = draw(number), draw(number)
-        changes["aircraft.rcs"] = draw(
-            st.sampled_from([
-                f"{{model: spikeball, lobes: 1000000, amplitude_m2: {a}, floor_m2: {floor}}}",
-                f"{{model: constant, rcs_m2: {a}}}",
-            ])
-        )  # fmt: skip
-    return yaml_text(replaced(changes, FEW_LINES)).encode()
-
-
-anything = partial(
-    settings,
+@settings(
+    max_examples=100,
     deadline=None,
     derandomize=True,
-    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
-
-
-def refused_or_runs(tool: Callable, content: bytes) -> None:
-    """Insist on one line of error, or on results without a Python warning."""
+@given(content=st.one_of(st.binary(), st.text(st.characters(codec="utf-8")).map(str.encode)))
+def test_anything_else(tool, content):
     write(content)
     code, out, err = tool("check", "my.yaml")
     if code:
         assert_refused(code, out, err)
-        return
-    assert only_warnings(err)
-    assume(int(re.match(r"# (\d+) poses", out)[1]) <= 100)
-    for args in (["variance"], ["budget"], ["montecarlo", "--runs", "2", "--workers", "1"]):
-        code, _, err = tool(*args, "my.yaml", "--no-plot")
-        assert code == 0
+    else:
         assert only_warnings(err)
-
-
-@anything(max_examples=30)
-@given(content=mangled())
-def test_mangled_scenario(tool, content):
-    refused_or_runs(tool, content)
-
-
-@anything(max_examples=20)
-@given(content=extreme())
-def test_extreme_scenario(tool, content):
-    refused_or_runs(tool, content)
-
-
-@anything(max_examples=100)
-@given(content=st.one_of(st.binary(), st.text(st.characters(codec="utf-8")).map(str.encode)))
-def test_anything_else(tool, content):
-    refused_or_runs(tool, content)

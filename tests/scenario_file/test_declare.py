@@ -1,0 +1,323 @@
+"""Sections as dataclasses: every kind of value is read, refused, written, and in the schema."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import re
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+import yaml
+from helpers import document, yaml_text
+
+import radar_sense as rs
+from radar_sense.limits import ANY, LEVEL_NAME, NAME, NOT_NEGATIVE, POSITIVE, RUNS, SEED, Limit
+from radar_sense.scenario_file import build, declare, sections
+from radar_sense.scenario_file.declare import (
+    by_word,
+    deviations,
+    key,
+    keys_of,
+    list_of,
+    matrix,
+    named,
+    number,
+    number_or,
+    numbers,
+    read,
+    schema,
+    words,
+    write,
+    yes_no,
+)
+from radar_sense.scenario_file.load import default_text
+from radar_sense.scenario_file.place import parse
+
+ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wheel:
+    """A wheel."""
+
+    radius_m: float = key("Radius.", POSITIVE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sledge:
+    """A sledge."""
+
+    length_m: float = key("Length.", POSITIVE, default=2.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Cart:
+    """A cart, with a key of every kind."""
+
+    name: str = key("Name.", NAME)
+    load_kg: float | None = key("Load [kg].", NOT_NEGATIVE, one_of="load")
+    boxes: int | None = key("Boxes.", RUNS, one_of="load")
+    life_s: float = key("Life.", number(NOT_NEGATIVE, infinite=True), default=0.0)
+    colour: str = key("Colour.", words("red", "green", "4", synonyms={"rot": "red"}), default="red")
+    brake: bool = key("Brake.", yes_no(), default=False)
+    place_m: Any = key("Place.", numbers(2), default=None)
+    std_m: Any = key("Deviations.", deviations(2, NOT_NEGATIVE), unless=("covariance",))
+    covariance: Any = key("Covariance.", matrix(2), default=None, instead_of=("std_m",))
+    wheels: Any = key("Wheels.", list_of(Wheel, 2, "one wheel or more"), default=None)
+    spare: Wheel | None = key("Spare wheel.", Wheel, default=None)
+    runs_on: Any = key(
+        "What it runs on.",
+        by_word("kind", {"wheel": Wheel, "sledge": Sledge}, bare=True),
+        default=None,
+    )
+    parts: Any = key("Parts.", named(LEVEL_NAME, number(ANY), "part"), default=None)
+    drive: Any = key("Drive.", number_or(NOT_NEGATIVE, Wheel), default=None)
+
+
+GOOD = """\
+name: cart
+load_kg: 1e2
+life_s: .inf
+colour: green
+brake: true
+place_m: [1, -2.50]
+std_m: [[1, 0], [0, 4]]
+wheels: [{radius_m: 1}, {radius_m: 2}]
+spare: {radius_m: 0.5}
+runs_on: {kind: wheel, radius_m: 1}
+parts: {a: 1, b: 2}
+drive: {radius_m: 3}
+"""
+
+
+def cart(text: str) -> Cart:
+    return read(parse(text, "my.yaml"), Cart)
+
+
+def test_every_kind_is_read_and_written_as_typed():
+    made = cart(GOOD)
+    assert (made.load_kg, made.life_s, made.brake, made.place_m) == (
+        100,
+        float("inf"),
+        True,
+        (1, -2.5),
+    )
+    assert made.wheels == (Wheel(radius_m=1), Wheel(radius_m=2))
+    assert (made.runs_on, made.parts["b"], made.drive) == (Wheel(radius_m=1), 2, Wheel(radius_m=3))
+    written = write(made)
+    assert written == {**yaml.safe_load(GOOD.replace("1e2", "1.0e+2")), "life_s": ".inf"}
+    text = yaml.safe_dump(written, sort_keys=False, default_flow_style=None)
+    assert "load_kg: 1e2\n" in text
+    assert "place_m: [1, -2.50]\n" in text
+    assert cart(text) == cart(json.dumps(written)) == made == pickle.loads(pickle.dumps(made))
+
+
+def test_defaults_that_are_something_are_written():
+    assert write(cart("{name: a, boxes: 5e1, std_m: 0, runs_on: sledge}")) == {
+        **{"name": "a", "boxes": 50, "colour": "red", "std_m": 0, "runs_on": "sledge"}
+    }
+    assert write(cart("{name: a, boxes: 2, colour: 4, std_m: 1}"))["colour"] == 4
+    assert write(cart("{name: a, boxes: 2, std_m: 1, runs_on: {kind: sledge, length_m: 3}}"))[
+        "runs_on"
+    ] == {"kind": "sledge", "length_m": 3}
+
+
+#: A line of a cart, and the error. `...` stands for some letters.
+REFUSED = {
+    "spar: x": "2: unknown key 'spar', allowed: ...; did you mean 'spare'?",
+    "zzz: x": "2: unknown key 'zzz', allowed: name, load_kg, ..., drive",
+    "load_kg: 5": "2: duplicate key 'load_kg', first on line 1",
+    "boxes: 5": "2: boxes: stands beside 'load_kg'; give only one of the two",
+    "covariance: [[1, 0], [0, 1]]": "2: covariance: stands beside 'std_m'; give only ...",
+    "? [1]\n: 2": "2: keys must be plain words",
+    "brake: yes": "2: brake: must be one of true, false, got 'yes'",
+    "colour: rde": "2: colour: must be one of red, green, 4, got 'rde'; did you mean 'red'?",
+    "colour: rot": "2: colour: must be one of red, green, 4, got 'rot'; write 'red'",
+    "place_m: [1]": "2: place_m: must be a list of 2 numbers, got a list of 1",
+    "place_m:\n- 1\n- x": "4: place_m[2]: must be a number, got 'x'",
+    "wheels: []": "2: wheels: must be a list of one wheel or more, got a list of 0",
+    "wheels: [1]": "2: wheels[1]: must be a mapping (key: value), got 1",
+    "wheels: [{}, {}, {}]": "2: wheels: has 3 entries, allowed are 2",
+    "spare: {}": "2: spare: missing key 'radius_m', required: radius_m",
+    "spare: {radius_m: -1}": "2: spare.radius_m: must be a number greater than 0, got -1",
+    "runs_on: air": "2: runs_on: must be one of wheel, sledge, got 'air'",
+    "runs_on: wheel": "2: runs_on: needs a mapping with 'kind' and radius_m",
+    "runs_on: {radius_m: 1}": "2: runs_on: missing key 'kind', one of wheel, sledge",
+    "runs_on: {knd: wheel}": "2: runs_on: unknown key 'knd', allowed: ...; did you mean 'kind'?",
+    "runs_on: {kind: sledge, radius_m: 1}": "2: ... allowed: kind, length_m; it is a key of wheel",
+    "parts: {}": "2: parts: needs at least one part",
+    "parts: {a b: 1}": "2: parts: must be the name of a level, ..., got 'a b'",
+    "drive: x": "2: drive: must be a number not less than 0, got 'x'",
+    "life_s: .nan": "2: life_s: must be a number not less than 0, or .inf, got '.nan'",
+    "life_s: !x 5": "2: life_s: tags are not supported, got '!x'",
+    "drive: !!python/name:os.system x": "2: drive: tags are not supported, got ...",
+}
+
+
+@pytest.mark.parametrize("line", REFUSED)
+def test_a_refusal_names_line_path_value_and_what_is_allowed(line):
+    with pytest.raises(rs.InputError) as refused:
+        cart(f"load_kg: 1\n{line}\nname: cart\nstd_m: 1\n")
+    pattern = ".*".join(map(re.escape, REFUSED[line].split("...")))
+    assert re.fullmatch(f"my.yaml:{pattern}", str(refused.value))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{boxes: 2, std_m: 1}", "missing key 'name', required: name"),
+        ("{name: a, std_m: 1}", "needs one of the keys 'load_kg' and 'boxes'"),
+        ("{name: a, boxes: 2}", "missing key 'std_m', required without covariance"),
+        ("[1]", "must be a mapping (key: value), got a list of 1"),
+    ],
+)
+def test_what_is_missing_is_named(text, message):
+    with pytest.raises(rs.InputError, match=re.escape(f"my.yaml:1: {message}")):
+        cart(text)
+
+
+# Numbers.
+
+#: Texts that are no numbers, as an error shows them.
+NO_NUMBERS = {
+    **{"yes": "'yes'", "'5'": "'5'", "[1, 2]": "a list of 2", "{}": "a mapping", "": "nothing"},
+    **{"null": "'null'", "~": "'~'", "1e999": "1e999", "abc": "'abc'", "0x10": "'0x10'"},
+    **{"1_000": "'1_000'", "١٢": "'١٢'", "5 5": "'5 5'", "1e400": "1e400", "--1": "'--1'"},
+    **{"2001-01-01": "'2001-01-01'", "+": "'+'", ".": "'.'", "1e": "'1e'", "9.9.9": "'9.9.9'"},
+}
+HINTS = {
+    "1,5": "; write 1.5 for 1,5",
+    "5%": "; write 0.05 for 5%",
+    "10:00:00": "; write seconds, 36000 for 10:00:00",
+    "5 km": "; leave out the unit, it is in the name",
+}
+
+
+@pytest.mark.parametrize("text", [*NO_NUMBERS, *HINTS, ".nan", ".inf", "-.Inf", "nan"])
+def test_what_is_no_number_is_refused(text):
+    value = parse(f"a: 1\nkey: {text}\n", "my.yaml")["key"]
+    shown = NO_NUMBERS.get(text, f"'{text}'{HINTS[text]}" if text in HINTS else text)
+    for limit in (ANY, Limit(whole=True)):
+        with pytest.raises(rs.InputError) as refused:
+            number(limit).read(value)
+        assert re.match("my.yaml:2: key: must be (a (whole )?number|finite)", str(refused.value))
+        assert str(refused.value).endswith(f"got {shown}")
+
+
+@pytest.mark.parametrize(
+    "text", ["1e-6", "1.7e-4", "5", "5.0", "+5", ".5", "5.", "1E3", "007", "&anchor 5", "-0.0"]
+)
+def test_numbers_as_people_write_them(text):
+    plain = text.removeprefix("&anchor ")
+    found = number(ANY).read(parse(f"key: {text}", "my.yaml")["key"])
+    assert (found, repr(found)) == (float(plain), plain)
+
+
+def test_whole_numbers_may_be_written_otherwise_and_have_many_digits():
+    def whole(text: str) -> int:
+        return number(SEED).read(parse(f"key: {text}", "my.yaml")["key"])
+
+    assert [whole(text) for text in ("1e3", "500.0", "9" * 400)] == [1000, 500, int("9" * 400)]
+    for text in ("0.5", "-1", "9" * 401):
+        with pytest.raises(rs.InputError, match="must be a whole number not less than 0"):
+            whole(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["1" * 60_000 + "x", "1." * 30_000, "1e" + "9" * 60_000, "-" * 60_000]
+)
+def test_long_texts_are_refused_at_once(text):
+    """Regular expressions that try all parts of a text take minutes."""
+    scenario = default_text().replace("constant: 167", f"constant: {text}")
+    began = time.process_time()
+    with pytest.raises(rs.InputError, match=r"radar\.constant: must be a number") as refused:
+        rs.parse_scenario(scenario)
+    assert len(str(refused.value)) < 200
+    assert time.process_time() - began < 20  # the expression before took over a minute
+
+
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-32", "latin-1", "cp037", "shift_jis"])
+def test_other_encodings_are_refused(tmp_path, encoding):
+    path = tmp_path / "my.yaml"
+    path.write_bytes(default_text().replace("# Others", "# Ändere ¢ +").encode(encoding, "replace"))
+    with pytest.raises(
+        rs.InputError, match=r"is not UTF-8 text|is not a text file|is not valid YAML"
+    ):
+        rs.load_scenario(path)
+
+
+# Every key of a scenario.
+
+
+def test_every_key_refuses_what_it_is_not():
+    """Names are any text; all other values are refused with their place."""
+    refused = 0
+    for _, cls in declare.sections(sections.File):
+        for k in keys_of(cls):
+            for text in ("12:30", "[[1], 2]", "{No!: 1}", "!x y", "''"):
+                if k.kind.schema().get("pattern") and text[0] not in "[{!":
+                    continue
+                place = f"^my.yaml:2: {k.name}"
+                with pytest.raises(rs.InputError, match=place):
+                    k.kind.read(parse(f"a: 1\n{k.name}: {text}\n", "my.yaml")[k.name])
+                refused += 1
+    assert refused > 1000
+
+
+CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/templates/*.yaml"))]
+
+
+@pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
+def test_files_are_written_as_they_are_read(config):
+    file = read(parse(config.read_text(), config.name), sections.File)
+    again = read(parse(yaml.safe_dump(write(file)), "again.yaml"), sections.File)
+    assert again == file
+    assert write(again) == write(file)
+
+
+# A new key.
+
+
+def test_a_new_key_is_one_line_and_one_where_it_becomes_si(monkeypatch):
+    """`dead_time_us` of a radar, which is nowhere else: read, checked, recorded, documented."""
+
+    @dataclass(frozen=True, kw_only=True)
+    class Radar(sections.Radar):
+        dead_time_us: float = key(
+            "Time after a pulse in which the radar is deaf.", NOT_NEGATIVE, default=0.0
+        )
+
+    @dataclass(frozen=True, kw_only=True)
+    class File(sections.File):
+        radar: Radar | None = key("The radar.", Radar, one_of="radars")
+
+    made = build._min_range
+    monkeypatch.setattr(sections, "File", File)
+    monkeypatch.setattr(
+        build,
+        "_min_range",
+        lambda radar, *args: max(made(radar, *args), 150.0 * radar.dead_time_us),
+    )
+    content = document()
+    content["radar"]["dead_time_us"] = 20
+    s = rs.parse_scenario(yaml_text(content))
+    assert s.model.radars[0].min_range == 3000
+    assert s.resolved()["radar"]["dead_time_us"] == 20
+    assert rs.parse_scenario(yaml_text(s.resolved())).resolved() == s.resolved()
+    with pytest.raises(
+        rs.InputError, match=r"dead_time_us: must be a number not less than 0, got -1"
+    ):
+        rs.parse_scenario(yaml_text({**content, "radar": {**content["radar"], "dead_time_us": -1}}))
+    (declared,) = (k for k in keys_of(Radar) if k.name == "dead_time_us")
+    assert declared.description.startswith(
+        "Time after a pulse in which the radar is deaf. Unit: µs."
+    )
+    validator = jsonschema.Draft7Validator(schema(File))
+    assert not [error.message for error in validator.iter_errors(content)]
+    content["radar"]["dead_time_us"] = -1
+    assert [error.message for error in validator.iter_errors(content)]
