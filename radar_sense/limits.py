@@ -118,27 +118,19 @@ FORMATS = ("png", "pdf", "svg")
 STYLES = ("one-column", "two-columns", "slides")
 
 
-def parameter(key: str, meaning: str, limit: Limit, *, default: Any = MISSING) -> Any:
-    """Declare a dataclass field with a number that a scenario file sets.
+def parameter(
+    key: str, meaning: str, kind: Limit | type | Mapping[str, type], *, default: Any = MISSING
+) -> Any:
+    """Declare a dataclass field that a scenario file sets.
 
     Args:
         key: Key in the file, with the SI unit in the name.
-        meaning: Meaning of the field.
-        limit: The numbers allowed.
+        meaning: Meaning of the field, a sentence.
+        kind: The numbers allowed. Or, for a mapping, the dataclass of the field, or dataclasses by
+            the `type` in the mapping.
         default: Value of a missing key. Without a default the key is required.
     """
-    return field(default=default, metadata={"key": key, "meaning": meaning, "limit": limit})
-
-
-def section(key: str, meaning: str, kinds: type | Mapping[str, type]) -> Any:
-    """Declare a dataclass field that a mapping of a scenario file sets; None without it.
-
-    Args:
-        key: Key of the mapping in the file.
-        meaning: Meaning of the field.
-        kinds: Dataclass of the field, or dataclasses by the `type` in the mapping.
-    """
-    return field(default=None, metadata={"key": key, "meaning": meaning, "kinds": kinds})
+    return field(default=default, metadata={"key": key, "meaning": meaning, "kind": kind})
 
 
 def plain_number(value: Any) -> Any:
@@ -159,19 +151,18 @@ def check_number(name: str, value: Any, limit: Limit) -> Any:
 
 
 def check_parameters(instance: Any) -> None:
-    """Make Python numbers of the fields declared with `parameter`, and check each `section`.
+    """Make Python numbers of the fields declared with `parameter`, and check the classes of others.
 
     Raises:
-        InputError: If a number is outside the limit, or a section is of another class.
+        InputError: If a number is outside the limit, or a field is of another class.
     """
     for f in fields(instance):
-        value = getattr(instance, f.name)
-        if "limit" in f.metadata:
-            number = check_number(f.name, value, f.metadata["limit"])
+        value, kind = getattr(instance, f.name), f.metadata.get("kind")
+        if isinstance(kind, Limit):
+            number = check_number(f.name, value, kind)
             object.__setattr__(instance, f.name, number)  # the classes are frozen
-        elif "kinds" in f.metadata and value is not None:
-            kinds = f.metadata["kinds"]
-            classes = (kinds,) if isinstance(kinds, type) else tuple(kinds.values())
+        elif kind is not None and value is not None:
+            classes = (kind,) if isinstance(kind, type) else tuple(kind.values())
             if not isinstance(value, classes):
                 allowed = ", ".join(cls.__name__ for cls in classes)
                 raise InputError(f"{f.name} must be {allowed} or None, got {value!r}")

@@ -573,10 +573,15 @@ def _read_only(name: str, values: Any) -> FloatArray:
     """Return a read-only array, a copy unless the array is read-only already."""
     if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
         return values
+    if isinstance(values, np.ma.MaskedArray):
+        raise InputError(f"{name} must not be a masked array: give it without the masked values")
     try:
-        array = np.array(values, dtype=float)
-    except (TypeError, ValueError) as error:
+        given = np.asarray(values)
+    except ValueError as error:
         raise InputError(f"{name} must be an array of numbers: {error}") from error
+    if given.dtype.kind not in "iuf":
+        raise InputError(f"{name} must be an array of real numbers, got {given.dtype}")
+    array = np.array(given, dtype=float)
     array.flags.writeable = False
     return array
 

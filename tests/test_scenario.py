@@ -182,7 +182,12 @@ PER_POSE = np.stack([np.eye(6), np.eye(6)])
 WRONG = {
     "columns": ({"aircraft": np.zeros((2, 5))}, r"aircraft must have shape \(n, 6\) .* \(2, 5\)"),
     "no poses": ({"aircraft": np.zeros((0, 6))}, "aircraft must have shape"),
-    "text": ({"aircraft": [["a"] * 6]}, "aircraft must be an array of numbers"),
+    "text": ({"aircraft": [["a"] * 6]}, "aircraft must be an array of real numbers, got <U1"),
+    "ragged": ({"aircraft": [[0] * 6, [0]]}, "aircraft must be an array of numbers: "),
+    "complex": ({"radar": np.array([0, 0, 0, 167 + 0j])}, "real numbers, got complex128"),
+    "booleans": ({"radar": [True, True, True, True]}, "radar must be .* real numbers, got bool"),
+    "dates": ({"time_s": np.array(["2026-01-01", "2026-01-02"], "M8[s]")}, "got datetime64"),
+    "masked": ({"radar": np.ma.masked_less([0.0, 0, 0, 167], 1)}, "radar must not be a masked"),
     "NaN": ({"aircraft": [[0, 0, math.nan, 0, 0, 0]]}, "aircraft must be finite, got nan"),
     "radar": ({"radar": [0, 0, 0]}, r"radar must have shape \(4,\) for north, .* got \(3,\)"),
     "infinite": ({"radar": [0, 0, math.inf, 1]}, "radar must be finite, got inf"),

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import gammainc, i0e, ndtr, ndtri, ndtri_exp
 
 from radar_sense.errors import InputError
-from radar_sense.limits import Limit, check_number, check_parameters, parameter, section
+from radar_sense.limits import Limit, check_number, check_parameters, parameter
 from radar_sense.model.integration import MOfN, OrderedCells, PulseSum, Tail, Tails
 from radar_sense.model.normal import density, hazard
 from radar_sense.model.probit_table import ProbitTable
@@ -148,11 +148,11 @@ class PulseDetector:
     pulses: int = parameter(
         "pulses", "Number N of pulses that are integrated noncoherently.", _PULSES, default=1
     )
-    cfar: CellAveraging | OrderedStatistics | None = section(
-        "cfar", "CFAR, or None for a fixed threshold.", CFARS
+    cfar: CellAveraging | OrderedStatistics | None = parameter(
+        "cfar", "CFAR, or None for a fixed threshold.", CFARS, default=None
     )
-    binary: BinaryIntegration | None = section(
-        "binary", "Detection by m of n looks, or None.", BinaryIntegration
+    binary: BinaryIntegration | None = parameter(
+        "binary", "Detection by m of n looks, or None.", BinaryIntegration, default=None
     )
 
     #: Whether the cross section is the same for all pulses of a scan, yet random.

@@ -91,7 +91,7 @@ def _metadata(
     return {
         "meaning": meaning,
         "power": power,
-        "limit": limit,
+        "kind": limit,
         "units": units,
         "decibels": decibels,
     }

@@ -143,18 +143,22 @@ def keys_of(cls: Any) -> list[Key]:
     """Return the keys of a section, in order."""
     keys = []
     for f in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
-        declared = dict(f.metadata)
-        if not declared.keys() & {"kind", "kinds", "limit"}:
+        if "kind" not in f.metadata:
             continue
-        name, meaning = declared.pop("key", f.name), declared.pop("meaning")
-        kind = _kind(
-            declared.pop("kind", None) or declared.pop("kinds", None) or declared.pop("limit")
-        )
-        brackets = _BRACKETS.search(meaning)
+        declared = {"key": f.name, **f.metadata}
+        name, meaning, kind = (declared.pop(of) for of in ("key", "meaning", "kind"))
+        kind, brackets = _kind(kind), _BRACKETS.search(meaning)
         unit = unit_name(name) or (brackets[1] if brackets else "")
-        meaning = _BRACKETS.sub("", meaning)
         keys.append(
-            Key(name, f.name, meaning, unit if kind.is_number else "", kind, f.default, **declared)
+            Key(
+                name,
+                f.name,
+                _BRACKETS.sub("", meaning),
+                unit if kind.is_number else "",
+                kind,
+                f.default,
+                **declared,
+            )
         )
     return keys
 

@@ -204,7 +204,7 @@ def _data_sheet(kind: str) -> type:
             elif f.default is not dataclasses.MISSING or "assumed" in f.metadata:
                 options = {"default": f.metadata.get("assumed", f.default)}
             meaning = unit.meaning or f.metadata["meaning"]
-            keys[name] = key(meaning, f.metadata["limit"], **options)
+            keys[name] = key(meaning, f.metadata["kind"], **options)
     losses = named(_LOSS, number(LOSSES), "loss")
     keys[LOSSES_KEY] = key("Further losses by name [dB].", losses, default=None)
     if kind == "surveillance":
