@@ -34,7 +34,7 @@ from radar_sense.model.radar_equation import LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.model.track import covariance_in_frame
-from radar_sense.model.trajectory import resample
+from radar_sense.model.trajectory import MAX_ROWS, resample
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import sections
 from radar_sense.scenario_file.declare import keys_of
@@ -44,17 +44,9 @@ from radar_sense.scenario_file.route_file import read_route
 from radar_sense.scenario_file.text_file import DigestError, FileError, recorded
 from radar_sense.states import POSITION, FloatArray
 
-MAX_POSES = 1_000_000
 _KM, _PER_KM = 1e3, 1e-3
 #: Keys of a path that the reader of routes takes as they are.
-_CONVENTIONS = (
-    "max_gap_s",
-    "altitude_above",
-    "geoid_height_m",
-    "speed_m_s",
-    "icao24",
-    "sha256",
-)
+_OF_ROUTE = ("max_gap_s", "altitude_above", "geoid_height_m", "speed_m_s", "icao24", "sha256")
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,17 +92,10 @@ def build(file: sections.File, place: Place) -> Scenario:
     cov_aircraft = _cov_aircraft(file.uncertainty, place["uncertainty"], geometry)
     if cov_aircraft.ndim == 3:
         geometry = dataclasses.replace(geometry, covariance=cov_aircraft)
-    of_aircraft = file.uncertainty.aircraft
-    rcs_db = 0.0 if of_aircraft is None else float(of_aircraft.rcs_db)
-    if rcs_db and getattr(rcs, "spread", None) is not None:
-        raise place["uncertainty"]["aircraft"]["rcs_db"].error(
-            "stands beside the column std_db of the RCS table; give only one of the two: both are "
-            "the uncertainty of the RCS"
-        )
-    levels, of_level = radars[0].levels, file.analysis.level
-    if of_level not in levels:
+    levels, level = radars[0].levels, file.analysis.level
+    if level not in levels:
         raise place["analysis"]["level"].error(
-            f"must be one of {', '.join(levels)}, got {of_level!r}" + did_you_mean(of_level, levels)
+            f"must be one of {', '.join(levels)}, got {level!r}{did_you_mean(level, levels)}"
         )
     scenario = Scenario(
         name=file.name,
@@ -123,7 +108,7 @@ def build(file: sections.File, place: Place) -> Scenario:
             name: covariance.block_diagonal([radar.levels[name].covariance for radar in radars])
             for name in levels
         },
-        level=of_level,
+        level=level,
         runs=file.analysis.runs,
         seed=file.analysis.seed,
         method=file.analysis.method,
@@ -133,7 +118,7 @@ def build(file: sections.File, place: Place) -> Scenario:
             if any(radar.levels[name].tolerances for radar in radars)
         },
         time_s=geometry.time_s if isinstance(geometry, Path) else None,
-        rcs_db=rcs_db,
+        rcs_db=_rcs_db(file.uncertainty.aircraft, place["uncertainty"]["aircraft"], rcs),
         attenuation_std={
             name: tuple(radar.levels[name].attenuation for radar in radars)
             for name in levels
@@ -214,8 +199,8 @@ def _azimuths(sweep: sections.Sweep, place: Place) -> FloatArray:
         )
     # Rounding must not lose the last pose, as in (180 − 0)/0.1 = 1799.9999999999998.
     steps = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9)
-    if steps >= MAX_POSES:
-        raise place.error(f"makes {steps + 1:,} poses, allowed are {MAX_POSES:,}")
+    if steps >= MAX_ROWS:
+        raise place.error(f"makes {steps + 1:,} poses, allowed are {MAX_ROWS:,}")
     # Rounding to 1e-12 degrees turns 3 · 0.1 = 0.30000000000000004 into 0.3.
     return np.round(start + step * np.arange(steps + 1), 12)
 
@@ -227,7 +212,7 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
         read_route,
         path,
         origin=None if stated.origin is None else _si(stated.origin),
-        **{name: getattr(stated, name) for name in _CONVENTIONS},
+        **{name: getattr(stated, name) for name in _OF_ROUTE},
     )
     step_s = None
     if stated.interpolate is not None:
@@ -268,6 +253,18 @@ def _cov_aircraft(stated: sections.Uncertainty, place: Place, geometry: Geometry
         return covariance_in_frame(matrix, geometry.time_s, geometry.aircraft, geometry.origin)
     except InputError as error:
         raise place.error(f"{error}") from error
+
+
+def _rcs_db(stated: sections.PoseUncertainty | None, place: Place, rcs: RCS) -> float:
+    """Return the standard deviation of the RCS [dB]."""
+    if stated is None or not stated.rcs_db:
+        return 0.0
+    if getattr(rcs, "spread", None) is not None:
+        raise place["rcs_db"].error(
+            "stands beside the column std_db of the RCS table; give only one of the two: both are "
+            "the uncertainty of the RCS"
+        )
+    return float(stated.rcs_db)
 
 
 def _covariance(
