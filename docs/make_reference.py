@@ -65,7 +65,6 @@ def pages() -> dict[Path, str]:
     folder = ROOT / "docs/reference"
     return {
         folder / "scenario.md": scenario_page(),
-        folder / "columns.md": columns_page(),
         folder / "commands.md": commands_page(),
         folder / "python.md": python_page(),
     }
@@ -93,8 +92,9 @@ def scenario_page() -> str:
         + MADE
         + "A scenario is a YAML file. These are all keys, by section. The name of a key ends with "
         "the unit of the number. An unknown key is an error, with a suggestion. `radar-sense "
-        "schema` prints the same as a JSON Schema. [Editors](../editors.md) describes the "
-        "completion of keys in an editor.\n\n"
+        "schema` prints the same as a JSON Schema. [An editor]"
+        "(../questions/use.md#an-editor-that-knows-the-scenario-file) completes the keys with it."
+        "\n\n"
         "Examples are from the files that come with the program, where a file has the key.\n"
     )
     for cls, name in TITLES.items():
@@ -212,7 +212,7 @@ def _yaml(value: Any) -> str:
     return f"{value}"
 
 
-# Columns and commands.
+# Commands and their columns.
 
 
 #: Scenarios and options whose tables have all columns of a command; others run as they are.
@@ -240,35 +240,6 @@ RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
 POSES = 40
 
 
-def columns_page() -> str:
-    """Return the reference of the columns of all tables, from tables that are really made."""
-    text = (
-        "# The columns of the tables\n\n"
-        + MADE
-        + "Each analysis writes `<scenario>_<analysis>.csv` (`map`: `.npz`). The first row has the "
-        "names of the columns. All other rows are numbers. A word in angle brackets stands for a "
-        "name of a level, a radar or a source. The JSON record beside the table has unit and "
-        "meaning of each column.\n\n"
-        "Each file is written whole, and the record last. The record has the SHA-256 digest of "
-        "each of its files: a table or a figure with another digest is of another run.\n\n"
-        "The columns depend on the scenario and the options. The poses are in the column "
-        "`theta_r_deg` on an orbit, `time_s` or `distance_m` on a path, and `pose` for states of "
-        "Python. In a network, most columns are there for each radar too, with its name at the "
-        "end.\n"
-    )
-    for name in sorted(set(cli.commands()) - {"report", "check"}):
-        rows: dict[str, list[str]] = {}
-        for config, options in RUNS.get(name, [("paper", {})]):
-            scenario = radar_sense.load_scenario(ROOT / f"configs/{config}.yaml")
-            scenario = scenario.at_poses(slice(0, POSES if name == "mission" else 3))
-            result = cli.load(name)(scenario, **options)
-            for column, (unit, meaning) in result.columns.items():
-                column, meaning = _with_placeholders(scenario, column, meaning)
-                rows.setdefault(column, [f"`{column}`", unit, meaning])
-        text += f"\n## `{name}`\n\n" + table(["column", "unit", "meaning"], list(rows.values()))
-    return text
-
-
 def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, str]:
     """Return name and meaning of a column with `<radar>` in place of the name of a radar, etc."""
     names = {
@@ -293,7 +264,14 @@ def commands_page() -> str:
         "# The commands\n\n"
         + MADE
         + "`radar-sense COMMAND --help` prints the same. CONFIG is a scenario file. Without CONFIG "
-        "the scenario of the paper is used.\n"
+        "the scenario of the paper is used.\n\n"
+        "Each analysis writes `<scenario>_<command>.csv` (`map`: `.npz`). The first row has the "
+        "names of the columns; all other rows are numbers. The columns depend on the scenario and "
+        "the options: the poses are in `theta_r_deg` on an orbit, `time_s` or `distance_m` on a "
+        "path, and `pose` for states of Python; in a network, most columns are there for each "
+        "radar too, with its name at the end. A word in angle brackets stands for a name of the "
+        "scenario. The JSON record beside the table has unit and meaning of each column, and the "
+        "SHA-256 digest of each file: a table or a figure with another digest is of another run.\n"
     )
     context = click.Context(cli.cli, info_name="radar-sense")
     for name in cli.cli.list_commands(context):
@@ -308,7 +286,23 @@ def commands_page() -> str:
             text += table(["option", "meaning", "default"], list(map(_option_row, options)))
         lines = [line.strip() for line in examples.strip().splitlines()]
         text += "\n```console\n" + "".join(f"$ {line}\n" for line in lines) + "```\n"
+        text += _columns(name)
     return text
+
+
+def _columns(command: str) -> str:
+    """Return the columns that a command writes, from tables that are really made; "" for none."""
+    if command not in set(cli.commands()) - {"report", "check"}:
+        return ""
+    rows: dict[str, list[str]] = {}
+    for config, options in RUNS.get(command, [("paper", {})]):
+        scenario = radar_sense.load_scenario(ROOT / f"configs/{config}.yaml")
+        scenario = scenario.at_poses(slice(0, POSES if command == "mission" else 3))
+        result = cli.load(command)(scenario, **options)
+        for column, (unit, meaning) in result.columns.items():
+            column, meaning = _with_placeholders(scenario, column, meaning)
+            rows.setdefault(column, [f"`{column}`", unit, meaning])
+    return "\n" + table(["column", "unit", "meaning"], list(rows.values()))
 
 
 def _option_row(option: click.Option) -> list[str]:

@@ -29,5 +29,6 @@ def test_the_notebooks_are_small_and_linked():
     docs = NOTEBOOKS[0].parents[1]
     for path in NOTEBOOKS:
         assert path.stat().st_size < 20_000
-        for page in ("README.md", "gallery.md"):
-            assert f"(notebooks/{path.name})" in (docs / page).read_text(encoding="utf-8")
+        index = (docs / "index.md").read_text(encoding="utf-8")
+        assert f"(notebooks/{path.name})" in index
+        assert f"\nnotebooks/{path.stem}\n" in index
