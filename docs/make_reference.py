@@ -20,7 +20,7 @@ import click
 import yaml
 
 import radar_sense
-from radar_sense import cli
+from radar_sense import cli, words
 from radar_sense.analyses.error_budget import parts_of, sources_of
 from radar_sense.command import Command
 from radar_sense.limits import METHODS
@@ -66,6 +66,7 @@ def pages() -> dict[Path, str]:
     return {
         folder / "scenario.md": scenario_page(),
         folder / "commands.md": commands_page(),
+        folder / "warnings.md": warnings_page(),
         folder / "python.md": python_page(),
     }
 
@@ -249,8 +250,8 @@ def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, s
         "method": METHODS,
         "p_d": ("0.5",),
     }
-    for placeholder, words in names.items():
-        for word in words:
+    for placeholder, known in names.items():
+        for word in known:
             changed = re.sub(rf"_{re.escape(word)}(?=_|$)", f"_<{placeholder}>", column)
             if changed != column:
                 column = changed
@@ -277,10 +278,10 @@ def commands_page() -> str:
     for name in cli.cli.list_commands(context):
         command = cli.cli.get_command(context, name)
         assert command is not None
-        words, _, examples = inspect.cleandoc(command.help or "").partition("\b\nExamples:")
+        about, _, examples = inspect.cleandoc(command.help or "").partition("\b\nExamples:")
         arguments = [p for p in command.params if isinstance(p, click.Argument)]
         usage = " ".join([name, "[OPTIONS]", *(f"[{p.name.upper()}]" for p in arguments)])
-        text += f"\n## `{name}`\n\n{words.strip()}\n\n```text\nradar-sense {usage}\n```\n\n"
+        text += f"\n## `{name}`\n\n{about.strip()}\n\n```text\nradar-sense {usage}\n```\n\n"
         options = [p for p in command.params if isinstance(p, click.Option)]
         if options:
             text += table(["option", "meaning", "default"], list(map(_option_row, options)))
@@ -307,14 +308,27 @@ def _columns(command: str) -> str:
 
 def _option_row(option: click.Option) -> list[str]:
     metavar = "" if option.is_flag else f" {option.metavar or 'WORD'}"
-    words, _, default = (option.help or "").partition("  [default: ")
+    about, _, default = (option.help or "").partition("  [default: ")
     if isinstance(option.type, click.Choice):
         metavar = " " + "|".join(map(str, option.type.choices))
     default = default.rstrip("]")
     if option.show_default:
         value = option.default
         default = " ".join(map(str, value)) if isinstance(value, (list, tuple)) else f"{value}"
-    return [f"`{', '.join(option.opts)}{metavar}`", words, default]
+    return [f"`{', '.join(option.opts)}{metavar}`", about, default]
+
+
+def warnings_page() -> str:
+    """Return the explanation of each warning under its name."""
+    text = (
+        "# The warnings\n\n"
+        + MADE
+        + "A warning is one sentence that ends with its name in brackets. A name stays; the "
+        "sentence may change. The record beside a table has the same warnings.\n"
+    )
+    for name, meaning in sorted(words.WARNINGS.items()):
+        text += f"\n## `{name}`\n\n{meaning}\n"
+    return text
 
 
 # Python.

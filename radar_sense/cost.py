@@ -38,7 +38,7 @@ def foresee(
     Raises:
         InputError: If it takes more than MOST_SECONDS or MOST_BYTES.
     """
-    seconds = evaluations / RATE / workers
+    seconds = evaluations / RATE / max(workers, 1)  # 0 is refused by its own check
     if seconds > MOST_SECONDS:
         raise InputError(f"{what} take {duration(seconds)}, allowed is a day; choose {less}")
     if memory > MOST_BYTES:

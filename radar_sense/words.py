@@ -29,10 +29,64 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
+#: What each warning means and what to do, by its stable name. docs/reference/warnings.md is made
+#: from this.
+WARNINGS: dict[str, str] = {
+    "band-off": (
+        "The band of the method is not that of the draws: sigma, or a bound, is off by more "
+        "than the warning says. Use another method at these poses."
+    ),
+    "band-outside": (
+        "A bound is below 0 or above 1, where no probability is. First order does not know the "
+        "ends of the scale; the methods probit and form do."
+    ),
+    "cells-unknown": (
+        "Cells without a number: the aircraft is at a radar there, or the method does not "
+        "converge. The file has NaN in these cells."
+    ),
+    "constant-skewed": (
+        "The data sheet makes the radar constant log-normal or a product of normal parameters. "
+        "The method assumes another distribution. Draws have the right one."
+    ),
+    "constant-clipped": (
+        "A radar constant was drawn below 0, which it cannot be, and was set to 0. Its standard "
+        "deviation is large for a normal distribution: give a tolerance in dB."
+    ),
+    "coverage-off": (
+        "The share of the draws in the band is not 99.73 %, beyond what chance explains. The "
+        "band is too narrow or too wide there."
+    ),
+    "gradient-vanishes": (
+        "P_D has a peak or a trough in this source, so its effect is of second order, which a "
+        "linear budget leaves out. The method form has it."
+    ),
+    "no-value": (
+        "The method has no number there: it did not converge, or the radar is straight above or "
+        "below the aircraft, where the aspect has no gradient. Draws have a number."
+    ),
+    "rcs-lobes": (
+        "The RCS has lobes narrower than the uncertainty of the aspect. A method that looks at "
+        "one point and its slope does not follow them. Use draws."
+    ),
+    "sources-correlated": (
+        "Off-diagonal covariances connect sources, so the squares of their sigmas do not add up "
+        "to that of the total."
+    ),
+    "table-exceeded": (
+        "The RCS table ends before the elevations that occur. The outermost values are used "
+        "beyond: measure there, or read the results with care."
+    ),
+}
 #: The poses with a problem (n,), and the words before and after these poses in a warning.
 Problem: TypeAlias = tuple[NDArray[np.bool_], str, str]
 #: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
+
+
+def warning(name: str, text: str) -> str:
+    """Return a warning with its name, which `WARNINGS` explains."""
+    assert name in WARNINGS, name
+    return f"{text} [{name}]"
 
 
 def reached(values: FloatArray) -> NDArray[np.bool_]:
@@ -142,10 +196,8 @@ def vanishing_gradient(places: Mapping[str, str]) -> tuple[str, ...]:
     named = ", ".join(f"{source} {place}" for source, place in places.items())
     if len(places) > NAMED:
         named = f"{len(places)} sources at some poses, listed in the record"
-    return (
-        f"the gradient vanishes for {named}: only effects of second order remain there, which the "
-        "linear budget leaves out; use --method form",
-    )
+    text = f"the linear budget misses {named}, where the gradient vanishes; use --method form"
+    return (warning("gradient-vanishes", text),)
 
 
 def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> tuple[str, ...]:
@@ -153,10 +205,8 @@ def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> 
     gap = np.nanmax(abs(total - np.sqrt(np.sum(np.square(three_sigma), axis=0))), initial=0)
     if gap <= 1e-9 * np.nanmax(total, initial=0):
         return ()
-    return (
-        "the sources are correlated: the total differs from the root sum of squares by up to "
-        f"{gap:.2g}",
-    )
+    text = "the sources are correlated: the total differs from the root sum of squares by up to "
+    return (warning("sources-correlated", f"{text}{gap:.2g}"),)
 
 
 def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, ...]:
@@ -376,7 +426,8 @@ def clipping_warnings(count: int) -> tuple[str, ...]:
     """Return a warning if radar constants were drawn below zero."""
     if not count:
         return ()
-    return (f"the radar constant was drawn below zero and set to zero in {count} runs",)
+    text = f"the radar constant was drawn below zero and set to zero in {count} runs"
+    return (warning("constant-clipped", text),)
 
 
 def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ...]:
@@ -420,11 +471,12 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
         return ()
     draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
     poses = f"{np.count_nonzero(outside)} of {len(outside)} poses"
-    return (
+    text = (
         f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
         f"states within 3 sigma are beyond {place} ({draws}{poses}); the outermost values of the "
-        "table are used there",
+        "table are used there"
     )
+    return (warning("table-exceeded", text),)
 
 
 def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:

@@ -120,7 +120,6 @@ def budget(
         add(f"three_sigma_{c.name}", c.three_sigma, f"3 sigma of P_D from {c.name} alone.")
 
     ranked = sorted(sources, key=lambda c: _last_if_unknown(c, pose))
-    parts.sort(key=lambda c: _last_if_unknown(c, pose))
     largest = np.argmax([c.three_sigma for c in sources], axis=0)
     known = np.isfinite([*(c.three_sigma for c in sources), total]).all(axis=0) & (total > 0)
     dominates = words.places({c.name: (largest == i) & known for i, c in enumerate(sources)}, axis)

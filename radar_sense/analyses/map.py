@@ -43,6 +43,7 @@ from radar_sense.progress import steps
 from radar_sense.propagation import nonlinear_in_scenario, upper_bound_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, RADAR, FloatArray
+from radar_sense.words import warning
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -240,10 +241,12 @@ def _warnings(
     lines = []
     unknown = int(np.count_nonzero(np.isnan(shown)))
     if unknown:
-        lines.append(f"no number in {unknown:,} of {shown.size:,} cells (NaN in the file)")
+        text = f"no number in {unknown:,} of {shown.size:,} cells (NaN in the file)"
+        lines.append(warning("cells-unknown", text))
     beyond = int(np.count_nonzero(shown > 1))
     if beyond:
-        lines.append(f"the {method} bound exceeds 1 in {beyond:,} of {shown.size:,} cells")
+        text = f"the {method} bound exceeds 1 in {beyond:,} of {shown.size:,} cells"
+        lines.append(warning("band-outside", text))
     rcs = scenario.model.rcs
     if isinstance(rcs, TableRCS) and rcs.elevation is not None:
         outside = 0
@@ -255,10 +258,11 @@ def _warnings(
             ]
             outside += int(np.count_nonzero(np.any(uncovered, axis=0)))
         if outside:
-            lines.append(
+            text = (
                 f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "
                 "elevations of the RCS table; there the outermost values of the table are used"
             )
+            lines.append(warning("table-exceeded", text))
     return tuple(lines)
 
 
@@ -272,10 +276,8 @@ def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) 
     if not count:
         return ()
     remedy = "" if method == "form" else "; use --method form"
-    return (
-        f"the {method} bound is unreliable in {count} of {len(unreliable)} cells that were "
-        f"checked{remedy}",
-    )
+    text = f"the {method} bound is off in {count} of {len(unreliable)} cells that were checked"
+    return (warning("band-off", text + remedy),)
 
 
 def _draw(figure: Figure, result: Result, route: FloatArray) -> None:

@@ -3,6 +3,7 @@ everywhere.
 """
 
 import dataclasses
+import importlib.util
 import json
 import pickle
 from pathlib import Path
@@ -24,7 +25,9 @@ from helpers import (
 
 import radar_sense as rs
 from radar_sense import cli as command_line
+from radar_sense import words
 from radar_sense.command import LEVEL, Result
+from radar_sense.command import command as make_command
 from radar_sense.limits import POSITIVE, parameter
 from radar_sense.model.detectors import DETECTORS, North
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
@@ -276,3 +279,32 @@ def test_a_result_is_pickled_with_its_figure():
         n: c.tolist() for n, c in result.table.items()
     }
     assert again.plot().axes
+
+
+def warnings_page():
+    """Return the page of the documentation that explains the warnings."""
+    spec = importlib.util.spec_from_file_location("pages", ROOT / "docs/make_reference.py")
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    return pages.warnings_page()
+
+
+def test_a_new_warning_is_a_mask_and_a_sentence(monkeypatch):
+    """Its explanation is a row of `WARNINGS`, from which its page in the documentation is made."""
+    meaning = "P_D is above one half, for the sake of this test."
+    monkeypatch.setitem(words.WARNINGS, "likely", meaning)
+
+    @make_command(examples=("radar-sense likely",))
+    def likely(scenario):
+        """Where detection is likely."""
+        result = Result(scenario)
+        p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
+        places = words.places({"P_D is above 0.5": p_d > 0.5}, scenario.axis)
+        result.warnings += [words.warning("likely", f"{what} {at}") for what, at in places.items()]
+        return result
+
+    few = scenario(geometry__azimuth_deg=FEW)
+    assert likely(few).warnings == ("P_D is above 0.5 at all 2 poses [likely]",)
+    assert f"## `likely`\n\n{meaning}\n" in warnings_page()
+    with pytest.raises(AssertionError):
+        words.warning("nameless", "this warning is explained nowhere")

@@ -386,7 +386,7 @@ def test_command(tool):
     ]
     code, out, err = tool("map", *args, "--down-km", -5, "--course-deg", 30, "--workers", 2)
     assert code == 0
-    assert err.startswith("Warning: the probit bound is unreliable in ")
+    assert err.startswith("Warning: the probit bound is off in ")
     assert err.count("\n") == 1
     for ending in ("npz", "png", "json"):
         assert f"figures/paper_map.{ending}\n" in out

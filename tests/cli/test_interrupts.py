@@ -19,8 +19,15 @@ LINES = (
     "Interrupted; files of two runs may stand side by side, the record tells.",
     "Interrupted; all files were written.",
 )
-#: A run of the tool that tells when Python has started: no program handles a signal before.
-STARTED = "import os; os.write(1, b'.'); from radar_sense.__main__ import main; main()"
+#: A run of the tool that tells when the handlers are set: no program handles a signal before.
+STARTED = """
+import os, signal
+from radar_sense.__main__ import end_at_once, main
+signal.signal(signal.SIGINT, end_at_once)
+signal.signal(signal.SIGTERM, end_at_once)
+os.write(1, b".")
+main()
+"""
 NAMES = {"paper_variance.csv", "paper_variance.json"}
 
 
@@ -35,7 +42,7 @@ def interrupted(folder: Path, number: int, seconds: float) -> tuple[int, str]:
         text=True,
     )
     process.stdout.read(1)
-    time.sleep(0.01 + seconds)  # `__main__` imports nothing but the standard library
+    time.sleep(seconds)
     process.send_signal(number)
     _, err = process.communicate()
     return process.returncode, err
