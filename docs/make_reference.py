@@ -66,7 +66,6 @@ def pages() -> dict[Path, str]:
     return {
         folder / "scenario.md": scenario_page(),
         folder / "commands.md": commands_page(),
-        folder / "warnings.md": warnings_page(),
         folder / "python.md": python_page(),
     }
 
@@ -288,7 +287,7 @@ def commands_page() -> str:
         lines = [line.strip() for line in examples.strip().splitlines()]
         text += "\n```console\n" + "".join(f"$ {line}\n" for line in lines) + "```\n"
         text += _columns(name)
-    return text
+    return text + warnings_section()
 
 
 def _columns(command: str) -> str:
@@ -318,16 +317,14 @@ def _option_row(option: click.Option) -> list[str]:
     return [f"`{', '.join(option.opts)}{metavar}`", about, default]
 
 
-def warnings_page() -> str:
+def warnings_section() -> str:
     """Return the explanation of each warning under its name."""
     text = (
-        "# The warnings\n\n"
-        + MADE
-        + "A warning is one sentence that ends with its name in brackets. A name stays; the "
-        "sentence may change. The record beside a table has the same warnings.\n"
+        "\n## Warnings\n\nA warning is one sentence that ends with its name in brackets. A name "
+        "stays; the sentence may change. The record beside a table has the same warnings.\n"
     )
     for name, meaning in sorted(words.WARNINGS.items()):
-        text += f"\n## `{name}`\n\n{meaning}\n"
+        text += f"\n### `{name}`\n\n{meaning}\n"
     return text
 
 

@@ -224,7 +224,7 @@ class Result:
         """Draw the figure.
 
         Args:
-            style: Size of the figure: one-column, two-columns, slides.
+            style: Size of the figure: one-column, two-columns, slides, paper (IEEE).
             ax: One's own axes to draw on, one for each panel; None makes a figure.
 
         Raises:
@@ -262,7 +262,7 @@ class Result:
             folder: Folder of the files; made if missing.
             formats: Formats of the figure: png, pdf, svg; of a map also geojson. () writes no
                 figure.
-            style: Size of the figure: one-column, two-columns, slides.
+            style: Size of the figure: one-column, two-columns, slides, paper (IEEE).
             command: The command line, for the record.
 
         Returns:

@@ -115,7 +115,7 @@ METHODS = ("linear", "probit", "form", "montecarlo", "automatic")
 #: Formats of a figure.
 FORMATS = ("png", "pdf", "svg")
 #: Sizes of a figure: a journal's column, its page, and a slide.
-STYLES = ("one-column", "two-columns", "slides")
+STYLES = ("one-column", "two-columns", "slides", "paper")
 
 
 def parameter(

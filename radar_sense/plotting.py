@@ -14,6 +14,7 @@ import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
 import matplotlib as mpl
 import numpy as np
@@ -38,21 +39,29 @@ class Style(NamedTuple):
         width: Width [in].
         height: Largest height [in].
         scale: Scale of letters, lines and heights; 1 is 8 pt.
+        ieee: Whether the figure is as IEEE asks: STIX, units in parentheses, no small print.
     """
 
     width: float
     height: float
     scale: float
+    ieee: bool = False
 
 
 STYLES: dict[str, Style] = dict(
     zip(
         STYLE_NAMES,
-        (Style(3.5, 9.0, 1.0), Style(7.16, 9.0, 1.0), Style(13.33, 7.5, 1.75)),
+        (
+            Style(3.5, 9.0, 1.0),
+            Style(7.16, 9.0, 1.0),
+            Style(13.33, 7.5, 1.75),
+            Style(3.5, 9.0, 1.125, ieee=True),
+        ),
         strict=True,
     )
 )
 DEFAULT_STYLE = STYLE_NAMES[0]
+_STYLE_OF: WeakKeyDictionary[Figure, Style] = WeakKeyDictionary()
 #: Matplotlib's own sizes of ticks.
 _MAJOR = (("size", 3.5), ("width", 0.8), ("pad", 3.5))
 _MINOR = (("size", 2.0), ("width", 0.6), ("pad", 3.4))
@@ -122,6 +131,11 @@ def styles(*taken: tuple[str, Any]) -> Iterator[tuple[str, Any]]:
             yield LINES[place][0], LINES[(place + 2 * turn + turn // 3) % len(LINES)][1]
 
 
+def radar_styles(names: Sequence[str]) -> dict[str, tuple[str, Any]]:
+    """Return the style of each radar, which is the same in every figure of a scenario."""
+    return dict(zip(names, styles(BAND), strict=False))
+
+
 def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STYLE) -> Figure:
     """Return a new figure.
 
@@ -138,17 +152,15 @@ def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STY
     page = STYLES[style]
     with apply_style(page):
         figure = Figure(figsize=(page.width, page.width), layout="constrained")
+        _STYLE_OF[figure] = page
         letters = int(_FOOTER_LETTERS * page.width / page.scale / STYLES[DEFAULT_STYLE].width)
         # The layout keeps a label of the figure clear of the axes and their labels.
-        figure.supxlabel(
-            "\n".join(textwrap.wrap(footer, letters)),
-            x=0.995,
-            ha="right",
-            fontsize=points(5.5),
-            color="0.45",
-            linespacing=1.0,
-        ).set_parse_math(False)
+        _small_print(figure, "" if page.ieee else "\n".join(textwrap.wrap(footer, letters)))
         plot(figure)
+        if page.ieee:
+            for axes in figure.axes:
+                for label in (axes.xaxis.label, axes.yaxis.label):
+                    label.set_text(re.sub(r" \[([^]]+)\]", r" (\1)", label.get_text()))
     return figure
 
 
@@ -206,6 +218,19 @@ def nominal_width(figure: Figure) -> float:
     return figure.get_figwidth() / points(1.0)
 
 
+def add_small_print(figure: Figure, text: str) -> None:
+    """Add words to the small print of a figure, on a line of their own."""
+    if figure.get_supxlabel():
+        _small_print(figure, f"{text}\n{figure.get_supxlabel()}")
+
+
+def _small_print(figure: Figure, text: str) -> None:
+    label = figure.supxlabel(
+        text, x=0.995, ha="right", fontsize=points(5.5), color="0.45", linespacing=1.0
+    )
+    label.set_parse_math(False)
+
+
 def set_height(figure: Figure, inches: float) -> None:
     """Set the height of the axes and their labels, for letters of 8 pt."""
     rows = figure.get_supxlabel().count("\n") + 1
@@ -218,10 +243,8 @@ def _set_height(figure: Figure, inches: float) -> None:
 
 
 def style_of(figure: Figure) -> Style:
-    """Return the style of the width of a figure."""
-    width = figure.get_figwidth()
-    fitting = (style for style in STYLES.values() if abs(style.width - width) < 1e-6)
-    return next(fitting, STYLES[DEFAULT_STYLE])
+    """Return the style that a figure was drawn in."""
+    return _STYLE_OF.get(figure, STYLES[DEFAULT_STYLE])
 
 
 def render(figure: Figure, kind: str) -> bytes:
@@ -239,7 +262,10 @@ def apply_style(style: Style) -> Iterator[None]:
     kept = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
     defaults = {key: value for key, value in mpl.rcParamsDefault.items() if key not in kept}
     scaled = {key: style.scale * size for key, size in _POINTS.items()}
-    with mpl.rc_context({**defaults, **_SETTINGS, **scaled}):
+    font: dict[Any, Any] = (
+        {"font.family": "STIXGeneral", "mathtext.fontset": "stix"} if style.ieee else {}
+    )
+    with mpl.rc_context({**defaults, **_SETTINGS, **scaled, **font}):
         yield
 
 
@@ -287,6 +313,11 @@ def set_compass(axes: Any, names: Sequence[str], label: str, *, label_angle: flo
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
     axes.set_xticklabels(names)
     axes.set_ylabel(label, labelpad=points(24))
+    # a white rim keeps a number readable where a curve crosses it
+    rim = [withStroke(linewidth=points(2.0), foreground="white")]
+    axes.tick_params(axis="y", zorder=3)
+    for number in axes.get_yticklabels():
+        number.set_path_effects(rim)
 
 
 def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], FloatArray]:
@@ -352,6 +383,8 @@ def display_unit(axis: Axis) -> DisplayUnit:
     if axis.key == "distance_m":
         name, unit = ("km", 1e3) if float(np.ptp(axis.values)) >= 4e3 else ("m", 1.0)
         return DisplayUnit(f"Distance flown [{name}]", unit, _TENS)
+    if axis.key == "pose":
+        return DisplayUnit("Number of the pose", 1.0, _TENS)
     return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
 
 
@@ -529,7 +562,8 @@ def draw_legend(
             labels.append(label)
     if not labels:
         return
-    room = int(54 * nominal_width(figure) / STYLES[DEFAULT_STYLE].width)
+    letters = 70 if style_of(figure).ieee else 54  # STIX is narrower
+    room = int(letters * nominal_width(figure) / STYLES[DEFAULT_STYLE].width)
     width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
     most = max(3, room // 18)
     columns = min(most, max(1, room // max(width)))

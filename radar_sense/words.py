@@ -29,8 +29,8 @@ from radar_sense.propagation import (
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
-#: What each warning means and what to do, by its stable name. docs/reference/warnings.md is made
-#: from this.
+#: What each warning means and what to do, by its stable name. A section of
+#: docs/reference/commands.md is made from this.
 WARNINGS: dict[str, str] = {
     "band-off": (
         "The band of the method is not that of the draws: sigma, or a bound, is off by more "

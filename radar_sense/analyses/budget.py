@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -41,6 +41,8 @@ VANISHING = 1e-3
 FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01
+#: A line below this part of the total lies on the axis, and is left out of a full figure.
+VISIBLE = 0.01
 #: Sources within this part of the largest are equal, as they are printed.
 TIE = 1e-3
 
@@ -167,7 +169,8 @@ def budget(
     result.warnings += words.vanishing_gradient(vanishing)
     if method == "linear":  # other methods report the interaction
         result.warnings += words.correlated_sources([c.three_sigma for c in sources], total)
-    result.draw = partial(_draw, axis=axis, sources=sources, parts=parts, total=total)
+    names = scenario.model.names if len(scenario.model.names) > 1 else ()
+    result.draw = partial(_draw, axis=axis, sources=sources, parts=parts, total=total, radars=names)
     return result
 
 
@@ -261,18 +264,31 @@ def _draw(
     sources: Sequence[Contribution],
     parts: Sequence[Contribution],
     total: FloatArray,
+    radars: Sequence[str],
 ) -> None:
     """Draw 3σ of the sources, of their parts as thin lines of the same colour, and of all."""
     from radar_sense import plotting
 
+    lines, top = (*sources, *parts), np.nanmax(total, initial=0.0)
+    full = len(lines) >= plotting.MOST_IN_LEGEND
+    zero = [c for c in lines if full and np.nanmax(c.three_sigma, initial=0.0) < VISIBLE * top]
+    if zero:
+        left_out = ", ".join(plotting.key_in_words(c.label) for c in zero)
+        plotting.add_small_print(figure, f"below {VISIBLE:.0%} of the total: {left_out}")
     (axes,), x = plotting.pose_panels(figure, 1, axis)
-    colours: dict[str, Any] = {}
-    for c, (colour, dashes) in zip(sources, plotting.styles(), strict=False):
-        colours[c.name] = colour
-        label = plotting.key_in_words(c.label)
-        plotting.draw_line(axes, x, c.three_sigma, (colour, dashes), label=label)
-    for i, c in enumerate(parts):
-        style = colours[c.part_of], plotting.LINES[i % len(plotting.LINES)][1]
+    # the aircraft's sources are grey in a network, where each radar has its own colour
+    style_of = dict(zip([c.name for c in sources], plotting.styles(), strict=False))
+    if radars:
+        greys = [("0.5", dashes) for _, dashes in plotting.LINES]
+        others = [c.name for c in sources if c.name not in radars]
+        style_of = dict(zip(others, greys, strict=False)) | plotting.radar_styles(radars)
+    for c in sources:
+        if c not in zero:
+            label = plotting.key_in_words(c.label)
+            plotting.draw_line(axes, x, c.three_sigma, style_of[c.name], label=label)
+    drawn = len(axes.lines)
+    for i, c in enumerate(c for c in parts if c not in zero):
+        style = style_of[c.part_of][0], plotting.LINES[i % len(plotting.LINES)][1]
         of = "" if c.part_of == "radar_constant" else f"{c.part_of} "
         label = of + plotting.key_in_words(c.label.removeprefix("constant_"))
         plotting.draw_line(axes, x, c.three_sigma, style, label=label)
@@ -280,4 +296,4 @@ def _draw(
     plotting.draw_line(axes, x, total, ("black", "-"), label="total")
     axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
     plotting.from_zero(axes)
-    plotting.draw_legend(figure, axes, on_lines=axes.lines[: len(sources)])
+    plotting.draw_legend(figure, axes, on_lines=axes.lines[:drawn])

@@ -333,6 +333,18 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
         for v in drawn:
             bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
     _draw_route(axes, result, route)
+    for pose, marker, name in ((0, "o", "start"), (-1, "s", "end")):
+        if scenario.time_s is not None:
+            axes.plot(
+                scenario.aircraft[pose, 1] / 1e3,
+                scenario.aircraft[pose, 0] / 1e3,
+                marker,
+                color="white",
+                mec="black",
+                mew=plotting.points(0.7),
+                ms=plotting.points(4.0),
+                label=name,
+            )
     radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
     axes.plot(
         radars[:, 1],

@@ -452,16 +452,21 @@ def _draw(
     rows = -(-count // columns)
     plotting.set_height(figure, 3.3 if count == 1 else rows * (0.35 + min(width / columns, 1.75)))
     panels: Any = figure.subplots(rows, columns, squeeze=False, subplot_kw={"projection": "polar"})
-    angle = np.deg2rad(angle_deg)
+    angle, styles = np.deg2rad(angle_deg), plotting.radar_styles(list(ranges))
     for panel, (name, of_radar) in zip(panels.flat, ranges.items(), strict=False):
-        for at, (colour, dashes) in zip(of_radar, plotting.LINES, strict=False):
+        own = (
+            [(styles[name][0], dashes) for _, dashes in plotting.LINES] if name else plotting.LINES
+        )
+        for at, (colour, dashes) in zip(of_radar, own, strict=False):
             lower, reach, upper = (
                 _closed(angle, values / 1e3) for values in (at.lower, at.slant, at.upper)
             )
             panel.fill_between(reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0)
             panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
+        # the data set the radius, and not a limit far beyond them
+        farthest = 1.15 * max(float(np.max([at.slant, at.upper])) for at in of_radar) / 1e3
         limit = limits[name]
-        if limit is not None:
+        if limit is not None and limit.min() / 1e3 < farthest:
             panel.plot(
                 *_closed(angle, limit / 1e3),
                 color="0.35",
@@ -472,7 +477,7 @@ def _draw(
         names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
         label = "" if count > 1 else "Slant range [km]"
         plotting.set_compass(panel, () if count > 1 else names, label, label_angle=22.5)
-        panel.set_rmin(0)
+        panel.set_rlim(0, farthest or 1.0)
         if count > 1:
             panel.set_title(name, fontsize=plotting.points(8))
             panel.tick_params(labelsize=plotting.points(6))

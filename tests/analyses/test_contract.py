@@ -286,7 +286,7 @@ def warnings_page():
     spec = importlib.util.spec_from_file_location("pages", ROOT / "docs/make_reference.py")
     pages = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(pages)
-    return pages.warnings_page()
+    return pages.warnings_section()
 
 
 def test_a_new_warning_is_a_mask_and_a_sentence(monkeypatch):
@@ -305,6 +305,6 @@ def test_a_new_warning_is_a_mask_and_a_sentence(monkeypatch):
 
     few = scenario(geometry__azimuth_deg=FEW)
     assert likely(few).warnings == ("P_D is above 0.5 at all 2 poses [likely]",)
-    assert f"## `likely`\n\n{meaning}\n" in warnings_page()
+    assert f"### `likely`\n\n{meaning}\n" in warnings_page()
     with pytest.raises(AssertionError):
         words.warning("nameless", "this warning is explained nowhere")

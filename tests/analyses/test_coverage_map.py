@@ -364,7 +364,7 @@ def test_a_map_warns_of_bounds_above_one_and_of_unreliable_bounds():
     s = scenario().with_analysis(level="high")
     linear = coverage_map(s, **SMALL, upper=True)
     assert any("exceeds 1" in w for w in linear.warnings)
-    assert any("unreliable in" in w and "--method form" in w for w in linear.warnings)
+    assert any("off in" in w and "--method form" in w for w in linear.warnings)
     probit = coverage_map(s, **SMALL, upper=True, method="probit")
     assert not any("exceeds 1" in w for w in probit.warnings)
     assert probit.summary["shown"] == "upper_3sigma"
