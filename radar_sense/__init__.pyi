@@ -4,6 +4,7 @@ Names below `# Old names` can be imported, and are not in `__all__`.
 """
 
 from radar_sense import analyses as analyses
+from radar_sense.analyses.report import report as report
 from radar_sense.axis import Axis as Axis
 from radar_sense.command import Result as Result
 from radar_sense.errors import ComputationError as ComputationError
@@ -38,7 +39,6 @@ from radar_sense.montecarlo.montecarlo import monte_carlo_states as monte_carlo_
 from radar_sense.propagation import Moments as Moments
 from radar_sense.propagation import nonlinear as nonlinear
 from radar_sense.propagation import propagate as propagate
-from radar_sense.reporting.command import report as report
 from radar_sense.scenario import Scenario as Scenario
 from radar_sense.scenario_file.load import load_scenario as load_scenario
 from radar_sense.scenario_file.load import parse_scenario as parse_scenario

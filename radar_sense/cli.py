@@ -70,7 +70,6 @@ class Run:
 def commands() -> dict[str, Path]:
     """Return the file of each analysis by the name of its command."""
     files = {path.stem: path for path in sorted(FOLDER.glob("*.py"))}
-    files["report"] = Path(__file__).parent / "reporting/command.py"
     return {
         name: path
         for name, path in files.items()
@@ -83,8 +82,7 @@ def commands() -> dict[str, Path]:
 
 def load(name: str) -> Command:
     """Import a command."""
-    home = "reporting.command" if name == "report" else f"analyses.{name}"
-    module = import_module(f"radar_sense.{home}")
+    module = import_module(f"radar_sense.analyses.{name}")
     found: Command = next(v for v in vars(module).values() if getattr(v, "name", None) == name)
     return found
 

@@ -32,7 +32,7 @@ def test_every_analysis_is_in_analyses_alone():
     assert not any(
         isinstance(getattr(rs, name), Command) for name in rs.__all__ if name != "report"
     )
-    assert {value.name for value in ANALYSES.values()} == set(cli.commands()) - {"report"}
+    assert {value.name for value in ANALYSES.values()} == set(cli.commands())
     assert rs.analyses.map is rs.analyses.coverage_map  # the command, and its name in Python
 
 
@@ -47,9 +47,9 @@ def test_only_the_listed_names_can_be_imported():
         _ = rs.mission_of
 
 
-@pytest.mark.parametrize("name", [*ANALYSES, "report"])
+@pytest.mark.parametrize("name", ANALYSES)
 def test_help_and_signature_have_all_options(name):
-    command = ANALYSES.get(name) or rs.report
+    command = ANALYSES[name]
     assert command.__name__ == name
     parameters = inspect.signature(command).parameters
     shared = {"level", "radar", "method", "runs", "seed"}

@@ -13,6 +13,7 @@ import sys
 import time
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
 
 import matplotlib as mpl
@@ -101,8 +102,8 @@ def examples(text: str) -> list[str]:
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
     coarse = default_text().replace("step: 0.5", "step: 30")
     monkeypatch.setattr("radar_sense.scenario_file.load.default_text", lambda: coarse)
-    monkeypatch.setattr("radar_sense.reporting.command.DRAWS", 40)
-    monkeypatch.setattr("radar_sense.reporting.page._figure", lambda result, words: "")
+    monkeypatch.setattr(import_module("radar_sense.analyses.report"), "DRAWS", 40)
+    monkeypatch.setattr("radar_sense.page._figure", lambda result, words: "")
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")
     lines = examples(out)

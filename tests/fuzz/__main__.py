@@ -8,6 +8,7 @@ import signal
 import sys
 import tempfile
 import time
+from importlib import import_module
 from pathlib import Path
 from typing import NoReturn
 
@@ -16,7 +17,6 @@ sys.path.insert(0, str(Path(__file__).parent.parent))
 from fuzz.properties import BrokenError, failures, reproducer
 
 from radar_sense.montecarlo import adaptive
-from radar_sense.reporting import command
 
 #: Seconds of this process, and of the clock, after which a case hangs.
 TOO_LONG = {signal.ITIMER_PROF: 60, signal.ITIMER_REAL: 600}
@@ -30,7 +30,7 @@ def _draw_few() -> None:
     """Let `validate` and `report` draw less, because their draws take most of the time."""
     adaptive.LEAST_DRAWS, adaptive.LEAST_OUTSIDE = 100, 1
     adaptive.MAX_RUNS = 5000
-    command.DRAWS = 200
+    import_module("radar_sense.analyses.report").DRAWS = 200
 
 
 def main() -> int:

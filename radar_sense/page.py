@@ -66,7 +66,7 @@ def page(
     Raises:
         FigureError: If a figure cannot be drawn.
     """
-    template = resources.files("radar_sense.reporting").joinpath("page.html").read_text("utf-8")
+    template = resources.files("radar_sense").joinpath("page.html").read_text("utf-8")
     made = Section(
         "again",
         "How can this report be made again?",

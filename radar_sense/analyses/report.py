@@ -13,21 +13,16 @@ from numpy.typing import NDArray
 from radar_sense import files
 from radar_sense.analyses.budget import budget
 from radar_sense.analyses.compare import compare
-from radar_sense.analyses.contract import (
-    OPTIONS,
-    Command,
-    Progress,
-    silent,
-)
 from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
 from radar_sense.analyses.overview import overview
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
-from radar_sense.command import Result
+from radar_sense.command import LEVEL, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS, Command, Result
 from radar_sense.errors import InputError
-from radar_sense.reporting.page import Section, page
+from radar_sense.page import Section, page
+from radar_sense.progress import steps
 from radar_sense.scenario import Scenario
 
 #: Draws at each pose of the comparison of methods.
@@ -127,7 +122,6 @@ def _report(
     threshold: float | None = None,
     k: float | None = None,
     workers: int = 1,
-    progress: Progress = silent,
 ) -> Report:
     """One HTML page: the questions about a scenario, and the answers.
 
@@ -142,7 +136,6 @@ def _report(
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
         workers: Threads to compute with; the page does not depend on their number.
-        progress: Shows the analyses that are done.
 
     Raises:
         InputError: If an option is not allowed, or k is given alone.
@@ -151,7 +144,7 @@ def _report(
     warnings = plausibility_warnings(scenario)
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
     questions = list(_questions(scenario, threshold, k, workers))
-    with progress(len(questions), "analyses") as advance:
+    with steps(len(questions), "questions") as advance:
         for command, question, ask in questions:
             seen = {warning for section in sections for warning in section.warnings}
             sections.append(_answer(command, question, ask, seen))
@@ -223,13 +216,13 @@ report = Gathering(
     name="report",
     run=_report,
     options=(
-        OPTIONS["level"],
-        OPTIONS["radar"],
+        LEVEL,
+        ONE_RADAR,
         replace(_OF_VARIANCE["method"], default=None, default_text="the scenario's"),
         _OF_VARIANCE["threshold"],
         _OF_VARIANCE["k"],
-        OPTIONS["seed"],
-        OPTIONS["workers"],
+        SEED_OF_DRAWS,
+        WORKER_THREADS,
     ),
     examples=(
         "radar-sense report",
