@@ -156,8 +156,9 @@ class Scenario:
         """Return the geometry given, or the geometry of other poses than it has."""
         given, along = self.geometry, self.axis
         each = self.cov_aircraft if self.cov_aircraft.ndim == 3 else None
-        own = (self.aircraft, along, each)
-        made = (given.aircraft, given.axis, given.covariance)
+        own = (self.aircraft, along, each, self.time_s, self.origin)
+        path = (given.time_s, given.origin) if isinstance(given, Path) else (None, None)
+        made = (given.aircraft, given.axis, given.covariance, *path)
         if all(one is other for one, other in zip(own, made, strict=True)):
             return given
         if self.time_s is None:

@@ -1,0 +1,84 @@
+"""The geometry of a scenario: its poses, and the poses between them."""
+
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+from helpers import scenario, write_path
+
+import radar_sense as rs
+from radar_sense.flight import Orbit, Path, States
+
+STD = ",".join(f"std_{name}" for name in ("north_m", "east_m", "down_m"))
+STD += ",std_roll_deg,std_pitch_deg,std_yaw_deg"
+ROUTE = f"""time_s,north_m,east_m,down_m,{STD}
+0,0,0,-1000,10,10,10,1,1,1
+10,1000,0,-1000,10,10,10,1,1,1
+30,1000,4000,-2000,30,30,30,3,3,3
+"""
+
+
+def test_an_orbit_at_other_azimuths():
+    """North and east of a circle by plain trigonometry, at the attitude of the file."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
+    assert isinstance(s.geometry, Orbit)
+    assert s.geometry.continuous
+    found = s.geometry.at(np.array([10.0, 77.5]))
+    for azimuth, pose in zip((10.0, 77.5), found.aircraft, strict=True):
+        angle = math.radians(azimuth)
+        expected = [500e3 * math.sin(angle), 500e3 * math.cos(angle), -3e3, 0, 0, math.pi / 2]
+        np.testing.assert_allclose(pose, expected, rtol=1e-14, atol=1e-12)
+    np.testing.assert_array_equal(s.geometry.at(s.geometry.coordinate).aircraft, s.aircraft)
+
+
+def test_a_path_at_other_times(tmp_path):
+    """Position and covariance are linear in time between the rows."""
+    s = rs.load_scenario(write_path(tmp_path, ROUTE, geometry__axis="distance"))
+    assert isinstance(s.geometry, Path)
+    assert s.geometry.continuous
+    np.testing.assert_array_equal(s.geometry.coordinate, [0, 10, 30])
+    found = s.geometry.at(np.array([5.0, 20.0]))
+    np.testing.assert_allclose(found.aircraft[:, :3], [[500, 0, -1000], [1000, 2000, -1500]])
+    np.testing.assert_allclose(found.covariance[:, 0, 0], [100, 500])
+    assert found.axis.key == "distance_m"
+    np.testing.assert_allclose(found.axis.values, [500, 1000 + math.hypot(4000, 1000) / 2])
+
+
+def test_there_is_no_flight_between_states():
+    s = scenario().at_poses(slice(0, 9))
+    assert isinstance(s.geometry, States)
+    assert not s.geometry.continuous
+    with pytest.raises(rs.InputError, match="no flight from pose to pose"):
+        s.geometry.at(np.array([1.0]))
+
+
+def test_poses_that_the_user_chose_are_all_poses(tmp_path):
+    path = write_path(tmp_path, ROUTE, geometry__interpolate={"step_s": 3})
+    assert not rs.load_scenario(path).geometry.continuous
+
+
+def test_other_poses_of_the_flight_keep_the_record_of_the_file(tmp_path):
+    paths = rs.load_scenario(write_path(tmp_path, ROUTE)), scenario()
+    for s, coordinate in zip(paths, (np.array([1.0, 2, 3]), np.array([7.0])), strict=True):
+        other = s.along(s.geometry.at(coordinate))
+        assert len(other.aircraft) == len(other.axis) == len(coordinate)
+        assert other.resolved() == s.resolved()
+        assert pickle.loads(pickle.dumps(other)).resolved() == s.resolved()
+        assert other.along(s.geometry).geometry is s.geometry
+
+
+def test_a_geometry_is_of_the_poses_of_its_scenario():
+    """Other poses given to a scenario are states, or the rows of a path."""
+    s = scenario()
+    moved = dataclasses.replace(s, aircraft=s.aircraft + 1.0)
+    assert isinstance(moved.geometry, States)
+    assert moved.geometry.aircraft is moved.aircraft
+    timed = dataclasses.replace(moved, time_s=np.arange(361.0))
+    assert isinstance(timed.geometry, Path)
+    np.testing.assert_allclose(
+        timed.geometry.at(np.array([0.5])).aircraft[0, :3], moved.aircraft[:2, :3].mean(axis=0)
+    )
+    each = np.repeat(s.cov_aircraft[np.newaxis], 361, axis=0)
+    assert not dataclasses.replace(s, cov_aircraft=each).geometry.continuous
