@@ -326,11 +326,6 @@ class Scenario:
         """Whether each radar (m,) has a c_r with tolerances, which is modelled as log-normal."""
         return np.array([bool(tolerances) for tolerances in self.tolerances_at_level])
 
-    @property
-    def theta_r_deg(self) -> FloatArray:
-        """Coordinate of each pose on the axis (n,): on an orbit θ_r [deg]."""
-        return self.axis.values
-
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with only some poses.
 

@@ -71,11 +71,11 @@ def test_methods_disagree_about_the_paper():
     """At High the linear bound exceeds 1 and fails for every P_max. A quantile does not."""
     scenario = rs.load_scenario().with_analysis(level="high")
     linear, probit = (
-        threshold_test(propagate_scenario(scenario, method=m).upper, 1.0, scenario.theta_r_deg)
+        threshold_test(propagate_scenario(scenario, method=m).upper, 1.0, scenario.axis.values)
         for m in ("linear", "probit")
     )
     assert linear.first is not None
-    assert scenario.theta_r_deg[linear.first] == 67.5
+    assert scenario.axis.values[linear.first] == 67.5
     assert linear.above == pytest.approx(np.count_nonzero(linear.violated) * 0.5, abs=0.5)
     assert probit.passed
     assert linear.total == probit.total == 180

@@ -159,7 +159,7 @@ def test_the_budget_names_the_part_to_measure_better():
     line = result.report[0]
     assert line.startswith("know better first: radar_constant_loss_db, ")
     better = sheet_scenario(tolerances={**TOLERANCES["surveillance"], "loss_db": 0.5})
-    pose = s.theta_r_deg.tolist().index(
+    pose = s.axis.values.tolist().index(
         result.summary["largest_three_sigma_total"]["theta_r_deg"][0]
     )
     total = 3 * propagate_scenario(better).std[pose]

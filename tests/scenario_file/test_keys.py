@@ -547,7 +547,7 @@ def test_single_pose_and_runs_as_float(tool):
             "analysis.runs": "1e3",
         }),
     )  # fmt: skip
-    assert scenario.theta_r_deg.tolist() == [45.0]
+    assert scenario.axis.values.tolist() == [45.0]
     assert scenario.runs == 1000
 
 
@@ -566,7 +566,7 @@ def test_sweep(tool, start, stop, step, expected):
     changes = dict(
         zip((f"geometry.azimuth_deg.{k}" for k in keys), (start, stop, step), strict=True)
     )
-    assert accepted(tool, replaced(changes)).theta_r_deg.tolist() == expected
+    assert accepted(tool, replaced(changes)).axis.values.tolist() == expected
 
 
 # Units: against arithmetic that is not the package's.
@@ -583,7 +583,7 @@ def test_units_become_si(tool):
         }),
     )  # fmt: skip
     assert scenario.radar.tolist() == [100, -200, -30, 167]
-    for theta, pose in zip(scenario.theta_r_deg, scenario.aircraft, strict=True):
+    for theta, pose in zip(scenario.axis.values, scenario.aircraft, strict=True):
         north, east = 12500 * math.sin(math.radians(theta)), 12500 * math.cos(math.radians(theta))
         # A micrometre, and 1e-15 rad: the rounding of these numbers, a few times over.
         assert pose[:3] == pytest.approx([north, east, -1500], rel=0, abs=1e-10)
@@ -595,7 +595,7 @@ def test_azimuth_from_north_is_a_compass_azimuth(tool):
     north = accepted(tool, replaced({"geometry.azimuth_from": "north"}))
     east = accepted(tool, LINES)
     assert (north.aircraft[:, [1, 0, 2, 3, 4, 5]] == east.aircraft).all()
-    by_angle = dict(zip(north.theta_r_deg.tolist(), north.aircraft.tolist(), strict=True))
+    by_angle = dict(zip(north.axis.values.tolist(), north.aircraft.tolist(), strict=True))
     assert by_angle[0.0][:3] == [500e3, 0, -3e3]
     assert by_angle[90.0][:3] == pytest.approx([0, 500e3, -3e3], rel=0, abs=1e-9)
 

@@ -96,7 +96,7 @@ def orbit_route(aircraft, theta, std=None):
 )
 def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
     orbit = rs.load_scenario().at_poses(slice(None, None, step))
-    path = load(tmp_path, orbit_route(orbit.aircraft, orbit.theta_r_deg, std), radar__constant=167)
+    path = load(tmp_path, orbit_route(orbit.aircraft, orbit.axis.values, std), radar__constant=167)
     assert path.cov_aircraft.ndim == (3 if std else 2)
     expected, found = analyse(orbit), analyse(path)
     names = list(expected.table)
@@ -110,7 +110,7 @@ def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std,
 
 def test_validate_gives_the_same_verdict_too(tmp_path):
     orbit = rs.load_scenario().at_poses(slice(80, 83))
-    text = orbit_route(orbit.aircraft, orbit.theta_r_deg, "10,10,10,1,1,1")
+    text = orbit_route(orbit.aircraft, orbit.axis.values, "10,10,10,1,1,1")
     expected, found = (
         validate_method(orbit, digits=1),
         validate_method(load(tmp_path, text, radar__constant=167), digits=1),
@@ -407,7 +407,7 @@ def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
     assert {key: resolved["geometry"][key] for key in path} == path
     again = rs.parse_scenario(yaml.safe_dump(resolved), "/nowhere/else.yaml")
     assert again.resolved() == resolved
-    for name in ("aircraft", "cov_aircraft", "theta_r_deg"):
+    for name in ("aircraft", "cov_aircraft", "time_s"):
         assert (getattr(again, name) == getattr(s, name)).all()
         assert not getattr(again, name).flags.writeable
     (tmp_path / "route.csv").write_text(UNCERTAIN + " ")
