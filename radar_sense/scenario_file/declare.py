@@ -331,10 +331,6 @@ def _with(*names: str) -> Schema:
     return {"required": list(names)}
 
 
-def _list(size: int, items: Schema) -> Schema:
-    return {"type": "array", "items": items, "minItems": size, "maxItems": size}
-
-
 # Kinds of values.
 
 
@@ -450,24 +446,22 @@ def yes_no() -> Kind:
 
 def numbers(size: int, limit: Limit = ANY) -> Kind:
     """Return the kind of a list of numbers, which is read as a tuple."""
-    one = number(limit)
-    return Kind(
-        f"{size} numbers: each {limit}",
-        lambda place: tuple(one.read(entry) for entry in place.entries(size, "numbers")),
-        lambda: _list(size, one.schema()),
-        lambda value: [one.write(item) for item in value],
-        is_number=True,
-    )
+    return _several(number(limit), size, "numbers", f"{size} numbers: each {limit}")
 
 
 def matrix(size: int) -> Kind:
     """Return the kind of a square matrix, a list of rows, which is read as a tuple of tuples."""
-    row, what = numbers(size), f"rows of {size} numbers"
+    what = f"rows of {size} numbers"
+    return _several(numbers(size), size, what, f"{size} {what}")
+
+
+def _several(kind: Kind, size: int, what: str, allowed: str) -> Kind:
+    """Return the kind of a list of a size, which is read as a tuple."""
     return Kind(
-        f"{size} {what}",
-        lambda place: tuple(row.read(entry) for entry in place.entries(size, what)),
-        lambda: _list(size, row.schema()),
-        lambda value: [row.write(item) for item in value],
+        allowed,
+        lambda place: tuple(kind.read(entry) for entry in place.entries(size, what)),
+        lambda: {"type": "array", "items": kind.schema(), "minItems": size, "maxItems": size},
+        lambda value: [kind.write(item) for item in value],
         is_number=True,
     )
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections import ChainMap
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -290,24 +291,15 @@ class Table:
     sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
 
 
-class _RCSModels(Mapping[str, type]):
-    """The RCS models by name. A model may be added at any time."""
-
-    def __getitem__(self, name: str) -> type:
-        return Table if name == "table" else RCS_MODELS[name]
-
-    def __iter__(self) -> Any:
-        return iter(RCS_MODELS)
-
-    def __len__(self) -> int:
-        return len(RCS_MODELS)
+#: The RCS models by name, with the section of a table. A model may be added at any time.
+_RCS: ChainMap[str, type[Any]] = ChainMap({"table": Table}, RCS_MODELS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aircraft:
     """The aircraft."""
 
-    rcs: Any = key("Radar cross section.", by_word("model", _RCSModels()))
+    rcs: Any = key("Radar cross section.", by_word("model", _RCS))
     attitude_deg: tuple[float, float, float] | None = key(
         "Roll, pitch, yaw on an orbit; required on an orbit, not allowed on a path.",
         numbers(3, _ANGLE),

@@ -150,121 +150,48 @@ def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
     assert counts[True, True] > 50
 
 
-#: One mistake each; the keys are paths into the paper's scenario, or the network's with `radars`.
+#: One mistake of each kind that an editor marks; the keys are paths into the paper's scenario.
 MISTAKES = [
     {"name": "a b"},
-    {"name": "x" * 101},
     {"nme": 1},
     {"radar__constant": 0},
     {"radar__constant": "167"},
     {"radar__constant": 1e21},
-    {"radar__constants": 1},
     {"radar__tracking": {}},
-    {"radar__p_fa": 1},
-    {"radar__p_fa": 0},
     {"radar__detector": "mracum"},
     {"radar__position_m": [0, 0]},
-    {"radar__position_m": 0},
     {"radar__position_geodetic": {"latitude_deg": 1, "longitude_deg": 1, "altitude_m": 0}},
-    {"radar__scan_period_s": 0},
+    {"radar__horizon": 1},
     {"radar": None},
-    {"radar": []},
     {"radars": []},
+    {"radars": NETWORK["radars"]},
     {"aircraft__rcs": {"a_m": 1}},
     {"aircraft__rcs": {"model": "cube"}},
-    {"aircraft__rcs": {"model": "constant"}},
-    {"aircraft__rcs": {"model": "constant", "rcs_m2": -1}},
     {"aircraft__rcs": {"model": "constant", "rcs_m2": 1, "a_m": 1}},
-    {"aircraft__rcs__c_m": 0},
     {"aircraft__rcs": {"model": "spikeball", "lobes": 1.5, "amplitude_m2": 1, "floor_m2": 1}},
-    {"aircraft__rcs": {"model": "spikeball", "lobes": 0, "amplitude_m2": 1, "floor_m2": 1}},
-    {"aircraft__rcs": {"model": "table"}},
-    {"aircraft__rcs": {"model": "table", "file": "a.csv", "mirror": "maybe"}},
-    {"aircraft__rcs": {"model": "table", "file": "a.csv", "envelope_deg": 100}},
     {"aircraft__rcs": {"model": "table", "file": "a.csv", "sha256": "12"}},
-    {"aircraft__attitude_deg": [0, 0, 361]},
-    {"aircraft__attitude_deg": 0},
     {"geometry__type": "circle"},
-    {"geometry__type": "path"},
-    {"geometry__range_km": -1},
-    {"geometry__azimuth_from": "west"},
-    {"geometry__azimuth_deg": 5},
     {"geometry__azimuth_deg": {"start": 0, "stop": 10}},
-    {"geometry__azimuth_deg": {"start": -361, "stop": 10, "step": 1}},
-    {"geometry__file": "a.csv"},
     {"geometry": {"type": "path"}},
-    {"geometry": {"type": "path", "file": "a.csv"}},
-    {"geometry": {"type": "path", "file": "a.csv", "axis": "speed"}},
     {"uncertainty__aircraft": {}},
-    {"uncertainty__aircraft": None},
-    {"uncertainty__aircraft__position_m": -1},
-    {"uncertainty__aircraft__position_m": [1, 1]},
-    {"uncertainty__aircraft__position_m": [1, 1, -1]},
     {"uncertainty__aircraft__position_m": [[1, 0], [0, 1]]},
-    {"uncertainty__aircraft__covariance": [[1]]},
-    {"uncertainty__aircraft": {"rcs_db": 1}},
-    {"uncertainty__aircraft__rcs_db": -1},
     {"uncertainty__aircraft__covariance": [[0] * 6] * 6},
-    {"uncertainty__aircraft_correlation_s": -1},
     {"uncertainty__aircraft_correlation_s": "long"},
     {"uncertainty__radar": {}},
     {"uncertainty__radar__medium": {"position_m": 1}},
-    {"uncertainty__radar__medium__constant": {"loss_db": 1}},
-    {"uncertainty__radar__medium__constant": -1},
     {"uncertainty__radar__a b": {"position_m": 1, "constant": 1}},
-    {"analysis": {}},
-    {"analysis__level": "a b"},
-    {"analysis__runs": 1},
     {"analysis__runs": 2.5},
-    {"analysis__runs": 1e10},
-    {"analysis__seed": -1},
-    {"analysis__seed": "one"},
     {"analysis__method": "fomr"},
     {"radar": SHEET},
     {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "scan_time_s": 1}}},
-    {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "search_volume_sr": 13}}},
     {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "search_factor": 15}}},
-    {"radar": {**SHEET, "surveillance": {**SURVEILLANCE, "loss_db": -1}}},
-    {"radar": {**SHEET, "tracking": {}}},
-    {"radars": NETWORK["radars"]},
-    {"radar__max_range_km": 0},
-    {"radar__min_range_km": -1},
-    {"radar__horizon": 1},
-    {"radar__eclipsing": True},
-]
-OF_NETWORK = [
-    {"radars": {}},
-    {"radars": NETWORK["radars"] * 30},
-    {"radar": PAPER["radar"]},
-    {"uncertainty__radar": PAPER["uncertainty"]["radar"]},
-    {"geometry__type": "path"},
-    *(
-        {"radars": [{**NETWORK["radars"][0], **change}]}
-        for change in (
-            {"name": "a b"},
-            {"name": []},
-            {"max_range_km": 0},
-            {"horizon": 1},
-            {"eclipsing": True},
-            {"min_range_km": -1},
-            {"uncertainty": {}},
-            {"uncertainty": 1},
-            {"uncertainty": {"high": {"position_m": 1, "constant": {"loss_db": 1}}}},
-            {"constant": None},
-            {"detector": 1},
-            {"levels": 1},
-        )
-    ),
 ]
 
 
-@pytest.mark.parametrize("path", ["of the paper", "of a network"])
-def test_mistakes_fail_the_schema_and_are_refused(path):
-    of, mistakes = (PAPER, MISTAKES) if path == "of the paper" else (NETWORK, OF_NETWORK)
-    for mistake in mistakes:
-        text = yaml.safe_dump(document(of, **mistake), sort_keys=False)
-        refused, _ = judged(text)
-        assert refused, mistake
+@pytest.mark.parametrize("mistake", MISTAKES, ids=str)
+def test_mistakes_fail_the_schema_and_are_refused(mistake):
+    text = yaml.safe_dump(document(PAPER, **mistake), sort_keys=False)
+    assert judged(text) == (True, True)
 
 
 def test_a_newcomer_is_in_the_schema(monkeypatch):
