@@ -262,6 +262,8 @@ def _quiet() -> click.Option:
 
 
 def _output(analysis: Command) -> list[click.Parameter]:
+    if not analysis.writes:
+        return [_quiet()]
     out = click.Option(
         ["--out"],
         metavar="DIR",
@@ -301,8 +303,8 @@ def _run(
     run: Run,
     *,
     config: Path | None,
-    out: Path,
     quiet: bool,
+    out: Path = Path(),
     formats: tuple[str, ...] = (),
     style: str = STYLES[0],
     no_plot: bool = False,
@@ -312,8 +314,6 @@ def _run(
     **options: Any,
 ) -> None:
     """Read the scenario, compute, write all files, and print the report and the file names."""
-    from radar_sense import files
-
     logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
     formats = () if no_plot else tuple(dict.fromkeys(formats))
@@ -325,27 +325,24 @@ def _run(
             f"--format {' and '.join(sorted(set(formats) - set(FORMATS)))}: needs geometry.origin, "
             "which scenarios with a route in latitude and longitude have"
         )
-    stem = analysis.stem(selected)
-    paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
-    try:
-        files.require_writable(paths, _inputs(config, scenario))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise BadInput(f"--out: cannot write to {out}: {reason}") from error
+    if analysis.writes:
+        stem = analysis.stem(selected)
+        paths = [out / f"{stem}.{ending}" for ending in (*analysis.endings, *formats)]
+        _require_writable(out, paths, _inputs(config, scenario))
     with _refusals(), _computing(analysis, workers, dask, quiet) as computing:
         result = analysis(scenario, **chosen, **computing)
+    written: list[Path] = []
     failure = None
-    _interrupts_are_exceptions()
-    run.written = "files of two runs may stand side by side, the record tells"
-    with _plain_matplotlib():
+    if analysis.writes:
+        size = {"formats": formats, "style": style} if analysis.has_figures else {}
+        _interrupts_are_exceptions()
+        run.written = "files of two runs may stand side by side, the record tells"
         try:
-            if analysis.has_figures:
-                written = result.save(out, formats, style=style, command=run.command)
-            else:
-                written = result.save(out, command=run.command)
+            with _plain_matplotlib():
+                written = result.save(out, **size, command=run.command)
         except FigureError as error:
             written, failure = list(error.paths), error
-    run.written = "all files were written"
+        run.written = "all files were written"
     if json:
         click.echo(written[-1].read_text(encoding="utf-8"), nl=False)
     if not quiet:
@@ -357,6 +354,17 @@ def _run(
         raise click.ClickException(str(failure))
     if not result.passed:
         raise click.exceptions.Exit(ANSWER_IS_NO)
+
+
+def _require_writable(out: Path, paths: list[Path], inputs: list[Path]) -> None:
+    """Refuse, before anything is computed, a folder or names that cannot be written."""
+    from radar_sense.files import require_writable
+
+    try:
+        require_writable(paths, inputs)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise BadInput(f"--out: cannot write to {out}: {reason}") from error
 
 
 def _interrupts_are_exceptions() -> None:
@@ -398,32 +406,6 @@ def _plain_matplotlib() -> Iterator[None]:
                 del os.environ[name]
             else:
                 os.environ[name] = value
-
-
-@cli.command(cls=OneCommand, params=[_config(), _quiet()])
-def check(config: Path | None, quiet: bool) -> None:
-    """Read, validate and print a scenario in full; compute nothing.
-
-    The output is a scenario file with every default filled in. Comments at the top summarize the
-    radars and the path.
-
-    \b
-    Examples:
-      radar-sense check
-      radar-sense check my.yaml
-    """
-    from radar_sense.analyses.overview import overview
-    from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
-    from radar_sense.files import yaml_text
-
-    with _refusals():
-        scenario = _scenario(config)
-    if not quiet:
-        for line in overview(scenario):
-            click.echo(f"# {line}")
-        click.echo(yaml_text(scenario.resolved()), nl=False)
-        for warning in plausibility_warnings(scenario):
-            _complain(f"Warning: {warning}")
 
 
 @cli.command(cls=OneCommand)

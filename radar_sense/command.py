@@ -351,6 +351,7 @@ class Command:
         examples: Command lines for the help.
         name: Name of the command; of the function by default.
         exports: Formats that the result can have besides figures.
+        writes: Whether the command line writes files.
     """
 
     run: Callable[..., Any]
@@ -358,6 +359,7 @@ class Command:
     examples: tuple[str, ...] = ()
     name: str = ""
     exports: tuple[str, ...] = ()
+    writes: bool = True
     endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
     has_figures: ClassVar[bool] = True
     #: Returns the warnings of a scenario itself, which every result has.
@@ -461,6 +463,7 @@ def command(
     examples: Sequence[str] = (),
     name: str = "",
     exports: tuple[str, ...] = (),
+    writes: bool = True,
 ) -> Callable[[Callable[..., Result]], Command]:
     """Make a command of a function from a scenario to a result.
 
@@ -469,5 +472,6 @@ def command(
         examples: Command lines for the help.
         name: Name of the command; of the function by default.
         exports: Formats that the result can have besides figures.
+        writes: Whether the command line writes files.
     """
-    return lambda run: Command(run, options, tuple(examples), name, exports)
+    return lambda run: Command(run, options, tuple(examples), name, exports, writes)

@@ -1,4 +1,4 @@
-"""Errors of Monte Carlo by number of runs, of random draws and of Sobol' points.
+"""Error of Monte Carlo by number of runs, for random and Sobol' draws.
 
 The errors of mean, standard deviation and 3σ quantiles are estimated from many independent
 repetitions, against a reference of many more runs. The unit is σ_pd.
@@ -7,15 +7,24 @@ repetitions, against a reference of many more runs. The unit is σ_pd.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.columns import quantities
-from radar_sense.analyses.contract import Option, Result, analysis
 from radar_sense.axis import Axis
+from radar_sense.command import (
+    LEVEL,
+    ONE_RADAR,
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    Option,
+    Result,
+    command,
+)
 from radar_sense.limits import Limit
 from radar_sense.montecarlo.montecarlo import TAIL, draw_block
 from radar_sense.montecarlo.parallel import in_order
@@ -150,65 +159,21 @@ def measure(
     )
 
 
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    rows = plotting.panels(figure, len(STATISTICS))
-    table, runs = result.table, result.table["runs"]
-    names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
-    labels = {"random": ("random", "o"), "sobol": ("Sobol\N{PRIME}", "s")}
-    for axes, statistic, name in zip(rows, STATISTICS, names, strict=True):
-        errors = {kind: table[f"error_{statistic}_{kind}"] for kind in SAMPLERS}
-        for (kind, error), style in zip(errors.items(), plotting.LINES, strict=False):
-            label, marker = labels[kind]
-            plotting.draw_line(axes, runs, error, style, label=label if axes is rows[0] else None)
-            axes.lines[-1].set(marker=marker, markersize=plotting.points(2.8))
-        axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
-        axes.set_xscale("log", base=2)
-        axes.margins(x=0.03)
-        first = [error[0] for error in errors.values() if np.all(error > 0)]
-        if not first:
-            continue  # a logarithmic axis cannot show 0
-        axes.set_yscale("log")
-        _slope(axes, runs, 1.6 * np.max(first), -0.5, "$n^{-1/2}$")
-        if statistic != "quantile":  # no estimator of the quantiles has this rate
-            _slope(axes, runs, np.min(first) / 1.6, -1.0, "$n^{-1}$")
-    rows[-1].set_xlabel("Number of runs $n$")
-    plotting.draw_legend(figure, rows[0])
-
-
-_TABLE = quantities(
-    {
-        "runs": "Number of runs.",
-        "error_mean_<sampler>": "RMS error of the mean by <sampler> draws, in sigma of P_D.",
-        "error_std_<sampler>": "RMS error of sigma by <sampler> draws, in sigma of P_D.",
-        "error_quantile_<sampler>": (
-            "RMS error of the 3-sigma quantiles by <sampler> draws, in sigma of P_D."
-        ),
-    }
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=[
-        "level",
-        "radar",
-        Option(
-            "runs",
-            "Largest number of runs, rounded down to a power of two.",
-            LIMIT,
-            default=DEFAULT_RUNS,
-        ),
-        "seed",
-        "workers",
-    ],
-    examples=[
+@command(
+    LEVEL,
+    ONE_RADAR,
+    Option(
+        "runs",
+        "Largest number of runs, rounded down to a power of two.",
+        LIMIT,
+        default=DEFAULT_RUNS,
+    ),
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    examples=(
         "radar-sense convergence --runs 4096",
         "radar-sense convergence my.yaml --level high --runs 65536",
-    ],
+    ),
 )
 def convergence(scenario: Scenario, *, runs: int = DEFAULT_RUNS, workers: int = 1) -> Result:
     """Error of Monte Carlo by number of runs, for random and Sobol' draws.
@@ -227,6 +192,15 @@ def convergence(scenario: Scenario, *, runs: int = DEFAULT_RUNS, workers: int = 
     """
     runs = 1 << (runs.bit_length() - 1)
     measured = measure(scenario, runs, workers=workers)
+    result = Result(scenario.with_analysis(runs=runs))
+
+    result.table.add("runs", measured.runs.astype(float), "Number of runs.")
+    names = {"mean": "the mean", "std": "sigma", "quantile": "the 3-sigma quantiles"}
+    for statistic, of in measured.errors.items():
+        for kind, error in of.items():
+            meaning = f"RMS error of {names[statistic]} by {kind} draws, in sigma of P_D."
+            result.table.add(f"error_{statistic}_{kind}", error, meaning)
+
     last = {
         statistic: {
             kind: {
@@ -240,34 +214,24 @@ def convergence(scenario: Scenario, *, runs: int = DEFAULT_RUNS, workers: int = 
         }
         for statistic, of in measured.errors.items()
     }
-    return Result(
-        scenario=scenario.with_analysis(runs=runs),
-        table={
-            "runs": measured.runs.astype(float),
-            **{
-                f"error_{statistic}_{kind}": error
-                for statistic, of in measured.errors.items()
-                for kind, error in of.items()
-            },
-        },
-        summary={
-            "runs": runs,
-            "repetitions": REPLICATIONS,
-            "poses": {measured.axis.key: measured.axis.values.tolist()},
-            "reference_error": measured.reference_error,
-            "at_largest_runs": last,
-        },
-        report=(
-            f"RMS error with {runs:,} runs ({scenario.level}) in units of sigma of P_D, its rate, "
-            "and the number of random runs for the same error:",
-            f"  {'':8}{'mean':27}{'sigma':27}3-sigma quantiles",
-            *(
-                f"  {kind:8}{''.join(f'{_cell(**last[s][kind]):27}' for s in STATISTICS).rstrip()}"
-                for kind in SAMPLERS
-            ),
-        ),
-        warnings=_warnings(measured),
-    )
+    result.summary |= {
+        "runs": runs,
+        "repetitions": REPLICATIONS,
+        "poses": {measured.axis.key: measured.axis.values.tolist()},
+        "reference_error": measured.reference_error,
+        "at_largest_runs": last,
+    }
+    result.report += [
+        f"RMS error with {runs:,} runs ({scenario.level}) in units of sigma of P_D, its rate, "
+        "and the number of random runs for the same error:",
+        f"  {'':8}{'mean':27}{'sigma':27}3-sigma quantiles",
+    ]
+    for kind in SAMPLERS:
+        cells = "".join(f"{_cell(**last[statistic][kind]):27}" for statistic in STATISTICS)
+        result.report.append(f"  {kind:8}{cells.rstrip()}")
+    result.warnings += _warnings(measured)
+    result.draw = partial(_draw, runs=result.table["runs"], errors=measured.errors)
+    return result
 
 
 def rate(runs: NDArray[np.int64], error: FloatArray) -> float:
@@ -296,6 +260,32 @@ def _warnings(measured: Convergence) -> tuple[str, ...]:
     others = "" if zero.all() else "; the errors are of the other poses"
     words = "sigma of P_D, the unit of the errors, is zero"
     return *few, *problem_warnings([(zero, words, others)], measured.axis)
+
+
+def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:
+    """Draw the errors of each statistic by number of runs."""
+    from radar_sense import plotting
+
+    rows = plotting.panels(figure, len(STATISTICS))
+    names = ("the mean", r"$\sigma$", r"the $3\,\sigma$ quantiles")
+    labels = {"random": ("random", "o"), "sobol": ("Sobol\N{PRIME}", "s")}
+    for axes, statistic, name in zip(rows, STATISTICS, names, strict=True):
+        for (kind, error), style in zip(errors[statistic].items(), plotting.LINES, strict=False):
+            label, marker = labels[kind]
+            plotting.draw_line(axes, runs, error, style, label=label if axes is rows[0] else None)
+            axes.lines[-1].set(marker=marker, markersize=plotting.points(2.8))
+        axes.set_ylabel(f"Error of {name},\nin $\\sigma$ of $P_D$")
+        axes.set_xscale("log", base=2)
+        axes.margins(x=0.03)
+        first = [error[0] for error in errors[statistic].values() if np.all(error > 0)]
+        if not first:
+            continue  # a logarithmic axis cannot show 0
+        axes.set_yscale("log")
+        _slope(axes, runs, 1.6 * np.max(first), -0.5, "$n^{-1/2}$")
+        if statistic != "quantile":  # no estimator of the quantiles has this rate
+            _slope(axes, runs, np.min(first) / 1.6, -1.0, "$n^{-1}$")
+    rows[-1].set_xlabel("Number of runs $n$")
+    plotting.draw_legend(figure, rows[0])
 
 
 def _slope(axes: Axes, runs: FloatArray, start: float, power: float, name: str) -> None:

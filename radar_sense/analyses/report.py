@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from radar_sense import files
 from radar_sense.analyses.budget import budget
+from radar_sense.analyses.check import overview
 from radar_sense.analyses.compare import compare
 from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
-from radar_sense.analyses.overview import overview
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
 from radar_sense.analyses.verdicts.plausibility import plausibility_warnings

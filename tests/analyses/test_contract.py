@@ -35,7 +35,11 @@ from radar_sense.propagation import METHODS, Method
 from radar_sense.propagation.linear import linear
 
 ROOT = Path(__file__).parents[2]
-ALL = {name: command_line.load(name) for name in command_line.commands() if name != "report"}
+ALL = {
+    name: command_line.load(name)
+    for name in command_line.commands()
+    if name not in ("check", "report")
+}
 #: What keeps an analysis short.
 SHORT = {
     "montecarlo": {"runs": 32},

@@ -8,7 +8,7 @@ import yaml
 from helpers import write_path
 
 import radar_sense as rs
-from radar_sense.analyses.overview import overview
+from radar_sense.analyses.check import overview
 from radar_sense.model.geodesy import geodetic_from_ned
 
 #: A quarter of a circle of 20 km to the right at 200 m/s, climbing at 5 m/s.

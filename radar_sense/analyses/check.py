@@ -1,9 +1,11 @@
-"""The geometry of a scenario in a few lines, for `check`. They show an error of units."""
+"""Read, validate and print a scenario in full; compute nothing."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from radar_sense import files
+from radar_sense.command import Result, command
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
@@ -11,6 +13,19 @@ from radar_sense.model.radar_constant import describe
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
 from radar_sense.words import decibels
+
+
+@command(examples=("radar-sense check", "radar-sense check my.yaml"), writes=False)
+def check(scenario: Scenario) -> Result:
+    """Read, validate and print a scenario in full; compute nothing.
+
+    The output is a scenario file with every default filled in. Comments at the top summarize the
+    radars and the path, and show an error of units.
+    """
+    result = Result(scenario)
+    result.report += [f"# {line}" for line in overview(scenario)]
+    result.report += files.yaml_text(scenario.resolved()).splitlines()
+    return result
 
 
 def overview(scenario: Scenario) -> tuple[str, ...]:
