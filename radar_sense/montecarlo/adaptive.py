@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, stdtrit
 
 from radar_sense.limits import Limit, check_number
+from radar_sense.montecarlo.montecarlo import BETA, ROUNDING
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.statistics import (
@@ -38,13 +39,9 @@ from radar_sense.streams import Stream, random_stream
 #: 7.9.4 b): least number of draws of a batch, and least expected number outside the interval.
 LEAST_DRAWS = 10_000
 LEAST_OUTSIDE = 100
-#: Relative rounding of P_D, the least tolerance.
-ROUNDING = 1e-13
 #: Limit of the numbers kept for the quantiles (256 MB), which limits the poses drawn together.
 MAX_KEPT = 32_000_000
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
-#: The interval reaches from Φ(−β) to Φ(β).
-BETA = 3.0
 #: Tolerance of the stability, as a part of δ.
 FRACTION = 1.0
 #: Draws after which a pose is undecided. Stability needs two batches or more, 7.9.4 f).

@@ -16,6 +16,8 @@ from radar_sense.errors import ComputationError, InputError
 
 #: Seconds to wait for a scheduler.
 TIMEOUT = 5
+#: Loggers of Dask that write tracebacks.
+_LOGGERS = ("distributed", "distributed.client", "tornado", "tornado.application")
 _EXTRA = "pip install 'radar-sense[dask]'"
 
 
@@ -32,7 +34,10 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
     except ImportError as error:
         raise InputError(f"--dask needs Dask: {_EXTRA}") from error
     connect: Any = distributed.Client  # has no types
-    logging.disable()  # Dask writes tracebacks
+    loggers = [logging.getLogger(name) for name in _LOGGERS]
+    levels = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL + 1)
     try:
         _require_scheduler(address)
         with connect(address, timeout=TIMEOUT, set_as_default=False) as client:
@@ -46,7 +51,8 @@ def cluster(address: str) -> Iterator[tuple[Executor, int]]:
     except (CancelledError, asyncio.CancelledError, distributed.KilledWorker) as error:
         raise ComputationError(f"--dask {address}: the cluster is lost; start it again") from error
     finally:
-        logging.disable(logging.NOTSET)
+        for logger, level in zip(loggers, levels, strict=True):
+            logger.setLevel(level)
 
 
 def _require_scheduler(address: str) -> None:

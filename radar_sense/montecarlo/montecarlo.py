@@ -38,8 +38,12 @@ SAMPLES_PER_BLOCK = 131_072
 #: Limits of the runs kept for the figure: number of runs, and number of values of P_D.
 MAX_SAMPLE_PATHS = 500
 MAX_SAMPLE_PATH_POINTS = 2_000_000
-#: Probability below −3 standard deviations of a normal distribution.
-TAIL = float(ndtr(-3.0))
+#: The bounds of the draws are at Φ(−β) and Φ(β).
+BETA = 3.0
+#: Probability beyond either bound.
+TAIL = float(ndtr(-BETA))
+#: Relative rounding of P_D. Method and draws may round the same value differently.
+ROUNDING = 1e-13
 #: Probability within 3 standard deviations of a normal distribution.
 WITHIN_3_SIGMA = 1.0 - 2.0 * TAIL
 
@@ -239,11 +243,14 @@ def _compare(
     source = SAMPLERS[sampler](seed, runs_per_block, poses, states.radar_normals)
     shown = min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs)
 
+    slack = ROUNDING * abs(band.p_d)
+    lower, upper = band.lower - slack, band.upper + slack
+
     def draw(block: int) -> tuple[Statistics, FloatArray, int, FloatArray]:
         p_d, negative = draw_block(states, source, block, runs)
         statistics = Statistics(poses, runs, TAIL)
         statistics.add(p_d)
-        inside = np.count_nonzero((p_d >= band.lower) & (p_d <= band.upper), axis=0)
+        inside = np.count_nonzero((p_d >= lower) & (p_d <= upper), axis=0)
         sample_paths = p_d[: max(0, shown - block * runs_per_block)]
         return statistics, inside, int(np.count_nonzero(negative)), sample_paths.copy()
 
