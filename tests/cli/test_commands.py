@@ -155,7 +155,7 @@ def test_help_usage_errors_and_completion_do_not_load_the_slow_packages():
         "import sys\n"
         "from click.shell_completion import ShellComplete\n"
         "from radar_sense.cli import cli\n"
-        "for args in ('--help', '--version', 'bogus', 'check --bogus'):\n"
+        "for args in ('--help', '--version', 'bogus', 'init --bogus'):\n"
         "    try: cli.main(args.split())\n"
         "    except SystemExit: pass\n"
         "assert len(ShellComplete(cli, {}, 'radar-sense', '_').get_completions([], '')) > 10\n"

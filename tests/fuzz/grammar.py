@@ -710,7 +710,7 @@ def _option_value(option: Option, scenario: RandomScenario, wrong: float) -> str
 
 #: Commands of which a case takes some 10 ms, and commands that take longer.
 SLOW = ("convergence", "detectors", "validate", "report")
-ANALYSES = tuple(sorted({*cli.commands()} - {*SLOW}))
+ANALYSES = tuple(sorted({*cli.commands()} - {*SLOW, "check"}))
 
 #: Addresses at which no scheduler is.
 _ADDRESSES = (
