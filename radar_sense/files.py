@@ -87,14 +87,19 @@ def versions() -> dict[str, str]:
 
 
 def yaml_text(document: Mapping[str, Any]) -> str:
-    """Return a resolved scenario as the text of a scenario file."""
+    """Return a resolved scenario as the text of a scenario file, with printable letters only."""
     import yaml  # which most commands do not need
 
-    # default_flow_style None writes lists of numbers on one line
-    text: str = yaml.safe_dump(
-        document, sort_keys=False, default_flow_style=None, allow_unicode=True
-    )
-    return text
+    def dumped(*, unicode: bool) -> str:
+        # default_flow_style None writes lists of numbers on one line
+        text: str = yaml.safe_dump(
+            document, sort_keys=False, default_flow_style=None, allow_unicode=unicode
+        )
+        return text
+
+    text = dumped(unicode=True)
+    # YAML does not escape marks of direction, which would change what a terminal or a page shows.
+    return text if text.replace("\n", "").isprintable() else dumped(unicode=False)
 
 
 def require_writable(paths: Sequence[Path], inputs: Iterable[Path] = ()) -> None:

@@ -16,11 +16,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from helpers import OVERHEAD, document, scenario, yaml_text
 
 import radar_sense as rs
+from radar_sense import files, plotting
 from radar_sense import page as page_module
-from radar_sense import plotting
 from radar_sense.scenario_file.load import default_text, parse_scenario
 
 ROOT = Path(__file__).parents[2]
@@ -233,6 +234,14 @@ def test_control_characters_and_marks_of_direction_are_escaped(flight):
     html = flight.html(["radar-sense", "report", name])
     assert "a\\x1b[31m\\u202egpj\\u2066.yaml" in html
     assert all(character.isprintable() or character == "\n" for character in html)
+
+
+@pytest.mark.parametrize("name", ["f\u202egpj.csv", "flüge.csv", "a\u2066b\u00a0c.csv"])
+def test_a_scenario_with_marks_of_direction_is_printable_and_can_be_read_again(name):
+    written = files.yaml_text({"geometry": {"file": name}})
+    assert written.replace("\n", "").isprintable()
+    assert yaml.safe_load(written) == {"geometry": {"file": name}}
+    assert ("ü" in written) == ("ü" in name)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="file names are bytes on Linux only")
