@@ -68,6 +68,7 @@ fuzz: $(VENV)/installed-dev
 # How often a band or a verdict is wrong; make study STUDY="--poses 400 --seed 7" for a part of it.
 study: $(VENV)/installed-dev
 	PYTHONPATH=tests/studies $(BIN)/python -m bands $(STUDY)
+	$(BIN)/python tests/studies/mission_bounds.py
 
 # The pages of docs/reference, and the schema in the package, from what the program declares.
 reference: $(VENV)/installed

@@ -27,11 +27,8 @@ class Stream(IntEnum):
     BATCHES = 2**32 - 6
     #: Plain runs of a mission.
     MISSION = 2**32 - 7
-    #: Importance sampling of missions.
-    MISSION_PILOT = 2**32 - 8
-    MISSION_PATHS = 2**32 - 9
-    MISSION_POSES = 2**32 - 10
-    MISSION_RADARS = 2**32 - 11
+    #: Replicates of a mission, with recombined draws.
+    RECOMBINED = 2**32 - 8
 
 
 def random_stream(seed: int, *key: int) -> np.random.Generator:

@@ -349,16 +349,12 @@ def parsed_network(*radars, **changes):
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
-def few_draws(patch, draws=128, combinations=512, replicates=2):
-    """Let importance sampling use few draws: its accuracy is tested in `test_importance`."""
-    from radar_sense.mission.importance import pilot, plan, sampling
-    from radar_sense.mission.importance import replicates as parts
+def few_draws(patch, draws=128, replicates=2):
+    """Let missions use few draws: their accuracy is tested in `test_recombined`."""
+    from radar_sense.mission import recombined
 
-    for name in ("MIN_DRAWS", "MAX_DETECTION_DRAWS", "MAX_TRACK_DRAWS"):
-        patch.setattr(plan, name, draws)
-    patch.setattr(pilot, "PILOT_DRAWS", draws)
-    patch.setattr(parts, "COMBINATIONS", combinations)
-    patch.setattr(sampling, "REPLICATES", replicates)
+    for name, value in (("MIN_DRAWS", draws), ("MAX_DRAWS", draws), ("REPLICATES", replicates)):
+        patch.setattr(recombined, name, value)
 
 
 #: Two radars with data sheets and one with a number as c_r, and their uncertainty at level sheet.

@@ -10,12 +10,8 @@ import pytest
 
 import radar_sense as rs
 from radar_sense.covariance import checked
-from radar_sense.mission.cumulative import cumulative_detection
-from radar_sense.mission.draws import mission_monte_carlo
-from radar_sense.mission.looks import linearize_looks
-from radar_sense.mission.tracks import track_initiation
+from radar_sense.mission.looks import PoseProcess
 from radar_sense.model.network import NetworkModel, Radar
-from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS
 from radar_sense.states import check_finite
 
@@ -94,35 +90,12 @@ def no_covariances(size):
     yield "is not positive semidefinite", wrong
 
 
-def mission_draws(aircraft, radar, cov_aircraft, cov_radar):
-    """Draw a few missions of the poses."""
-    return mission_monte_carlo(
-        model(),
-        np.arange(POSES, dtype=float),
-        aircraft,
-        cov_aircraft,
-        Sampler.of_states(model(), aircraft, radar, cov_aircraft, cov_radar),
-        correlation_time=1,
-        runs=10,
-        seed=1,
-    )
-
-
 def everything(aircraft, radar, cov_aircraft, cov_radar):
     """Yield all computations from covariances to an uncertainty."""
     arguments = aircraft, radar, cov_aircraft, cov_radar
     for method in METHODS:
         yield lambda method=method: rs.propagate(model(), *arguments, method=method)
     yield lambda: model().linearize(*states()).std(cov_aircraft, cov_radar)
-    time = np.arange(POSES, dtype=float)
-    looks = linearize_looks(model(), time, *states())
-    covariances = cov_aircraft, cov_radar
-    for method in ("linear", "probit"):
-        yield lambda method=method: cumulative_detection(
-            looks, *covariances, correlation_time=1, method=method
-        )
-    yield lambda: track_initiation(looks, 2, 3, *covariances, correlation_time=1)
-    yield lambda: mission_draws(*arguments)
     for method in METHODS:
         yield lambda method=method: rs.monte_carlo_states(
             model(), *arguments, runs=16, method=method
@@ -153,6 +126,8 @@ def test_a_matrix_that_is_no_covariance_is_an_error_of_every_computation():
             for call in everything(*states(), cov, cov_radar):
                 with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{message}"):
                     call()
+            with pytest.raises(ValueError, match=f"^aircraft covariance{place} .*{message}"):
+                PoseProcess.of(np.arange(float(POSES)), states()[0], cov, 1.0)
     for message, wrong in no_covariances(4):
         for call in everything(*states(), cov_aircraft, wrong):
             with pytest.raises(ValueError, match=f"^radar covariance .*{message}"):
@@ -186,8 +161,6 @@ def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():
         for method in METHODS:
             with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
                 function(model(), *wrong, method=method)
-    with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
-        mission_draws(*wrong)
     with pytest.raises(rs.InputError, match=r"^aircraft must be finite, got nan"):
         made(aircraft, radar, *good_covariances())
     for value in (NAN, INF, -INF):

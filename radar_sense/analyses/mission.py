@@ -1,4 +1,4 @@
-"""A mission: the cumulative P_D by each look along a path, and its bounds.
+"""A mission: the probability of a detection and of a track by each look along a path.
 
 A mission needs a path with times, and the time from one look of a radar to the next,
 `radar.scan_period_s`. Each radar has a first look at the first pose. Between two poses the aircraft
@@ -11,222 +11,113 @@ covariance is interpolated linearly. Poses far apart in a turn make a poor path.
 The radars of a network with the same scan period are a scan group. They look together, and the
 looks of a group at one time are one look. P_c counts the looks of all radars. A track is m
 detections in n consecutive looks of one scan group. The network has a track when a scan group has a
-track.
-
-The default method is importance sampling, see `mission.importance`. The methods `linear` and
-`probit` are of first order. First order is not enough for tracks, or for errors of kilometres or
-decibels.
+track. The bounds are from draws, see `mission.recombined`.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense import axis
-from radar_sense.analyses.columns import AXIS, Column, of_radars, quantities, quantity
-from radar_sense.analyses.contract import OPTIONS, Option, Progress, Result, analysis, silent
+from radar_sense import words
 from radar_sense.axis import Axis
-from radar_sense.errors import InputError
-from radar_sense.flight import Path
-from radar_sense.limits import MIN_RANGE, RUNS, WINDOW
-from radar_sense.mission.cumulative import METHODS as FIRST_ORDER
-from radar_sense.mission.cumulative import Cumulative, cumulative_detection
-from radar_sense.mission.draws import MissionDraws, mission_monte_carlo
-from radar_sense.mission.importance.sampling import REPLICATES, importance_sampling
-from radar_sense.mission.schedule import Schedule, schedule_looks
-from radar_sense.mission.tracks import track_initiation
-from radar_sense.model.geometry import slant_range
-from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.statistics import DrawStatistics
-from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import RADAR, FloatArray
-from radar_sense.words import (
-    clipping_warnings,
-    describe_extreme,
-    distribution_warnings,
-    listed,
-    monte_carlo_columns,
-    outside_unit_interval,
-    peak,
-    problem_warnings,
+from radar_sense.command import (
+    LEVEL,
+    ONE_RADAR,
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    Option,
+    Result,
+    Table,
+    command,
 )
+from radar_sense.cost import foresee
+from radar_sense.errors import InputError
+from radar_sense.limits import RUNS, WINDOW
+from radar_sense.mission.draws import MissionDraws, draw_missions
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.recombined import Cumulative, recombined_missions
+from radar_sense.mission.tracks import fuse, p_d_by_time
+from radar_sense.montecarlo.statistics import DrawStatistics
+from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
-#: The default method: importance sampling.
-IMPORTANCE = "importance"
-#: All methods that can be named.
-METHODS = (IMPORTANCE, *FIRST_ORDER)
 #: Probabilities whose times are in the report.
 MILESTONES = (0.5, 0.9)
-#: First order needs some 0.6 GB for a track of MAX_TRACK_LOOKS looks. The memory grows with the
-#: square of the looks.
-MAX_TRACK_LOOKS = 4000
-#: Limit of looks² 2^(n − 1), which first order computes in half a minute.
-MAX_TRACK_WORK = 2e9
 
 
-def with_schedule(scenario: Scenario) -> tuple[Scenario, Schedule]:
-    """Return the scenario with a pose for each time of a look, and the looks.
+@dataclass(frozen=True)
+class Event:
+    """An event of a mission, and the names of its columns.
 
-    Raises:
-        InputError: If the geometry has no times, or a radar has no scan period. Also if the
-            aircraft is on top of a radar at a look.
+    Attributes:
+        key: Name in the record.
+        p: Column of the probability.
+        before: Text before the names of the bounds.
+        stem: Ending of the columns of σ and mean.
+        meaning: What the probability is of.
     """
-    flight = scenario.geometry
-    if not isinstance(flight, Path):
-        raise InputError(
-            "a mission needs times, which an orbit does not have: "
-            "give a path, geometry: {type: path, file: my_route.csv}"
-        )
-    schedule, poses = schedule_looks(scenario.model, flight.route)
-    along = axis.time(schedule.time)
-    # The interpolated line may be nearer to a radar than any pose of the path.
-    for radar in scenario.radar.reshape(-1, len(RADAR)):
-        distance = slant_range(poses.aircraft, radar)
-        nearest = int(np.argmin(distance))
-        if distance[nearest] < MIN_RANGE:
-            raise InputError(
-                f"the aircraft is on top of the radar at the look at {along.at(nearest)}, slant "
-                f"range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
-            )
-    looks = dataclasses.replace(
-        flight,
-        axis=along,
-        aircraft=poses.aircraft,
-        covariance=poses.covariance,
-        time_s=schedule.time,
-    )
-    return scenario.along(looks), schedule
+
+    key: str
+    p: str
+    before: str
+    stem: str
+    meaning: str
 
 
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    table = result.table
-    tracked = "track_p_d" in table
-    (top, *below), x = plotting.pose_panels(figure, 3 if tracked else 2, result.scenario.axis)
-    names = result.scenario.model.names
-    line_styles = plotting.styles(plotting.BAND, plotting.LINES[0])
-    radars = dict(zip(names if len(names) > 1 else (), line_styles, strict=False))
-    radar_lines = []
-    for name, style in radars.items():
-        looks = np.isfinite(table[f"p_d_{name}"])
-        plotting.draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
-        top.lines[-1].set_linewidth(plotting.points(0.8))
-        radar_lines.append(top.lines[-1])
-    if not radars:
-        plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
-        if len(x) <= 100:
-            top.lines[-1].set(marker="o", markersize=plotting.points(1.8))
-    top.set_ylabel(r"$P_D$ of a look")
-    events = [("", "cumulative_p_d", r"Cumulative $P_D$"), ("track_", "track_p_d", "Track")]
-    for axes, (before, column, name) in zip(below, events, strict=False):
-        for radar, style in radars.items():
-            plotting.draw_line(axes, x, table[f"{column}_{radar}"], style)
-            axes.lines[-1].set_linewidth(plotting.points(0.8))
-        if f"{before}mc_mean" in table:
-            ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
-            plotting.draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
-        plotting.draw_line(axes, x, table[column], plotting.LINES[0], label="nominal")
-        plotting.draw_band(
-            axes,
-            x,
-            table[f"{before}lower_3sigma"],
-            table[f"{before}upper_3sigma"],
-            result.band_label,
-        )
-        if f"{before}mc_mean" in table:
-            some = slice(None, None, -(-len(x) // 40))
-            mean = table[f"{before}mc_mean"]
-            axes.plot(x[some], mean[some], "k.", ms=plotting.points(2.5), label="mean of runs")
-        if before:
-            name = "Track, {} of {}".format(*result.summary["m_of_n"])
-            by_radar = result.summary.get("radars", {}).values()
-            if len({radar["scan_period_s"] for radar in by_radar}) > 1:
-                name += "\nlooks of one period"
-        axes.set_ylabel(name)
-    plotting.draw_legend(figure, *([top] if radars else []), *below[:1], on_lines=radar_lines)
-
-
-_METHOD = dataclasses.replace(
-    OPTIONS["method"],
-    help="importance (importance sampling), or of first order: probit, linear.",
-    default=IMPORTANCE,
-    choices=METHODS,
-)
-_M = Option("m", "With --n: detections that start a track.", WINDOW)
-_N = Option("n", "With --m: length of the window of consecutive looks.", WINDOW)
-_RUNS = Option("runs", "Also make this number of plain draws.", RUNS, default_text="none")
-
-
-#: Names of the columns of each event: prefix of bounds, stem of σ and mean, and the probability.
-_COLUMNS = {
-    "detection": ("", "cumulative", "cumulative_p_d"),
-    "track": ("track_", "track", "track_p_d"),
-}
-
-
-def _columns(event: str, what: str) -> tuple[Column, ...]:
-    """Return the columns of an event."""
-    before, name, p = _COLUMNS[event]
-    return quantities(
-        {
-            p: f"Probability that {what} by now.",
-            f"sigma_{name}": "Standard deviation of this probability.",
-            f"{before}lower_3sigma": "Lower 3-sigma bound of this probability.",
-            f"{before}upper_3sigma": "Upper 3-sigma bound of this probability.",
-            f"{before}mc_mean": "With --runs: mean of the draws of this probability.",
-            f"{before}mc_std": "With --runs: standard deviation of the draws.",
-            f"{before}mc_lower": "With --runs: quantile 0.00135 of the draws.",
-            f"{before}mc_upper": "With --runs: quantile 0.99865 of the draws.",
-            f"mean_{name}": "Mean of this probability over the uncertain states.",
-            f"{before}lower_3sigma_se": "Standard error of the lower bound; by importance.",
-            f"{before}upper_3sigma_se": "Standard error of the upper bound; by importance.",
-        }
-    )
-
-
-_OF_EVENTS = (
-    *_columns("detection", "the aircraft has been detected"),
-    *_columns("track", "a track has been started (with --m and --n)"),
-)
-_TABLE = (
-    *AXIS,
-    quantity("p_d", "P_D of the look, or of all looks at this time together."),
-    *_OF_EVENTS,
-    *of_radars((quantity("p_d", "P_D of the look."), *_OF_EVENTS)),
+EVENTS = (
+    Event("detection", "cumulative_p_d", "", "cumulative", "the aircraft has been detected"),
+    Event("track", "track_p_d", "track_", "track", "a track has been started"),
 )
 
 
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=["level", "radar", _METHOD, _M, _N, _RUNS, "seed", "workers"],
-    examples=[
+@dataclass(frozen=True, eq=False)
+class Source:
+    """The mission of the network, or of one radar alone.
+
+    Attributes:
+        radar: Name of the radar; "" for the network.
+        p_d: P_D of the looks at each time (K,), NaN where there is no look.
+        events: Probability by each time (K,) of detection, and of a track if wanted.
+    """
+
+    radar: str
+    p_d: FloatArray
+    events: list[Cumulative]
+
+
+@command(
+    LEVEL,
+    ONE_RADAR,
+    Option("track", "M N: a track is M detections in N looks in a row.", WINDOW, "M N", count=2),
+    Option("m", "With --n: detections that start a track.", WINDOW),
+    Option("n", "With --m: length of the window of consecutive looks.", WINDOW),
+    Option("runs", "Also make this number of plain draws.", RUNS, default_text="none"),
+    SEED_OF_DRAWS,
+    WORKER_THREADS,
+    examples=(
         "radar-sense mission my.yaml",
-        "radar-sense mission my.yaml --m 3 --n 5 --runs 10000",
-    ],
+        "radar-sense mission my.yaml --track 3 5 --runs 10000",
+    ),
 )
 def mission(
     scenario: Scenario,
     *,
-    method: str = IMPORTANCE,
+    track: Sequence[int] | None = None,
     m: int | None = None,
     n: int | None = None,
     runs: int | None = None,
     workers: int = 1,
-    progress: Progress = silent,
 ) -> Result:
-    """Cumulative P_D over the looks along a path.
+    """Probability of a detection, and of a track, over the looks along a path.
 
     The scenario must have a path, whose poses have times. The time between looks of a radar is
     radar.scan_period_s. The pose errors are correlated over uncertainty.aircraft_correlation_s. The
@@ -237,330 +128,229 @@ def mission(
 
     Args:
         scenario: The scenario, whose geometry is a path.
-        method: "importance", or of first order "probit" or "linear".
-        m: Detections that start a track; with n.
-        n: Length of the window of consecutive looks.
+        track: M and N of a track; None for detection alone.
+        m: M, in place of `track`.
+        n: N, in place of `track`.
         runs: Plain draws of the mission to compare with; None draws none.
         workers: Threads to draw with; the result does not depend on their number.
-        progress: Shows the replicates of importance sampling and the plain draws that are done.
 
     Raises:
         InputError: If the geometry has no times, or an option is not allowed.
     """
+    window = _window(track, m, n)
+    looks = Looks.of(scenario.with_analysis(runs=runs))
+    scenario, axis = looks.scenario, looks.scenario.axis
+    if runs is not None:
+        sizes = f"{len(axis):,} times x {runs:,} runs"
+        foresee(sizes, sum(map(len, looks.times)) * runs, less="fewer --runs", workers=workers)
+    network, *radars = _sources(looks, recombined_missions(looks, window, workers=workers))
+    drawn = None if runs is None else draw_missions(looks, window, workers=workers)
+
+    result = Result(scenario, "montecarlo")
+    words.add_axis(result.table, axis)
+    for source in (network, *radars):
+        _add_columns(result.table, source, None if source.radar else drawn)
+    for source in (network, *radars):
+        _add_errors(result.table, source)
+
+    names = ["detection", *(f"track, {window[0]} of {window[1]}" for window in [window] if window)]
+    errors = _largest_errors(network, axis)
+    differences = {} if drawn is None else _differences(network, drawn, axis)
+    result.summary |= {
+        "looks": len(axis),
+        "m_of_n": None if window is None else list(window),
+        **_summaries(network, axis),
+        "largest_standard_error_of_bounds": errors,
+        "monte_carlo": None
+        if drawn is None
+        else {
+            "runs": drawn.runs,
+            "radar_constants_set_to_zero": drawn.clipped,
+            "largest_difference": differences,
+        },
+    }
+    periods = [radar.model.radars[0].scan_period for radar in looks.radars]
+    if radars:
+        result.summary["radars"] = {
+            source.radar: {
+                "scan_period_s": period,
+                "looks": len(times),
+                **_summaries(source, axis),
+            }
+            for source, period, times in zip(radars, periods, looks.times, strict=True)
+        }
+    for name, found in zip(names, network.events, strict=True):
+        result.report += _answer(name, found, scenario.level, axis)
+    if radars:
+        result.report.append("each radar alone, by the end:")
+        rows = {
+            source.radar: ", ".join(
+                f"{event.key} {words.probability(found.p[-1])} ({_band(found, 'to')})"
+                for event, found in zip(EVENTS, source.events, strict=False)
+            )
+            + f", every {period:g} s"
+            for source, period in zip(radars, periods, strict=True)
+        }
+        result.report += words.rows(rows)
+    if drawn is not None:
+        result.report += _report_of_draws(drawn, names, differences, axis)
+        result.warnings += words.clipping_warnings(drawn.clipped)
+    result.report.append(_describe_looks(looks))
+    largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
+    result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
+    result.draw = partial(_draw, axis=axis, table=result.table, radars=scenario.model.names,
+                          window=window, periods=len({*periods}), level=scenario.level)  # fmt: skip
+    return result
+
+
+def _window(track: Sequence[int] | None, m: int | None, n: int | None) -> tuple[int, int] | None:
+    """Return m and n of a track, given together or one by one."""
     if (m is None) != (n is None):
         raise InputError("m and n belong together, such as m 3 and n 5")
-    m_of_n = None if m is None or n is None else (m, n)
-    scenario, schedule = with_schedule(scenario.with_analysis(runs=runs))
-    along = scenario.axis
-    if m_of_n is not None:
-        _check_window(*m_of_n, len(schedule.pose), method)
-    network, by_radar = _missions(scenario, schedule, m_of_n, method, workers, progress)
-    drawn = None
-    if runs is not None:
-        with progress(runs, "runs") as advance:
-            drawn = _draw(scenario, schedule, m_of_n, workers, advance)
-    names = {"detection": "cumulative P_D"}
-    if m_of_n is not None:
-        names["track"] = "track, {} of {}".format(*m_of_n)
-    summaries = _summaries(network.events, along)
-    differences = (
-        {}
-        if drawn is None
-        else {e: _differences(v, drawn.events[e], along) for e, v in network.events.items()}
-    )
-    errors = _standard_errors(network.events, along)
-    return Result(
-        scenario=scenario,
-        method=method,
-        table={
-            along.key: along.values,
-            **_table(network, drawn),
-            **_columns_by_radar(by_radar, _table),
-            **_table_of_errors(network),
-            **_columns_by_radar(by_radar, _table_of_errors),
-        },
-        summary={
-            "looks": len(along),
-            "m_of_n": None if m_of_n is None else list(m_of_n),
-            **summaries,
-            **({"largest_standard_error_of_bounds": errors} if errors else {}),
-            "monte_carlo": None
-            if drawn is None
-            else {
-                "runs": drawn.runs,
-                "radar_constants_set_to_zero": drawn.clipped,
-                "largest_difference": differences,
-            },
-            **_summary_by_radar(by_radar, along),
-        },
-        report=(
-            _describe_looks(scenario, schedule),
-            *(
-                line
-                for event in network.events
-                for line in _describe_event(names[event], scenario, method, summaries[event])
-            ),
-            *(
-                f"{names[event]}: standard error of the 3-sigma bounds at most "
-                f"{describe_extreme(error, along)}"
-                for event, error in errors.items()
-            ),
-            *_report_by_radar(by_radar),
-            *_report_of_draws(drawn, method, names, differences, along),
-        ),
-        warnings=_warnings(scenario, method, network.events, names, drawn),
-    )
+    if m is not None and track is not None:
+        raise InputError("give either track or m and n")
+    if m is not None and n is not None:
+        track = m, n
+    if track is None:
+        return None
+    m, n = track
+    if m > n:
+        raise InputError(f"m of n needs m not greater than n, got {m} of {n}")
+    return m, n
 
 
-@dataclass(frozen=True, eq=False)
-class _Mission:
-    """The mission of a network, or of one radar.
-
-    Attributes:
-        period: Scan period of the radar [s]; None for the network.
-        looks: Number of times with a look.
-        p_d: P_D of the looks at each time (K,), NaN where there is no look.
-        events: Probability by each time (K,) of detection, and of a track if m and n are given.
-    """
-
-    period: float | None
-    looks: int
-    p_d: FloatArray
-    events: dict[str, Cumulative]
+def _sources(looks: Looks, missions: Sequence[list[Cumulative]]) -> list[Source]:
+    """Return the mission of the network, and that of each radar alone."""
+    schedule, p_d = looks.schedule, looks.nominal_p_d()
+    times = np.arange(len(schedule.time))
+    together = p_d_by_time(schedule, fuse(schedule.radars, p_d), times)[:, 0]
+    sources = [Source("", together, missions[0])]
+    alone = zip(looks.scenario.model.names, p_d, looks.times, missions[1:], strict=False)
+    for name, of_looks, at, events in alone:
+        by_time = np.full(len(times), np.nan)
+        by_time[at] = of_looks[:, 0]
+        sources.append(Source(name, by_time, events))
+    return sources
 
 
-def _missions(
-    scenario: Scenario,
-    schedule: Schedule,
-    m_of_n: tuple[int, int] | None,
-    method: str,
-    workers: int,
-    progress: Progress,
-) -> tuple[_Mission, dict[str, _Mission]]:
-    """Return the mission of the network, and the mission of each radar alone by name."""
-    radars = single_radar_scenarios(scenario)
-    single = []
-    for i, radar in enumerate(radars.values()):
-        radar_schedule, times = schedule.of_radar(i)
-        single.append((radar.at_poses(times), radar_schedule, times))
-    if method == IMPORTANCE:
-        with progress(REPLICATES, "replicates") as advance:
-            cumulatives = importance_sampling(
-                scenario, schedule, m_of_n, workers=workers, progress=advance
-            )
-    else:
-        cumulatives = [_first_order(scenario, schedule, m_of_n, method)]
-        for radar, radar_schedule, times in single:
-            latest = np.searchsorted(times, np.arange(len(schedule.time)), side="right") - 1
-            of_radar = _first_order(radar, radar_schedule, m_of_n, method)
-            cumulatives.append(tuple(event.at(latest) for event in of_radar))
-    network, *by_radar = (
-        dict(zip(("detection", "track"), events, strict=False)) for events in cumulatives
-    )
-    missions = {}
-    for name, (radar, radar_schedule, times), events in zip(radars, single, by_radar, strict=True):
-        p_d = np.full(len(schedule.time), np.nan)
-        p_d[times] = _p_d(radar, radar_schedule)
-        missions[name] = _Mission(radar_schedule.period[0], len(times), p_d, events)
-    return (
-        _Mission(None, len(schedule.time), _p_d(scenario, schedule), network),
-        missions,
-    )
+def _add_columns(table: Table, source: Source, drawn: MissionDraws | None) -> None:
+    """Add P_D, and the probability, deviation and bounds of each event, and of draws."""
+    of = f"For radar {source.radar} alone: " if source.radar else ""
+    end = f"_{source.radar}" if source.radar else ""
+    together = "" if source.radar else ", or of all looks at this time together"
+    table.add(f"p_d{end}", source.p_d, f"{of}P_D of the look{together}.")
+    for i, (event, found) in enumerate(zip(EVENTS, source.events, strict=False)):
+        before, this = event.before, f"the probability {event.p}{end}"
+        table.add(f"{event.p}{end}", found.p, f"{of}Probability that {event.meaning} by now.")
+        table.add(f"sigma_{event.stem}{end}", found.std, f"{of}Standard deviation of {this}.")
+        table.add(f"{before}lower_3sigma{end}", found.lower, f"{of}Lower 3-sigma bound of {this}.")
+        table.add(f"{before}upper_3sigma{end}", found.upper, f"{of}Upper 3-sigma bound of {this}.")
+        if drawn is not None:
+            draws = drawn.events[i]
+            for name, values, meaning in (
+                ("mean", draws.mean, "Mean of the draws"),
+                ("std", draws.std, "Standard deviation of the draws"),
+                ("lower", draws.lower, "Quantile 0.00135 of the draws"),
+                ("upper", draws.upper, "Quantile 0.99865 of the draws"),
+            ):
+                table.add(f"{before}mc_{name}", values, f"{meaning} of {this}.")
+        table.add(f"mean_{event.stem}{end}", found.mean, f"{of}Mean of {this} over the errors.")
 
 
-def _first_order(
-    scenario: Scenario, schedule: Schedule, m_of_n: tuple[int, int] | None, method: str
-) -> tuple[Cumulative, ...]:
-    """Return the probability by each time (K,) of detection, and of a track, to first order."""
-    looks = schedule.linearize(scenario)
-    covariances = scenario.at_poses(schedule.pose).cov_aircraft, scenario.cov_shared
-    tau = scenario.correlation_s
-    events = [cumulative_detection(looks, *covariances, correlation_time=tau, method=method)]
-    if m_of_n is not None:
-        events.append(
-            track_initiation(
-                looks,
-                *m_of_n,
-                *covariances,
-                correlation_time=tau,
-                scan_group=schedule.scan_group,
-                method=method,
-            )
-        )
-    return tuple(event.at(schedule.last) for event in events)
+def _add_errors(table: Table, source: Source) -> None:
+    """Add the standard errors of the bounds."""
+    of = f"For radar {source.radar} alone: " if source.radar else ""
+    end = f"_{source.radar}" if source.radar else ""
+    for event, found in zip(EVENTS, source.events, strict=False):
+        for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
+            name = f"{event.before}{side}_3sigma"
+            table.add(f"{name}_se{end}", error, f"{of}Standard error of {name}{end}.")
 
 
-def _draw(
-    scenario: Scenario,
-    schedule: Schedule,
-    m_of_n: tuple[int, int] | None,
-    workers: int,
-    progress: Callable[[int], None] | None,
-) -> MissionDraws:
-    """Draw the mission and return statistics by each time (K,)."""
-    at_looks = scenario.at_poses(schedule.pose)
-    drawn = mission_monte_carlo(
-        schedule.model(scenario.model),
-        schedule.time[schedule.pose],
-        at_looks.aircraft,
-        at_looks.cov_aircraft,
-        Sampler.of(scenario),
-        correlation_time=scenario.correlation_s,
-        runs=scenario.runs,
-        seed=scenario.seed,
-        m_of_n=m_of_n,
-        scan_group=schedule.scan_group,
-        workers=workers,
-        progress=progress,
-    )
-    by_time = {event: statistics.at(schedule.last) for event, statistics in drawn.events.items()}
-    return dataclasses.replace(drawn, events=by_time)
-
-
-def _p_d(scenario: Scenario, schedule: Schedule) -> FloatArray:
-    """Return P_D of all radars that look at each time (K,)."""
-    p_d = schedule.p_d(scenario)
-    if len(p_d) == len(schedule.time):
-        return p_d
-    with np.errstate(divide="ignore"):  # P_D may round to 1
-        hazard = -np.log1p(-p_d)
-    fused: FloatArray = -np.expm1(-np.add.reduceat(hazard, schedule.first))
-    return fused
-
-
-def _columns_by_radar(
-    missions: Mapping[str, _Mission], table: Callable[[_Mission], Mapping[str, FloatArray]]
-) -> dict[str, FloatArray]:
-    """Return the columns of each radar, with the name of the radar appended."""
+def _largest_errors(network: Source, axis: Axis) -> dict[str, Any]:
+    """Return the largest standard error of the bounds of each event, with the time."""
     return {
-        f"{key}_{radar}": column
-        for radar, mission in missions.items()
-        for key, column in table(mission).items()
+        event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
+        for event, found in zip(EVENTS, network.events, strict=False)
     }
 
 
-def _summary_by_radar(missions: Mapping[str, _Mission], along: Axis) -> dict[str, Any]:
-    if not missions:
-        return {}
-    radars = {
-        name: {
-            "scan_period_s": mission.period,
-            "looks": mission.looks,
-            **_summaries(mission.events, along),
+def _summaries(source: Source, axis: Axis) -> dict[str, Any]:
+    """Return the values of each event at the end, and the times of the milestones."""
+    return {
+        event.key: {
+            "at_end": {
+                "p": float(found.p[-1]),
+                "mean": float(found.mean[-1]),
+                "sigma": float(found.std[-1]),
+                "lower_3sigma": float(found.lower[-1]),
+                "upper_3sigma": float(found.upper[-1]),
+            },
+            "reaches": {
+                f"{level:g}": {
+                    "time_s": _first(found.p, level, axis),
+                    "earliest_s": _first(found.upper, level, axis),
+                    "latest_s": _first(found.lower, level, axis),
+                }
+                for level in MILESTONES
+            },
         }
-        for name, mission in missions.items()
+        for event, found in zip(EVENTS, source.events, strict=False)
     }
-    return {"radars": radars}
 
 
-def _report_by_radar(missions: Mapping[str, _Mission]) -> list[str]:
-    if not missions:
-        return []
-    width = max(map(len, missions))
-    lines = ["at the end by each radar alone, with 3-sigma bounds:"]
-    for name, mission in missions.items():
-        words = [
-            f"{event} {v.p[-1]:.4f} ({v.lower[-1]:.4f} to {v.upper[-1]:.4f})"
-            for event, v in mission.events.items()
-        ]
-        lines.append(f"  {name:{width}}  every {mission.period:g} s, {', '.join(words)}")
+def _first(curve: FloatArray, level: float, axis: Axis) -> float | None:
+    """Return the first time at which a curve is at a level or above, or None."""
+    reached = curve >= level
+    return float(axis.values[np.argmax(reached)]) if reached.any() else None
+
+
+def _differences(network: Source, drawn: MissionDraws, axis: Axis) -> dict[str, Any]:
+    """Return the largest difference from plain draws of each event, with the time."""
+
+    def largest(found: Cumulative, draws: DrawStatistics) -> dict[str, Any]:
+        lower, upper = abs(found.lower - draws.lower), abs(found.upper - draws.upper)
+        return {
+            "bounds": words.peak(np.maximum(lower, upper), axis),
+            "sigma": words.peak(abs(found.std - draws.std), axis),
+        }
+
+    return {
+        event.key: largest(found, draws)
+        for event, found, draws in zip(EVENTS, network.events, drawn.events, strict=False)
+    }
+
+
+def _band(found: Cumulative, to: str) -> str:
+    """Return the bounds at the end, with a word between them."""
+    return f"{words.probability(found.lower[-1])} {to} {words.probability(found.upper[-1])}"
+
+
+def _answer(name: str, found: Cumulative, level: str, axis: Axis) -> list[str]:
+    """Return the probability by the end with its bounds, and the times of the milestones."""
+    lines = [
+        f"{name} by {axis.at(-1)}: {words.probability(found.p[-1])}, between "
+        f"{_band(found, 'and')} (3 sigma, {level})"
+    ]
+    for milestone in MILESTONES:
+        time, earliest, latest = (
+            "never" if (first := _first(curve, milestone, axis)) is None else axis.format(first)
+            for curve in (found.p, found.upper, found.lower)
+        )
+        if time != "never":
+            lines.append(f"  reaches {milestone:g} at {time}, between {earliest} and {latest}")
+        elif earliest != "never":
+            lines.append(f"  never reaches {milestone:g}, but its upper bound does at {earliest}")
+        else:
+            lines.append(f"  never reaches {milestone:g}, nor does its upper bound")
+            break
     return lines
 
 
-def _check_window(m: int, n: int, looks: int, method: str) -> None:
-    if m > n:
-        raise InputError(f"m of n needs m not greater than n, got {m} of {n}")
-    most = min(MAX_TRACK_LOOKS, math.isqrt(int(MAX_TRACK_WORK) >> (n - 1)))
-    if looks > most and method != IMPORTANCE:
-        raise InputError(
-            f"{m} of {n} by {method} takes at most {most:,} looks, and this path has {looks:,}; "
-            "importance takes more"
-        )
-
-
-def _table(mission: _Mission, drawn: MissionDraws | None = None) -> dict[str, FloatArray]:
-    """Return the columns of the probability, deviation and bounds of each event, and of draws."""
-    table = {"p_d": mission.p_d}
-    for event, cumulative in mission.events.items():
-        before, stem, p = _COLUMNS[event]
-        table[p] = cumulative.p
-        table[f"sigma_{stem}"] = cumulative.std
-        table[f"{before}lower_3sigma"] = cumulative.lower
-        table[f"{before}upper_3sigma"] = cumulative.upper
-        if drawn is not None:
-            table |= monte_carlo_columns(drawn.events[event], before)
-        table[f"mean_{stem}"] = cumulative.mean
-    return table
-
-
-def _table_of_errors(mission: _Mission) -> dict[str, FloatArray]:
-    """Return the columns of the standard errors; {} for a method without standard errors."""
-    table = {}
-    for event, cumulative in mission.events.items():
-        before, _, _ = _COLUMNS[event]
-        for end, error in (("lower", cumulative.lower_se), ("upper", cumulative.upper_se)):
-            if error is not None:
-                table[f"{before}{end}_3sigma_se"] = error
-    return table
-
-
-def _standard_errors(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
-    """Return the largest standard error of the bounds of each event, with the time."""
-    return {
-        event: peak(np.maximum(cumulative.lower_se, cumulative.upper_se), along)
-        for event, cumulative in events.items()
-        if cumulative.lower_se is not None and cumulative.upper_se is not None
-    }
-
-
-def _summaries(events: dict[str, Cumulative], along: Axis) -> dict[str, Any]:
-    """Return the values of each event at the end, and the times of the milestones."""
-    return {
-        event: {
-            "at_end": _at_end(cumulative),
-            "reaches": {f"{level:g}": _reaches(cumulative, level, along) for level in MILESTONES},
-        }
-        for event, cumulative in events.items()
-    }
-
-
-def _at_end(cumulative: Cumulative) -> dict[str, float]:
-    columns = {
-        "p": cumulative.p,
-        "mean": cumulative.mean,
-        "sigma": cumulative.std,
-        "lower_3sigma": cumulative.lower,
-        "upper_3sigma": cumulative.upper,
-    }
-    return {name: float(column[-1]) for name, column in columns.items()}
-
-
-def _reaches(cumulative: Cumulative, level: float, along: Axis) -> dict[str, float | None]:
-    """Return the first times at which the probability and the bounds are at a level or above."""
-
-    def first(curve: FloatArray) -> float | None:
-        reached = curve >= level
-        return float(along.values[np.argmax(reached)]) if reached.any() else None
-
-    return {
-        "time_s": first(cumulative.p),
-        "earliest_s": first(cumulative.upper),
-        "latest_s": first(cumulative.lower),
-    }
-
-
-def _differences(cumulative: Cumulative, drawn: DrawStatistics, along: Axis) -> dict[str, Any]:
-    lower, upper = abs(cumulative.lower - drawn.lower), abs(cumulative.upper - drawn.upper)
-    return {
-        "bounds": peak(np.maximum(lower, upper), along),
-        "sigma": peak(abs(cumulative.std - drawn.std), along),
-    }
-
-
-def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
-    along, tau = scenario.axis, scenario.correlation_s
-    first, last = along.number(along.values[0]), along.at(-1)
-    periods = listed([f"{period:g}" for period in sorted(schedule.period)], "or")
+def _describe_looks(looks: Looks) -> str:
+    """Return the number of looks, their times, and how their pose errors are correlated."""
+    axis, tau = looks.scenario.axis, looks.scenario.correlation_s
+    periods = words.listed([f"{period:g}" for period in sorted(looks.schedule.period)], "or")
     errors = (
         "independent from look to look"
         if tau == 0
@@ -568,77 +358,71 @@ def _describe_looks(scenario: Scenario, schedule: Schedule) -> str:
         if math.isinf(tau)
         else f"correlated over {tau:g} s"
     )
-    number = f"{len(along)} looks"
-    if len(schedule.radars) > 1:
-        number = f"{len(schedule.pose)} looks at {len(along)} time{'s' if len(along) > 1 else ''}"
+    number = f"{len(axis)} looks"
+    if len(looks.schedule.radars) > 1:
+        count = np.count_nonzero(looks.schedule.looks)
+        number = f"{count} looks at {len(axis)} time{'s' if len(axis) > 1 else ''}"
+    first, last = axis.number(axis.values[0]), axis.at(-1)
     return f"{number}, {first} to {last}, every {periods} s; pose errors {errors}"
 
 
-def _describe_event(
-    name: str, scenario: Scenario, method: str, summary: dict[str, Any]
-) -> list[str]:
-    end = summary["at_end"]
-    lines = [
-        f"{name} at the end ({scenario.level}, {method}): {end['p']:.4f}, "
-        + (
-            "its uncertainty is undefined"
-            if math.isnan(end["sigma"])
-            else f"sigma {end['sigma']:.2g}, "
-            f"3-sigma bounds {end['lower_3sigma']:.4f} to {end['upper_3sigma']:.4f}"
-        )
-    ]
-    for level, times in summary["reaches"].items():
-        time, earliest, latest = (
-            "never" if value is None else scenario.axis.format(value) for value in times.values()
-        )
-        reaches = f"never reaches {level}" if time == "never" else f"reaches {level} at {time}"
-        lines.append(f"  {reaches} (upper bound: {earliest}, lower bound: {latest})")
-    return lines
-
-
 def _report_of_draws(
-    drawn: MissionDraws | None,
-    method: str,
-    names: dict[str, str],
-    differences: dict[str, dict[str, Any]],
-    along: Axis,
+    drawn: MissionDraws, names: Sequence[str], differences: dict[str, Any], axis: Axis
 ) -> list[str]:
-    if drawn is None:
-        return []
-    lines = [f"{drawn.runs} runs (seed {drawn.seed}), largest difference of {method}:"]
-    for event, name in names.items():
-        end = drawn.events[event]
+    """Describe the largest differences from plain draws, and the draws at the end."""
+    lines = [f"largest difference from {drawn.runs} plain runs (seed {drawn.seed}):"]
+    for name, largest, draws in zip(names, differences.values(), drawn.events, strict=True):
         lines += [
-            f"  {name}: bounds {describe_extreme(differences[event]['bounds'], along)}, "
-            f"sigma {describe_extreme(differences[event]['sigma'], along)}",
-            f"    at the end mean {end.mean[-1]:.4f}, sigma {end.std[-1]:.2g}, "
-            f"3-sigma bounds {end.lower[-1]:.4f} to {end.upper[-1]:.4f}",
+            f"  {name}: bounds {words.describe_extreme(largest['bounds'], axis)}, "
+            f"sigma {words.describe_extreme(largest['sigma'], axis)}",
+            f"    runs at the end: mean {draws.mean[-1]:.4f}, sigma {draws.std[-1]:.2g}, "
+            f"between {draws.lower[-1]:.4f} and {draws.upper[-1]:.4f} (3 sigma)",
         ]
     return lines
 
 
-def _warnings(
-    scenario: Scenario,
-    method: str,
-    events: dict[str, Cumulative],
-    names: dict[str, str],
-    drawn: MissionDraws | None,
-) -> tuple[str, ...]:
-    warnings: list[str] = []
-    for event, cumulative in events.items():
-        problems = (
-            (
-                ~np.isfinite(cumulative.std),
-                "the uncertainty is undefined",
-                "; the radar is straight above or below the aircraft at a look, where the gradient "
-                f"is undefined: use --method {IMPORTANCE}",
-            ),
-            outside_unit_interval(cumulative.lower, cumulative.upper, method),
-        )
-        texts = problem_warnings(problems, scenario.axis)
-        warnings += [f"{names[event]}: {text}" for text in texts]
-    if method != IMPORTANCE:  # first order assumes a distribution of c_r
-        warnings += distribution_warnings(scenario, method)
-    if drawn is not None and drawn.clipped:
-        warnings += clipping_warnings(drawn.clipped)
-    return tuple(warnings)
+def _draw(
+    figure: Figure,
+    axis: Axis,
+    table: Table,
+    radars: Sequence[str],
+    window: tuple[int, int] | None,
+    periods: int,
+    level: str,
+) -> None:
+    """Draw P_D of the looks, and the probability of each event with its band."""
+    from radar_sense import plotting
+
+    (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, axis)
+    line_styles = plotting.styles(plotting.BAND, plotting.LINES[0])
+    styles = dict(zip(radars if len(radars) > 1 else (), line_styles, strict=False))
+    for name, style in styles.items():
+        looks = np.isfinite(table[f"p_d_{name}"])
+        plotting.draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
+        top.lines[-1].set_linewidth(plotting.points(0.8))
+    radar_lines = list(top.lines)
+    if not styles:
+        plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
+        if len(x) <= 100:
+            top.lines[-1].set(marker="o", markersize=plotting.points(1.8))
+    top.set_ylabel(r"$P_D$ of a look")
+    for axes, event in zip(below, EVENTS, strict=False):
+        before = event.before
+        for radar, style in styles.items():
+            plotting.draw_line(axes, x, table[f"{event.p}_{radar}"], style)
+            axes.lines[-1].set_linewidth(plotting.points(0.8))
+        if f"{before}mc_mean" in table:
+            ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
+            plotting.draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
+        plotting.draw_line(axes, x, table[event.p], plotting.LINES[0], label="nominal")
+        bounds = table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"]
+        plotting.draw_band(axes, x, *bounds, rf"$3\,\sigma$ bounds ({level})")
+        if f"{before}mc_mean" in table:
+            some = slice(None, None, -(-len(x) // 40))
+            mean = table[f"{before}mc_mean"]
+            axes.plot(x[some], mean[some], "k.", ms=plotting.points(2.5), label="mean of runs")
+        axes.set_ylabel(r"Cumulative $P_D$")
+    if window is not None:
+        together = "\nlooks of one period" if periods > 1 else ""
+        below[1].set_ylabel("Track, {} of {}".format(*window) + together)
+    plotting.draw_legend(figure, *([top] if styles else []), *below[:1], on_lines=radar_lines)

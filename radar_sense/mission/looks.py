@@ -1,192 +1,146 @@
-"""A sequence of looks: the model of P_D at each look, and the correlation of the pose errors.
+"""The looks of a mission: drawn poses of the aircraft, and P_D of each radar at its looks.
 
 The pose errors are a first-order Gauss-Markov process, see `montecarlo.gauss_markov`. The pose at
-look i is x̄_i + F_i u_i. The unit normals u_i have the covariance exp(−|t_i − t_j|/τ) I, and F_i is
-the symmetric square root of C_i, F_i F_iᵀ = C_i. Two looks at one time have one pose with one
-error, for every τ.
+time i is x̄_i + F_i u_i. The unit normals u_i have the covariance exp(−|t_i − t_j|/τ) I, and F_i is
+the symmetric square root of C_i, F_i F_iᵀ = C_i. All radars that look at one time see one pose.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, ndtr
+from numpy.typing import NDArray
 
+from radar_sense import axis
 from radar_sense.covariance import checked, symmetric_square_root
-from radar_sense.montecarlo.gauss_markov import successive_correlation
-from radar_sense.states import AIRCRAFT, FloatArray, components_of
-
-
-class Model(Protocol):
-    """The methods of a model of looks: `DetectionModel`, a network, or `Interleaved`.
-
-    K looks are the first axis of the aircraft states. m radars have 4m states, and may have the
-    errors of further parameters after them.
-    """
-
-    def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
-        """Return P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
-        ...
-
-    def linearize_probit(
-        self, aircraft: FloatArray, radar: FloatArray, /
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
-        ...
+from radar_sense.errors import InputError
+from radar_sense.flight import Path
+from radar_sense.limits import MIN_RANGE
+from radar_sense.mission.schedule import Schedule, schedule_looks
+from radar_sense.model.geometry import slant_range
+from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
+from radar_sense.scenario import Scenario, single_radar_scenarios
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 
 
 @dataclass(frozen=True, eq=False)
-class Interleaved:
-    """The model of one sequence of looks of several scan groups, each with its own look times.
+class PoseProcess:
+    """The Gauss-Markov process of the pose errors.
 
     Attributes:
-        models: The model of each scan group.
-        scan_group: The scan group of each look (K,).
-        radars: The radars of each scan group, as places among all radars.
+        aircraft: Nominal aircraft states (K, 6).
+        sqrt_cov: Symmetric square roots of C_aa (K, 6, 6).
+        rho: Correlation of each pose error with the next (K − 1,).
+        innovation_std: √(1 − ρ²) (K − 1,).
     """
 
-    models: tuple[Model, ...]
-    scan_group: NDArray[np.intp]
-    radars: tuple[tuple[int, ...], ...]
+    aircraft: FloatArray
+    sqrt_cov: FloatArray
+    rho: FloatArray
+    innovation_std: FloatArray
 
-    def p_d(self, aircraft: FloatArray, radar: FloatArray, /) -> FloatArray:
-        """Return P_D (K, ...) for aircraft (K, ..., 6) and radar (..., 4m)."""
-        p_d = np.empty(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]))
-        for i, model in enumerate(self.models):
-            looks = self.scan_group == i
-            # the memory order of the states, component first
-            states = np.moveaxis(np.moveaxis(aircraft, -1, 0)[:, looks], 0, -1)
-            p_d[looks] = model.p_d(states, radar[..., self._states(i, radar.shape[-1])])
-        return p_d
+    @classmethod
+    def of(
+        cls, time: FloatArray, aircraft: FloatArray, cov: FloatArray, correlation_time: float
+    ) -> PoseProcess:
+        """Make the process from times (K,), poses (K, 6), C_aa (6, 6) or (K, 6, 6), and τ [s].
 
-    def linearize_probit(
-        self, aircraft: FloatArray, radar: FloatArray, /
-    ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return z (K,) and partials (K, 6) and (K, 4m) for aircraft (K, 6) and radar (4m,)."""
-        z, by_aircraft = np.empty(len(aircraft)), np.empty(aircraft.shape)
-        by_radar = np.zeros((len(aircraft), len(radar)))
-        for i, model in enumerate(self.models):
-            looks, states = self.scan_group == i, self._states(i, len(radar))
-            z[looks], by_aircraft[looks], by_radar[np.ix_(looks, states)] = model.linearize_probit(
-                aircraft[looks], radar[states]
-            )
-        return z, by_aircraft, by_radar
+        Raises:
+            ValueError: If a matrix is no covariance, or τ is negative.
+        """
+        sqrt_cov = symmetric_square_root(checked("aircraft", cov))
+        sqrt_cov = np.broadcast_to(sqrt_cov, (len(time), *sqrt_cov.shape[-2:]))
+        return cls(aircraft, sqrt_cov, *successive_correlation(time, correlation_time))
 
-    def _states(self, group: int, size: int) -> list[int]:
-        """Return the places of a scan group's radar states among all radar states (size,)."""
-        return components_of(self.radars[group], sum(map(len, self.radars)), size)
+    def poses(self, normals: FloatArray) -> FloatArray:
+        """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
+        correlate(normals, self.rho, self.innovation_std)
+        states = np.empty((len(AIRCRAFT), len(normals), normals.shape[-1]))
+        for i, state in enumerate(states):
+            state[:] = self.aircraft[:, i, np.newaxis]
+            for j in range(len(AIRCRAFT)):
+                weight = self.sqrt_cov[:, i, j, np.newaxis]
+                if weight.any():
+                    state += weight * normals[:, j]
+        return np.moveaxis(states, 0, -1)
 
 
 @dataclass(frozen=True, eq=False)
 class Looks:
-    """A sequence of K looks, each linearized in its probit z = Φ⁻¹(P_D).
+    """The looks of the m radars of a scenario.
 
     Attributes:
-        time: Times (K,) [s], which do not decrease.
-        probit: z (K,).
-        by_aircraft: Partials of z for the pose at that look (K, 6).
-        by_radar: Partials of z for the states of all radars (K, 4m).
+        scenario: The scenario, with a pose for each of K times.
+        schedule: The times of the looks.
+        radars: The scenario of each radar by itself (m,).
+        times: The times, 0 to K − 1, of the looks of each radar (m,).
+        process: The process of the pose errors.
     """
 
-    time: FloatArray
-    probit: FloatArray
-    by_aircraft: FloatArray
-    by_radar: FloatArray
+    scenario: Scenario
+    schedule: Schedule
+    radars: tuple[Scenario, ...]
+    times: tuple[NDArray[np.intp], ...]
+    process: PoseProcess
 
-    @property
-    def p_d(self) -> FloatArray:
-        """P_D of each look (K,)."""
-        p_d: FloatArray = ndtr(self.probit)
-        return p_d
+    @classmethod
+    def of(cls, scenario: Scenario) -> Looks:
+        """Make the looks along the path of a scenario.
 
-    @property
-    def hazard(self) -> FloatArray:
-        """Hazard h = −ln(1 − P_D) of each look (K,), accurate in both tails."""
-        hazard: FloatArray = -log_ndtr(-self.probit)
-        return hazard
-
-
-def linearize_looks(model: Model, time: ArrayLike, aircraft: ArrayLike, radar: ArrayLike) -> Looks:
-    """Linearize every look of a sequence.
-
-    Args:
-        model: The model.
-        time: Times of the looks (K,) [s], which do not decrease.
-        aircraft: Nominal aircraft states (K, 6).
-        radar: Nominal states of the radars (4m,).
-
-    Raises:
-        ValueError: If a shape does not fit or the times decrease.
-    """
-    time, aircraft = look_times(time), np.asarray(aircraft, dtype=float)
-    if aircraft.shape != (len(time), len(AIRCRAFT)):
-        raise ValueError(
-            f"aircraft states must have shape ({len(time)}, 6), one a look, got {aircraft.shape}"
+        Raises:
+            InputError: If the geometry has no times, or a radar has no scan period. Also if the
+                aircraft is on top of a radar at a look.
+        """
+        flight = scenario.geometry
+        if not isinstance(flight, Path):
+            raise InputError(
+                "a mission needs times, which an orbit does not have: "
+                "give a path, geometry: {type: path, file: my_route.csv}"
+            )
+        schedule = schedule_looks(scenario.model, flight.route)
+        along = axis.time(schedule.time)
+        scenario = scenario.along(replace(flight.at(schedule.time), axis=along))
+        # The interpolated line may be nearer to a radar than any pose of the path.
+        for radar in scenario.radar.reshape(-1, len(RADAR)):
+            distance = slant_range(scenario.aircraft, radar)
+            nearest = int(np.argmin(distance))
+            if distance[nearest] < MIN_RANGE:
+                raise InputError(
+                    f"the aircraft is on top of the radar at the look at {along.at(nearest)}, "
+                    f"slant range {distance[nearest]:.2g} m; allowed is {MIN_RANGE:g} m or more"
+                )
+        return cls(
+            scenario=scenario,
+            schedule=schedule,
+            radars=tuple(single_radar_scenarios(scenario).values()) or (scenario,),
+            times=tuple(schedule.times_of(i) for i in range(len(scenario.model.radars))),
+            process=PoseProcess.of(
+                schedule.time, scenario.aircraft, scenario.cov_aircraft, scenario.correlation_s
+            ),
         )
-    return Looks(time, *model.linearize_probit(aircraft, np.asarray(radar, dtype=float)))
 
+    def p_d(self, radar: int, poses: FloatArray, states: FloatArray) -> FloatArray:
+        """Return P_D (L, paths * draws) of the L looks of a radar.
 
-def look_times(time: ArrayLike) -> FloatArray:
-    """Return times (K,) of looks as an array.
+        Args:
+            radar: The radar, 0 to m − 1.
+            poses: Aircraft states (K, paths, 6).
+            states: States of the radar (paths, draws, 4), and its further errors.
+        """
+        (station,) = self.radars[radar].model.radars
+        # the memory order of the states, component first
+        components = np.moveaxis(poses, -1, 0)[:, self.times[radar], :, np.newaxis]
+        visible = station.visible(np.moveaxis(components, 0, -1), states)
+        p_d = np.zeros(visible.shape)
+        seen = visible.any(axis=(1, 2))
+        if seen.any():  # most looks of a long mission are beyond the limits of a radar
+            within = station.model.p_d(np.moveaxis(components[:, seen], 0, -1), states)
+            p_d[seen] = np.where(visible[seen], within, 0.0)
+        return p_d.reshape(len(p_d), -1)
 
-    Raises:
-        ValueError: If the times are not finite, or decrease.
-    """
-    time = np.asarray(time, dtype=float)
-    if time.ndim != 1 or not time.size or not np.isfinite(time).all() or np.any(np.diff(time) < 0):
-        raise ValueError("times of looks must be finite numbers (K,) that do not decrease")
-    return time
-
-
-def pose_sqrt_cov(cov_aircraft: ArrayLike, looks: int) -> FloatArray:
-    """Return the symmetric square roots F (K, 6, 6) of C_aa.
-
-    Raises:
-        ValueError: If the shape is neither (6, 6) nor (K, 6, 6), or a matrix is no covariance.
-    """
-    covariance = np.asarray(cov_aircraft, dtype=float)
-    n = len(AIRCRAFT)
-    if covariance.shape not in ((n, n), (looks, n, n)):
-        raise ValueError(
-            f"aircraft covariance must have shape (6, 6) or ({looks}, 6, 6), got {covariance.shape}"
-        )
-    sqrt_cov = symmetric_square_root(checked("aircraft", covariance))
-    return np.broadcast_to(sqrt_cov, (looks, n, n))
-
-
-def pose_variance(
-    looks: Looks, slope: FloatArray, cov_aircraft: ArrayLike, correlation_time: float
-) -> FloatArray:
-    """Return the variance (..., K), up to each look, of Σ slope_j z_j from the pose errors.
-
-    With a_j = slope_j F_jᵀ ∂z_j/∂x and the correlation ρ_ij of looks i and j, the variance is the
-    double sum V_k = Σ_{i,j≤k} a_i·a_j ρ_ij. For times i, j, k in order, ρ_ik = ρ_ij ρ_jk. Therefore
-    A_k = Σ_{i≤k} ρ_ik a_i = ρ_{k−1,k} A_{k−1} + a_k and V_k = V_{k−1} + a_k·(2 A_k − a_k).
-    """
-    weights = pose_slopes(looks, cov_aircraft)
-    rho, _ = successive_correlation(looks.time, correlation_time)
-    variance = np.zeros(slope.shape)
-    along, total = np.zeros((*slope.shape[:-1], len(AIRCRAFT))), np.zeros(slope.shape[:-1])
-    for k, weight in enumerate(weights):
-        if k:
-            along = rho[k - 1] * along
-        step = slope[..., k, np.newaxis] * weight
-        if slope.ndim > 1:  # a later look does not count for an earlier event, also if NaN
-            step[:k] = 0.0
-        along = along + step
-        total = total + np.sum(step * (2.0 * along - step), axis=-1)
-        variance[..., k] = total
-    # Rounding can make the sum of a semidefinite kernel negative.
-    return np.maximum(variance, 0.0)
-
-
-def pose_slopes(looks: Looks, cov_aircraft: ArrayLike) -> FloatArray:
-    """Return the partials F_jᵀ ∂z_j/∂x (K, 6) of each look's probit for unit normals."""
-    sqrt_cov = pose_sqrt_cov(cov_aircraft, len(looks.time))
-    # A gradient may be undefined where nothing is uncertain; 0 · NaN must be 0 there.
-    partials = np.where(np.any(sqrt_cov != 0, axis=-1), looks.by_aircraft, 0.0)
-    slopes: FloatArray = np.einsum("kij,ki->kj", sqrt_cov, partials)
-    return slopes
+    def nominal_p_d(self) -> list[FloatArray]:
+        """Return P_D (L, 1) of the looks of each radar (m,) with the nominal states."""
+        poses = self.scenario.aircraft[:, np.newaxis]
+        states = self.scenario.model.split(self.scenario.shared)
+        return [self.p_d(i, poses, s[np.newaxis, np.newaxis]) for i, s in enumerate(states)]

@@ -14,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.mission.looks import Interleaved, Looks, Model, linearize_looks
 from radar_sense.model.network import NetworkModel
-from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times, interpolate
-from radar_sense.scenario import Scenario
+from radar_sense.model.trajectory import MAX_ROWS, MIN_STEP, Route, even_times
 from radar_sense.states import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """The looks of g scan groups at K times, L looks in all.
+    """The looks of g scan groups at K times.
 
     Attributes:
         time: Times with a look (K,) [s], increasing.
@@ -37,63 +35,30 @@ class Schedule:
     radars: tuple[tuple[int, ...], ...]
     looks: NDArray[np.bool_]
 
-    @property
-    def pose(self) -> NDArray[np.intp]:
-        """The time, 0 to K − 1, of each look (L,)."""
-        return np.nonzero(self.looks)[0]
-
-    @property
-    def scan_group(self) -> NDArray[np.intp] | None:
-        """The scan group of each look (L,), or None if there is one group."""
-        return np.nonzero(self.looks)[1] if len(self.radars) > 1 else None
-
-    @property
-    def first(self) -> NDArray[np.intp]:
-        """The first look at each time (K,)."""
-        return np.searchsorted(self.pose, np.arange(len(self.time)))
-
-    @property
-    def last(self) -> NDArray[np.intp]:
-        """The last look at each time (K,)."""
-        return np.searchsorted(self.pose, np.arange(len(self.time)), side="right") - 1
-
-    def model(self, model: NetworkModel) -> Model:
-        """Return the model of the L looks, given the model of the radars."""
-        scan_group = self.scan_group
-        if scan_group is None:
-            return model
-        networks = (NetworkModel(tuple(model.radars[i] for i in group)) for group in self.radars)
-        return Interleaved(tuple(networks), scan_group, self.radars)
-
-    def linearize(self, scenario: Scenario) -> Looks:
-        """Return the L looks at a scenario with a pose for each time, linearized."""
-        pose = self.pose
-        return linearize_looks(
-            self.model(scenario.model), self.time[pose], scenario.aircraft[pose], scenario.shared
-        )
-
-    def p_d(self, scenario: Scenario) -> FloatArray:
-        """Return P_D of the L looks at a scenario with a pose for each time."""
-        return self.model(scenario.model).p_d(scenario.aircraft[self.pose], scenario.radar)
+    def of_radar(self, radar: int) -> Schedule:
+        """Return the looks of one radar by itself, at the same K times."""
+        group = self.group_of(radar)
+        return Schedule(self.time, (self.period[group],), ((0,),), self.looks[:, [group]])
 
     def group_of(self, radar: int) -> int:
         """Return the scan group of a radar."""
         return next(g for g, radars in enumerate(self.radars) if radar in radars)
 
-    def of_radar(self, radar: int) -> tuple[Schedule, NDArray[np.intp]]:
-        """Return the schedule of one radar by itself, and the times, 0 to K − 1, of its looks."""
-        group = self.group_of(radar)
-        times = np.flatnonzero(self.looks[:, group])
-        looks = np.ones((len(times), 1), dtype=bool)
-        return Schedule(self.time[times], (self.period[group],), ((0,),), looks), times
+    def times_of(self, radar: int) -> NDArray[np.intp]:
+        """Return the times, 0 to K − 1, of the looks of a radar."""
+        return np.flatnonzero(self.looks[:, self.group_of(radar)])
+
+    def latest(self, group: int) -> NDArray[np.intp]:
+        """Return the latest look of a scan group by each time (K,); all look at the first time."""
+        return np.cumsum(self.looks[:, group]) - 1
 
 
-def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
-    """Return the looks of the radars of a model, and the poses at their times.
+def schedule_looks(model: NetworkModel, route: Route) -> Schedule:
+    """Return the looks of the radars of a model along a route.
 
     Args:
         model: The radars, with their scan periods.
-        poses: The poses.
+        route: The route.
 
     Raises:
         InputError: If a radar has no scan period, or one is not possible.
@@ -112,13 +77,13 @@ def schedule_looks(model: NetworkModel, poses: Route) -> tuple[Schedule, Route]:
     radars_of = tuple(
         tuple(i for i, p in enumerate(period_by_radar.values()) if p == one) for one in periods
     )
-    time, looks = _together([_times(poses, p) for p in periods])
-    return Schedule(time, periods, radars_of, looks), interpolate(poses, time)
+    time, looks = _together([_times(route, p) for p in periods])
+    return Schedule(time, periods, radars_of, looks)
 
 
-def _times(poses: Route, period: float) -> FloatArray:
+def _times(route: Route, period: float) -> FloatArray:
     try:
-        return even_times(poses, period)
+        return even_times(route, period)
     except InputError as error:  # the message has the argument's name, and not the key
         raise InputError(str(error).replace("step_s", "radar.scan_period_s")) from error
 

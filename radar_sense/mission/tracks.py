@@ -1,9 +1,11 @@
-"""Track initiation: the probability that m of n looks in a row have detected the aircraft.
+"""The events of a mission: a detection by now, and a track by now.
 
-Given P_D, the looks are independent. The outcomes of the last n − 1 looks are the state of a Markov
-chain, and success is its absorbing state (J. C. Fu and M. V. Koutras, "Distribution theory of runs:
-a Markov chain approach", J. Amer. Statist. Assoc. 89, 1994). The probability is therefore exact.
-Before look n the window has fewer looks.
+Given P_D, looks are independent. The probability of a detection is P_c = 1 − Π (1 − P_D).
+
+A track is m detections in n consecutive looks of one scan group. The outcomes of the last n − 1
+looks are the state of a Markov chain, and success is its absorbing state (J. C. Fu and M. V.
+Koutras, "Distribution theory of runs: a Markov chain approach", J. Amer. Statist. Assoc. 89, 1994).
+The probability is therefore exact. Before look n the window has fewer looks.
 
 Each scan group has its own window: a missed look of one group does not break the track of another
 group. Given the states, the groups are independent. The probability of the network is therefore
@@ -12,19 +14,14 @@ T = 1 − Π (1 − T_g) over its groups.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtr, ndtri
+from collections.abc import Sequence
+from functools import reduce
+from itertools import pairwise
 
-from radar_sense.covariance import checked, variance_along
-from radar_sense.mission.cumulative import (
-    FAR,
-    Cumulative,
-    density,
-    first_order_moments,
-    in_time_order,
-)
-from radar_sense.mission.looks import Looks, pose_variance
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.mission.schedule import Schedule
 from radar_sense.states import FloatArray
 
 #: Largest n of m-of-n, which has 2^(n−1) histories.
@@ -33,91 +30,73 @@ MAX_WINDOW = 12
 CHAIN_BLOCK = 65_536
 
 
-def track_initiation(
-    looks: Looks,
-    m: int,
-    n: int,
-    cov_aircraft: ArrayLike,
-    cov_radar: ArrayLike,
-    *,
-    correlation_time: float,
-    scan_group: NDArray[np.intp] | None = None,
-    method: str = "probit",
-) -> Cumulative:
-    """Return the probability of m of n looks by each look, with its uncertainty to first order.
+def either(p: FloatArray, q: FloatArray) -> FloatArray:
+    """Return the probability of at least one of two independent events, without cancellation."""
+    return p + (1.0 - p) * q
 
-    Time and memory grow with K².
+
+def fuse(radars: Sequence[Sequence[int]], p_d: Sequence[FloatArray]) -> list[FloatArray]:
+    """Return P_D (L, n) of the L looks of each scan group, from P_D of each radar (L, n)."""
+    return [reduce(either, (p_d[radar] for radar in group)) for group in radars]
+
+
+def detection_by_time(
+    schedule: Schedule, p_d: Sequence[FloatArray], times: NDArray[np.intp]
+) -> FloatArray:
+    """Return the probability (T, n) of a detection by some times, with no possible one between.
 
     Args:
-        looks: The looks.
-        m: Detections needed.
-        n: Length of the window of consecutive looks, at most `MAX_WINDOW`.
-        cov_aircraft: C_aa (6, 6), or (K, 6, 6) with one for each look.
-        cov_radar: C_rr (4m, 4m) of the radars' errors, constant during the mission.
-        correlation_time: τ [s] of the pose errors, from 0 to infinity.
-        scan_group: The scan group of each look (K,); None if all looks are of one group.
-        method: Name of the method, one of `cumulative.METHODS`.
-
-    Raises:
-        ValueError: If there is no such method, a shape does not fit or a number is out of range.
+        schedule: The looks at K times.
+        p_d: P_D of each scan group (L, n).
+        times: The times, 0 to K − 1 (T,), increasing.
     """
-    p_d, miss = looks.p_d, ndtr(-looks.probit)
-    p, no_track = any_group(p_d, miss, m, n, scan_group)
-    # dP_D/dz = φ(z)
-    slope = any_group_gradient(p_d, miss, m, n, scan_group) * density(looks.probit)
-    variance = pose_variance(looks, slope, cov_aircraft, correlation_time)
-    # The partials of row k for looks after k are 0.
-    by_radar = variance_along(_sum_over(slope, looks.by_radar), checked("radar", cov_radar))
-    std = np.sqrt(variance[..., -1] + by_radar)
-    # P is 0 before look m and may round to 1 later; φ(z) underflows in both cases.
-    z = np.clip(np.where(p < 0.5, ndtri(p), -ndtri(no_track)), -FAR, FAR)
-    std_z = np.where(abs(z) < FAR, std / density(z), 0.0)
-    return in_time_order(p, first_order_moments(method, z, std, std_z), std)
+    p_c = p_d_by_time(schedule, p_d, times)
+    for before, now in pairwise(p_c):
+        now += (1.0 - now) * before
+    return p_c
 
 
-def any_group(
-    p_d: FloatArray, miss: FloatArray, m: int, n: int, scan_group: NDArray[np.intp] | None
-) -> tuple[FloatArray, FloatArray]:
-    """Return T and 1 − T (..., K) of m of n in any scan group."""
-    if scan_group is None:
-        return m_of_n(p_d, miss, m, n)
-    p, no_track = np.zeros(p_d.shape), np.ones(p_d.shape)
-    for looks, latest in _groups(scan_group):
-        p_of_group, no_track_of_group = m_of_n(p_d[..., looks], miss[..., looks], m, n)
-        begun = latest >= 0
-        p += no_track * np.where(begun, p_of_group[..., latest], 0.0)
-        no_track *= np.where(begun, no_track_of_group[..., latest], 1.0)
-    return np.minimum(p, 1.0), no_track
-
-
-def any_group_gradient(
-    p_d: FloatArray,
-    miss: FloatArray,
-    m: int,
-    n: int,
-    scan_group: NDArray[np.intp] | None,
-    ends: NDArray[np.intp] | None = None,
+def p_d_by_time(
+    schedule: Schedule, p_d: Sequence[FloatArray], times: NDArray[np.intp]
 ) -> FloatArray:
-    """Return partials (E, K) of T at looks `ends` (E,), or at all looks, for P_D (K,).
+    """Return P_D (T, n) of all looks at some times, from P_D of each scan group (L, n)."""
+    by_time = np.zeros((len(times), *p_d[0].shape[1:]))
+    for group, of_group in enumerate(p_d):
+        look = schedule.looks[times, group]
+        rows = schedule.latest(group)[times[look]]
+        by_time[look] = either(by_time[look], of_group[rows])
+    return by_time
 
-    ∂T/∂P_j = ∂T_g/∂P_j Π (1 − T_h) over the other scan groups h.
+
+def track_by_time(
+    schedule: Schedule, tracks: Sequence[FloatArray], times: NDArray[np.intp]
+) -> FloatArray:
+    """Return the probability (T, n) of a track by some times, from that of each group (L, n)."""
+    by_group = (t[schedule.latest(group)[times]] for group, t in enumerate(tracks))
+    return np.minimum(reduce(either, by_group), 1.0)
+
+
+def event_probabilities(
+    schedule: Schedule, p_d: Sequence[FloatArray], window: tuple[int, int] | None
+) -> list[FloatArray]:
+    """Return the probability by each time (K, n) of a detection, and of a track.
+
+    Args:
+        schedule: The looks at K times.
+        p_d: P_D of each radar (L, n).
+        window: m and n of a track; None for detection alone.
     """
-    ends = np.arange(len(p_d)) if ends is None else ends
-    if scan_group is None:
-        return m_of_n_gradient(p_d, miss, m, n, ends)
-    groups = [(looks, latest[ends]) for looks, latest in _groups(scan_group)]
-    no_track = [
-        np.where(latest >= 0, m_of_n(p_d[looks], miss[looks], m, n)[1][latest], 1.0)
-        for looks, latest in groups
-    ]
-    gradient = np.zeros((len(ends), len(p_d)))
-    for i, (looks, latest) in enumerate(groups):
-        others = np.prod(no_track[:i] + no_track[i + 1 :], axis=0)
-        of_group = m_of_n_gradient(p_d[looks], miss[looks], m, n, np.maximum(latest, 0))
-        gradient[:, looks] = np.where(
-            latest[:, np.newaxis] >= 0, np.reshape(others, (-1, 1)) * of_group, 0.0
-        )
-    return gradient
+    groups, times = fuse(schedule.radars, p_d), np.arange(len(schedule.time))
+    events = [detection_by_time(schedule, groups, times)]
+    if window is not None:
+        tracks = [m_of_n_track(p, *window) for p in groups]
+        events.append(track_by_time(schedule, tracks, times))
+    return events
+
+
+def m_of_n_track(p_d: FloatArray, m: int, n: int) -> FloatArray:
+    """Return the probability (L, n) of m of n looks by each look, from P_D (L, n)."""
+    return m_of_n(p_d.T, 1.0 - p_d.T, m, n)[0].T
 
 
 def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArray, FloatArray]:
@@ -174,42 +153,6 @@ def _chain(
         p[k], no_track[k] = total, remainder
 
 
-def m_of_n_gradient(
-    p_d: FloatArray, miss: FloatArray, m: int, n: int, ends: NDArray[np.intp]
-) -> FloatArray:
-    """Return partials (E, K) of T at looks `ends` (E,) for P_D of each look (K,).
-
-    A forward pass gives the probability of each history before look j. A backward pass gives the
-    probability of success by a look of `ends`, for each history after look j. The partial is the
-    difference between a detection and a miss at j. Where success is likely, the backward pass gives
-    the probability of failure, because a difference of two numbers near 1 would lose digits.
-    """
-    detections = _detections(m, n)
-    looks, states = len(p_d), len(detections)
-    before = np.zeros((looks, states))
-    weight = np.zeros(states)
-    weight[0] = 1.0
-    success = np.zeros(looks)
-    for j in range(looks):
-        before[j] = weight
-        success[j] = success[j - 1] + p_d[j] * weight[detections == m - 1].sum()
-        weight = _advanced(weight, p_d[j], miss[j], detections, m)
-    likely = success[ends] > 0.5
-    after_miss = (2 * np.arange(states)) % states
-    after_hit = (after_miss + 1) % states
-    gradient = np.zeros((len(ends), looks))
-    later = np.repeat(np.where(likely, 1.0, 0.0)[:, np.newaxis], states, axis=1)
-    on_success = np.where(likely, 0.0, 1.0)[:, np.newaxis]
-    sign = np.where(likely, -1.0, 1.0)
-    for j in range(looks - 1, -1, -1):
-        now = ends >= j
-        hit = np.where(detections == m - 1, on_success[now], later[np.ix_(now, after_hit)])
-        missed = later[np.ix_(now, after_miss)]
-        gradient[now, j] = sign[now] * np.sum((hit - missed) * before[j], axis=1)
-        later[now] = p_d[j] * hit + miss[j] * missed
-    return gradient
-
-
 def check_window(m: int, n: int) -> None:
     """Raise ValueError if m or n is out of range."""
     if not 1 <= m <= n <= MAX_WINDOW:
@@ -224,21 +167,6 @@ def _detections(m: int, n: int) -> NDArray[np.intp]:
     """
     check_window(m, n)
     return np.array([state.bit_count() for state in range(2 ** (n - 1))])
-
-
-def _groups(
-    scan_group: NDArray[np.intp],
-) -> list[tuple[NDArray[np.bool_], NDArray[np.intp]]]:
-    """Return the mask of each scan group (K,), and its latest look by each look (K,) or −1."""
-    masks = (scan_group == group for group in np.unique(scan_group))
-    return [(looks, np.cumsum(looks) - 1) for looks in masks]
-
-
-def _sum_over(slope: FloatArray, by_radar: FloatArray) -> FloatArray:
-    """Return slope (k, K) times partials (K, 4m), summed; 0 · NaN is 0 for a later look."""
-    total: FloatArray = np.einsum("kj,ji->ki", slope, np.nan_to_num(by_radar))
-    unknown = np.maximum.accumulate(np.isnan(by_radar), axis=0)
-    return np.where(unknown, np.nan, total)
 
 
 def _advanced(

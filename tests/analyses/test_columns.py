@@ -42,7 +42,7 @@ def test_every_column_is_declared(which):
 
 def test_columns_of_a_mission():
     s = rs.load_scenario(ROOT / "configs/mission.yaml").at_poses(slice(0, 60))
-    result = rs.analyses.mission(s, m=2, n=3, method="probit", runs=4)
+    result = rs.analyses.mission(s, m=2, n=3, runs=4)
     assert list(result.columns) == list(result.table)
     assert "a track" in result.columns["track_p_d"].meaning
 

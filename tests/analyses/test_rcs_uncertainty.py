@@ -17,9 +17,8 @@ from scipy.stats import norm
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget, required_accuracies
-from radar_sense.analyses.mission import with_schedule
-from radar_sense.mission.importance import plan
-from radar_sense.mission.importance.sampling import importance_sampling
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.recombined import recombined_missions
 from radar_sense.montecarlo.exceedance import exceeded_anywhere
 from radar_sense.propagation import exceedance_probability, propagate_scenario
 
@@ -213,9 +212,7 @@ def flight(folder, names, tau, periods=(8,), decibels=DECIBELS):
 
 
 @pytest.mark.parametrize(("names", "periods"), [(("one",), (8,)), (tuple(RADARS), (8, 12))])
-def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypatch, names, periods):
-    monkeypatch.setattr(plan, "DETECTION_WORK", 3e5)
-    monkeypatch.setattr(plan, "TRACK_WORK", 1e6)
+def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, names, periods):
     s = flight(tmp_path, names, ".inf", periods)
     time = {
         name: list(range(0, 121, period))
@@ -241,8 +238,7 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
         batches.append(1 - missed)
     every = np.concatenate(batches)
     ends = np.quantile(every, TAILS)
-    looks, schedule = with_schedule(s)
-    found = importance_sampling(looks, schedule, (2, 3))
+    found = recombined_missions(Looks.of(s), (2, 3))
     assert len(found) == (1 if len(names) == 1 else 4)
     bounds = found[0][0]
     assert bounds.mean[-1] == pytest.approx(every.mean(), abs=0.03 * every.std())
@@ -253,8 +249,6 @@ def test_a_mission_draws_one_factor_for_all_radars_and_looks(tmp_path, monkeypat
     ):
         assert error < 0.03 * every.std() + 0.002
         assert value == pytest.approx(end, abs=4 * error + 0.15 * every.std())
-    first = analyses.mission(s, method="probit").table
-    assert first["sigma_cumulative"][-1] == pytest.approx(every.std(), rel=0.1)
-    plain = analyses.mission(s, method="probit", runs=20_000).table
+    plain = analyses.mission(s, runs=20_000).table
     assert plain["mc_std"][-1] == pytest.approx(every.std(), rel=0.04)
     assert_allclose([plain["mc_lower"][-1], plain["mc_upper"][-1]], ends, atol=0.3 * every.std())

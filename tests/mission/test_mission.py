@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -23,14 +22,14 @@ from helpers import (
 )
 
 import radar_sense as rs
-from radar_sense import axis, limits
-from radar_sense.analyses.mission import MAX_TRACK_LOOKS, with_schedule
+from radar_sense import limits
 from radar_sense.errors import InputError
 from radar_sense.mission import tracks
+from radar_sense.mission.looks import Looks
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import propagate_scenario
-from radar_sense.words import describe_poses
+from radar_sense.words import probability
 
 ROOT = Path(__file__).parents[2]
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
@@ -65,7 +64,7 @@ def load(folder, text=ROUTE, **changes):
 
 
 def looks_of(s):
-    return with_schedule(s)[0]
+    return Looks.of(s).scenario
 
 
 # The keys.
@@ -183,12 +182,12 @@ def test_looks_between_places_keep_their_altitude(tmp_path):
 
 
 def test_a_scan_longer_than_the_path_is_one_look(tmp_path):
-    found = mission(load(tmp_path, radar__scan_period_s=1e5), method="probit")
-    one = propagate_scenario(load(tmp_path), method="probit")
+    found = mission(load(tmp_path, radar__scan_period_s=1e5))
+    one = propagate_scenario(load(tmp_path), method="form")
     assert found.table["time_s"] == [100]
     assert found.table["cumulative_p_d"] == pytest.approx(one.p_d[:1], rel=1e-12)
-    assert found.table["upper_3sigma"] == pytest.approx(one.upper[:1], rel=1e-9)
-    assert found.table["sigma_cumulative"] == pytest.approx(one.std[:1], rel=1e-9)
+    assert found.table["upper_3sigma"] == pytest.approx(one.upper[:1], rel=0.05)
+    assert found.table["sigma_cumulative"] == pytest.approx(one.std[:1], rel=0.1)
 
 
 def refused(words, *args, **options):
@@ -201,30 +200,16 @@ def refused(words, *args, **options):
 def test_refusals(tmp_path):
     refused("needs times, which an orbit does not have", scenario(radar__scan_period_s=3))
     s = load(tmp_path)
-    refused("one of importance, linear, probit, got 'form'", s, method="form")
-    refused("did you mean 'probit'", s, method="probti")
     refused("m must be a whole number", s, m_of_n=(0, 3))
     refused("n must be a whole number", s, m_of_n=(1, 13))
     refused("m not greater than n, got 3 of 2", s, m_of_n=(3, 2))
     refused("runs must be", s, runs=1)
+    refused("give either track or m and n", s, m_of_n=(2, 3), track=(2, 3))
+    refused("track must be 2 values", s, track=(2, 3, 4))
     refused("radar.scan_period_s makes more than", load(tmp_path, radar__scan_period_s=1e-4))
     refused("radar.scan_period_s must be", load(tmp_path, radar__scan_period_s=1e-19))
-    many = load(tmp_path, radar__scan_period_s=1400 / (MAX_TRACK_LOOKS + 1))
-    most = "1 of 2 by probit takes at most 4,000 looks"
-    refused(most, many, m_of_n=(1, 2), method="probit")
-    refused("5 of 12 by linear takes at most 988 looks", many, m_of_n=(5, 12), method="linear")
     over = f"{HEADER}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
     refused("on top of the radar at the look at 10 s", load(tmp_path, over, radar__scan_period_s=5))
-
-
-def test_as_many_looks_as_allowed_are_computed(tmp_path, monkeypatch):
-    monkeypatch.setattr(sys.modules[with_schedule.__module__], "MAX_TRACK_LOOKS", 5)
-    for period, looks in ((350, 5), (250, 6)):
-        s = load(tmp_path, radar__scan_period_s=period)
-        if looks == 5:
-            assert len(mission(s, m_of_n=(1, 2), method="probit").scenario.axis) == looks
-        else:
-            refused("takes at most 5 looks, and this path has 6", s, m_of_n=(1, 2), method="probit")
 
 
 def test_the_limit_of_the_window_is_that_of_the_code():
@@ -271,24 +256,22 @@ def test_against_draws_of_all_looks_at_once(tmp_path, tau, text):
         uncertainty__radar={"low": {"position_m": 100, "constant": 0.2}}, analysis={"level": "low"},
     )  # fmt: skip
     runs = 8000
-    found = mission(s, m_of_n=(3, 5), runs=4000, method="probit")
+    found = mission(s, m_of_n=(3, 5), runs=4000)
     looks, table = found.scenario, found.table
     drawn, track = brute_force(looks, runs, seed=7)
     assert 0.1 < table["cumulative_p_d"][-1] < 0.999
-    std = drawn.std(axis=0)
-    noise = 4.5 / math.sqrt(2 * runs)
-    assert np.max(abs(table["sigma_cumulative"] / std - 1)) < 0.02 + noise
+    std, noise = drawn.std(axis=0), 4.5 / math.sqrt(2 * runs)
     assert np.max(abs(table["mc_std"] / std - 1)) < 2 * noise
     assert np.max(abs(table["mc_mean"] - drawn.mean(axis=0)) / std) < 4.5 * math.sqrt(3 / runs)
     for end, level in (("lower", 0.00135), ("upper", 0.99865)):
-        assert np.max(abs(table[f"{end}_3sigma"] - np.quantile(drawn, level, axis=0)) / std) < 0.9
-    shown = table["track_p_d"] > 0.01
-    assert shown.any(), table["track_p_d"][-1]
-    ratio = table["sigma_track"][shown] / table["track_mc_std"][shown]
-    assert np.max(abs(ratio - 1)) < 0.03 + 4.5 / math.sqrt(2 * 4000)
-    p = table["track_p_d"][-1]
-    assert abs(track.mean() - p) < 4.5 * math.sqrt(p * (1 - p) / runs) + 0.01
-    assert abs(table["track_mc_mean"][-1] - track.mean()) < 4.5 * math.sqrt(0.3 / runs)
+        assert np.max(abs(table[f"mc_{end}"] - np.quantile(drawn, level, axis=0)) / std) < 0.9
+    p = table["track_mc_mean"][-1]
+    assert abs(p - track.mean()) < 4.5 * math.sqrt(p * (1 - p) / runs) + 0.01
+    # few recombined draws
+    assert np.max(abs(table["sigma_cumulative"] / std - 1)) < 0.4
+    assert np.max(abs(table["mean_cumulative"] - drawn.mean(axis=0)) / std) < 0.4
+    within = (drawn >= table["lower_3sigma"]) & (drawn <= table["upper_3sigma"])
+    assert np.min(within.mean(axis=0)) > 0.95
 
 
 def test_correlation_time_is_used(tmp_path):
@@ -300,7 +283,7 @@ def test_correlation_time_is_used(tmp_path):
         ).table["sigma_cumulative"][30]
         for tau in (0, 100, math.inf)
     ]  # fmt: skip
-    assert sigma[0] < 0.6 * sigma[1] < 0.6 * sigma[2]
+    assert sigma[0] < 0.8 * sigma[1] < 0.8 * sigma[2]
 
 
 def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
@@ -342,11 +325,9 @@ def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
 
 
 @pytest.mark.parametrize("options", ["", "--m 2 --n 3", "--runs 50", "--m 2 --n 3 --runs 50"])
-@pytest.mark.parametrize("method", [None, "linear", "probit"])
-def test_columns(tool, monkeypatch, options, method):
+def test_columns(tool, monkeypatch, options):
     without_pixels(monkeypatch)
-    named = ["--method", method] if method else []
-    code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split(), *named)
+    code, out, err = tool("mission", write(Path(), UNCERTAIN), *options.split())
     assert code == 0
     assert all(line.startswith("Warning: ") for line in err.splitlines())
     assert out.isascii()
@@ -358,9 +339,8 @@ def test_columns(tool, monkeypatch, options, method):
     if "--m" in options:
         expected += ["track_p_d", "sigma_track", "track_lower_3sigma", "track_upper_3sigma"]
         expected += [f"track_{name}" for name in drawn] + ["mean_track"]
-    if not method:
-        expected += ["lower_3sigma_se", "upper_3sigma_se"]
-        expected += ["track_lower_3sigma_se", "track_upper_3sigma_se"] if "--m" in options else []
+    expected += ["lower_3sigma_se", "upper_3sigma_se"]
+    expected += ["track_lower_3sigma_se", "track_upper_3sigma_se"] if "--m" in options else []
     assert list(found) == expected
     assert len(found["time_s"]) == 4
     cumulated = 1 - np.cumprod(1 - found["p_d"])
@@ -387,17 +367,18 @@ def test_report(tool):
         read_table("figures/flight_mission.csv"),
         read_record("figures/flight_mission.json")["summary"],
     )
-    lines = out.splitlines()
-    assert lines[0] == "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s"
-    for p, name in (("cumulative_p_d", "cumulative P_D"), ("track_p_d", "track, 3 of 5")):
-        message = f"{name} at the end (medium, importance): {found[p][-1]:.4f}"
-        assert any(message in line for line in lines)
+    assert "141 looks, 100 to 1500 s, every 10 s; pose errors correlated over 60 s" in out
+    assert out.startswith("detection by 1500 s: ")
+    for p, name in (("cumulative_p_d", "detection"), ("track_p_d", "track, 3 of 5")):
+        before = "track_" if p == "track_p_d" else ""
+        ends = [found[f"{before}{end}_3sigma"][-1] for end in ("lower", "upper")]
+        value, lower, upper = (probability(v) for v in (found[p][-1], *ends))
+        assert f"{name} by 1500 s: {value}, between {lower} and {upper} (3 sigma, medium)\n" in out
         event = {"cumulative_p_d": "detection", "track_p_d": "track"}[p]
         error = summary["largest_standard_error_of_bounds"][event]["value"]
-        before = "track_" if event == "track" else ""
         ends = [found[f"{before}{end}_3sigma_se"] for end in ("lower", "upper")]
         assert error == np.max(ends)
-        assert f"{name}: standard error of the 3-sigma bounds at most {error:.4f} at" in out
+        assert f"{event} {error:.4f} at" in out[out.index("largest standard error of a bound:") :]
         columns = {
             "p": p, "mean": f"mean_{before}cumulative", "sigma": f"sigma_{before}cumulative",
             "lower_3sigma": f"{before}lower_3sigma", "upper_3sigma": f"{before}upper_3sigma",
@@ -409,8 +390,8 @@ def test_report(tool):
                for end in ("lower", "upper")]  # fmt: skip
         largest = summary["monte_carlo"]["largest_difference"][event]
         assert largest["bounds"]["value"] == np.max(off)
-        sigma = found[columns["sigma"]] - found[f"{before}mc_std"]
-        assert largest["sigma"]["value"] == -sigma.min() > sigma.max()
+        sigma = abs(found[columns["sigma"]] - found[f"{before}mc_std"])
+        assert largest["sigma"]["value"] == sigma.max()
     for level, times in summary["detection"]["reaches"].items():
         for key, column in (
             ("time_s", "cumulative_p_d"), ("earliest_s", "upper_3sigma"),
@@ -420,10 +401,10 @@ def test_report(tool):
             assert times[key] == (above.min() if len(above) else None)
     half = summary["detection"]["reaches"]["0.5"]["time_s"]
     assert half is not None
-    assert f"  reaches 0.5 at {half:.13g} s" in out
-    assert "100 runs (seed 13), largest difference of importance" in out
+    assert f"  reaches 0.5 at {half:.13g} s, between " in out
+    assert "largest difference from 100 plain runs (seed 13):" in out
     tool("mission", write(Path(), radar__constant=0.01), "--no-plot")
-    assert "never reaches 0.5 (upper bound: never" in tool("mission", "my.yaml").out
+    assert "never reaches 0.5, nor does its upper bound" in tool("mission", "my.yaml").out
     assert "the same at every look" in tool(
         "mission", write(Path(), uncertainty__aircraft_correlation_s=math.inf)
     ).out  # fmt: skip
@@ -450,7 +431,10 @@ def test_the_record_makes_the_same_mission_again(tool):
         ("--m 0 --n 2", "not less than 1"),
         ("--m 1 --n 13", "not greater than 12"),
         ("--runs 1", "not less than 2"),
-        ("--method form", "one of importance, linear, probit"),
+        ("--method form", "mission has no option --method"),
+        ("--track 3", "--track"),
+        ("--track 3 2", "m not greater than n"),
+        ("--track 2 3 --m 2 --n 3", "give either track or m and n"),
         ("--level hgih", "did you mean 'high'"),
     ],
 )
@@ -469,16 +453,13 @@ def test_an_orbit_is_refused(tool):
     assert len(err.splitlines()) == 1
 
 
-def test_a_linear_band_outside_zero_and_one_is_warned_of(tool):
-    file = write(Path(), radar__scan_period_s=10, radar__constant=14)
-    err = tool("mission", file, "--level", "high", "--method", "linear", "--no-plot").err
-    found = read_table("figures/flight_mission.csv")
-    below, above = found["lower_3sigma"] < 0, found["upper_3sigma"] > 1
-    assert below[0], "the band begins below 0"
-    assert above.any()
-    place = describe_poses(below | above, axis.time(found["time_s"]))
-    assert f"Warning: cumulative P_D: the linear 3-sigma band leaves [0, 1] {place}\n" in err
-    assert "band leaves" not in tool("mission", file, "--level", "high", "--no-plot").err
+def test_track_is_m_and_n(tool):
+    file = write(Path(), radar__scan_period_s=50)
+    one = tool("mission", file, "--track", 2, 3, "--no-plot", "--out", "one")
+    two = tool("mission", file, "--m", 2, "--n", 3, "--no-plot", "--out", "two")
+    assert one.code == two.code == 0
+    name = "flight_mission.csv"
+    assert Path("one", name).read_bytes() == Path("two", name).read_bytes()
 
 
 def test_constants_set_to_zero_are_warned_of(tool):
@@ -493,17 +474,12 @@ def test_constants_set_to_zero_are_warned_of(tool):
     assert f"the radar constant was drawn below zero and set to zero in {count} runs" in err
 
 
-def test_an_undefined_gradient_is_warned_of(tool):
+def test_a_flight_straight_above_a_radar_has_bounds(tool):
+    """There the gradient of P_D is undefined, and draws take none."""
     over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
-    file = write(Path(), over, radar__scan_period_s=10)
-    assert tool("mission", file).err == ""  # importance sampling takes no gradient
-    code, out, err = tool("mission", file, "--runs", 20, "--method", "probit")
-    assert code == 0
-    assert err.rstrip().endswith("use --method importance")
-    assert "the uncertainty is undefined at 10 to 20 s; the radar is straight above" in err
-    assert "its uncertainty is undefined" in out
-    summary = read_record("figures/flight_mission.json")["summary"]
-    assert summary["detection"]["at_end"]["sigma"] is None
+    assert tool("mission", write(Path(), over, radar__scan_period_s=10), "--no-plot").err == ""
+    found = read_table("figures/flight_mission.csv")
+    assert all(np.isfinite(column).all() for column in found.values())
 
 
 @pytest.mark.parametrize(  # every pair of two values

@@ -11,7 +11,7 @@ from helpers import TRACKING, document, paper_network, place, refusal
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
-from radar_sense.analyses.mission import with_schedule
+from radar_sense.mission.looks import Looks
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.propagation import METHODS, nonlinear_in_scenario, propagate_scenario
@@ -98,14 +98,13 @@ def test_a_mission_and_a_map_have_a_blind_circle(tmp_path):
     content["analysis"]["runs"] = 100
     (tmp_path / "s.yaml").write_text(text(content))
     scenario = rs.load_scenario(tmp_path / "s.yaml")
-    looks, _ = with_schedule(scenario)
+    looks = Looks.of(scenario).scenario
     blind = np.linalg.norm(looks.aircraft[:, :3], axis=1) < 5e3
     assert 3 < blind.sum() < len(blind) - 3
     free = looks.model.models[0].p_d(looks.aircraft, looks.radar)
-    for method in ("importance", "probit"):
-        table = rs.analyses.mission(scenario, method=method).table
-        assert_allclose(table["p_d"], np.where(blind, 0.0, free), rtol=1e-12)
-        assert np.all(np.diff(table["cumulative_p_d"])[blind[1:]] == 0)
+    table = rs.analyses.mission(scenario).table
+    assert_allclose(table["p_d"], np.where(blind, 0.0, free), rtol=1e-12)
+    assert np.all(np.diff(table["cumulative_p_d"])[blind[1:]] == 0)
     plane = rs.analyses.coverage_map(
         scenario, north_km=(-8, 8), east_km=(-8, 8), step_km=1, upper=True, method="form"
     )

@@ -22,7 +22,6 @@ from radar_sense.propagation import (
     upper_bound,
     upper_bound_in_scenario,
 )
-from radar_sense.scenario_file.load import load_scenario
 
 RADARS = (1, 6)
 
@@ -227,19 +226,6 @@ def test_evaluations_of_an_analysis_without_a_method(radars, count):
     for name in ("detectors", "rcs"):
         gradients, values = count(getattr(analyses, name), s)
         assert (gradients, values) <= (0, 2)
-
-
-@pytest.mark.parametrize("method", ["linear", "probit"])
-@pytest.mark.parametrize("name", ["mission", "corridor"])  # of one radar and of six
-def test_evaluations_of_a_mission(name, method, count):
-    """A look takes three gradients at most, and a radar and pose take one."""
-    s = load_scenario(f"configs/{name}.yaml")
-    radars, poses = len(s.model.radars), len(s.aircraft)
-    looks = len(analyses.mission(s, method=method).table["time_s"])
-    gradients, values = count(lambda s: analyses.mission(s, method=method), s)
-    most = poses * radars + 3 * looks
-    assert gradients * poses * radars <= most
-    assert values * poses * radars <= most + 3 * looks + poses * radars
 
 
 #: Most gradients of each ray of a radar: the ends of the band are searched by most methods.

@@ -1,16 +1,20 @@
 """Bounds of `mission` against plain draws: the worked missions, and twenty random ones.
 
     python tests/studies/mission_bounds.py [RUNS] [NAME ...]
+    python tests/studies/mission_bounds.py constants [NAME ...]
 
-RUNS plain draws of each mission are made, 100 000 unless given. The drawn 3-sigma bound is the
-draw of a certain rank. The draws of a lower and a higher rank are the ends of its interval. These
-ranks are three standard errors away: 3 √n for n draws beyond the bound. A bound fails at a time if
-it is outside this interval and more than 0.01 from the drawn bound. The table has a row for each
-event and bound. The study takes minutes to hours and is no part of the test suite.
+RUNS plain draws of each mission are made, 20 000 unless given. The drawn 3-sigma bound is the draw
+of a certain rank. The draws of a lower and a higher rank are the ends of its interval. These ranks
+are three standard errors away: 3 √n for n draws beyond the bound. A bound fails at a time if it is
+outside this interval and more than 0.01 from the drawn bound. The table has a row for each event
+and bound. Four bounds of some 6 000 times are outside by chance.
+
+`constants` prints standard errors and CPU with other values of the constants of `recombined`.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import sys
 import tempfile
@@ -21,11 +25,10 @@ import numpy as np
 import yaml
 
 import radar_sense as rs
-from radar_sense.analyses.mission import with_schedule
-from radar_sense.mission.draws import PoseProcess
-from radar_sense.mission.importance.sampling import importance_sampling
-from radar_sense.mission.schedule import Schedule
-from radar_sense.mission.tracks import any_group
+from radar_sense.mission import recombined
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.recombined import recombined_missions
+from radar_sense.mission.tracks import event_probabilities
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
 
@@ -33,6 +36,9 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 WINDOWS = [(1, 2), (2, 3), (2, 4), (3, 5), (3, 6), (4, 6), (5, 8)]
 BLOCK = 500
 SEED = 987_654
+#: Seeds of `constants`.
+SEEDS = 8
+NAMES = ["mission", "corridor", *(f"random{i}" for i in range(20))]
 
 
 def random_mission(number: int, folder: Path) -> tuple[rs.Scenario, tuple[int, int]]:
@@ -107,32 +113,23 @@ def random_mission(number: int, folder: Path) -> tuple[rs.Scenario, tuple[int, i
 
 
 def plain_draws(
-    scenario: rs.Scenario, schedule: Schedule, window: tuple[int, int], runs: int
+    looks: Looks, window: tuple[int, int], runs: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the least and the greatest draws (keep, K) of P for each event, from the extreme."""
-    pose, covariance = schedule.pose, scenario.cov_aircraft
-    process = PoseProcess.of(
-        schedule.time[pose],
-        scenario.aircraft[pose],
-        covariance if covariance.ndim == 2 else covariance[pose],
-        scenario.correlation_s,
-    )
-    model, sampler = schedule.model(scenario.model), Sampler.of(scenario)
+    sampler, times = Sampler.of(looks.scenario), len(looks.schedule.time)
     rng = np.random.default_rng(SEED)
     keep = math.ceil(TAIL * runs + 4.0 * math.sqrt(TAIL * runs)) + 2
-    extremes = [(np.empty((0, len(schedule.last))),) * 2 for _ in range(2)]
+    extremes = [(np.empty((0, times)),) * 2 for _ in range(2)]
     for _ in range(runs // BLOCK):
         radars = sampler.draw_radar(rng.standard_normal((BLOCK, sampler.radar_normals)))[0]
-        poses = process.poses(rng.standard_normal((len(pose), 6, BLOCK)))
-        p_d = model.p_d(poses, radars).T
-        detection = 1.0 - np.cumprod(1.0 - p_d, axis=1)
-        track = any_group(p_d, 1.0 - p_d, *window, schedule.scan_group)[0]
-        for event, p in enumerate((detection, track)):
-            rows = p[:, schedule.last]
+        poses = looks.process.poses(rng.standard_normal((times, 6, BLOCK)))
+        states = sampler.model.split(radars)
+        p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
+        for event, p in enumerate(event_probabilities(looks.schedule, p_d, window)):
             least, greatest = extremes[event]
             extremes[event] = (
-                np.sort(np.concatenate([least, rows]), axis=0)[:keep],
-                np.sort(np.concatenate([greatest, rows]), axis=0)[::-1][:keep],
+                np.sort(np.concatenate([least, p.T]), axis=0)[:keep],
+                np.sort(np.concatenate([greatest, p.T]), axis=0)[::-1][:keep],
             )
     return extremes
 
@@ -151,16 +148,15 @@ def drawn_bound(extreme: np.ndarray, runs: int) -> tuple[np.ndarray, np.ndarray,
 
 def compare(name: str, scenario: rs.Scenario, window: tuple[int, int], runs: int) -> None:
     """Print a row of the table for each bound of each event."""
-    scenario, schedule = with_schedule(scenario)
-    start = time.perf_counter()
-    bounds = importance_sampling(scenario, schedule, window, workers=2)[0]
-    seconds = time.perf_counter() - start
-    radars, looks = len(scenario.model.models), len(schedule.pose)
+    looks = Looks.of(scenario)
+    start = time.process_time()
+    bounds = recombined_missions(looks, window)[0]
+    seconds = time.process_time() - start
     print(
-        f"{name}: {radars} radars, {looks} looks, {window[0]} of {window[1]}, "
-        f"{scenario.correlation_s:g} s; {seconds:.1f} s"
+        f"{name}: {len(looks.radars)} radars, {sum(map(len, looks.times))} looks of radars, "
+        f"{window[0]} of {window[1]}, {scenario.correlation_s:g} s; {seconds:.1f} s of CPU"
     )
-    extremes = plain_draws(scenario, schedule, window, runs)
+    extremes = plain_draws(looks, window, runs)
     for event, found, extreme in zip(("detection", "track"), bounds, extremes, strict=True):
         for end, drawn in zip(("lower", "upper"), extreme, strict=True):
             expected, low, high = drawn_bound(drawn, runs)
@@ -176,15 +172,57 @@ def compare(name: str, scenario: rs.Scenario, window: tuple[int, int], runs: int
             )
 
 
+def study_constants(name: str, scenario: rs.Scenario, window: tuple[int, int]) -> None:
+    """Print the largest deviation of the bounds over some seeds, for several constants."""
+    print(f"{name}: largest deviation of lower and upper bound of detection, and of the track")
+    for changes in (
+        {},
+        {"WIDTH": 1.0},
+        {"WIDTH": 1.3},
+        {"WIDTH": 2.0},
+        {"CANDIDATES": 1},
+        {"CANDIDATES": 4},
+        {"CANDIDATES": 64},
+        {"SCREENING_LOOKS": 2},
+        {"SCREENING_LOOKS": 32},
+        {"SHARE": 0.25},
+        {"SHARE": 0.75},
+        {"DRAWS_PER_PATH": 4, "COMBINATIONS_PER_PATH": 8},
+        {"DRAWS_PER_PATH": 16, "COMBINATIONS_PER_PATH": 32},
+        {"COMBINATIONS_PER_PATH": 8},
+        {"COMBINATIONS_PER_PATH": 32},
+    ):
+        usual = {key: getattr(recombined, key) for key in changes}
+        for key, value in changes.items():
+            setattr(recombined, key, value)
+        start = time.process_time()
+        found = [
+            recombined_missions(Looks.of(dataclasses.replace(scenario, seed=seed)), window)[0]
+            for seed in range(SEEDS)
+        ]
+        seconds = (time.process_time() - start) / SEEDS
+        for key, value in usual.items():
+            setattr(recombined, key, value)
+        deviations = [
+            np.std([getattr(events[event], end) for events in found], axis=0, ddof=1).max()
+            for event in range(2)
+            for end in ("lower", "upper")
+        ]
+        words = ", ".join(f"{key} {value:g}" for key, value in changes.items()) or "as they are"
+        print(f"  {words:45} {seconds:5.1f} s ", *(f"{d:.4f}" for d in deviations), flush=True)
+
+
 def main() -> None:
-    runs = int(float(sys.argv[1])) if len(sys.argv) > 1 else 100_000
-    chosen = sys.argv[2:] or ["mission", "corridor", *(f"random{i}" for i in range(20))]
-    for name in chosen:
-        if name.startswith("random"):
-            with tempfile.TemporaryDirectory() as folder:
-                compare(name, *random_mission(int(name[6:]), Path(folder)), runs)
-        else:
-            compare(name, rs.load_scenario(CONFIGS / f"{name}.yaml"), (3, 5), runs)
+    constants = sys.argv[1:2] == ["constants"]
+    runs = 20_000 if constants or len(sys.argv) < 2 else int(float(sys.argv[1]))
+    usual = ["corridor"] if constants else NAMES
+    for name in sys.argv[2:] or usual:
+        with tempfile.TemporaryDirectory() as folder:
+            if name.startswith("random"):
+                problem = random_mission(int(name[6:]), Path(folder))
+            else:
+                problem = rs.load_scenario(CONFIGS / f"{name}.yaml"), (3, 5)
+            study_constants(name, *problem) if constants else compare(name, *problem, runs)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,433 @@
+"""Bounds of a mission from few draws: those of each radar are recombined with those of the others.
+
+Given the path of the aircraft, radars are independent. The states of each radar are drawn several
+times for each drawn path. The draws of different radars are combined at random, and a combination
+takes no evaluation of the detection model.
+
+The draws of a radar are often in the tails. They are chosen from candidates, half of which are
+widened. Half of the draws are chosen as the errors are distributed, a quarter from the widened
+candidates, and a quarter evenly in the logarithm of the rank of P_D, which is computed at a few
+looks of the nominal path (double sampling: J. Neyman, "Contribution to the theory of sampling human
+populations", J. Amer. Statist. Assoc. 33, 1938). The weight of a draw is the density of the errors
+divided by the density that they were drawn from. The density of the errors is half of the latter,
+which bounds all weights by 2 (a defensive mixture: T. Hesterberg, "Weighted average importance
+sampling and defensive mixture distributions", Technometrics 37(2), 1995). Weights change the
+standard error of a bound, and not what it is a bound of.
+
+All is done in independent replicates. The spread of their bounds gives the standard errors. A bound
+is computed at each time that P may rise at, and none is interpolated.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import reduce
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from radar_sense.cost import foresee
+from radar_sense.covariance import block_diagonal
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.schedule import Schedule
+from radar_sense.mission.tracks import (
+    detection_by_time,
+    event_probabilities,
+    fuse,
+    m_of_n_track,
+    track_by_time,
+)
+from radar_sense.montecarlo.montecarlo import TAIL
+from radar_sense.montecarlo.parallel import in_order
+from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.progress import report
+from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.streams import Stream, random_stream
+
+#: Share of the widened candidates, of the draws in the tails, and of the combinations with an
+#: emphasis on all radars.
+SHARE = 0.5
+#: Standard deviation of the widened unit normals. `tests/studies/mission_bounds.py constants`
+#: prints the standard errors with other values of this and the next numbers.
+WIDTH = 1.6
+#: Candidates for each draw, and looks of the nominal path that their P_D is computed at.
+CANDIDATES, SCREENING_LOOKS = 16, 8
+#: Independent replicates. The standard error of a standard error is a quarter of it.
+REPLICATES = 8
+#: Draws of each radar in a replicate: LOOKS divided by all looks, within limits. The Markov chain
+#: of HISTORIES histories takes as long as P_D of a look.
+LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 6_000_000, 256, 8192, 256
+#: Draws of each radar for one path, and combinations of them, if there are several radars.
+DRAWS_PER_PATH, COMBINATIONS_PER_PATH = 8, 16
+#: Ranks of the quantiles of a replicate. TAIL, in the middle, is the rank of a bound.
+RANKS = TAIL * np.geomspace(1 / 4, 4, 33)
+
+
+@dataclass(frozen=True, eq=False)
+class Cumulative:
+    """Probability of an event by each time (K,), and its uncertainty.
+
+    Attributes:
+        p: Probability with the nominal states.
+        mean: Mean over the errors of the states.
+        std: Standard deviation.
+        lower: Bound that the probability falls below with probability Φ(−3).
+        upper: Bound that the probability stays below with probability Φ(3).
+        lower_se: Standard error of `lower`.
+        upper_se: Standard error of `upper`.
+    """
+
+    p: FloatArray
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    lower_se: FloatArray
+    upper_se: FloatArray
+
+
+def recombined_missions(
+    looks: Looks, m_of_n: tuple[int, int] | None = None, *, workers: int = 1
+) -> list[list[Cumulative]]:
+    """Return the probability of detection, and of a track, by each time.
+
+    The first entry is the network's. The entries of its single radars follow. A scenario of one
+    radar has one entry.
+
+    Args:
+        looks: The looks.
+        m_of_n: m and n of a track; None for detection alone.
+        workers: Threads to compute with. The result does not depend on their number.
+    """
+    p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n)
+    plan.foresee(workers)
+    replicates = []
+    for replicate in in_order(plan.replicate, REPLICATES, workers):
+        replicates.append(replicate)
+        report("replicates", len(replicates), REPLICATES)
+    nominal = [event_probabilities(looks.schedule, p_d, m_of_n)]
+    for i in range(len(p_d) if len(p_d) > 1 else 0):
+        nominal.append(event_probabilities(looks.schedule.of_radar(i), [p_d[i]], m_of_n))
+    return [
+        [_pooled(*event) for event in zip(*source, strict=True)]
+        for source in zip(nominal, *replicates, strict=True)
+    ]
+
+
+class _Weighted(NamedTuple):
+    """Statistics of weighted draws at K times.
+
+    Attributes:
+        mean: Mean (K,).
+        variance: Variance (K,).
+        lower: Quantiles at `RANKS` (K, q).
+        upper: Quantiles at 1 − `RANKS` (K, q).
+    """
+
+    mean: FloatArray
+    variance: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """What all replicates share.
+
+    Attributes:
+        looks: The looks.
+        m_of_n: m and n of a track; None for detection alone.
+        samplers: The sampler of each radar, or one of all radars if their errors are correlated.
+        screening: Times of some looks of each radar, where P_D of candidates is computed.
+        work: Work of a look, in evaluations of P_D.
+        paths: Number of paths of a replicate.
+        draws: Number of draws of each radar for one path.
+    """
+
+    looks: Looks
+    m_of_n: tuple[int, int] | None
+    samplers: list[Sampler]
+    screening: list[NDArray[np.intp]]
+    work: float
+    paths: int
+    draws: int
+
+    @classmethod
+    def of(cls, looks: Looks, m_of_n: tuple[int, int] | None) -> _Plan:
+        """Choose the numbers of draws, and the looks at which P_D of candidates is computed."""
+        scenario = looks.scenario
+        covariance = scenario.cov_radar[scenario.level]
+        radars = [slice(i, i + len(RADAR)) for i in range(0, len(covariance), len(RADAR))]
+        independent = np.array_equal(covariance, block_diagonal([covariance[s, s] for s in radars]))
+        # an uncertain RCS is an error of all radars
+        apart = independent and not scenario.rcs_std
+        samplers = [Sampler.of(s) for s in (looks.radars if apart else [scenario])]
+        screening = []
+        for p_d, times in zip(looks.nominal_p_d(), looks.times, strict=True):
+            total = np.cumsum(p_d)
+            level = (np.arange(SCREENING_LOOKS) + 0.5) / SCREENING_LOOKS * total[-1]
+            screening.append(times[np.searchsorted(total, level)])
+        histories = 0 if m_of_n is None else 2 ** (m_of_n[1] - 1)
+        work = 1.0 + histories / HISTORIES
+        all_draws = np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS)
+        draws = DRAWS_PER_PATH if len(samplers) > 1 else 1
+        return cls(looks, m_of_n, samplers, screening, work, int(all_draws) // draws, draws)
+
+    def foresee(self, workers: int) -> None:
+        """Say what the replicates take if that is much.
+
+        Raises:
+            InputError: If it is too much.
+        """
+        looks, draws = sum(map(len, self.looks.times)), self.paths * self.draws
+        evaluations = REPLICATES * draws * looks * self.work
+        # P_D and tracks of all draws and of all combinations
+        memory = 8.0 * looks * draws * 2 * (1 + COMBINATIONS_PER_PATH / DRAWS_PER_PATH)
+        less = "a longer scan_period_s, or a shorter window"
+        foresee(f"{looks:,} looks", evaluations, memory * workers, less=less, workers=workers)
+
+    def replicate(self, number: int) -> list[list[_Weighted]]:
+        """Return statistics of the events, for all radars and for each radar by itself."""
+        looks, shape = self.looks, (self.paths, self.draws)
+        generator = random_stream(looks.scenario.seed, Stream.RECOMBINED, number)
+        normals = generator.standard_normal((len(looks.schedule.time), len(AIRCRAFT), self.paths))
+        poses = looks.process.poses(normals)
+        p_d: list[FloatArray] = []
+        weights: list[FloatArray] = []
+        for sampler in self.samplers:
+            by_radar, weight = self._draw(generator, sampler, first=len(p_d))
+            for states in by_radar:
+                p_d.append(looks.p_d(len(p_d), poses, states.reshape(*shape, -1)))
+                weights.append(weight)
+        if len(self.samplers) > 1:
+            picks, weight = combine(generator, weights, shape, COMBINATIONS_PER_PATH)
+        else:
+            picks, weight = [np.arange(len(weight))] * len(p_d), weights[0]
+        tracks = [] if self.m_of_n is None else [m_of_n_track(p, *self.m_of_n) for p in p_d]
+        seen = [times[p.any(axis=1)] for times, p in zip(looks.times, p_d, strict=True)]
+        network = self._combined(p_d, tracks, picks)
+        results = [_statistics(looks.schedule, network, reduce(np.union1d, seen), weight)]
+        for i in range(len(p_d) if len(p_d) > 1 else 0):
+            alone = [[p_d[i]], *([t] for t in tracks[i : i + 1])]
+            results.append(_statistics(looks.schedule.of_radar(i), alone, seen[i], weights[i]))
+        return results
+
+    def _draw(
+        self, generator: np.random.Generator, sampler: Sampler, first: int
+    ) -> tuple[list[FloatArray], FloatArray]:
+        """Draw the states of a sampler's radars, the first of which has this number.
+
+        Returns:
+            States (draws, 4 to 6) of each radar, and weights (draws,).
+        """
+        draws = self.paths * self.draws
+        normals, weight = widened_normals(generator, CANDIDATES * draws, sampler.radar_normals)
+        by_radar = sampler.model.split(sampler.draw_radar(normals)[0])
+        p_d = np.zeros(len(weight))
+        for i, states in enumerate(by_radar, start=first):
+            aircraft = self.looks.scenario.aircraft[self.screening[i], np.newaxis]
+            p_d += self.looks.radars[i].model.p_d(aircraft, states).sum(axis=0)
+        chosen, weight = choose(generator, p_d, weight, draws)
+        return [states[chosen] for states in by_radar], weight
+
+    def _combined(
+        self,
+        p_d: Sequence[FloatArray],
+        tracks: Sequence[FloatArray],
+        picks: Sequence[NDArray[np.intp]],
+    ) -> list[list[FloatArray]]:
+        """Return P_D (L, n) of each scan group, and the probability of a track by each.
+
+        Args:
+            p_d: P_D of each radar (L, draws).
+            tracks: The probability of a track by each radar alone (L, draws), if wanted.
+            picks: The draws of each radar that are combined (n,).
+        """
+        radars = self.looks.schedule.radars
+        groups = fuse(radars, [p[:, pick] for p, pick in zip(p_d, picks, strict=True)])
+        if self.m_of_n is None:
+            return [groups]
+        of_groups = [
+            m_of_n_track(p, *self.m_of_n) if others else tracks[first][:, picks[first]]
+            for (first, *others), p in zip(radars, groups, strict=True)
+        ]
+        return [groups, of_groups]
+
+
+def widened_normals(
+    generator: np.random.Generator, draws: int, normals: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return unit normals (draws, normals), some of them widened, and their weights (draws,).
+
+    The normals are a Latin hypercube: each is evenly distributed (M. D. McKay, R. J. Beckman and W.
+    J. Conover, Technometrics 21(2), 1979).
+    """
+    order = generator.permuted(np.tile(np.arange(draws), (normals, 1)), axis=1)
+    values = np.asarray(ndtri((order.T + generator.random((draws, normals))) / draws))
+    values[generator.permutation(draws) < SHARE * draws] *= WIDTH
+    squares = np.sum(values * values, axis=1)
+    ratio = np.exp(0.5 * (1.0 - WIDTH**-2) * squares) / WIDTH**normals
+    return values, 1.0 / (1.0 - SHARE + SHARE * ratio)
+
+
+def choose(
+    generator: np.random.Generator, value: FloatArray, weight: FloatArray, draws: int
+) -> tuple[NDArray[np.intp], FloatArray]:
+    """Choose draws from candidates, more of them in the tails.
+
+    Args:
+        generator: Makes the random choices.
+        value: The value that candidates are ranked by (candidates,).
+        weight: Weights of the candidates (candidates,), see `widened_normals`.
+        draws: Number of draws.
+
+    Returns:
+        The places of the chosen candidates (draws,), in a random order, and their weights (draws,).
+    """
+    order, share, rank = np.argsort(value), weight / weight.sum(), np.empty(len(value))
+    rank[order] = np.cumsum(share[order]) - 0.5 * share[order]
+    # the densities of widened errors, and of even logarithms of ranks from either end
+    widened = 1.0 / weight - 1.0 + SHARE
+    extreme = 1.0 / np.maximum(np.minimum(rank, 1.0 - rank), RANKS[0])
+    tails = (widened / np.sum(share * widened) + extreme / np.sum(share * extreme)) / 2.0
+    ratio = 1.0 - SHARE + SHARE * tails
+    total = np.cumsum(share * ratio)
+    level = (np.arange(draws) + generator.random()) / draws * total[-1]
+    chosen = generator.permutation(np.minimum(np.searchsorted(total, level), len(value) - 1))
+    return chosen, 1.0 / ratio[chosen]
+
+
+def combine(
+    generator: np.random.Generator,
+    weights: Sequence[FloatArray],
+    shape: tuple[int, int],
+    combinations: int,
+) -> tuple[list[NDArray[np.intp]], FloatArray]:
+    """Combine the draws of independent radars at random, for each path.
+
+    A combination has an emphasis on all radars, or on one of them. A radar with emphasis is drawn
+    evenly, as its draws are distributed. Another is drawn in proportion to its weights, as its
+    errors are distributed. The weight of a combination is the ratio of the densities for the
+    mixture of all emphases (the balance heuristic: E. Veach and L. J. Guibas, "Optimally combining
+    sampling techniques for Monte Carlo rendering", SIGGRAPH 1995).
+
+    Args:
+        generator: Makes the random choices.
+        weights: Weights (paths * draws,) of each radar.
+        shape: Paths, and draws of each radar for one path.
+        combinations: Combinations for each path.
+
+    Returns:
+        For each radar the places of its draws, and the weights, both (paths * combinations,).
+    """
+    (paths, draws), radars = shape, len(weights)
+    emphasis = generator.integers(radars, size=(paths, combinations))
+    emphasis[generator.random(emphasis.shape) < SHARE] = radars
+    even = np.broadcast_to(np.arange(combinations) % draws, emphasis.shape)
+    mass, one, every = np.ones((paths, 1)), np.zeros(emphasis.shape), np.ones(emphasis.shape)
+    picks = []
+    for radar, weight in enumerate(w.reshape(shape) for w in weights):
+        total = np.cumsum(weight, axis=1)
+        level = generator.random(emphasis.shape) * total[:, -1:]
+        natural = np.sum(total[:, np.newaxis] <= level[..., np.newaxis], axis=-1)
+        emphasized = (emphasis == radar) | (emphasis == radars)
+        pick = np.where(emphasized, generator.permuted(even, axis=1), natural)
+        pick = np.minimum(pick, draws - 1)  # a level may round to the total
+        mean = total[:, -1:] / draws
+        ratio = mean / np.take_along_axis(weight, pick, axis=1)
+        mass, one, every = mass * mean, one + ratio / radars, every * ratio
+        picks.append(np.ravel(pick + draws * np.arange(paths)[:, np.newaxis]))
+    return picks, np.ravel(mass / ((1.0 - SHARE) * one + SHARE * every))
+
+
+def _statistics(
+    schedule: Schedule,
+    by_event: Sequence[Sequence[FloatArray]],
+    seen: NDArray[np.intp],
+    weight: FloatArray,
+) -> list[_Weighted]:
+    """Return statistics of detection, and of a track, by each time.
+
+    Args:
+        schedule: The looks at K times.
+        by_event: P_D (L, n) of each scan group, and the probability of a track by each.
+        seen: Times at which a radar may see the aircraft. P changes at no other times.
+        weight: Weights of the draws (n,).
+    """
+    times, share = np.union1d([0], seen), weight / weight.sum()
+    latest = np.searchsorted(times, np.arange(len(schedule.time)), side="right") - 1
+    results = []
+    for by_time, of_groups in zip((detection_by_time, track_by_time), by_event, strict=False):
+        values = by_time(schedule, of_groups, times)
+        mean = np.einsum("kn,n->k", values, share)
+        variance = [np.sum(share * (row - m) ** 2) for row, m in zip(values, mean, strict=True)]
+        # Each draw grows with time. Its lower tail is therefore followed backwards.
+        lower = -upper_tails(-values[::-1], share)[::-1]
+        statistics = mean, np.array(variance), lower, upper_tails(values, share)
+        results.append(_Weighted(*(of_times[latest] for of_times in statistics)))
+    return results
+
+
+def upper_tails(values: FloatArray, share: FloatArray) -> FloatArray:
+    """Return the quantiles (K, q) at 1 − `RANKS` of values (K, n), which grow with k.
+
+    The draws in the tail at one time are above the least draw of the tail at the time before.
+
+    Args:
+        values: Values (K, n) of n draws.
+        share: Share of each draw in the distribution (n,).
+    """
+    quantiles, least = np.empty((len(values), len(RANKS))), -np.inf
+    for k, row in enumerate(values):
+        largest = np.flatnonzero(row >= least)
+        largest = largest[np.argsort(-row[largest])]
+        rank = np.cumsum(share[largest])
+        # the rank of a draw is the middle of its share
+        quantiles[k] = np.interp(RANKS, rank - 0.5 * share[largest], row[largest])
+        tail = min(np.searchsorted(rank, RANKS[-1]) + 1, len(largest) - 1)
+        least = row[largest[tail]]
+    return quantiles
+
+
+def _pooled(nominal: FloatArray, *replicates: _Weighted) -> Cumulative:
+    """Return the bounds (K,) of all replicates, and their standard errors."""
+    p, middle = nominal[:, 0], len(RANKS) // 2
+    means, variances, lowers, uppers = (np.array(v) for v in zip(*replicates, strict=True))
+    mean = means.mean(axis=0)
+    std = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
+    lower, upper = pooled_quantiles(lowers), -pooled_quantiles(-uppers)
+    lower_se, upper_se = (
+        tails[..., middle].std(axis=0, ddof=1) / math.sqrt(len(replicates))
+        for tails in (lowers, uppers)
+    )
+    # A deviation within rounding is no uncertainty. Each draw grows with time, as do mean and
+    # bounds. The accumulation removes rounding errors.
+    certain = std <= 1e-12 * mean
+    mean, lower, upper = (
+        np.maximum.accumulate(np.where(certain, p, v)) for v in (mean, lower, upper)
+    )
+    std, lower_se, upper_se = (np.where(certain, 0.0, v) for v in (std, lower_se, upper_se))
+    return Cumulative(p, mean, std, lower, upper, lower_se, upper_se)
+
+
+def pooled_quantiles(tails: FloatArray) -> FloatArray:
+    """Return the quantiles (K,) at rank TAIL of the draws of all replicates together.
+
+    The mean of the replicates' quantiles would have the bias of a quantile of few draws.
+
+    Args:
+        tails: Quantiles at `RANKS` of each replicate (r, K, q).
+    """
+    quantiles = np.empty(tails.shape[1])
+    for k, of_time in enumerate(np.moveaxis(tails, 1, 0)):
+        if k and np.array_equal(of_time, tails[:, k - 1]):  # no radar sees the aircraft
+            quantiles[k] = quantiles[k - 1]
+            continue
+        values = np.sort(of_time, axis=None)
+        rank = np.mean([np.interp(values, tail, RANKS, left=0.0) for tail in of_time], axis=0)
+        quantiles[k] = np.interp(TAIL, rank, values)
+    return quantiles

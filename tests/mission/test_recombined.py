@@ -1,0 +1,368 @@
+"""Bounds of missions against plain loops that share no code with the package."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import yaml
+from helpers import document, mission
+from scipy.special import ndtr
+
+import radar_sense as rs
+from radar_sense.mission import recombined
+from radar_sense.mission.looks import Looks
+from radar_sense.mission.recombined import (
+    RANKS,
+    choose,
+    combine,
+    pooled_quantiles,
+    recombined_missions,
+    upper_tails,
+    widened_normals,
+)
+from radar_sense.progress import listening
+
+ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
+0,60e3,-40e3,-6000,0,0,90
+60,55e3,0,-6000,0,0,90
+120,60e3,40e3,-6000,0,0,90
+"""
+#: Place, J m²/K, period, and standard deviations of the place and of the constant in decibels.
+RADARS = {
+    "one": ((0.0, 0.0, -20.0), 0.006, 8, 2000.0, 2.0),
+    "two": ((10e3, 20e3, -20.0), 0.002, 8, 3000.0, 1.0),
+    "three": ((20e3, -20e3, -20.0), 0.001, 10, 1500.0, 3.0),
+}
+P_FA = 1e-4
+SIGMA = 0.05  # m²
+
+
+def load(folder, names, tau, pose=800, **changes):
+    (folder / "route.csv").write_text(ROUTE)
+    content = document(
+        geometry={"type": "path", "file": "route.csv"}, name="flight", analysis={"level": "one"}
+    )
+    del content["aircraft"]["attitude_deg"], content["radar"]
+    content["aircraft"]["rcs"] = {"model": "constant", "rcs_m2": SIGMA}
+    content["uncertainty"] = {
+        "aircraft": {"position_m": pose, "attitude_deg": 1},
+        "aircraft_correlation_s": tau if math.isfinite(tau) else ".inf",
+    }
+    content["radars"] = []
+    for name in names:
+        place, _, period, std, decibels = RADARS[name]
+        data_sheet = {
+            "peak_power_kw": 1.0, "gain_dbi": 40, "frequency_ghz": 9, "pulse_width_us": 10,
+            "temperature_k": 290, "loss_db": 8, "noise_figure_db": 5,
+        }  # fmt: skip
+        content["radars"].append({
+            "name": name, "position_m": list(place), "tracking": data_sheet, "p_fa": P_FA,
+            "detector": "swerling1", "scan_period_s": period,
+            "uncertainty": {"one": {"position_m": std, "constant": {"loss_db": decibels}}},
+        })  # fmt: skip
+    file = folder / "my.yaml"
+    for entry in content["radars"]:  # the power of the given c_r
+        file.write_text(yaml.safe_dump(content, sort_keys=False))
+        made = rs.load_scenario(file).radar.reshape(-1, 4)
+        i = content["radars"].index(entry)
+        entry["tracking"]["peak_power_kw"] = float(RADARS[entry["name"]][1] / made[i, 3])
+    content.update(changes)
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return rs.load_scenario(file)
+
+
+def plain_missions(names, tau, m, n, runs, seed, pose=800):
+    """P_c and T by each time (K, runs) of drawn missions, with no code of the package."""
+    rng = np.random.default_rng(seed)
+    times = sorted({t for name in names for t in range(0, 121, RADARS[name][2])})
+    error = rng.standard_normal((3, runs))
+    poses, last = {}, None
+    for t in times:
+        if last is not None:
+            rho = 1.0 if math.isinf(tau) else 0.0 if tau == 0 else math.exp(-(t - last) / tau)
+            error = rho * error + math.sqrt(1 - rho * rho) * rng.standard_normal((3, runs))
+        nominal = [np.interp(t, [0, 60, 120], v)
+                   for v in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
+        poses[t] = np.array(nominal)[:, None] + pose * error
+        last = t
+    p_d = {}
+    for name in names:
+        place, constant, _, std, decibels = RADARS[name]
+        at = np.array(place)[:, None] + std * rng.standard_normal((3, runs))
+        c_r = constant * 10 ** (-decibels * rng.standard_normal(runs) / 10)
+        for t in times:
+            if t % RADARS[name][2] == 0:
+                squared = np.sum((poses[t] - at) ** 2, axis=0)
+                snr = c_r * SIGMA / (1.38e-23 * squared**2)
+                p_d[name, t] = P_FA ** (1 / (1 + snr))
+    missed = np.cumprod(
+        [np.prod([1 - p_d[i, t] for i in names if (i, t) in p_d], axis=0) for t in times], axis=0
+    )
+    untracked = np.ones((len(times), runs))
+    for period in {RADARS[name][2] for name in names}:
+        group = [name for name in names if RADARS[name][2] == period]
+        chance = {(): np.ones(runs)}  # of the outcomes of the last n − 1 looks, with no track yet
+        for k, t in enumerate(times):
+            if t % period == 0:
+                p = 1 - np.prod([1 - p_d[name, t] for name in group], axis=0)
+                later = {}
+                for history, value in chance.items():
+                    for hit in (0, 1):
+                        window = (*history, hit)[-n:]
+                        if sum(window) < m:
+                            key = window[-(n - 1) :]
+                            later[key] = later.get(key, 0) + value * (p if hit else 1 - p)
+                chance = later
+            untracked[k] *= sum(chance.values())
+    return 1 - missed, 1 - untracked
+
+
+def drawn_interval(rows, level, errors=3):
+    """Quantile of rows (K, runs), and its interval of some standard errors of the rank."""
+    rows, rank = np.sort(rows, axis=1), level * rows.shape[1]
+    error = errors * math.sqrt(rows.shape[1] * level * (1 - level))
+    ends = [rows[:, int(np.clip(r, 0, rows.shape[1] - 1))] for r in (rank - error, rank + error)]
+    return np.quantile(rows, level, axis=1), *ends
+
+
+@pytest.mark.parametrize(
+    ("names", "tau", "pose"),
+    [(["one"], 0.0, 800), (["one", "two"], 60.0, 800), (["one", "three"], math.inf, 5000),
+     (["two"], 60.0, 8000), (["one", "two", "three"], 60.0, 800)],
+)  # fmt: skip
+def test_bounds_are_those_of_plain_missions(tmp_path, monkeypatch, names, tau, pose):
+    """By all times, for the network and each radar alone, within the printed standard errors."""
+    monkeypatch.setattr(recombined, "MAX_DRAWS", 2048)
+    looks = Looks.of(load(tmp_path, names, tau, pose))
+    assert looks.scenario.radar[3] == pytest.approx(RADARS[names[0]][1], rel=1e-9)
+    found = recombined_missions(looks, (2, 3))
+    assert len(found) == (1 if len(names) == 1 else 1 + len(names))
+    sources = [names] + ([[name] for name in names] if len(names) > 1 else [])
+    for some, events in zip(sources, found, strict=True):
+        times = sorted({t for name in some for t in range(0, 121, RADARS[name][2])})
+        own = np.searchsorted(looks.schedule.time, times)
+        for event, drawn in zip(
+            events, plain_missions(some, tau, 2, 3, 30_000, 1, pose), strict=True
+        ):
+            mean, std = drawn.mean(axis=1), drawn.std(axis=1)
+            assert np.all(abs(event.mean[own] - mean) <= 0.06 * std)
+            assert event.std[-1] == pytest.approx(std[-1], rel=0.06)
+            for values, level, error in (
+                (event.lower, 0.00135, event.lower_se), (event.upper, 0.99865, event.upper_se)
+            ):  # fmt: skip
+                _, low, high = drawn_interval(drawn, level)
+                beyond = np.maximum(low - values[own], values[own] - high)
+                assert np.all(beyond <= 3 * error[own] + 1e-12)
+                assert error[-1] < 0.02
+
+
+def test_bounds_by_each_of_many_looks(tmp_path):
+    """A bound that is interpolated between times is off where it rises within a look or two."""
+    content = {"geometry": {"type": "path", "file": "route.csv", "interpolate": {"step_s": 1}}}
+    scenario = load(tmp_path, ["one", "three"], 0.0, **content)
+    fast = [dataclasses.replace(radar, scan_period=0.5) for radar in scenario.model.radars]
+    model = dataclasses.replace(scenario.model, radars=tuple(fast))
+    constants = scenario.radar.copy()
+    constants[3::4] *= 0.5
+    scenario = dataclasses.replace(scenario, model=model, radar=constants)
+    looks = Looks.of(scenario)
+    assert len(looks.schedule.time) == 241
+    (event,) = recombined_missions(looks)[0]
+    rng, runs = np.random.default_rng(8), 12_000
+    missed, log_missed = np.ones(runs), []
+    states = []
+    for i, name in enumerate(("one", "three")):
+        place, _, _, std, decibels = RADARS[name]
+        at = np.array(place)[:, None] + std * rng.standard_normal((3, runs))
+        states.append(
+            (at, constants[4 * i + 3] * 10 ** (-decibels * rng.standard_normal(runs) / 10))
+        )
+    for t in looks.schedule.time:
+        nominal = [np.interp(t, [0, 60, 120], v)
+                   for v in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
+        pose = np.array(nominal)[:, None] + 800 * rng.standard_normal((3, runs))
+        for at, c_r in states:
+            squared = np.sum((pose - at) ** 2, axis=0)
+            missed = missed * (1 - P_FA ** (1 / (1 + c_r * SIGMA / (1.38e-23 * squared**2))))
+        log_missed.append(missed)
+    drawn = 1 - np.array(log_missed)
+    for values, level, error in (
+        (event.lower, 0.00135, event.lower_se), (event.upper, 0.99865, event.upper_se)
+    ):  # fmt: skip
+        _, low, high = drawn_interval(drawn, level, 4)
+        assert np.all(np.maximum(low - values, values - high) <= 3 * error)
+
+
+@pytest.fixture
+def _fewer_draws(monkeypatch):
+    monkeypatch.setattr(recombined, "MAX_DRAWS", 512)
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_bounds_grow_with_time_and_have_standard_errors(tmp_path):
+    result = mission(load(tmp_path, list(RADARS), 60.0), m_of_n=(2, 3))
+    for before in ("", "track_"):
+        for end in ("lower", "upper"):
+            for radar in ("", *(f"_{name}" for name in RADARS)):
+                bound = result.table[f"{before}{end}_3sigma{radar}"]
+                assert np.diff(bound).min() >= 0
+                assert result.table[f"{before}{end}_3sigma_se{radar}"].min() >= 0
+    assert list(result.table)[-1] == "track_upper_3sigma_se_three"
+    assert result.report[-1].startswith("largest standard error of a bound: detection 0.")
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_the_same_bytes_for_any_number_of_workers(tmp_path):
+    looks = Looks.of(load(tmp_path, ["one", "two", "three"], 60.0))
+    one, two = (recombined_missions(looks, (2, 3), workers=w) for w in (1, 3))
+    for a, b in zip(one, two, strict=True):
+        for x, y in zip(a, b, strict=True):
+            assert x.upper.tobytes() == y.upper.tobytes()
+            assert x.lower_se.tobytes() == y.lower_se.tobytes()
+            assert x.std.tobytes() == y.std.tobytes()
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
+    certain = {"position_m": 0, "attitude_deg": 0}
+    s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
+    cov = {level: 0.0 * c for level, c in s.cov_radar.items()}
+    parts = dict.fromkeys(cov, ((),) * 2)
+    s = dataclasses.replace(s, cov_radar=cov, tolerances=parts)
+    for event in recombined_missions(Looks.of(s), (2, 3))[0]:
+        for values in (event.mean, event.lower, event.upper):
+            np.testing.assert_array_equal(values, event.p)
+        for values in (event.std, event.lower_se, event.upper_se):
+            assert not values.any()
+
+
+def test_correlated_radars_are_drawn_together(tmp_path):
+    """Two radars whose errors are one error act as one radar that looks twice."""
+    s = load(tmp_path, ["one", "two"], 60.0)
+    parts = dict.fromkeys(s.cov_radar, ((),) * 2)
+    std = np.array([2000.0, 2000.0, 2000.0, 0.001, 3000.0, 3000.0, 3000.0, 0.0004])
+    same = np.kron(np.ones((2, 2)), np.eye(4)) * np.outer(std, std)
+    apart = np.diag(std**2)
+    together, independent = (
+        recombined_missions(
+            Looks.of(dataclasses.replace(s, cov_radar={"one": cov}, tolerances=parts))
+        )[0][0]
+        for cov in (same, apart)
+    )
+    rng = np.random.default_rng(3)
+    runs = 40_000
+    normals = rng.standard_normal((4, runs))
+    drawn = []
+    for u in (normals, rng.standard_normal((4, runs))):
+        missed = np.ones(runs)
+        for i, (name, v) in enumerate((("one", normals), ("two", u))):
+            place = np.array(RADARS[name][0])[:, None] + std[4 * i : 4 * i + 3, None] * v[:3]
+            c_r = np.maximum(RADARS[name][1] + std[4 * i + 3] * v[3], 0)
+            for t in range(0, 121, 8):
+                nominal = [np.interp(t, [0, 60, 120], w)
+                           for w in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
+                squared = np.sum((np.array(nominal)[:, None] - place) ** 2, axis=0)
+                missed *= 1 - P_FA ** (1 / (1 + c_r * SIGMA / (1.38e-23 * squared**2)))
+        drawn.append(1 - missed)
+    for found, values in zip((together, independent), drawn, strict=True):
+        assert found.std[-1] == pytest.approx(values.std(), rel=0.08)  # the poses add a little
+    assert drawn[0].std() > 1.15 * drawn[1].std()
+
+
+def check_normals(normals, weight, tolerance):
+    """Weighted draws have the moments and the tails of unit normals."""
+    share = weight / weight.sum()
+    np.testing.assert_allclose(share @ normals, 0, atol=tolerance)
+    np.testing.assert_allclose((normals.T * share) @ normals, np.eye(normals.shape[1]),
+                               atol=2 * tolerance)  # fmt: skip
+    for direction in (np.eye(3)[0], -np.eye(3)[1], np.full(3, 3**-0.5)):
+        tail = normals[:, :3] @ direction > 3
+        assert share[tail].sum() == pytest.approx(ndtr(-3.0), rel=0.1)
+        assert tail.mean() > 5 * ndtr(-3.0)
+
+
+def test_weights_of_widened_normals_are_the_ratio_of_the_densities():
+    normals, weight = widened_normals(np.random.default_rng(1), 200_000, 4)
+    assert weight.max() <= 2
+    assert weight.mean() == pytest.approx(1.0, abs=0.01)
+    check_normals(normals, weight, 0.01)
+
+
+@pytest.mark.parametrize("related", [True, False])
+def test_weights_of_chosen_draws_are_the_ratio_of_the_densities(related):
+    """Also if the value that they are chosen by has nothing to do with the normals."""
+    rng = np.random.default_rng(2)
+    normals, weight = widened_normals(rng, 400_000, 4)
+    value = normals @ [1.0, 0.5, 0.0, 0.0] if related else rng.standard_normal(len(normals))
+    chosen, weight = choose(rng, value, weight, 100_000)
+    assert weight.max() <= 2
+    assert weight.mean() == pytest.approx(1.0, abs=0.02)
+    check_normals(normals[chosen], weight, 0.02)
+    if related:
+        assert np.mean(value[chosen] > 3 * math.sqrt(1.25)) > 25 * ndtr(-3.0)
+
+
+@pytest.mark.parametrize("radars", [2, 3, 30])
+def test_combinations_have_the_distribution_of_independent_radars(radars):
+    rng = np.random.default_rng(2)
+    paths, draws = 2000, 8
+    values = [1.6 * rng.standard_normal(paths * draws) for _ in range(radars)]
+    for v in values:
+        v[::2] /= 1.6  # half of them are not widened
+    weights = [1 / (0.5 + 0.5 * np.exp(0.5 * (1 - 1.6**-2) * v * v) / 1.6) for v in values]
+    picks, weight = combine(rng, weights, (paths, draws), 16)
+    for pick in picks:  # of the same path
+        np.testing.assert_array_equal(pick // draws, np.repeat(np.arange(paths), 16))
+    picked = np.array([v[pick] for v, pick in zip(values, picks, strict=True)])
+    share = weight / weight.sum()
+    total = picked.sum(axis=0) / math.sqrt(radars)
+    assert weight.mean() == pytest.approx(1.0, abs=0.05)
+    assert np.sum(share * total) == pytest.approx(0.0, abs=0.05)
+    assert np.sum(share * total**2) == pytest.approx(1.0, rel=0.06)
+    np.testing.assert_allclose(share @ picked[0], 0.0, atol=0.05)
+    assert 1 / np.sum(share**2) > len(share) / 20  # effective number, also of many radars
+    if radars < 4:
+        for tail in (total > 3, total < -3):
+            assert np.sum(share[tail]) == pytest.approx(ndtr(-3.0), rel=0.3)
+            assert tail.mean() > 4 * ndtr(-3.0)
+
+
+def test_tails_are_those_of_repeated_values():
+    """Values that grow with time: only the candidates of each tail are sorted."""
+    rng = np.random.default_rng(4)
+    steps, counts = rng.exponential(size=(6, 5000)), rng.integers(0, 5, 5000)
+    steps[3] = 0
+    values = np.cumsum(steps * rng.uniform(0, 1, 5000) ** 4, axis=0)
+    found = upper_tails(values, counts / counts.sum())
+    for row, quantiles in zip(values, found, strict=True):
+        exact = np.quantile(np.repeat(row, counts), 1 - RANKS, method="hazen")
+        # the smallest ranks are of a few draws, where the definitions of a quantile differ
+        np.testing.assert_allclose(quantiles[16:], exact[16:], rtol=0.03)
+    np.testing.assert_array_equal(found[2], found[3])
+    assert RANKS[16] == pytest.approx(ndtr(-3.0))
+
+
+def test_a_pooled_quantile_is_the_one_of_all_draws():
+    """Few draws of an exponential tail: the mean of the replicates' quantiles is biased."""
+    rng = np.random.default_rng(5)
+    values, share = rng.exponential(size=(8, 40, 4000)), np.full(4000, 1 / 4000)
+    tails = np.array([[upper_tails(row[np.newaxis], share)[0] for row in v] for v in values])
+    exact = np.quantile(np.concatenate(values, axis=1), ndtr(3.0), axis=1, method="hazen")
+    pooled = -pooled_quantiles(-tails)
+    np.testing.assert_allclose(pooled, exact, atol=0.2)
+    assert np.mean(pooled - exact) == pytest.approx(0.0, abs=0.03)
+    constant = pooled_quantiles(np.full((8, 3, len(RANKS)), 0.25))
+    np.testing.assert_allclose(constant, 0.25, rtol=1e-15)
+
+
+@pytest.mark.usefixtures("_fewer_draws")
+def test_replicates_and_then_runs_are_reported(tmp_path):
+    seen = []
+    with listening(lambda *step: seen.append(step)):
+        mission(load(tmp_path, ["two"], 60.0), runs=20)
+    shown = [step for step in seen if step[0] == "replicates"]
+    assert [done for _, done, _ in shown] == list(range(1, 9))
+    assert seen[-1] == ("runs", 20, 20)

@@ -1,0 +1,187 @@
+"""Detection and m of n, against sums over all outcomes; drawn poses, against their covariance."""
+
+import itertools
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.linalg import sqrtm
+from scipy.special import ndtr
+from scipy.stats import binom, multivariate_normal
+
+from radar_sense.covariance import symmetric_square_root
+from radar_sense.mission import tracks
+from radar_sense.mission.looks import PoseProcess
+from radar_sense.mission.schedule import Schedule
+
+
+def m_of_n(p_d, m, n):
+    p_d = np.asarray(p_d, dtype=float)
+    found, left = tracks.m_of_n(p_d, 1 - p_d, m, n)
+    np.testing.assert_allclose(found + left, 1.0, rtol=1e-14)
+    return found
+
+
+def events(p_d, m, n, looks=None):
+    """Detection and track by each time, of radars with P_D (L, n) that look one by one."""
+    looks = np.ones((len(p_d[0]), 1), dtype=bool) if looks is None else looks
+    radars = tuple((i,) for i in range(len(p_d)))
+    schedule = Schedule(np.arange(float(len(looks))), (1.0,) * len(radars), radars, looks)
+    return tracks.event_probabilities(schedule, p_d, (m, n))
+
+
+def enumerated(p_d, event):
+    """Probability of an event of outcomes, one after the other, as the sum over all outcomes."""
+    total = 0.0
+    for outcome in itertools.product((0, 1), repeat=len(p_d)):
+        if event(outcome):
+            total += math.prod(p if hit else 1 - p for p, hit in zip(p_d, outcome, strict=True))
+    return total
+
+
+def m_within_n(m, n):
+    return lambda outcome: any(
+        sum(outcome[max(0, end - n) : end]) >= m for end in range(1, len(outcome) + 1)
+    )
+
+
+# Detection.
+
+
+def test_the_probability_of_a_detection_in_both_tails():
+    rng = np.random.default_rng(1)
+    p_d = np.concatenate([10 ** rng.uniform(-300, -1, 40), rng.uniform(0, 1, 20)])
+    rng.shuffle(p_d)
+    with mpmath.workdps(400):
+        miss, exact = mpmath.mpf(1), []
+        for p in p_d:
+            miss *= 1 - mpmath.mpf(p)
+            exact.append(float(1 - miss))
+    found, _ = events([p_d[:, np.newaxis]], 1, 1)
+    np.testing.assert_allclose(found[:, 0], exact, rtol=1e-14)
+    rows = np.array([[0.5, 1.0, 0.2], [0, 0, 1]]).T
+    found, _ = events([rows], 1, 1)
+    np.testing.assert_array_equal(found[1:], [[1, 0], [1, 1]])
+
+
+def test_one_of_n_is_a_detection():
+    p_d = np.random.default_rng(2).uniform(0, 0.3, (30, 4))
+    for n in (1, 4):
+        detection, track = events([p_d], 1, n)
+        np.testing.assert_allclose(track, detection, rtol=1e-13)
+
+
+# m of n.
+
+
+@pytest.mark.parametrize(
+    ("m", "n"), [(1, 1), (1, 3), (2, 2), (2, 3), (3, 5), (4, 4), (2, 9), (5, 12)]
+)
+def test_m_of_n_is_the_sum_over_all_outcomes(m, n):
+    rng = np.random.default_rng(10 * n + m)
+    p_d = rng.uniform(0, 1, 9)
+    found = m_of_n(p_d, m, n)
+    expected = [enumerated(p_d[: k + 1], m_within_n(m, n)) for k in range(len(p_d))]
+    np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-300)
+    rows = rng.uniform(0, 1, (2, 3, 9))
+    rows[1, 2] = p_d
+    np.testing.assert_allclose(m_of_n(rows, m, n)[1, 2], found, rtol=1e-14)
+
+
+@pytest.mark.parametrize("p", [1e-60, 1e-9, 0.3, 1 - 1e-9])
+def test_one_window_is_binomial(p):
+    for n in range(1, tracks.MAX_WINDOW + 1):
+        for m in range(1, n + 1):
+            found = m_of_n(np.full(n, p), m, n)[-1]
+            assert found == pytest.approx(binom.sf(m - 1, n, p), rel=1e-11, abs=0)
+
+
+def test_a_track_of_any_scan_group_is_the_sum_over_all_outcomes():
+    """Three groups: one looks at all times, one at every other, and one at the first only."""
+    looks = np.array([[1, 1, 1], [1, 0, 0], [1, 1, 0], [1, 0, 0], [1, 1, 0]], dtype=bool)
+    rng = np.random.default_rng(3)
+    p_d = [rng.uniform(0, 1, (count, 1)) for count in looks.sum(axis=0)]
+    detection, track = events(p_d, 2, 3, looks)
+    for k in range(len(looks)):
+        seen = [p[: np.count_nonzero(looks[: k + 1, g]), 0] for g, p in enumerate(p_d)]
+        missed = math.prod(1 - enumerated(p, m_within_n(1, 1)) for p in seen)
+        untracked = math.prod(1 - enumerated(p, m_within_n(2, 3)) for p in seen)
+        assert detection[k, 0] == pytest.approx(1 - missed, rel=1e-13)
+        assert track[k, 0] == pytest.approx(1 - untracked, rel=1e-13)
+
+
+def test_no_probability_of_a_track_exceeds_one():
+    """P_D and 1 − P_D are rounded separately, as is the sum over all ways to a track."""
+    p_d = np.random.default_rng(5).uniform(0.5, 1, (12, 20_000))
+    for groups in ([p_d], [p_d[:4], p_d[4:8], p_d[8:]]):
+        for found in events(groups, 2, 4, np.ones((len(groups[0]), len(groups)), dtype=bool)):
+            assert found.max() <= 1
+            assert np.diff(found, axis=0).min() >= -1e-15
+
+
+def test_windows_out_of_range_are_refused():
+    for m, n in ((0, 3), (4, 3), (1, 13)):
+        with pytest.raises(ValueError, match="m of n"):
+            m_of_n([0.1], m, n)
+
+
+# Poses.
+
+
+def random_covariance(rng, std):
+    a = rng.normal(size=(len(std), 2 * len(std)))
+    c = a @ a.T
+    scale = np.asarray(std) / np.sqrt(np.diag(c))
+    return c * np.outer(scale, scale)
+
+
+@pytest.mark.parametrize("tau", [0.0, 4.0, np.inf])
+def test_the_mean_over_drawn_poses_is_that_of_correlated_normals(tau):
+    """The mean of Π Φ(−x_j) over correlated x is the distribution function of a normal vector."""
+    time = np.array([0.0, 1.0, 6.0])
+    aircraft = np.zeros((3, 6))
+    aircraft[:, 0] = -0.5, -0.2, 0.1
+    sigma, s, runs = 0.8, 0.5, 20_000
+    rng = np.random.default_rng(3)
+    process = PoseProcess.of(time, aircraft, np.diag([sigma**2, 0, 0, 0, 0, 0]), tau)
+    poses = process.poses(rng.standard_normal((3, 6, runs)))
+    p_d = ndtr(poses[..., 0] + s * rng.standard_normal(runs))  # an error that all looks share
+    detection, track = events([p_d], 2, 2)
+    apart = abs(time[:, None] - time)
+    rho = np.where(apart == 0, 1.0, 0.0) if tau == 0 else np.exp(-apart / tau)
+    both = np.eye(3) + sigma**2 * rho + s**2
+    for k in range(1, 3):
+        parts = slice(0, k + 1)
+        exact = 1 - multivariate_normal.cdf(
+            np.zeros(k + 1), aircraft[parts, 0], both[parts, parts], abseps=1e-7, releps=1e-7
+        )
+        error = detection[k].std() / math.sqrt(runs)
+        assert abs(detection[k].mean() - exact) < 4.5 * error
+    # two in a row of the first two looks: both detect
+    exact = multivariate_normal.cdf(np.zeros(2), -aircraft[:2, 0], both[:2, :2])
+    assert abs(track[1].mean() - exact) < 4.5 * track[1].std() / math.sqrt(runs)
+    assert not track[0].any()
+
+
+def test_draws_of_poses_have_the_covariance_that_was_asked_for():
+    rng = np.random.default_rng(5)
+    time = np.array([0.0, 2.0, 7.0])
+    cov = np.stack([random_covariance(rng, [3, 2, 1, 0.1, 0.2, 0.3]) for _ in time])
+    runs = 20_000
+    process = PoseProcess.of(time, np.zeros((3, 6)), cov, 4.0)
+    np.testing.assert_array_equal(process.sqrt_cov, symmetric_square_root(cov))
+    states = process.poses(rng.standard_normal((3, 6, runs)))
+    root = [np.diag(s) @ np.real(sqrtm(c / np.outer(s, s)))
+            for c, s in ((c, np.sqrt(np.diag(c))) for c in cov)]  # fmt: skip
+    for i, j in itertools.product(range(3), repeat=2):
+        expected = math.exp(-abs(time[i] - time[j]) / 4.0) * root[i] @ root[j].T
+        found = states[i].T @ states[j] / runs
+        scale = np.sqrt(np.outer(np.diag(cov[i]), np.diag(cov[j])))
+        assert np.max(abs(found - expected) / scale) < 6 * math.sqrt(2 / runs)
+
+
+@pytest.mark.parametrize("tau", [-1.0, np.nan])
+def test_a_negative_correlation_time_is_refused(tau):
+    with pytest.raises(ValueError, match="correlation time"):
+        PoseProcess.of(np.arange(2.0), np.zeros((2, 6)), np.eye(6), tau)
