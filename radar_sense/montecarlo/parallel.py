@@ -34,21 +34,6 @@ def in_order(
         ) from error
 
 
-def all_in_order(
-    function: Callable[[int], T],
-    count: int,
-    workers: int,
-    progress: Callable[[int], None] | None = None,
-) -> list[T]:
-    """Return function(0) to function(count − 1), with a call of progress(1) after each."""
-    results = []
-    for result in in_order(function, count, workers):
-        results.append(result)
-        if progress:
-            progress(1)
-    return results
-
-
 def _submitted(
     executor: Executor, function: Callable[[int], T], count: int, ahead: int
 ) -> Iterator[T]:
