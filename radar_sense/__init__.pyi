@@ -37,8 +37,8 @@ from radar_sense.montecarlo.montecarlo import MonteCarlo as MonteCarlo
 from radar_sense.montecarlo.montecarlo import monte_carlo as monte_carlo
 from radar_sense.montecarlo.montecarlo import monte_carlo_states as monte_carlo_states
 from radar_sense.propagation import Moments as Moments
-from radar_sense.propagation import nonlinear as nonlinear
 from radar_sense.propagation import propagate as propagate
+from radar_sense.propagation import unreliable as unreliable
 from radar_sense.scenario import Scenario as Scenario
 from radar_sense.scenario_file.load import load_scenario as load_scenario
 from radar_sense.scenario_file.load import parse_scenario as parse_scenario

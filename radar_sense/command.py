@@ -118,7 +118,7 @@ METHOD = Option(
     f"Method of propagation: {', '.join(METHODS)}.",
     metavar="NAME",
     choices=METHODS,
-    default="linear",
+    default_text="the scenario's",
 )
 NUMBER_OF_RUNS = Option("runs", "Number of runs.", RUNS, default_text="the scenario's")
 SEED_OF_DRAWS = Option("seed", "Seed of the random draws.", SEED, default_text="the scenario's")

@@ -35,6 +35,7 @@ from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import RCS
 from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, size_of
+from radar_sense.uncertain_states import UncertainStates
 
 #: The fields that are mappings by level, each with an example.
 _BY_LEVEL = {
@@ -325,6 +326,21 @@ class Scenario:
     def log_constant(self) -> NDArray[np.bool_]:
         """Whether each radar (m,) has a c_r with tolerances, which is modelled as log-normal."""
         return np.array([bool(tolerances) for tolerances in self.tolerances_at_level])
+
+    def states(self) -> UncertainStates:
+        """Return the uncertain states of all poses, at the level."""
+        cov_aircraft = self.cov_aircraft
+        return UncertainStates(
+            self.model,
+            self.log_constant,
+            self.aircraft,
+            self.shared[np.newaxis],
+            cov_aircraft[np.newaxis] if cov_aircraft.ndim == 2 else cov_aircraft,
+            self.cov_shared[np.newaxis],
+            self.tolerances_at_level,
+            self.seed,
+            self.runs,
+        )
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with only some poses.

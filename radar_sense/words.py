@@ -14,17 +14,17 @@ from radar_sense.axis import Axis, runs_of
 from radar_sense.command import Result, Table
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
-from radar_sense.model.radar_constant import shape_warning
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import (
+    AUTOMATIC,
     BOUND_CHANGE,
-    METHODS,
+    MONTE_CARLO,
     STD_CHANGE,
     Moments,
-    nonlinear_in_scenario,
     propagate_scenario,
+    unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import AIRCRAFT, RADAR, FloatArray
@@ -33,8 +33,12 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 #: docs/reference/commands.md is made from this.
 WARNINGS: dict[str, str] = {
     "band-off": (
-        "The band of the method is not that of the draws: sigma, or a bound, is off by more "
-        "than the warning says. Use another method at these poses."
+        "Draws say that a bound or sigma of the method is off by more than the warning says. Use "
+        "the method automatic, which takes the numbers of the draws there."
+    ),
+    "band-imprecise": (
+        "The draws of the band were not enough: a bound has a standard error above 0.005. The "
+        "column error_3sigma has it. P_D jumps near the bound, or changes much in a thin tail."
     ),
     "band-outside": (
         "A bound is below 0 or above 1, where no probability is. First order does not know the "
@@ -43,10 +47,6 @@ WARNINGS: dict[str, str] = {
     "cells-unknown": (
         "Cells without a number: the aircraft is at a radar there, or the method does not "
         "converge. The file has NaN in these cells."
-    ),
-    "constant-skewed": (
-        "The data sheet makes the radar constant log-normal or a product of normal parameters. "
-        "The method assumes another distribution. Draws have the right one."
     ),
     "constant-clipped": (
         "A radar constant was drawn below 0, which it cannot be, and was set to 0. Its standard "
@@ -317,9 +317,7 @@ def level_and_method(level: str, method: str) -> str:
 def validity_warnings(
     scenario: Scenario, moments: Moments, method: str, remedy: str = ""
 ) -> tuple[str, ...]:
-    """Return where the band of a method is unreliable, and what to use there.
-
-    An RCS with lobes gives one warning, because the lobes are the reason of all problems.
+    """Return where the band of a method is off, or not precise, and what to use there.
 
     Args:
         scenario: The scenario, at its level.
@@ -327,35 +325,38 @@ def validity_warnings(
         method: The method.
         remedy: What to use instead; "" names another method.
     """
-    axis = scenario.axis
-    nonlinear = nonlinear_in_scenario(scenario, moments, method=method)
+    off = unreliable_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
-    outside = outside_unit_interval(moments.lower, moments.upper, method)
-    remedy = remedy or f"use {'--method form or ' if method != 'form' else ''}montecarlo"
-    if scenario.model.rcs.lobed:
-        place = describe_poses(nonlinear | undefined | outside[0], axis)
-        lobes = f"the RCS has lobes that the {method} band does not follow: it is unreliable"
-        return (f"{lobes} {place}: use montecarlo",) if place else ()
+    by_draws = np.full(off.shape, method in (AUTOMATIC, MONTE_CARLO))
+    remedy = remedy or f"use --method {AUTOMATIC}"
+    outside, leaves, _ = outside_unit_interval(moments.lower, moments.upper, method)
     problems = (
         (
-            ~moments.converged,
-            f"{method} has no value (not converged, or gradient undefined)",
-            ": use montecarlo",
+            "no-value",
+            undefined,
+            f"{method} has no value (not converged, or radar straight above or below the aircraft)",
+            f": {remedy}",
+        ),
+        ("band-outside", outside, leaves, ""),
+        (
+            "band-off",
+            off & ~undefined & ~by_draws,
+            f"the {method} band is off",
+            f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over "
+            f"{STD_CHANGE:.0%}; {remedy}",
         ),
         (
-            undefined & moments.converged,
-            "the gradient is undefined (radar straight above or below the aircraft)",
-            ": use montecarlo",
-        ),
-        outside,
-        (
-            nonlinear & ~undefined,
-            f"the {method} band is unreliable",
-            f": sigma is off by over {STD_CHANGE:.0%} or a bound by over {BOUND_CHANGE:g}; "
-            f"{remedy}",
+            "band-imprecise",
+            off & by_draws,
+            "the band is not precise",
+            f": a bound has a standard error above {BOUND_CHANGE:g}",
         ),
     )
-    return problem_warnings(problems, axis)
+    return tuple(
+        warning(name, f"{words} {place}{ending}")
+        for name, mask, words, ending in problems
+        if (place := describe_poses(mask, scenario.axis))
+    )
 
 
 def outside_unit_interval(lower: FloatArray, upper: FloatArray, method: str) -> Problem:
@@ -376,7 +377,6 @@ def method_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[
     """Return all warnings of moments by a method."""
     return (
         *validity_warnings(scenario, moments, method),
-        *distribution_warnings(scenario, method),
         *table_warnings(scenario),
     )
 
@@ -398,28 +398,6 @@ def _few(names: Sequence[str]) -> str:
 def points_named(mc: MonteCarlo) -> str:
     """Return ", Sobol' points" for Sobol' points; "" for random draws."""
     return "" if mc.sampler == "random" else ", Sobol' points"
-
-
-def distribution_warnings(scenario: Scenario, *methods: str) -> tuple[str, ...]:
-    """Return warnings of radars whose constant has another distribution than methods assume."""
-    names, warnings = scenario.model.names, []
-    for log_normal in (False, True):
-        assuming = [m for m in methods if METHODS[m].log_normal == log_normal]
-        if not assuming:
-            continue
-        texts = [
-            shape_warning(tolerances, listed(assuming), log_normal=log_normal)
-            if tolerances
-            else None
-            for tolerances in scenario.tolerances_at_level
-        ]
-        if len(texts) == 1:
-            warnings += [text for text in texts if text]
-        else:
-            warnings += gathered(
-                (name, text) for name, text in zip(names, texts, strict=True) if text
-            )
-    return tuple(warnings)
 
 
 def clipping_warnings(count: int) -> tuple[str, ...]:

@@ -16,8 +16,10 @@ import yaml
 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
-from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
+from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
+from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
 
@@ -316,7 +318,14 @@ def p_d_each(network, aircraft, radar):
 def nonlinear_by_its_own_moments(scenario, method):
     """Return where (n,) a method's own moments of a scenario are unreliable."""
     moments = propagate_scenario(scenario, method=method)
-    return nonlinear_in_scenario(scenario, moments, method=method)
+    return unreliable_in_scenario(scenario, moments, method=method)
+
+
+def standard_normal_space(*states, **options):
+    """Return z of the poses of uncertain states, as FORM expands it."""
+    _, uncertain = uncertain_states(*states, **options)
+    probit = RelativeProbit(uncertain)
+    return StandardNormalSpace.expanded(probit, probit.derivatives())
 
 
 def radar_entry(name, /, **changes):

@@ -22,6 +22,7 @@ STOREYS = (
     ("propagation",),
     ("scenario",),
     ("flight",),
+    ("uncertain_states",),
     ("model",),
     ("axis", "covariance"),
     ("states", "limits", "units", "streams", "cost"),

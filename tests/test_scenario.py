@@ -154,7 +154,7 @@ def test_a_scenario_made_in_python():
     s = rs.Scenario(**ARGUMENTS)
     assert (s.name, s.level, s.runs, s.seed) == ("scenario", "medium", 500, 1)
     assert s.axis.at(1) == "1"
-    result = rs.variance(s)
+    result = rs.variance(s, method="linear")
     assert result.table["pose"].tolist() == [0, 1]
     std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, s.cov_radar["medium"])
     np.testing.assert_allclose(result.table["sigma_pd"], std, rtol=1e-12)

@@ -11,7 +11,6 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.analyses.error_budget import (
-    MONTE_CARLO,
     Contribution,
     contributions,
     error_budget,
@@ -27,6 +26,7 @@ from radar_sense.command import (
     Result,
     command,
 )
+from radar_sense.propagation import MONTE_CARLO
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 
@@ -50,13 +50,7 @@ TIE = 1e-3
 @command(
     LEVEL,
     ONE_RADAR,
-    replace(
-        METHOD,
-        help=f"{METHOD.help} Or montecarlo, for Sobol' indices. "
-        "automatic is linear, and with --threshold form.",
-        also=(MONTE_CARLO, "automatic"),
-        default="automatic",
-    ),
+    replace(METHOD, help=f"{METHOD.help} montecarlo gives Sobol' indices."),
     *OPTIONS,
     NUMBER_OF_RUNS,
     SEED_OF_DRAWS,
@@ -72,7 +66,6 @@ TIE = 1e-3
 def budget(
     scenario: Scenario,
     *,
-    method: str = "automatic",
     target: float | None = None,
     threshold: float | None = None,
     k: float | None = None,
@@ -80,10 +73,10 @@ def budget(
 ) -> Result:
     """Error budget: 3 sigma of P_D from each source alone.
 
+    The method montecarlo gives Sobol' indices.
+
     Args:
         scenario: The scenario.
-        method: A method of propagation, or "montecarlo" for Sobol' indices. "automatic" is linear,
-            and form with a threshold.
         target: Limit of 3σ, for the accuracy required of each source; None for no limit.
         threshold: Limit of P_D + kσ, for the accuracy required of each source; None for no limit.
         k: k of the threshold, 3 by default.
@@ -91,10 +84,9 @@ def budget(
             every pose if None.
 
     Raises:
-        InputError: If there is no such method or pose, or options do not go together.
+        InputError: If there is no such pose, or options do not go together.
     """
-    if method == "automatic":
-        method = "linear" if threshold is None else "form"
+    method = scenario.method
     check_options(method, target, threshold, k, at)
     axis, result = scenario.axis, Result(scenario, method)
     found = error_budget(scenario, method)

@@ -95,7 +95,6 @@ def compare(
 
     for method, m in moments.items():
         result.warnings += words.validity_warnings(scenario, m, method, "the draws hold there")
-    result.warnings += words.distribution_warnings(scenario, *METHODS)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
     result.draw = partial(_draw, axis=axis, mc=mc, moments=moments)
     return result

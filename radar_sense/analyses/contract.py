@@ -42,8 +42,7 @@ OPTIONS: Mapping[str, Option] = {
         replace(
             command.METHOD,
             help=f"Method of propagation: {', '.join(METHODS)}.",
-            default="linear",
-            default_text="",
+            default_text="the scenario's",
             choices=METHODS,
         ),
         command.NUMBER_OF_RUNS,

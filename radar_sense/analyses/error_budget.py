@@ -22,18 +22,39 @@ from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, componen
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import (
+    AUTOMATIC,
+    BOUND_CHANGE,
+    MONTE_CARLO,
+    STD_CHANGE,
     Moments,
+    distribution,
     propagate_scenario,
-    std_function,
-    upper_bound,
 )
+from radar_sense.propagation.automatic import Automatic
+from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, FloatArray, Source, constant_names, finer_sources, sources
+from radar_sense.states import (
+    AIRCRAFT,
+    CONSTANT,
+    RADAR,
+    FloatArray,
+    Source,
+    constant_names,
+    finer_sources,
+    sources,
+)
+from radar_sense.uncertain_states import UncertainStates
 from radar_sense.words import reached
 
-#: The name of the budget by Sobol' indices, beside the methods of propagation.
-MONTE_CARLO = "montecarlo"
-
+#: Draws at a pose that verify a factor of 3σ.
+DRAWS = 65_536
+#: Poses at which draws verify a factor: as many with the largest values, and as many over all.
+VERIFIED = 16
+#: Step down in ln of a factor that draws refuse, and halvings of the step that brackets the factor.
+STEP_DOWN, HALVINGS = 0.35, 6
+#: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
+#: be off by `STD_CHANGE`, as elsewhere.
+SLACK, FIRST_ORDER = 0.005, ("linear", "probit")
 #: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
 #: smaller factor as 0.
 LARGEST_LOG_FACTOR = float(np.log(1e6))
@@ -99,11 +120,11 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     names = scenario.model.names
     finer_names = finer_sources(names, attenuation=scenario.attenuation_uncertain)
     groups = (sources_of(scenario), finer_names, parts_of(scenario))
-    std = std_function(scenario, method=method)
+    whole = distribution(scenario, method)
     count = sum(len(group) for group in groups)
     std_by_name: dict[str, FloatArray] = {}
     for name in itertools.chain(*groups):
-        std_by_name[name] = std(*_alone(scenario, name))
+        std_by_name[name] = whole.with_covariances(_alone(scenario, name)).std
         report("sources of the budget", len(std_by_name), count)
     alone, finer, parts = ({name: std_by_name[name] for name in group} for group in groups)
     return Budget(
@@ -171,7 +192,8 @@ class RequiredAccuracy:
         place: Place of the residual on the scenario's axis.
         residual_from: Largest of the other sources at the place. "P_D itself" where P_D exceeds the
             limit. None if all sources are scaled together.
-        known: False if the method has no value at factor 0, or at factors beyond `factor`.
+        known: False if a larger factor may do: beyond `factor` there is no value, or no draw has
+            confirmed one.
     """
 
     factor: float | None
@@ -191,6 +213,8 @@ def required_accuracies(
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
     The value is assumed to grow with the source. Strong correlations can violate the assumption.
+    Draws verify every factor, at the deviations it leads to. A factor that they refuse is reduced
+    until they confirm it.
 
     Args:
         scenario: The scenario, at its level.
@@ -207,13 +231,14 @@ def required_accuracies(
     def budget_at(pose: int) -> Budget:
         return error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
 
-    at_all_poses = value_function(scenario, method, k)
+    search = "form" if method == AUTOMATIC else method
+    at_all_poses = value_function(scenario, search, k)
     # If poses are above the limit, the factor depends on these poses alone.
     above = ~(at_all_poses((), 1.0) <= limit)
     critical, at_critical_poses = scenario, at_all_poses
     if above.any():
         critical = scenario.at_poses(np.flatnonzero(above))
-        at_critical_poses = value_function(critical, method, k)
+        at_critical_poses = value_function(critical, search, k)
 
     def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
         """Return the factor, and whether the method has a value at larger factors."""
@@ -241,7 +266,7 @@ def required_accuracies(
                 low, high = max(low - step, -LARGEST_LOG_FACTOR), low
                 outside, at_low = at_low, beyond(low)
         # The value grows with the factor: the poses outside at the larger factor decide.
-        deciding = value_function(critical.at_poses(np.flatnonzero(outside)), method, k)
+        deciding = value_function(critical.at_poses(np.flatnonzero(outside)), search, k)
         factor, known = _root(lambda f: float(np.max(deciding(names, f))) - limit, low, high)
         if beyond(np.log(factor)).any():  # another pose is beyond at a smaller factor
             factor, known = _root(
@@ -249,8 +274,40 @@ def required_accuracies(
             )
         return factor, known
 
+    def confirmed(names: Collection[str], factor: float) -> bool:
+        """Return whether draws confirm the limit, at the deviations of a factor."""
+        values = at_all_poses(names, factor)
+        largest = np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED]
+        spread = np.linspace(0, len(values) - 1, min(VERIFIED, len(values))).astype(int)
+        poses = np.union1d(largest, spread)
+        changed = _scaled(scenario.at_poses(poses), names, factor)
+        if k is None:
+            found = estimate(changed, DRAWS, 3.0)
+            slack = STD_CHANGE if method in FIRST_ORDER else SLACK
+            return bool(np.all(3.0 * found.std <= (1.0 + slack) * limit))
+        by_draws = Automatic(changed)
+        allowed = 2.0 * by_draws.error if method == AUTOMATIC else BOUND_CHANGE
+        return bool(np.all(by_draws.quantile(k) <= limit + allowed))
+
+    def verified(
+        names: Collection[str], factor: float | None, known: bool
+    ) -> tuple[float | None, bool]:
+        """Return the factor if draws confirm it, else the largest one that they do."""
+        if not factor or confirmed(names, min(factor, np.exp(LARGEST_LOG_FACTOR))):
+            return factor, known
+        high = min(float(np.log(factor)), LARGEST_LOG_FACTOR)
+        low = high - STEP_DOWN
+        while not confirmed(names, float(np.exp(low))):
+            low, high = low - 2.0 * (high - low), low
+            if low < -LARGEST_LOG_FACTOR:
+                return 0.0, False
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if confirmed(names, float(np.exp(middle))) else (low, middle)
+        return float(np.exp(low)), False
+
     def required(names: Collection[str]) -> RequiredAccuracy:
-        factor, known = largest_factor(names)
+        factor, known = verified(names, *largest_factor(names))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
         residual = at_all_poses(names, finite_factor)
         unknown = np.isnan(residual)
@@ -318,29 +375,13 @@ def value_function(
     The value (n,) of the function is the upper bound of P_D at Φ(k), or 3σ of P_D if k is None. The
     names are names of `states.sources` and of `parts_of`.
     """
-    if k is None:
-        std = std_function(scenario, method=method)
+    whole = distribution(scenario, method)
 
-        def three_sigma(names: Collection[str], factor: float) -> FloatArray:
-            covariances = _scaled(scenario, names, factor)
-            return 3.0 * std(covariances["aircraft"], covariances["radar"])
+    def value(names: Collection[str], factor: float) -> FloatArray:
+        changed = whole.with_covariances(_scaled(scenario, names, factor))
+        return 3.0 * changed.std if k is None else changed.quantile(k)
 
-        return three_sigma
-
-    def bound(names: Collection[str], factor: float) -> FloatArray:
-        covariances = _scaled(scenario, names, factor)
-        return upper_bound(
-            scenario.model,
-            scenario.aircraft,
-            scenario.shared,
-            covariances["aircraft"],
-            covariances["radar"],
-            method=method,
-            beta=k,
-            log_constant=scenario.log_constant,
-        )
-
-    return bound
+    return value
 
 
 def _residual_from(
@@ -381,18 +422,25 @@ def only_at(scenario: Scenario, at: float) -> Scenario:
     return scenario.at_poses(slice(pose, pose + 1))
 
 
-def _alone(scenario: Scenario, name: str) -> tuple[FloatArray, FloatArray]:
-    """Return C_aa and C_rr of one source, or one part of a radar constant, with the others 0."""
+def _alone(scenario: Scenario, name: str) -> UncertainStates:
+    """Return the states with one source or one part of a radar constant, the others certain."""
     parts = parts_of(scenario)
     owner, components = _source(scenario, parts[name].constant if name in parts else name)
     others = parts.keys() - {name} if name in parts else ()
-    covariances = _scaled(scenario, others, 0.0)
-    for whose, matrix in covariances.items():
+    states = _scaled(scenario, others, 0.0)
+    kept = {"aircraft": states.cov_aircraft, "radar": states.cov_radar}
+    for whose, matrix in kept.items():
         if whose != owner:  # one matrix of zeros for all poses
-            covariances[whose] = np.zeros(matrix.shape[-2:])
+            kept[whose] = np.zeros(matrix.shape[-2:])
         else:
-            covariances[whose] = covariance.keep_components(matrix, components)
-    return covariances["aircraft"], covariances["radar"]
+            kept[whose] = covariance.keep_components(matrix, components)
+    size = len(scenario.shared)
+    which = np.arange(size)[components].tolist() if owner == "radar" else []
+    tolerances = tuple(
+        own if constant in which else ()
+        for constant, own in zip(range(CONSTANT, size, len(RADAR)), states.tolerances, strict=False)
+    )
+    return states.with_covariances(kept["aircraft"], kept["radar"], tolerances)
 
 
 def _source(scenario: Scenario, name: str) -> Source:
@@ -401,8 +449,8 @@ def _source(scenario: Scenario, name: str) -> Source:
     return {**sources_of(scenario), **finer}[name]
 
 
-def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[str, FloatArray]:
-    """Return C_aa and C_rr with the standard deviations of some sources multiplied."""
+def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> UncertainStates:
+    """Return the states with the standard deviations of some sources and parts multiplied."""
     covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_shared}
     parts = parts_of(scenario)
     scaled = [(_source(scenario, name), factor) for name in names if name not in parts]
@@ -416,7 +464,16 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> dict[s
         scaled.append((_source(scenario, constant), residual / whole if whole else 1.0))
     for (whose, components), by in scaled:
         covariances[whose] = covariance.scale_std(covariances[whose], components, by)
-    return covariances
+    by_radar: list[list[Tolerance]] = [[] for _ in scenario.tolerances_at_level]
+    for name, part in parts.items():
+        by = factor if {name, part.source, part.constant} & {*names} else 1.0
+        if by:
+            by_radar[part.radar].append(
+                dataclasses.replace(part.tolerance, std=by * part.tolerance.std)
+            )
+    return scenario.states().with_covariances(
+        covariances["aircraft"], covariances["radar"], tuple(map(tuple, by_radar))
+    )
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:

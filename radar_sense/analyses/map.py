@@ -40,7 +40,13 @@ from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.progress import steps
-from radar_sense.propagation import nonlinear_in_scenario, upper_bound_in_scenario
+from radar_sense.propagation import (
+    AUTOMATIC,
+    distribution,
+    no_draws,
+    propagate_scenario,
+    unreliable_in_scenario,
+)
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, DOWN, RADAR, FloatArray
 from radar_sense.words import warning
@@ -112,7 +118,6 @@ def coverage_map(
     p_d: Sequence[float] = LEVELS,
     upper: bool = False,
     worst_heading: bool = False,
-    method: str = "linear",
     workers: int = 1,
 ) -> Result:
     """P_D over an area at one height and course.
@@ -133,14 +138,14 @@ def coverage_map(
         p_d: P_D of the contour lines; of the bound with `upper`.
         upper: Whether to compute the upper bound at Φ(3) too, and to show the bound.
         worst_heading: Whether P_D is the largest over all headings.
-        method: Method of propagation of the bound.
         workers: Number of threads.
 
     Raises:
         InputError: If an option or the area is not allowed, or options exclude each other.
     """
-    if method != "linear" and not upper:
-        raise InputError("method needs upper, which computes the upper bound")
+    no_draws(scenario.method)
+    # draws would take too long in every cell: they check some of the cells
+    method = "form" if scenario.method == AUTOMATIC else scenario.method
     if worst_heading and upper:
         raise InputError("worst_heading and upper exclude each other; give one of them")
     if worst_heading and course_deg is not None:
@@ -232,7 +237,7 @@ def _route(scenario: Scenario, method: str | None) -> FloatArray:
     if method is None:
         p_d: FloatArray = scenario.model.p_d(scenario.aircraft, scenario.radar)
         return p_d
-    return upper_bound_in_scenario(scenario, method=method, beta=BETA)
+    return distribution(scenario, method).quantile(BETA)
 
 
 def _warnings(
@@ -271,11 +276,12 @@ def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) 
     sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
-    unreliable = nonlinear_in_scenario(checked, method=method)
+    moments = propagate_scenario(checked, method=method)
+    unreliable = unreliable_in_scenario(checked, moments, method=method)
     count = int(np.count_nonzero(unreliable))
     if not count:
         return ()
-    remedy = "" if method == "form" else "; use --method form"
+    remedy = "" if method == "form" else f"; use --method {AUTOMATIC}"
     text = f"the {method} bound is off in {count} of {len(unreliable)} cells that were checked"
     return (warning("band-off", text + remedy),)
 

@@ -10,6 +10,7 @@ import numpy as np
 from radar_sense.analyses.columns import AXIS, BAND, COVERAGE, DRAWS, MEAN
 from radar_sense.analyses.contract import Result, analysis
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.words import (
@@ -17,7 +18,6 @@ from radar_sense.words import (
     clipping_warnings,
     describe_extreme,
     describe_poses,
-    distribution_warnings,
     largest_by_radar,
     mean_column,
     monte_carlo_columns,
@@ -94,7 +94,6 @@ _TABLE = (*AXIS, *BAND, *DRAWS, COVERAGE, MEAN)
 def montecarlo(
     scenario: Scenario,
     *,
-    method: str = "linear",
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
@@ -103,7 +102,6 @@ def montecarlo(
 
     Args:
         scenario: The scenario.
-        method: Method of propagation that gives the band.
         sampler: "random" or "sobol".
         workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
@@ -111,6 +109,8 @@ def montecarlo(
     Raises:
         InputError: If there is no such method or sampler.
     """
+    method = scenario.method
+    no_draws(method)
     axis = scenario.axis
     mc = monte_carlo(scenario, method=method, sampler=sampler, workers=workers, executor=executor)
     coverage = _coverage(scenario, mc, method)
@@ -142,7 +142,6 @@ def montecarlo(
         warnings=(
             *validity_warnings(scenario, mc.band, method, "the draws hold there"),
             *coverage.warnings,
-            *distribution_warnings(scenario, method),
             *clipping_warnings(mc.clipped),
             *table_warnings(scenario, runs=mc.runs),
         ),

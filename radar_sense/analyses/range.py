@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
 from radar_sense.analyses.coverage.grid import BETA
 from radar_sense.analyses.coverage.rays import (
@@ -39,12 +40,18 @@ from radar_sense.command import (
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
-from radar_sense.propagation import nonlinear_in_scenario, propagate_scenario
+from radar_sense.propagation import (
+    AUTOMATIC,
+    distribution,
+    no_draws,
+    propagate_scenario,
+    unreliable_in_scenario,
+)
+from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import (
     describe_poses,
-    distribution_warnings,
     gathered,
     level_and_method,
     listed,
@@ -61,6 +68,9 @@ P_D = 0.5
 NODE = math.sqrt(3.0)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
+#: Bounds by draws: draws at each end, steps of Newton's method, the longest step in ln of the
+#: distance, the step of the slope, and |z| of a P_D that is 0 or 1 for the method.
+DRAWS, NEWTON_STEPS, MOST_STEP, WIDER, FAR = 4096, 3, 0.2, 0.01, 8.0
 #: A smaller σ, as a part of the range, is rounding.
 ROUNDING = 1e-12
 BEARING, ASPECT = "bearing", "aspect"
@@ -127,7 +137,6 @@ class RangeAt:
 def detection_range(
     scenario: Scenario,
     *,
-    method: str = "linear",
     p_d: Sequence[float] = (P_D,),
     by: str = BEARING,
     step_deg: float = 1.0,
@@ -138,13 +147,12 @@ def detection_range(
 
     The aircraft is put around each radar at the height, roll, pitch and yaw of the first pose. The
     range is the farthest slant range at which P_D has the chosen value. The band of 3 sigma is the
-    uncertainty of the range from the uncertain states and radar.
+    uncertainty of the range from the uncertain states and radar. By linear, sigma of the range is
+    sigma of P_D divided by the slope of P_D along the ray. By other methods, the bounds of P_D have
+    the value at the bounds of the range.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation. By `linear`, σ of the range is σ of P_D divided by the slope
-            of P_D along the ray. By other methods, the bounds of P_D have the value at the bounds
-            of the range.
         p_d: P_D, or several.
         by: "bearing" from the radar, or "aspect". An aspect is the azimuth of the radar in the body
             frame. The aircraft then turns at the bearing of the first pose.
@@ -155,6 +163,8 @@ def detection_range(
     Raises:
         InputError: If an option is not allowed, or a P_D is not between P_fa and 1.
     """
+    method = scenario.method
+    no_draws(method)
     if by == ASPECT and course_deg is not None:
         raise InputError("by aspect turns the aircraft, course_deg does not; use one of them")
     values = list(p_d)
@@ -204,9 +214,7 @@ def detection_range(
         },
     }
 
-    remedy = ": use --method form"
-    if method == "form":
-        remedy = ": compare with `radar-sense montecarlo` at poses of this range"
+    remedy = f": use --method {AUTOMATIC}"
     off = f"the {method} band of the range is unreliable"
     warnings = [
         (name, text)
@@ -217,7 +225,6 @@ def detection_range(
     ]
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
-    result.warnings += distribution_warnings(scenario, method)
     limits = {name: _limits(seen) for name, seen in surveys.items()}
     result.draw = partial(
         _draw, angle_deg=angle_deg, ranges=ranges, limits=limits, by=by, title=title
@@ -290,15 +297,21 @@ def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
         if method == "linear":
             lower, upper = _first_order_band(seen, _slant(around, distance), std)
             moments = propagate_scenario(at, method="probit")
-            unreliable = exists & nonlinear_in_scenario(at, moments, method="probit")
+            unreliable = exists & unreliable_in_scenario(at, moments, method="probit")
         else:
-            band = bounds_of_reach(seen, value, method, BETA)
+            smooth = "form" if method == AUTOMATIC else method
+            band = bounds_of_reach(seen, value, smooth, BETA)
+            middle = bounds_of_reach(seen, value, smooth, NODE)
+            unreliable = _unreliable(around, band, smooth)
+            if method == AUTOMATIC and unreliable.any():
+                some = around.part(np.flatnonzero(unreliable))
+                for ends, beta in ((band, BETA), (middle, NODE)):
+                    for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+                        end[unreliable] = _by_draws(some, end[unreliable], value, sign * beta)
+                unreliable = np.zeros_like(unreliable)
             lower, upper = (_slant(around, end) for end in band)
-            first, last = (
-                _slant(around, end) for end in bounds_of_reach(seen, value, method, NODE)
-            )
+            first, last = (_slant(around, end) for end in middle)
             std = _std_of_quantiles(first, slant, last)
-            unreliable = _unreliable(around, band, method)
         std = np.where(defined, std, np.nan)
         ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
     return ranges
@@ -331,8 +344,32 @@ def _unreliable(
         exists = np.nan_to_num(end) > 0
         at = around.at(np.where(exists, end, FARTHEST))
         moments = propagate_scenario(at, method=method)
-        unreliable |= exists & nonlinear_in_scenario(at, moments, method=method)
+        unreliable |= exists & unreliable_in_scenario(at, moments, method=method)
     return unreliable
+
+
+def _by_draws(around: Rays, end: FloatArray, value: float, beta: float) -> FloatArray:
+    """Return how far (n,) a bound at Φ(β) reaches a value by draws, from how far it does by form.
+
+    Newton's method for z of the bound over ln of the distance, with the slope by form.
+    """
+    moves = np.nan_to_num(end) > 0
+    distance = np.where(moves, end, FARTHEST)
+
+    def z(bound: FloatArray) -> FloatArray:
+        limited: FloatArray = np.clip(ndtri(np.clip(bound, 0.0, 1.0)), -FAR, FAR)
+        return limited
+
+    for _ in range(NEWTON_STEPS):
+        found = estimate(around.at(distance).states(), DRAWS, abs(beta))
+        off = z(found.lower if beta < 0 else found.upper) - ndtri(value)
+        ends = [around.at(distance * factor) for factor in (1.0 - WIDER, 1.0 + WIDER)]
+        near, far = (z(distribution(at, "form").quantile(beta)) for at in ends)
+        slope = (far - near) / np.log((1.0 + WIDER) / (1.0 - WIDER))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where(slope < 0, -off / slope, 0.0)
+        distance = distance * np.exp(np.clip(np.nan_to_num(step), -MOST_STEP, MOST_STEP))
+    return np.where(moves, distance, end)
 
 
 def _slope(around: Rays, distance: FloatArray) -> FloatArray:

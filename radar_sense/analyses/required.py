@@ -11,7 +11,6 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.analyses.error_budget import (
-    MONTE_CARLO,
     RequiredAccuracy,
     only_at,
     required_accuracies,
@@ -21,7 +20,7 @@ from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
-from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.propagation import METHODS, MONTE_CARLO, propagate_scenario
 
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),
@@ -54,7 +53,8 @@ def check_options(
         raise InputError("k needs threshold")
     if method == MONTE_CARLO and (target, threshold) != (None, None):
         name = "target" if threshold is None else "threshold"
-        raise InputError(f"{name} needs one of the methods {', '.join(METHODS)}")
+        others = ", ".join(m for m in METHODS if m != MONTE_CARLO)
+        raise InputError(f"{name} needs one of the methods {others}")
 
 
 def add_required_accuracy(
@@ -121,10 +121,10 @@ def in_words(accuracy: RequiredAccuracy, axis: Axis) -> str:
         place = axis.format(accuracy.place)
         return f"impossible alone ({accuracy.residual:.4f} remains at {place}{source})"
     if not factor:
-        return "less than a millionth" if accuracy.known else "not known: the method has no value"
+        return "less than a millionth" if accuracy.known else "not known"
     if np.isinf(factor):
         return "anything"
-    beyond = "" if accuracy.known else " (no value beyond)"
+    least = "" if accuracy.known else "at least "
     if factor >= 1:
-        return f"no smaller; may grow {factor:.4g}-fold{beyond}"
-    return f"{100 * factor:.3g} %{beyond}"
+        return f"no smaller; may grow {least}{factor:.4g}-fold"
+    return f"{least}{100 * factor:.3g} %"

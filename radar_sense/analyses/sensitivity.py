@@ -26,8 +26,9 @@ if TYPE_CHECKING:
         "radar-sense sensitivity network.yaml --radar ridge",
     ),
 )
-def sensitivity(scenario: Scenario, *, method: str = "linear") -> Result:
+def sensitivity(scenario: Scenario) -> Result:
     """3 sigma of P_D for every level of radar uncertainty."""
+    method = scenario.method
     axis, result = scenario.axis, Result(scenario, method)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.cov_radar}
     moments = {level: propagate_scenario(s, method=method) for level, s in at_level.items()}

@@ -11,12 +11,12 @@ from radar_sense.analyses.contract import Option, Progress, Result, analysis, si
 from radar_sense.montecarlo import adaptive
 from radar_sense.montecarlo.adaptive import DIGITS
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA
+from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
 from radar_sense.words import (
     band_columns,
     clipping_warnings,
     describe_poses,
-    distribution_warnings,
     mean_column,
     monte_carlo_columns,
     peak,
@@ -101,7 +101,6 @@ _TABLE = (
 def validate(
     scenario: Scenario,
     *,
-    method: str = "linear",
     digits: int = 2,
     workers: int = 1,
     progress: Progress = silent,
@@ -114,7 +113,6 @@ def validate(
 
     Args:
         scenario: The scenario.
-        method: Method of propagation.
         digits: Significant digits of the standard deviation that matter.
         workers: Threads to compute with; the result does not depend on their number.
         progress: Shows the poses that are done.
@@ -122,6 +120,8 @@ def validate(
     Raises:
         InputError: If there is no such method, or digits are out of range.
     """
+    method = scenario.method
+    no_draws(method)
     axis = scenario.axis
     with progress(len(axis), "poses") as advance:
         verdict = adaptive.validate_method(
@@ -186,7 +186,6 @@ def validate(
         report=tuple(report),
         warnings=(
             *validity_warnings(scenario, verdict.moments, method, "the draws hold there"),
-            *distribution_warnings(scenario, method),
             *clipping_warnings(verdict.clipped),
             *table_warnings(scenario),
         ),

@@ -2,83 +2,25 @@
 
 from __future__ import annotations
 
-import dataclasses
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.columns import AXIS, BAND, MEAN, of_radars, quantities
-from radar_sense.analyses.contract import OPTIONS, Option, Result, analysis
-from radar_sense.analyses.verdicts.threshold import (
-    AUTOMATIC,
-    COLUMNS,
-    FORM,
-    require_threshold,
-)
-from radar_sense.errors import InputError
+from radar_sense import words
+from radar_sense.analyses.verdicts.threshold import require_threshold
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Option, Result, Table, command
 from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import propagate_scenario
+from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import POSITION, FloatArray
-from radar_sense.words import (
-    band_columns,
-    decibels,
-    describe_extreme,
-    describe_span,
-    level_and_method,
-    mean_column,
-    method_warnings,
-    peak,
-    radar_lines,
-    radar_summary,
-    trough,
-)
+from radar_sense.states import POSITION
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
-
-def plot(result: Result, figure: Figure) -> None:
-    """Draw the figure."""
-    from radar_sense import plotting
-
-    (axes,), x = plotting.pose_panels(figure, 1, result.scenario.axis)
-    table = result.table
-    plotting.draw_line(axes, x, table["p_d"], ("black", "-"), label=r"$P_D$")
-    names = result.scenario.model.names
-    radar_lines = []
-    if len(names) > 1:
-        # Where one radar alone sees the aircraft, the network's line is under the radar's line.
-        axes.lines[-1].set(linewidth=plotting.points(2.2), zorder=1.8)
-        for name, style in zip(names, plotting.styles(plotting.BAND), strict=False):
-            plotting.draw_line(axes, x, table[f"p_d_{name}"], style, label=name)
-            radar_lines.append(axes.lines[-1])
-            axes.lines[-1].set_linewidth(plotting.points(0.8))
-    plotting.draw_fill(
-        axes,
-        x,
-        table["lower_3sigma"],
-        table["upper_3sigma"],
-        color=plotting.BAND[0],
-        alpha=0.18,
-        lw=0,
-    )
-    plotting.draw_band(axes, x, table["lower_3sigma"], table["upper_3sigma"], result.band_label)
-    if "threshold" in result.summary:
-        _draw_threshold(axes, x, result)
-    axes.set_ylabel(r"Probability of detection $P_D$")
-    plotting.draw_legend(figure, axes, on_lines=radar_lines)
-
-
-_METHOD = dataclasses.replace(
-    OPTIONS["method"],
-    help=f"{OPTIONS['method'].help} automatic is linear, and with --threshold form, with draws "
-    "where form is unreliable.",
-    default=AUTOMATIC,
-    also=(AUTOMATIC,),
-)
 _THRESHOLD = Option(
     "threshold",
     "Test P_D + K sigma <= P_MAX at every pose, on a path between poses too; exit code 3 if the "
@@ -86,166 +28,185 @@ _THRESHOLD = Option(
     THRESHOLD,
     metavar="P_MAX",
 )
-_K = Option("k", "K of the threshold test.", SIGMAS, metavar="K", default_text="3")
+_K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
 
 
-_LINK = quantities(
-    {
-        "range_m": "Slant range to the radar.",
-        "rcs_m2": "Radar cross section towards the radar.",
-        "snr_db": "Signal-to-noise ratio of a single pulse.",
-    }
-)
-_PLACES = quantities(
-    {
-        "north_m": "North of the aircraft from the origin, on a path.",
-        "east_m": "East of the aircraft from the origin, on a path.",
-        "down_m": "Down of the aircraft from the origin, on a path.",
-        "latitude_deg": "WGS-84 latitude of the aircraft, on a path with an origin.",
-        "longitude_deg": "WGS-84 longitude of the aircraft, on a path with an origin.",
-        "altitude_m": "Height of the aircraft above the ellipsoid, on a path with an origin.",
-    }
-)
-_TABLE = (
-    *AXIS,
-    *_LINK,
-    *BAND,
-    MEAN,
-    *of_radars((*_LINK, *BAND)),
-    *COLUMNS,
-    *_PLACES,
-)
-
-
-@analysis(
-    plot=plot,
-    columns=_TABLE,
-    options=["level", "radar", _METHOD, _THRESHOLD, _K],
-    examples=[
+@command(
+    LEVEL,
+    ONE_RADAR,
+    METHOD,
+    _THRESHOLD,
+    _K,
+    examples=(
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",
         "radar-sense variance my.yaml --threshold 0.1 --k 2",
         "radar-sense variance network.yaml --radar ridge",
-    ],
+    ),
 )
 def variance(
-    scenario: Scenario,
-    *,
-    method: str = AUTOMATIC,
-    threshold: float | None = None,
-    k: float | None = None,
+    scenario: Scenario, *, threshold: float | None = None, k: float | None = None
 ) -> Result:
-    """Standard deviation of P_D along the geometry.
+    """P_D and its band along the geometry.
 
     A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
     code 3 means that the test is violated or not known.
 
     Args:
         scenario: The scenario.
-        method: Method of propagation. "automatic" is linear without a threshold. With a threshold
-            "automatic" is form, and draws where form is unreliable.
         threshold: P_max of the threshold test; None for no test.
-        k: Number of σ in the threshold test, 3 by default.
+        k: Number of σ of the band in words, figure and test, 3 by default. The table has 3σ too.
 
     Raises:
-        InputError: If an option is not allowed, or k is given alone.
+        InputError: If an option is not allowed.
     """
-    if k is not None and threshold is None:
-        raise InputError("k belongs to threshold, which is not given")
-    chosen = method
-    if method == AUTOMATIC:
-        chosen = "linear" if threshold is None else FORM
-    result = _along_geometry(scenario, chosen)
-    if threshold is not None:
-        sigmas = 3.0 if k is None else k
-        result = require_threshold(result, threshold, sigmas, with_draws=method == AUTOMATIC)
-    return dataclasses.replace(result, table={**result.table, **_places(scenario)})
-
-
-def _along_geometry(scenario: Scenario, method: str) -> Result:
-    """Return P_D with standard deviation and 3σ band, of all radars and of each radar."""
-    axis = scenario.axis
+    axis, method, k = scenario.axis, scenario.method, 3.0 if k is None else k
+    result = Result(scenario, method)
     moments = propagate_scenario(scenario, method=method)
-    low, high = trough(moments.p_d, axis), peak(moments.p_d, axis)
-    worst = peak(3 * moments.std, axis)
-    single = {
-        name: (radar_scenario, propagate_scenario(radar_scenario, method=method))
-        for name, radar_scenario in single_radar_scenarios(scenario).items()
+    band = moments if k == 3 else propagate_scenario(scenario, method=method, beta=k)
+    by_radar = {
+        name: (alone, propagate_scenario(alone, method=method))
+        for name, alone in single_radar_scenarios(scenario).items()
     }
-    by_itself = {name: peak(3 * values.std, axis) for name, (_, values) in single.items()}
-    return Result(
-        scenario=scenario,
-        method=method,
-        table={
-            axis.key: axis.values,
-            **_link_columns(scenario),
-            **band_columns(moments),
-            **mean_column(moments.mean, method),
-            **{
-                f"{name}_{radar}": column
-                for radar, (radar_scenario, values) in single.items()
-                for name, column in {
-                    **_link_columns(radar_scenario),
-                    **band_columns(values),
-                }.items()
-            },
-        },
-        summary={
-            "lowest_p_d": low,
-            "highest_p_d": high,
-            "largest_three_sigma": worst,
-            **radar_summary(by_itself),
-        },
-        report=(
-            describe_span(low, high, axis),
-            f"largest 3 sigma of P_D ({level_and_method(scenario.level, method)}): "
-            f"{describe_extreme(worst, axis)}",
-            *radar_lines({name: describe_extreme(top, axis) for name, top in by_itself.items()}),
+
+    words.add_axis(result.table, axis)
+    _add_band(result.table, scenario, moments)
+    words.add_mean(result.table, moments.mean, method)
+    for name, (alone, values) in by_radar.items():
+        _add_band(result.table, alone, values, name)
+    if k != 3 and threshold is None:
+        for end, bound in (("lower", band.lower), ("upper", band.upper)):
+            meaning = f"{end.capitalize()} bound of P_D at {k:g} sigma."
+            result.table.add(f"{end}_{k:.12g}sigma", bound, meaning)
+
+    low, high = words.trough(moments.p_d, axis), words.peak(moments.p_d, axis)
+    worst = words.peak(3 * moments.std, axis)
+    by_itself = {name: words.peak(3 * m.std, axis) for name, (_, m) in by_radar.items()}
+    result.summary |= {
+        "lowest_p_d": low,
+        "highest_p_d": high,
+        "largest_three_sigma": worst,
+        **words.radar_summary(by_itself),
+    }
+    result.report += [
+        words.describe_span(low, high, axis),
+        *_bands(scenario, band, k),
+        f"largest 3 sigma of P_D ({words.level_and_method(scenario.level, method)}): "
+        f"{words.describe_extreme(worst, axis)}",
+        *words.radar_lines(
+            {name: words.describe_extreme(top, axis) for name, top in by_itself.items()}
         ),
-        warnings=method_warnings(scenario, moments, method),
+    ]
+    result.warnings += words.method_warnings(scenario, moments, method)
+    if threshold is not None:
+        require_threshold(result, threshold, k, band)
+    _add_places(result.table, scenario)
+    if np.any(moments.error > 0):
+        result.table.add("error_3sigma", moments.error, "Standard error of the 3-sigma bounds.")
+    result.draw = partial(
+        _draw,
+        scenario=scenario,
+        band=band,
+        k=k,
+        by_radar={name: values.p_d for name, (_, values) in by_radar.items()},
+        threshold=threshold,
+        violated=result.table.get("violated"),
     )
+    return result
 
 
-def _places(scenario: Scenario) -> dict[str, FloatArray]:
-    """Return the columns of the positions on a path; {} for an orbit."""
-    if scenario.time_s is None:
-        return {}
-    position = scenario.aircraft[:, POSITION]
-    columns = dict(zip(("north_m", "east_m", "down_m"), position.T, strict=True))
-    if scenario.origin is not None:
-        latitude, longitude, altitude = geodetic_from_ned(position, scenario.origin).T
-        columns["latitude_deg"] = np.rad2deg(latitude)
-        columns["longitude_deg"] = np.rad2deg(longitude)
-        columns["altitude_m"] = altitude
-    return columns
+def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
+    """Return P_D and its band where the band is widest, and where P_D is largest."""
+    width = band.upper - band.lower
+    if not np.isfinite(width).any():
+        return []
+    widest, highest = (int(np.argmax(words.reached(x))) for x in (width, band.p_d))
+    places = {"the band is widest": widest, "P_D is largest": highest}
+    if widest == highest:
+        places = {"the band is widest and P_D largest": widest}
+    return [
+        f"where {place}, at {scenario.axis.at(pose)}: P_D {band.p_d[pose]:.4f}, between "
+        f"{band.lower[pose]:.4f} and {band.upper[pose]:.4f} ({k:g} sigma)"
+        for place, pose in places.items()
+    ]
 
 
-def _link_columns(scenario: Scenario) -> dict[str, FloatArray]:
-    """Return the columns of range, RCS and SNR of a single radar; {} for a network."""
+def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: str = "") -> None:
+    """Add range, RCS and SNR of a single radar, and P_D with its band."""
     aircraft, radar = scenario.aircraft, scenario.radar
-    if len(scenario.model.models) > 1:
-        return {}
-    snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
-    return {
-        "range_m": slant_range(aircraft, radar),
-        "rcs_m2": scenario.model.rcs.cross_section(body_vector(aircraft, radar)),
-        "snr_db": decibels(snr),
-    }
+    ending = f"_{radar_name}" if radar_name else ""
+    of_radar = f"For radar {radar_name} alone: " if radar_name else ""
+    nominal = "P_D at the nominal states." if radar_name else words.NOMINAL
+    if len(scenario.model.models) == 1:
+        snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
+        sigma = scenario.model.rcs.cross_section(body_vector(aircraft, radar))
+        table.add(
+            f"range_m{ending}",
+            slant_range(aircraft, radar),
+            f"{of_radar}Slant range to the radar.",
+            "m",
+        )
+        table.add(f"rcs_m2{ending}", sigma, f"{of_radar}RCS towards the radar.", "m²")
+        meaning = f"{of_radar}Signal-to-noise ratio of a single pulse."
+        table.add(f"snr_db{ending}", words.decibels(snr), meaning, "dB")
+    for name, values, meaning in (
+        ("p_d", moments.p_d, nominal),
+        ("sigma_pd", moments.std, "Standard deviation of P_D."),
+        ("lower_3sigma", moments.lower, "Lower bound of P_D at 3 sigma."),
+        ("upper_3sigma", moments.upper, "Upper bound of P_D at 3 sigma."),
+    ):
+        table.add(f"{name}{ending}", values, of_radar + meaning)
 
 
-def _draw_threshold(axes: Axes, x: FloatArray, result: Result) -> None:
-    """Draw the threshold, and shade the poses with a bound above the threshold."""
+def _add_places(table: Table, scenario: Scenario) -> None:
+    """Add the positions on a path."""
+    if scenario.time_s is None:
+        return
+    position = scenario.aircraft[:, POSITION]
+    for name, values in zip(("north", "east", "down"), position.T, strict=True):
+        table.add(f"{name}_m", values, f"{name.capitalize()} of the aircraft from the origin.", "m")
+    if scenario.origin is None:
+        return
+    latitude, longitude, altitude = geodetic_from_ned(position, scenario.origin).T
+    table.add("latitude_deg", np.rad2deg(latitude), "WGS-84 latitude of the aircraft.", "°")
+    table.add("longitude_deg", np.rad2deg(longitude), "WGS-84 longitude of the aircraft.", "°")
+    table.add("altitude_m", altitude, "Height of the aircraft above the ellipsoid.", "m")
+
+
+def _draw(
+    figure: Figure,
+    scenario: Scenario,
+    band: Moments,
+    k: float,
+    by_radar: Mapping[str, Any],
+    threshold: float | None,
+    violated: Any,
+) -> None:
+    """Draw P_D, its band, P_D by each radar, and the threshold."""
     from radar_sense import plotting
 
-    test = result.summary["threshold"]
-    if test["bound"] != "upper_3sigma":
-        bound = rf"bound at ${test['k']:g}\,\sigma$"
-        plotting.draw_line(axes, x, result.table[test["bound"]], plotting.LINES[3], label=bound)
-    axes.axhline(
-        test["p_max"],
-        color="black",
-        lw=plotting.points(0.8),
-        ls=":",
-        label=f"threshold {test['p_max']:g}",
-    )
-    plotting.draw_shade(axes, result.table["violated"] > 0, x, label="violated")
+    (axes,), x = plotting.pose_panels(figure, 1, scenario.axis)
+    plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$")
+    radar_lines = []
+    for name, style in zip(by_radar, plotting.styles(plotting.BAND), strict=False):
+        # Where one radar alone sees the aircraft, the network's line is under the radar's line.
+        axes.lines[0].set(linewidth=plotting.points(2.2), zorder=1.8)
+        plotting.draw_line(axes, x, by_radar[name], style, label=name)
+        radar_lines.append(axes.lines[-1])
+        axes.lines[-1].set_linewidth(plotting.points(0.8))
+    plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
+    label = rf"band of ${k:g}\,\sigma$ ({scenario.level})"
+    plotting.draw_band(axes, x, band.lower, band.upper, label)
+    if threshold is not None:
+        _draw_threshold(axes, x, threshold, violated)
+    axes.set_ylabel(r"Probability of detection $P_D$")
+    plotting.draw_legend(figure, axes, on_lines=radar_lines)
+
+
+def _draw_threshold(axes: Axes, x: Any, threshold: float, violated: Any) -> None:
+    """Draw the threshold, and shade the poses at which it is violated."""
+    from radar_sense import plotting
+
+    label = f"threshold {threshold:g}"
+    axes.axhline(threshold, color="black", lw=plotting.points(0.8), ls=":", label=label)
+    plotting.draw_shade(axes, violated > 0, x, label="violated")

@@ -21,8 +21,8 @@ from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.detectors import Detector, North, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
-from radar_sense.model.radar_equation import NEPERS, snr
-from radar_sense.model.rcs import MOST_NEPERS, RCS, linearize_with_error, with_error
+from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
+from radar_sense.model.rcs import RCS, linearize_with_error, with_error
 from radar_sense.states import (
     AIRCRAFT,
     ATTENUATION_ERROR,

@@ -32,7 +32,7 @@ from radar_sense.errors import InputError, shorten_list
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
-from radar_sense.model.horizon import Horizon
+from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.normal import density, hazard
 from radar_sense.model.rcs import RCS
 from radar_sense.states import (
@@ -97,8 +97,16 @@ class Radar:
             period = check_number("scan_period", self.scan_period, POSITIVE)
             object.__setattr__(self, "scan_period", period)
 
-    def visible(self, aircraft: ArrayLike, radar: ArrayLike) -> NDArray[np.bool_]:
-        """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4)."""
+    def visible(
+        self, aircraft: ArrayLike, radar: ArrayLike, height: FloatArray | None = None
+    ) -> NDArray[np.bool_]:
+        """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4).
+
+        Args:
+            aircraft: States of the aircraft.
+            radar: States of the radar.
+            height: Heights (...) [m] of the aircraft for the horizon; computed if None.
+        """
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
         visible = np.ones(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]), dtype=bool)
         if not self.limited:
@@ -109,7 +117,8 @@ class Radar:
         if self.min_range > 0:
             visible &= distance >= self.min_range
         if self.horizon is not None:
-            visible &= distance <= self.horizon.range(aircraft, radar)
+            height = self.horizon.height(aircraft) if height is None else height
+            visible &= distance <= horizon_range(self.horizon.height(radar), height)
         return visible
 
     def without_limits(self) -> Radar:
@@ -349,11 +358,22 @@ class NetworkModel:
     ) -> Iterator[FloatArray]:
         """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
         check_finite("radar", radar, len(self.radars))
+        heights: dict[Horizon, FloatArray] = {}
         for single, state in zip(self.radars, self.split(radar), strict=True):
-            values = quantity(single.model, aircraft, state)
-            if single.limited:
-                values = np.where(single.visible(aircraft, state), values, 0.0)[()]
-            yield values
+            if not single.limited:
+                yield quantity(single.model, aircraft, state)
+                continue
+            if single.horizon is not None and single.horizon not in heights:
+                heights[single.horizon] = single.horizon.height(np.asarray(aircraft, dtype=float))
+            height = None if single.horizon is None else heights[single.horizon]
+            visible = single.visible(aircraft, state, height)
+            values = np.zeros(visible.shape)
+            if visible.any():
+                seen = (
+                    _at(np.asarray(states, dtype=float), visible) for states in (aircraft, state)
+                )
+                values[visible] = quantity(single.model, *seen)
+            yield values[()]
 
     def _each_probit(
         self,
@@ -394,6 +414,11 @@ class NetworkModel:
             return z[0], by_aircraft[0], by_radar[0]
         fused, weight = linearize_fusion(z)
         return (fused, *_weighted(weight, by_aircraft, by_radar))
+
+
+def _at(states: FloatArray, mask: NDArray[np.bool_]) -> FloatArray:
+    """Return the states (j, n) of broadcast states (..., n) where a mask (...) is True."""
+    return join(np.broadcast_to(states[..., i], mask.shape)[mask] for i in range(states.shape[-1]))
 
 
 def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.limits import Limit
-from radar_sense.model.radar_equation import LOSSES_KEY, NEPERS, RADARS
+from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS
 from radar_sense.states import FloatArray
 
 #: Largest standard deviation of a divisor of c_r as a fraction of its value, and lowest draw in
@@ -24,9 +24,6 @@ from radar_sense.states import FloatArray
 #: million would be lower.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
 TOLERANCE_DB = Limit(at_least=0, at_most=20)
-#: Largest differences between c_r and the distribution that a method assumes. The differences of
-#: mean and standard deviation are fractions of the assumed values.
-MEAN_CHANGE, STD_CHANGE, SKEWNESS_CHANGE = 0.01, 0.02, 0.3
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
 
 
@@ -63,14 +60,16 @@ class Tolerance:
         """Return the factor of c_r (...) where the parameter is value + std · normals.
 
         The parameter is limited from below: to 0 where c_r is proportional to it, and to
-        `LOWEST_DIVISOR` standard deviations where c_r is divided by it.
+        `LOWEST_DIVISOR` standard deviations where c_r is divided by it. A standard deviation above
+        `MAX_DIVISOR_STD`, of a search for factors, has the limit of `MAX_DIVISOR_STD`.
 
         Args:
             normals: Unit normals (...).
         """
         if self.decibels:
-            return np.exp(self.slope * normals)
-        lowest = 0.0 if self.power > 0 else 1.0 + LOWEST_DIVISOR * self.std / self.value
+            return np.exp(np.minimum(self.slope * normals, MOST_NEPERS))
+        relative_std = min(self.std / self.value, MAX_DIVISOR_STD)
+        lowest = 0.0 if self.power > 0 else 1.0 + LOWEST_DIVISOR * relative_std
         relative = np.maximum(1.0 + (self.std / self.value) * normals, lowest)
         factor: FloatArray = relative**self.power
         return factor
@@ -153,9 +152,10 @@ def relative_std(tolerances: Sequence[Tolerance]) -> float:
 
 def factors(tolerances: Sequence[Tolerance], normals: FloatArray) -> FloatArray:
     """Return random factors of c_r (...) from unit normals (..., tolerances)."""
+    most = math.exp(MOST_NEPERS)
     product = tolerances[0].factor(normals[..., 0])
     for i, tolerance in enumerate(tolerances[1:], start=1):
-        product = product * tolerance.factor(normals[..., i])
+        product = np.minimum(product * tolerance.factor(normals[..., i]), most)
     return product
 
 
@@ -171,35 +171,6 @@ def shape(tolerances: Sequence[Tolerance]) -> Shape:
     """
     moments = (math.prod(tolerance.moment(n) for tolerance in tolerances) for n in (1, 2, 3))
     return _shape(*moments)
-
-
-def assumed_shape(tolerances: Sequence[Tolerance], *, log_normal: bool) -> Shape:
-    """Return the shape of c_r that a method of propagation assumes, with σ to first order.
-
-    A log-normal c_r is exact where all tolerances are in decibels. Methods that do not assume a
-    log-normal c_r assume a Gaussian one.
-    """
-    std = relative_std(tolerances)
-    if not log_normal:
-        return Shape(1.0, std, 0.0)
-    return _shape(*(_log_normal_moment(n, std) for n in (1, 2, 3)))
-
-
-def shape_warning(tolerances: Sequence[Tolerance], method: str, *, log_normal: bool) -> str | None:
-    """Return a warning if c_r is not distributed as a method of propagation assumes, else None."""
-    exact, assumed = shape(tolerances), assumed_shape(tolerances, log_normal=log_normal)
-    if (
-        abs(exact.mean - assumed.mean) <= MEAN_CHANGE
-        and abs(exact.std - assumed.std) <= STD_CHANGE * assumed.std
-        and abs(exact.skewness - assumed.skewness) <= SKEWNESS_CHANGE
-    ):
-        return None
-    kind = "log-normal" if log_normal else "Gaussian"
-    return (
-        f"c_r is not {kind}, the assumption of {method}: mean {exact.mean:.1%} of nominal "
-        f"({kind}: {assumed.mean:.1%}), sigma {exact.std:.1%} ({assumed.std:.1%}), skewness "
-        f"{exact.skewness:.2f} ({assumed.skewness:.2f}); use montecarlo"
-    )
 
 
 def describe(constant: float, tolerances: Sequence[Tolerance]) -> str:

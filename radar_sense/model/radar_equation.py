@@ -19,6 +19,8 @@ from radar_sense.states import FloatArray
 
 #: ln of a ratio of powers of 1 dB.
 NEPERS = math.log(10.0) / 10.0
+#: Largest ln of the factor of an error. P_D is 1 far below, and a larger factor overflows.
+MOST_NEPERS = 300.0
 DECIBELS = Limit(at_least=-200, at_most=200)
 #: Losses and noise figures [dB] are not negative.
 LOSSES = Limit(at_least=0, at_most=200)

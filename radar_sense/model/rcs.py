@@ -19,6 +19,7 @@ depends on aspect.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol, TypeVar
@@ -28,11 +29,9 @@ import numpy as np
 from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
-from radar_sense.model.radar_equation import NEPERS
+from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
 from radar_sense.states import FloatArray
 
-#: Largest ln of the factor of an error. P_D is 1 far below, and a larger factor overflows.
-MOST_NEPERS = 300.0
 _LOBES = Limit(at_least=1, at_most=1e6, whole=True)
 
 C = TypeVar("C", bound=type[Any])
@@ -56,8 +55,11 @@ class RCS(Protocol):
 
     #: Whether σ_r is the same at all aspects. The attitude is not used then.
     isotropic: ClassVar[bool]
-    #: Whether σ_r may have several lobes within a few degrees.
-    lobed: ClassVar[bool]
+
+    @property
+    def detail(self) -> float:
+        """Width [rad] of the narrowest lobe or cell of σ_r in azimuth and elevation."""
+        ...
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -99,12 +101,16 @@ class ConstantRCS:
     """The same cross section at all aspects."""
 
     isotropic: ClassVar[bool] = True
-    lobed: ClassVar[bool] = False
 
     rcs: float = parameter("rcs_m2", "Radar cross section σ_r.", POSITIVE)
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    @property
+    def detail(self) -> float:
+        """Infinite: σ_r has no lobe."""
+        return math.inf
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -126,7 +132,6 @@ class EllipsoidRCS:
     """
 
     isotropic: ClassVar[bool] = False
-    lobed: ClassVar[bool] = False
 
     a: float = parameter("a_m", "Axis that acts along the wing.", POSITIVE)
     b: float = parameter("b_m", "Axis that acts down.", POSITIVE)
@@ -134,6 +139,11 @@ class EllipsoidRCS:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    @property
+    def detail(self) -> float:
+        """Angle [rad] off the shortest axis at which D has doubled."""
+        return min(self.a, self.b, self.c) / max(self.a, self.b, self.c)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -199,7 +209,6 @@ class ExactEllipsoidRCS:
     """
 
     isotropic: ClassVar[bool] = False
-    lobed: ClassVar[bool] = False
 
     x: float = parameter("x_m", "Semi-axis along the nose.", POSITIVE)
     y: float = parameter("y_m", "Semi-axis along the wing.", POSITIVE)
@@ -207,6 +216,11 @@ class ExactEllipsoidRCS:
 
     def __post_init__(self) -> None:
         check_parameters(self)
+
+    @property
+    def detail(self) -> float:
+        """Angle [rad] off the shortest axis at which D has doubled."""
+        return min(self.x, self.y, self.z) / max(self.x, self.y, self.z)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""
@@ -255,7 +269,6 @@ class SpikeballRCS:
     """
 
     isotropic: ClassVar[bool] = False
-    lobed: ClassVar[bool] = True
 
     lobes: int = parameter("lobes", "Number n of lobes.", _LOBES)
     amplitude: float = parameter("amplitude_m2", "Amplitude A of the lobes.", NOT_NEGATIVE)
@@ -265,6 +278,11 @@ class SpikeballRCS:
         check_parameters(self)
         if self.amplitude + self.floor == 0:
             raise InputError("amplitude and floor must not both be 0")
+
+    @property
+    def detail(self) -> float:
+        """Width [rad] of a lobe."""
+        return 2.0 * math.pi / self.lobes
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""

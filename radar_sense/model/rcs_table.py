@@ -85,7 +85,6 @@ class TableRCS:
     """
 
     isotropic: ClassVar[bool] = False
-    lobed: ClassVar[bool] = True
 
     azimuth: FloatArray
     rcs: FloatArray
@@ -127,6 +126,12 @@ class TableRCS:
         low, high = self.rcs.min(), self.rcs.max()
         envelope = "" if self.envelope is None else f", envelope {np.rad2deg(self.envelope):g} deg"
         return f"<TableRCS: {nodes} nodes, {low:.3g} to {high:.3g} m^2{envelope}>"
+
+    @property
+    def detail(self) -> float:
+        """Least distance [rad] of neighbouring nodes."""
+        axes = (self._around,) if self._upward is None else (self._around, self._upward)
+        return min(float(np.min(np.diff(axis.nodes))) for axis in axes)
 
     def cross_section(self, body_vector: FloatArray) -> FloatArray:
         """Return σ_r (...) [m²] towards body-frame vectors (..., 3)."""

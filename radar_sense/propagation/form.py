@@ -7,29 +7,23 @@ approximation is exact where z is linear in u, or a monotone function of one var
 does not account for the curvature of z across its gradient. The second-order expansion of z has the
 same curvature, and its quantile can be computed. The correction is the quantile of the expansion
 minus the extreme of the expansion in the ball.
+
+One extreme is searched, from u = 0, and radars keep seeing what they see there. Limits, other lobes
+and the tail of another radar are left out: draws judge whether that matters (`judged`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import cache
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
-from radar_sense.propagation.aspect_scan import scan_aspects
-from radar_sense.propagation.gaussian_states import (
-    MAX_NUMBERS,
-    StdFunction,
-    UncertainStates,
-    block_size,
-)
-from radar_sense.propagation.moments import STD_CHANGE, Moments, differ
-from radar_sense.propagation.relative_probit import RelativeProbit
-from radar_sense.propagation.standard_space import StandardNormalSpace
-from radar_sense.states import AIRCRAFT, FloatArray
+from radar_sense.propagation.expansion import RelativeProbit, SecondOrder, StandardNormalSpace
+from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import UncertainStates
 
 #: β of the quantiles from which mean and standard deviation are computed.
 NODES = np.array([-4.5, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.5])
@@ -40,51 +34,106 @@ TOLERANCE = 1e-4
 EXCEEDANCE_NODES, EXCEEDANCE_STEPS = np.arange(-5.0, 6.0), 100
 #: Most evaluations of a search. On the paper's scenario one or two are enough.
 ITERATIONS = 60
-#: Another lobe is searched if the scan predicts an extreme farther out by this, in standard
-#: deviations of z.
-WORTH = 0.02
+#: Relative change of the last step of Newton's iteration, or bracket left by it, above which it has
+#: not converged.
+UNSETTLED = 1e-6
 #: A gain above this factor times the predicted gain shows a curvature less than at u = 0. Without
 #: any curvature the gain is twice the predicted gain.
 EASY = 1.2
 
 
-def form(states: UncertainStates, beta: float) -> Moments:
-    """Return bounds by FORM with its correction, and mean and σ as integrals over quantiles."""
-    blocks, order = _blocks(states, len(NODES))
-    parts = (states.part(*block) for block in blocks)
-    moments = (moments_in(StandardNormalSpace.of(part), beta) for part in parts)
-    return Moments.concatenated(moments).at(order)
+class Form:
+    """P_D of uncertain states by FORM: quantiles, and mean and σ as integrals over quantiles.
 
+    A value is NaN where a search has not converged, or z has no gradient.
 
-def form_upper(states: UncertainStates, beta: float) -> FloatArray:
-    """Return the upper bound (k,) of `form`; NaN where the search has not converged."""
-    bounds = []
-    blocks, order = _blocks(states, 1)
-    for block in blocks:
-        space = StandardNormalSpace.of(states.part(*block))
-        solution = quantiles(space, np.array([beta]), beta)
-        upper = ndtr(np.maximum(solution.corrected[0], space.probit.floor))
-        bounds.append(np.where(solution.converged, upper, np.nan))
-    return np.concatenate(bounds)[order]
-
-
-def form_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
-    """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max.
-
-    The quantiles are for the lobe about u = 0. NaN where a search has not converged.
+    Args:
+        states: The uncertain states of k poses.
+        derivatives: Expansions of z by block of poses, if they are known from other covariances.
     """
-    probabilities = []
-    blocks, order = _blocks(states, len(EXCEEDANCE_NODES))
-    for block in blocks:
-        space = StandardNormalSpace.of(states.part(*block))
-        solution = quantiles(space, EXCEEDANCE_NODES, np.nan)
-        z = np.maximum(solution.corrected, space.probit.floor)
-        probability = exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
-        probabilities.append(np.where(solution.converged, probability, np.nan))
-    return np.concatenate(probabilities)[order]
+
+    error = 0.0
+
+    def __init__(
+        self, states: UncertainStates, derivatives: Sequence[SecondOrder] | None = None
+    ) -> None:
+        self.states = states
+        self._known = derivatives
+
+    @cached_property
+    def p_d(self) -> FloatArray:
+        """P_D of the nominal states (k,)."""
+        p_d = self.states.model.p_d(self.states.aircraft, self.states.radar)
+        return p_d + np.zeros(len(self.states))
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of P_D (k,)."""
+        return self._moments[0]
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of P_D (k,)."""
+        return self._moments[1]
+
+    def quantile(self, beta: float) -> FloatArray:
+        """Return the quantile of P_D (k,) at Φ(β)."""
+        if beta in NODES and "_at_nodes" in vars(self):
+            z, floor, _ = self._at_nodes
+            z = z[np.flatnonzero(beta == NODES)]
+        else:
+            z, floor, _ = self._quantiles(np.array([beta]))
+        return np.asarray(ndtr(np.maximum(z[0], floor)))
+
+    def exceedance(self, p_max: float) -> FloatArray:
+        """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max."""
+        z, floor, _ = self._quantiles(EXCEEDANCE_NODES)
+        z_max = float(ndtri(p_max))
+        probability = _exceedance(EXCEEDANCE_NODES, np.nan_to_num(z), z_max)
+        probability = np.where(z_max < floor, 1.0, probability)  # a floor comes after the spline
+        return np.where(np.isnan(z[0]), np.nan, probability)
+
+    def with_covariances(self, changed: UncertainStates) -> Form:
+        """Return the method for the same states with other covariances, at less cost."""
+        return Form(changed, self._derivatives)
+
+    @cached_property
+    def _derivatives(self) -> list[SecondOrder]:
+        if self._known is not None:
+            return list(self._known)
+        return [RelativeProbit(part).derivatives() for part in self._blocks]
+
+    @property
+    def _blocks(self) -> Iterator[UncertainStates]:
+        n = 3 + int(self.states.radar.shape[-1])
+        return self.states.blocks(n * max(n, len(NODES)))
+
+    def _spaces(self) -> Iterator[StandardNormalSpace]:
+        keep = self._known is not None or "_derivatives" in vars(self)
+        for number, part in enumerate(self._blocks):
+            probit = RelativeProbit(part)
+            z = self._derivatives[number] if keep else probit.derivatives()
+            yield StandardNormalSpace.expanded(probit, z)
+
+    def _quantiles(self, betas: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return z at Φ(β) (n, k), the floor of z (k,) and z of the nominal states (k,)."""
+        z, floor, nominal = [], [], []
+        for space in self._spaces():
+            z.append(quantiles(space, betas))
+            floor.append(space.probit.floor)
+            nominal.append(space.value)
+        return np.concatenate(z, axis=1), np.concatenate(floor), np.concatenate(nominal)
+
+    @cached_property
+    def _at_nodes(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        return self._quantiles(NODES)
+
+    @cached_property
+    def _moments(self) -> tuple[FloatArray, FloatArray]:
+        return _moments(*self._at_nodes)
 
 
-def exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
+def _exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
     """Return P(z > z_max) (k,) from quantiles of z (n, k) at Φ(β) for increasing β (n,).
 
     β is interpolated by a cubic spline, and extrapolated linearly.
@@ -98,99 +147,13 @@ def exceedance(betas: FloatArray, z: FloatArray, z_max: float) -> FloatArray:
     low, high = curve[left, pose], curve[left + 1, pose]
     with np.errstate(divide="ignore", invalid="ignore"):
         beta = fine[left] + (z_max - low) / (high - low) * (fine[1] - fine[0])
-    flat = high == low  # z does not change with β, or z_max is beyond a floor
+    flat = high == low  # z does not change with β
     beta = np.where(flat, np.where(z_max < low, -np.inf, np.inf), beta)
     return np.asarray(ndtr(-beta))
 
 
-def form_std(states: UncertainStates) -> StdFunction:
-    """Return a function from covariances to σ of P_D, which shares the derivatives of z.
-
-    The derivatives are computed once, with the covariances of the states. The searches for the
-    extremes start from these derivatives.
-    """
-    blocks, order = _blocks(states, len(NODES))
-    derivatives = [RelativeProbit(states.part(*block)).derivatives() for block in blocks]
-
-    def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
-        std_parts = []
-        changed = states.with_covariances(cov_aircraft, cov_radar)
-        for block, known in zip(blocks, derivatives, strict=True):
-            space = StandardNormalSpace.expanded(RelativeProbit(changed.part(*block)), known)
-            std_parts.append(_values(space, quantiles(space, NODES, 3.0), 3.0)[1])
-        return np.concatenate(std_parts)[order]
-
-    return std
-
-
-def moments_in(space: StandardNormalSpace, beta: float) -> Moments:
-    """Return the moments of P_D at the poses of a standard normal space."""
-    solution = quantiles(space, betas_for(beta), beta)
-    mean, std, lower, upper = _values(space, solution, beta)
-    states = space.probit.states
-    p_d = states.model.p_d(states.aircraft, states.radar) + np.zeros(len(states))
-    suspect = _suspect(space, solution, (std, lower, upper), beta)
-    return Moments(p_d, mean, std, lower, upper, solution.converged, suspect)
-
-
-def _values(
-    space: StandardNormalSpace, solution: Quantiles, beta: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean, σ, lower and upper bound (k,), NaN where the search has not converged."""
-    values = spread(space, solution.corrected, beta)
-    mean, std, lower, upper = (np.where(solution.converged, v, np.nan) for v in values)
-    return mean, std, lower, upper
-
-
-def _suspect(
-    space: StandardNormalSpace,
-    solution: Quantiles,
-    values: Sequence[FloatArray],
-    beta: float,
-) -> NDArray[np.bool_]:
-    """Return where (k,) σ and bounds may be unreliable.
-
-    At these poses orders above the second change σ or a bound, or the second order changes σ of z.
-    An extreme may also lie on another lobe, or the search has not converged.
-    """
-    _, *second_order = spread(space, solution.second_order, beta)
-    first = np.sum(space.gradient**2, axis=0)
-    variance = first + 0.5 * np.sum(space.curvature**2, axis=0)
-    bends = ~(variance <= (1.0 + STD_CHANGE) ** 2 * first)
-    moved = np.any(solution.extreme != solution.nearest, axis=(0, 1))
-    suspect: NDArray[np.bool_] = differ(values, second_order) | bends | moved
-    return suspect
-
-
-class Quantiles(NamedTuple):
-    """Quantiles of z at n values of β, at each of k poses.
-
-    Attributes:
-        corrected: Quantiles by FORM with its correction (n, k).
-        second_order: Quantiles of the second-order expansion (n, k).
-        converged: Whether the search for the extremes has converged at all β (k,). Elsewhere, and
-            where z has no gradient, the quantiles have no meaning.
-        extreme: u (r, n, k) of the extremes.
-        nearest: u (r, n, k) of the extremes that the search from u = 0 finds.
-    """
-
-    corrected: FloatArray
-    second_order: FloatArray
-    converged: NDArray[np.bool_]
-    extreme: FloatArray
-    nearest: FloatArray
-
-
-def betas_for(beta: float) -> FloatArray:
-    """Return the nodes, and after them −β and β unless they are nodes."""
-    return NODES if beta in NODES else np.append(NODES, (-beta, beta))
-
-
-def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Quantiles:
-    """Return quantiles of z at Φ(β) for each of k poses and n values of β.
-
-    Lobes of the RCS within reach are searched too for β = ± `bound`.
-    """
+def quantiles(space: StandardNormalSpace, betas: FloatArray) -> FloatArray:
+    """Return quantiles of z (n, k) at Φ(β) for each β (n,); NaN where a search has no result."""
     known = np.isfinite(space.value + space.gradient.sum(axis=0) + space.curvature.sum(axis=0))
     pose = np.flatnonzero(known)
     shape = (len(betas), len(pose))
@@ -200,69 +163,15 @@ def quantiles(space: StandardNormalSpace, betas: FloatArray, bound: float) -> Qu
     g, lam = sign * space.gradient[:, row], sign * space.curvature[:, row]
     start = ball_maximum(g, lam, radius)
     expanded = space.value[row] + sign * np.sum((g + 0.5 * lam * start) * start, axis=0)
-    first = climb(space, row, sign, radius, g, lam, start)
-    extremes = first
-    if space.probit.states.model.rcs.lobed:
-        extremes = _highest_lobes(space, row, sign, radius, g, lam, first, radius == bound)
-
-    second_order = np.zeros((len(betas), len(known)))
-    second_order[:, pose] = (space.value + space.drift)[pose] + quadratic_quantile(
+    extreme, converged = climb(space, row, sign, radius, g, lam, start)
+    corrected = np.full((len(betas), len(known)), np.nan)
+    corrected[:, pose] = space.value[pose] + quadratic_quantile(
         space.gradient[:, pose], space.curvature[:, pose], betas
     )
-    corrected = second_order.copy()
-    corrected[:, pose] += (sign * first.value - expanded).reshape(shape)
-    # The expansion about u = 0 does not describe another lobe. Its correction does not apply there.
-    moved = (extremes.value > first.value).reshape(shape)
-    corrected[:, pose] = np.where(moved, (sign * extremes.value).reshape(shape), corrected[:, pose])
-    u = np.zeros((len(space.gradient), len(betas), len(known)))
-    u[:, :, pose] = extremes.u.reshape(len(u), *shape)
-    u_first = np.zeros_like(u)
-    u_first[:, :, pose] = first.u.reshape(len(u), *shape)
-    converged = known & np.isfinite(corrected).all(axis=0)
-    converged[pose] &= extremes.converged.reshape(shape).all(axis=0)
-    corrected[:, ~converged] = 0.0  # any finite number
-    return Quantiles(corrected, second_order, converged, u, u_first)
-
-
-class Extremes(NamedTuple):
-    """Maxima of sign · z in a ball: u (r, j), sign · z (j,), and convergence of the search (j,)."""
-
-    u: FloatArray
-    value: FloatArray
-    converged: NDArray[np.bool_]
-
-
-def _highest_lobes(
-    space: StandardNormalSpace,
-    row: NDArray[np.intp],
-    sign: FloatArray,
-    radius: FloatArray,
-    g: FloatArray,
-    lam: FloatArray,
-    first: Extremes,
-    searched: NDArray[np.bool_],
-) -> Extremes:
-    """Return the maxima, replaced by the maxima of other lobes where these are greater."""
-    rows = np.flatnonzero(searched)
-    if not rows.size:
-        return first
-    scanned = scan_aspects(space.probit, space.sqrt_cov, float(radius[rows[0]]))
-    up = sign[rows] > 0
-    promise = np.where(up, scanned.promise[:, row[rows]], -scanned.threat[:, row[rows]])
-    point = np.argmax(promise, axis=0)
-    size = np.sqrt(np.sum(g[:, rows] ** 2 + 0.5 * lam[:, rows] ** 2, axis=0))
-    more = promise[point, np.arange(len(rows))] > first.value[rows] + WORTH * size
-    rows, point, up = rows[more], point[more], up[more]
-    if not rows.size:
-        return first
-    start = np.where(up, scanned.best[:, point, row[rows]], scanned.worst[:, point, row[rows]])
-    expansion = g[:, rows], lam[:, rows]
-    other = climb(space, row[rows], sign[rows], radius[rows], *expansion, start)
-    better = other.converged & (other.value > first.value[rows] + WORTH * size[more])
-    rows = rows[better]
-    u, value, converged = first.u.copy(), first.value.copy(), first.converged.copy()
-    u[:, rows], value[rows], converged[rows] = other.u[:, better], other.value[better], True
-    return Extremes(u, value, converged)
+    corrected[:, pose] += (sign * extreme - expanded).reshape(shape)
+    known[pose] &= converged.reshape(shape).all(axis=0)
+    known &= np.isfinite(corrected).all(axis=0)
+    return np.where(known, corrected, np.nan)
 
 
 def climb(
@@ -273,8 +182,8 @@ def climb(
     g: FloatArray,
     lam: FloatArray,
     start: FloatArray,
-) -> Extremes:
-    """Return the maxima of sign · z over the ball |u| ≤ radius, from one start each.
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the maxima of sign · z over |u| ≤ radius (j,), and where the search converged (j,).
 
     Each step goes to the maximum of an expansion in the ball. The expansion has the gradient at the
     present point and the curvature at u = 0. Without the curvature the maximum is β times the unit
@@ -290,8 +199,7 @@ def climb(
         radius: Radius of the ball (j,).
         g: Gradient of sign · z at u = 0 (r, j).
         lam: Curvatures of sign · z at u = 0 (r, j).
-        start: The first u that is evaluated (r, j): the maximum of the second-order expansion, or
-            a point on another lobe.
+        start: The first u that is evaluated (r, j): the maximum of the second-order expansion.
     """
     count = len(row)
     best, converged = sign * space.value[row], np.zeros(count, dtype=bool)
@@ -324,7 +232,7 @@ def climb(
         left = left[~converged[left]]
         if not left.size:
             break
-    return Extremes(u, best, converged)
+    return best, converged
 
 
 def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArray:
@@ -333,7 +241,8 @@ def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArr
     The maximum is u_i = g_i/(μ − λ_i) with the least μ ≥ max(0, λ_i) for which |u| ≤ radius.
     Newton's iteration solves 1/|u| = 1/radius for μ (J. J. Moré and D. C. Sorensen, SIAM J. Sci.
     Stat. Comput. 4(3), 1983). Where g has no component along the greatest λ, u and its mirror image
-    may both be maxima. The u with the positive component is then returned.
+    may both be maxima. The u with the positive component is then returned. u is NaN where the
+    iteration has not converged.
     """
     highest = np.max(lam, axis=0, initial=-np.inf)
     size = np.sqrt(np.sum(g * g, axis=0)) + radius * np.max(np.abs(lam), axis=0, initial=0.0)
@@ -355,11 +264,15 @@ def ball_maximum(g: FloatArray, lam: FloatArray, radius: FloatArray) -> FloatArr
             )
             before = mu[left]
             mu[left] = np.where(np.isfinite(step), np.maximum(before + step, low[left]), before)
-            left = left[np.abs(mu[left] - before) > 1e-14 * before]
+            change = np.abs(mu[left] - before)
+            still = change > 1e-14 * before
+            left, change = left[still], change[still]
             if not left.size:
                 break
         u = g / (mu - lam)
-    return np.where(np.isfinite(u), u, 0.0)  # 0/0: nothing to gain, or a ball of radius 0
+    u = np.where(np.isfinite(u), u, 0.0)  # 0/0: nothing to gain, or a ball of radius 0
+    u[:, left[change > UNSETTLED * mu[left]]] = np.nan
+    return u
 
 
 def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> FloatArray:
@@ -372,7 +285,7 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
 
     β rises with t between the poles 1/λ. The substitution is t = w/(1 + λw), with λ the curvature
     of the pole on the same side. β is close to linear in w. Newton's method within a bracket finds
-    the w of each β.
+    the w of each β. A quantile is NaN where the iteration has not converged.
     """
     n, k = len(betas), g.shape[1]
     spread = np.sqrt(np.sum(g * g + 0.5 * lam * lam, axis=0))
@@ -402,6 +315,7 @@ def quadratic_quantile(g: FloatArray, lam: FloatArray, betas: FloatArray) -> Flo
             new[outside] = np.sinh(0.5 * ends)
         w[left] = new
         left = left[np.abs(beta_here - target) > 1e-9]
+    x[left[np.arcsinh(high[left]) - np.arcsinh(low[left]) > UNSETTLED]] = np.nan
     quantile: FloatArray = spread * x.reshape(n, k)
     return quantile
 
@@ -433,31 +347,26 @@ def _beta_at(
     return beta, slope * scale * scale, k1
 
 
-def spread(
-    space: StandardNormalSpace, quantile: FloatArray, beta: float
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return mean, σ, lower and upper bound (k,) from quantiles of z (n, k) at `betas_for(beta)`.
+def _moments(
+    z: FloatArray, floor: FloatArray, nominal: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and σ of P_D (k,) from quantiles of z (n, k) at `NODES`.
 
     P_D increases with z: the quantiles of z at Φ(β) give the quantiles of P_D at Φ(β). Mean and
     variance are integrals over the normal distribution of β. The lesser of P_D and 1 − P_D is
     integrated, about its median. A small deviation beside P_D ≈ 1 is then not lost.
     """
     weights, curve = _integration()
-    betas = betas_for(beta)
-    floor = space.probit.floor
-    side = np.where(space.value > 0, -1.0, 1.0)
-    lesser = ndtr(side * np.maximum(curve @ quantile[: len(NODES)], floor))
+    side = np.where(nominal > 0, -1.0, 1.0)
+    lesser = ndtr(side * np.maximum(curve @ z, floor))
     median = lesser[len(lesser) // 2].copy()
     lesser -= median
     drift = weights @ lesser
     lesser -= drift
-    variance = weights @ np.square(lesser)
     mean = median + drift
-    ends = (quantile[int(np.flatnonzero(betas == b)[-1])] for b in (-beta, beta))
-    lower, upper = (ndtr(np.maximum(end, floor)) for end in ends)
-    certain = np.ptp(quantile, axis=0) == 0  # σ would be the rounding of the spline
-    std = np.where(certain, 0.0, np.sqrt(variance))
-    return np.where(space.value > 0, 1.0 - mean, mean), std, lower, upper
+    certain = np.ptp(z, axis=0) == 0  # σ would be the rounding of the spline
+    std = np.where(certain, 0.0, np.sqrt(weights @ np.square(lesser)))
+    return np.where(nominal > 0, 1.0 - mean, mean), std
 
 
 @cache
@@ -468,31 +377,3 @@ def _integration() -> tuple[FloatArray, FloatArray]:
     beta = np.linspace(-6.0, 6.0, 61)
     weights = np.exp(-0.5 * beta * beta)
     return weights / weights.sum(), CubicSpline(NODES, np.eye(len(NODES)), axis=0)(beta)
-
-
-def _blocks(
-    states: UncertainStates, betas: int
-) -> tuple[list[tuple[NDArray[np.intp], list[int] | None]], NDArray[np.intp]]:
-    """Return blocks of poses with the radars that see them, and the places of all poses in these.
-
-    The blocks serve for other covariances too.
-    """
-    blocks: list[tuple[NDArray[np.intp], list[int] | None]] = []
-    for poses, radars in states.sight():
-        size = block_size(_numbers(states.part(poses, radars), betas))
-        starts = range(0, max(len(poses), 1), size)
-        blocks.extend((poses[start : start + size], radars) for start in starts)
-    return blocks, np.argsort(np.concatenate([poses for poses, _ in blocks]))
-
-
-def _numbers(states: UncertainStates, betas: int) -> int:
-    """Return the numbers per pose in the largest array of FORM, for 16 poses a block or more.
-
-    Most radars with independent errors keep one component. If all components are kept, the largest
-    array has up to four times the numbers.
-    """
-    components = len(AIRCRAFT) + int(states.radar.shape[-1])
-    kept = components
-    if states.has_independent_radars:
-        kept = len(AIRCRAFT) + len(states.log_constant)
-    return min(components * max(kept, betas), MAX_NUMBERS // 16)

@@ -1,111 +1,101 @@
-"""The methods of propagation by name: from Gaussian states to mean, deviation and bounds of P_D.
+"""The methods of propagation by name: from uncertain states to a distribution of P_D.
 
-To add a method, write a file with its function and add a row to `METHODS`.
+To add a method, write a file with its class and add a row to `METHODS`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from typing import TypeAlias
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import ndtri
 
-from radar_sense.errors import check_choice
+from radar_sense.errors import InputError, check_choice
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
-from radar_sense.propagation import checks
-from radar_sense.propagation.form import (
-    EXCEEDANCE_NODES,
-    exceedance,
-    form,
-    form_exceedance,
-    form_std,
-    form_upper,
-)
-from radar_sense.propagation.gaussian_states import StdFunction, UncertainStates, uncertain_states
-from radar_sense.propagation.linear import linear, linear_exceedance, linear_std, linear_upper
-from radar_sense.propagation.moments import Moments
-from radar_sense.propagation.probit import probit, probit_exceedance, probit_std, probit_upper
+from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged
+from radar_sense.propagation.form import Form
+from radar_sense.propagation.linear import Linear
+from radar_sense.propagation.plain import PlainDraws
+from radar_sense.propagation.probit import Probit
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import UncertainStates, uncertain_states
 
-#: |z| of a P_D that is 0 or 1 to rounding.
-LARGEST_PROBIT = 40.0
-#: Poses between two reports of progress, divided by the number of radars; at least 1024.
+#: The method that is right, and the default; and the method of plain draws.
+AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
+#: Poses between two reports of progress.
 REPORTED = 16_384
 
-#: From uncertain states of k poses and β to the moments of P_D (k,).
-MomentsFunction: TypeAlias = Callable[[UncertainStates, float], Moments]
-#: From uncertain states and β to the upper bound of P_D (k,).
-UpperFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
-#: From uncertain states and p_max to P(P_D > p_max) (k,).
-ExceedanceFunction: TypeAlias = Callable[[UncertainStates, float], FloatArray]
-#: From uncertain states, moments and β to where (k,) the moments are unreliable.
-Check: TypeAlias = Callable[[UncertainStates, Moments, float], NDArray[np.bool_]]
 
+class Distribution(Protocol):
+    """The distribution of P_D at each of k poses, by a method.
 
-@dataclass(frozen=True)
-class Method:
-    """A method of propagation and its properties.
-
-    Attributes:
-        name: Name of the method in options and arguments.
-        moments: Function of the moments.
-        nonlinear: Check of the moments.
-        log_normal: Whether the method assumes that a radar constant with tolerances is log-normal,
-            and not Gaussian.
-        upper: Function of the upper bound alone, which costs less than all moments.
-        std: Makes a function from covariances to σ. For many covariances of the same states, the
-            function costs less than all moments.
-        exceedance: Function of P(P_D > p_max). If None, bounds at several β give the probability.
+    A value is NaN where the method has none.
     """
 
-    name: str
-    moments: MomentsFunction
-    nonlinear: Check
-    log_normal: bool
-    upper: UpperFunction | None = None
-    std: Callable[[UncertainStates], StdFunction] | None = None
-    exceedance: ExceedanceFunction | None = None
+    @property
+    def p_d(self) -> FloatArray:
+        """P_D of the nominal states (k,)."""
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of P_D (k,)."""
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of P_D (k,)."""
+
+    @property
+    def error(self) -> FloatArray | float:
+        """Standard error of the bounds (k,) by draws; 0 without draws."""
+
+    def quantile(self, beta: float) -> FloatArray:
+        """Return the quantile of P_D (k,) at Φ(β)."""
+
+    def exceedance(self, p_max: float) -> FloatArray:
+        """Return P(P_D > p_max) (k,)."""
+
+    def with_covariances(self, changed: UncertainStates) -> Distribution:
+        """Return the distribution for the same states with other covariances."""
 
 
-METHODS: Mapping[str, Method] = {
-    method.name: method
-    for method in (
-        Method(
-            "linear",
-            linear,
-            checks.second_order_matters,
-            log_normal=False,
-            upper=linear_upper,
-            std=linear_std,
-            exceedance=linear_exceedance,
-        ),
-        Method(
-            "probit",
-            probit,
-            checks.second_order_matters,
-            log_normal=True,
-            upper=probit_upper,
-            std=probit_std,
-            exceedance=probit_exceedance,
-        ),
-        Method(
-            "form",
-            form,
-            checks.form_is_off,
-            log_normal=True,
-            upper=form_upper,
-            std=form_std,
-            exceedance=form_exceedance,
-        ),
-    )
+METHODS: Mapping[str, Callable[[UncertainStates], Distribution]] = {
+    "linear": Linear,
+    "probit": Probit,
+    "form": Form,
+    MONTE_CARLO: PlainDraws,
+    AUTOMATIC: Automatic,
 }
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Moments:
+    """Mean, standard deviation and bounds of a probability at each pose.
+
+    Attributes:
+        p_d: P_D of the nominal states (...).
+        mean: Mean of P_D (...).
+        std: Standard deviation of P_D (...).
+        lower: Bound that P_D falls below with probability Φ(−β) (...).
+        upper: Bound that P_D stays below with probability Φ(β) (...).
+        error: Standard error of the bounds (...), 0 where they are not by draws.
+    """
+
+    p_d: FloatArray
+    mean: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    error: FloatArray
+
+    def __repr__(self) -> str:
+        names = ", ".join(f.name for f in fields(self))
+        return f"<Moments of P_D at {np.size(self.p_d)} poses: {names}>"
 
 
 def propagate(
@@ -115,13 +105,13 @@ def propagate(
     cov_aircraft: ArrayLike,
     cov_radar: ArrayLike,
     *,
-    method: str = "linear",
+    method: str = AUTOMATIC,
     beta: float = 3.0,
     log_constant: ArrayLike = False,
 ) -> Moments:
     """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
-    `nonlinear` returns where the moments are unreliable.
+    `unreliable` returns where the moments are off.
 
     Args:
         model: The detection model, of a radar or of a network.
@@ -139,146 +129,64 @@ def propagate(
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
     """
-    shape, states = _checked(
-        model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
+    check_method(method)
+    beta = check_number("beta", beta, POSITIVE)
+    shape, states = uncertain_states(
+        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
     )
-    return _moments(shape, states, method, beta)
+    moments = _moments(states, method, beta)
+    return Moments(*(getattr(moments, f.name).reshape(shape)[()] for f in fields(Moments)))
 
 
-def upper_bound(
+def unreliable(
     model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
     cov_radar: ArrayLike,
     *,
-    method: str = "linear",
+    method: str = AUTOMATIC,
     beta: float = 3.0,
     log_constant: ArrayLike = False,
-) -> FloatArray:
-    """Return `upper` of `propagate` (...) at less cost. The arguments are the same.
-
-    `form` need converge at this β only. A bound may exist where `propagate` has NaN.
-    """
-    shape, states = _checked(
-        model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
-    )
-    chosen = METHODS[method]
-    upper = chosen.upper or (lambda states, beta: chosen.moments(states, beta).upper)
-    bound: FloatArray = upper(states, beta).reshape(shape)[()]
-    return bound
-
-
-def nonlinear(
-    model: DetectionModel | NetworkModel,
-    aircraft: ArrayLike,
-    radar: ArrayLike,
-    cov_aircraft: ArrayLike,
-    cov_radar: ArrayLike,
-    *,
-    method: str = "linear",
-    beta: float = 3.0,
-    log_constant: ArrayLike = False,
-    moments: Moments | None = None,
 ) -> NDArray[np.bool_]:
-    """Return where (...) the moments of a method are unreliable.
+    """Return where (...) draws say that σ or a bound of a method is off, or not precise.
 
-    Moments are unreliable where higher orders would change σ by more than 2 %, or a bound by more
-    than 0.005. No method accounts for the edge of P_D at a limit of a radar. Moments are unreliable
-    too where a limit is within reach of the states.
-
-    Args:
-        model: As in `propagate`, with all other arguments but the last.
-        aircraft: Nominal aircraft states.
-        radar: Nominal radar states.
-        cov_aircraft: C_aa.
-        cov_radar: C_rr.
-        method: Name of the method.
-        beta: β.
-        log_constant: Whether ln c_r is Gaussian.
-        moments: The result of `propagate`; computed if None.
+    A bound is off by more than 0.005, or by more than a tenth of itself below 0.05. σ is off by
+    more than 5 %. The arguments are those of `propagate`.
     """
-    shape, states = _checked(
-        model, aircraft, radar, cov_aircraft, cov_radar, method, beta, log_constant
+    check_method(method)
+    beta = check_number("beta", beta, POSITIVE)
+    shape, states = uncertain_states(
+        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
     )
-    chosen = METHODS[method]
-    if moments is None:
-        moments = chosen.moments(states, beta)
-    flat, unreliable, done = moments.reshaped((len(states),)), [], 0
-    for part in _reported(states):
-        rows = slice(done, done + len(part))
-        unreliable.append(chosen.nonlinear(part, flat.at(rows), beta))
-        done += len(part)
-        report(f"poses checked by {method}", done, len(states))
-    result: NDArray[np.bool_] = np.concatenate(unreliable).reshape(shape)[()]
+    moments = _moments(states, method, beta)
+    result: NDArray[np.bool_] = _unreliable(states, moments, method, beta).reshape(shape)[()]
     return result
 
 
-def propagate_scenario(scenario: Scenario, *, method: str = "linear", beta: float = 3.0) -> Moments:
+def propagate_scenario(
+    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0
+) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level.
 
     Raises:
         InputError: If there is no such method.
     """
-    _check_choices(method, beta)
-    shape, states = _states_of(scenario)
-    return _moments(shape, states, method, beta)
+    check_method(method)
+    return _moments(scenario.states(), method, check_number("beta", beta, POSITIVE))
 
 
-def upper_bound_in_scenario(
-    scenario: Scenario, *, method: str = "linear", beta: float = 3.0
-) -> FloatArray:
-    """Return the upper bound of P_D (n,) at every pose of a scenario, at its level."""
-    return upper_bound(*_of(scenario), method=method, beta=beta, log_constant=scenario.log_constant)
-
-
-def nonlinear_in_scenario(
-    scenario: Scenario,
-    moments: Moments | None = None,
-    *,
-    method: str = "linear",
-    beta: float = 3.0,
+def unreliable_in_scenario(
+    scenario: Scenario, moments: Moments, *, method: str = AUTOMATIC, beta: float = 3.0
 ) -> NDArray[np.bool_]:
-    """Return where (n,) the moments of a scenario are unreliable. None computes the moments."""
-    return nonlinear(
-        *_of(scenario),
-        method=method,
-        beta=beta,
-        log_constant=scenario.log_constant,
-        moments=moments,
-    )
+    """Return where (n,) the moments of a scenario by a method are off, as `unreliable` does."""
+    return _unreliable(scenario.states(), moments, method, beta)
 
 
-def exceedance_probability(
-    scenario: Scenario, p_max: float, *, method: str = "linear"
-) -> FloatArray:
-    """Return P(P_D > p_max) (n,) at every pose of a scenario, at its level of radar uncertainty.
-
-    One minus P(P_D > p_max) is the conformance probability of JCGM 106:2012, clause 7. The
-    probability is NaN where the method has no value.
-    """
-    _, states = _states_of(scenario)
-    chosen = METHODS[method]
-    if chosen.exceedance is not None:
-        return chosen.exceedance(states, p_max)
-    ends = [chosen.moments(states, beta) for beta in EXCEEDANCE_NODES if beta > 0]
-    bounds = [*(m.lower for m in reversed(ends)), ends[0].p_d, *(m.upper for m in ends)]
-    with np.errstate(invalid="ignore"):
-        z = np.clip(ndtri(np.clip(bounds, 0.0, 1.0)), -LARGEST_PROBIT, LARGEST_PROBIT)
-    return exceedance(EXCEEDANCE_NODES, z, float(ndtri(p_max)))
-
-
-def std_function(scenario: Scenario, *, method: str = "linear") -> StdFunction:
-    """Return a function from C_aa and C_rr to σ of P_D (n,) at every pose of a scenario.
-
-    All calls of the function share the derivatives, which costs less than calls of `propagate`. An
-    iterative method starts from its solution for the covariances of the scenario.
-    """
-    _, states = _states_of(scenario)
-    chosen = METHODS[method]
-    if chosen.std is not None:
-        return chosen.std(states)
-    return lambda *covariances: chosen.moments(states.with_covariances(*covariances), 3.0).std
+def distribution(scenario: Scenario, method: str) -> Distribution:
+    """Return the distribution of P_D at every pose of a scenario, at its level."""
+    check_method(method)
+    return METHODS[method](scenario.states())
 
 
 def check_method(method: str) -> None:
@@ -286,51 +194,36 @@ def check_method(method: str) -> None:
     check_choice("method", method, METHODS)
 
 
-def _moments(shape: tuple[int, ...], states: UncertainStates, method: str, beta: float) -> Moments:
+def no_draws(method: str) -> None:
+    """Raise InputError for plain draws, where a command draws itself or needs a smooth method."""
+    check_method(method)
+    if method == MONTE_CARLO:
+        others = ", ".join(name for name in METHODS if name != MONTE_CARLO)
+        raise InputError(
+            f"method must be one of {others} here, got {MONTE_CARLO}: this command compares with "
+            "draws, or needs a bound at too many poses for plain draws"
+        )
+
+
+def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
     parts, done = [], 0
-    for part in _reported(states):
-        parts.append(METHODS[method].moments(part, beta).certain_where_std_is_zero())
+    for part in states.cut(REPORTED):
+        found = METHODS[method](part)
+        mean, std = found.mean, found.std
+        lower, upper = found.quantile(-beta), found.quantile(beta)
+        error = np.broadcast_to(found.error, std.shape)
+        # Where nothing is uncertain, bounds and mean are P_D without rounding.
+        p_d, certain = found.p_d, std == 0
+        mean, lower, upper = (np.where(certain, p_d, x) for x in (mean, lower, upper))
+        parts.append((p_d, mean, std, lower, upper, error))
         done += len(part)
         report(f"poses propagated by {method}", done, len(states))
-    return Moments.concatenated(parts).reshaped(shape)
+    return Moments(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
-def _reported(states: UncertainStates) -> Iterator[UncertainStates]:
-    """Cut states into the parts after which progress is reported."""
-    return states.cut(max(1024, REPORTED // len(states.log_constant)))
-
-
-def _check_choices(method: str, beta: float) -> None:
-    check_method(method)
-    check_number("beta", beta, POSITIVE)
-
-
-def _states_of(scenario: Scenario) -> tuple[tuple[int, ...], UncertainStates]:
-    """Return the uncertain states of a scenario, whose arrays are checked already."""
-    return uncertain_states(*_of(scenario), log_constant=scenario.log_constant, check=False)
-
-
-def _of(scenario: Scenario) -> tuple[NetworkModel, FloatArray, FloatArray, FloatArray, FloatArray]:
-    return (
-        scenario.model,
-        scenario.aircraft,
-        scenario.shared,
-        scenario.cov_aircraft,
-        scenario.cov_shared,
-    )
-
-
-def _checked(
-    model: DetectionModel | NetworkModel,
-    aircraft: ArrayLike,
-    radar: ArrayLike,
-    cov_aircraft: ArrayLike,
-    cov_radar: ArrayLike,
-    method: str,
-    beta: float,
-    log_constant: ArrayLike,
-) -> tuple[tuple[int, ...], UncertainStates]:
-    _check_choices(method, beta)
-    return uncertain_states(
-        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
-    )
+def _unreliable(
+    states: UncertainStates, moments: Moments, method: str, beta: float
+) -> NDArray[np.bool_]:
+    if method in (AUTOMATIC, MONTE_CARLO):
+        return np.asarray(~(moments.error <= BOUND_CHANGE))
+    return judged(states, moments.std, moments.lower, moments.upper, beta)[1]

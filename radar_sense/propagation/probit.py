@@ -2,82 +2,64 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from scipy.special import ndtr, ndtri
 
 from radar_sense.covariance import variance_along
-from radar_sense.propagation.gaussian_states import StdFunction, UncertainStates
-from radar_sense.propagation.moments import Moments, normal_exceedance, probit_moments
+from radar_sense.propagation.moments import normal_exceedance, probit_moments
 from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import UncertainStates
 
 
-def probit(states: UncertainStates, beta: float) -> Moments:
-    """Return the moments of Φ(z) for normal z, with its mean m at the nominal states.
+class Probit:
+    """P_D = Φ(z) of uncertain states for normal z, with its mean m at the nominal states.
 
-    The standard deviation s of z is to first order. The bounds are Φ(m ± βs), which never leave
-    [0, 1]. Mean and variance have a closed form.
+    The standard deviation s of z is to first order. The quantiles Φ(m + βs) never leave [0, 1].
+    Mean and variance have a closed form.
     """
-    p_d, *z_and_partials = states.model.p_d_and_probit(states.aircraft, states.radar)
-    gradient = _Gradient(*z_and_partials)
-    z, std = gradient.value, gradient.std(*states.covariances)
-    mean, std_pd = _moments(z, std)
-    return Moments(
-        np.broadcast_to(p_d, std.shape),
-        mean,
-        std_pd,
-        ndtr(z - beta * std),
-        ndtr(z + beta * std),
-        np.ones(std.shape, dtype=bool),
-    )
 
+    error = 0.0
 
-def probit_std(states: UncertainStates) -> StdFunction:
-    """Return a function from covariances to σ of P_D, which shares the gradient of z."""
-    gradient = _Gradient.of(states)
+    def __init__(
+        self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
+    ) -> None:
+        self._gradient = gradient or states.model.p_d_and_probit(states.aircraft, states.radar)
+        p_d, z, by_aircraft, by_radar = self._gradient
+        cov_aircraft, cov_radar = states.covariances
+        self._s = np.sqrt(
+            variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
+        )
+        self._m, self.p_d = (np.broadcast_to(x, self._s.shape) for x in (z, p_d))
 
-    def std(cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
-        std_z = gradient.std(cov_aircraft, cov_radar)
-        return _moments(gradient.value, std_z)[1]
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of P_D (k,)."""
+        return self._moments[0]
 
-    return std
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of P_D (k,)."""
+        return self._moments[1]
 
+    def quantile(self, beta: float) -> FloatArray:
+        """Return Φ(m + βs) (k,)."""
+        return np.asarray(ndtr(self._m + beta * self._s))
 
-def probit_upper(states: UncertainStates, beta: float) -> FloatArray:
-    """Return the upper bound (k,) of `probit`."""
-    gradient = _Gradient.of(states)
-    return np.asarray(ndtr(gradient.value + beta * gradient.std(*states.covariances)))
+    def exceedance(self, p_max: float) -> FloatArray:
+        """Return P(P_D > p_max) (k,), which is P(z > z_max) for normal z."""
+        return normal_exceedance(self._m, self._s, float(ndtri(p_max)))
 
+    def with_covariances(self, changed: UncertainStates) -> Probit:
+        """Return the method for the same states with other covariances, at less cost."""
+        return Probit(changed, self._gradient)
 
-def probit_exceedance(states: UncertainStates, p_max: float) -> FloatArray:
-    """Return P(P_D > p_max) (k,), which is P(z > z_max) for normal z."""
-    gradient = _Gradient.of(states)
-    return normal_exceedance(gradient.value, gradient.std(*states.covariances), float(ndtri(p_max)))
-
-
-def _moments(z: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return mean and standard deviation of Φ(z) (k,), with few points where few are enough."""
-    mean, std_pd = probit_moments(z + np.zeros(std.shape), std, points=8)
-    wide = ~(std < 0.5)
-    if wide.any():
-        z = np.broadcast_to(z, std.shape)
-        mean[wide], std_pd[wide] = probit_moments(z[wide], std[wide])
-    return mean, std_pd
-
-
-class _Gradient(NamedTuple):
-    """z (k,) of the nominal states, its gradient by aircraft (k, 6) and by radars (k, 4m)."""
-
-    value: FloatArray
-    by_aircraft: FloatArray
-    by_radar: FloatArray
-
-    @classmethod
-    def of(cls, states: UncertainStates) -> _Gradient:
-        return cls(*states.model.linearize_probit(states.aircraft, states.radar))
-
-    def std(self, cov_aircraft: FloatArray, cov_radar: FloatArray) -> FloatArray:
-        """Return the standard deviation of z (k,) to first order."""
-        by_aircraft = variance_along(self.by_aircraft, cov_aircraft)
-        return np.sqrt(by_aircraft + variance_along(self.by_radar, cov_radar))
+    @cached_property
+    def _moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and σ of Φ(z) (k,), with few points where few are enough."""
+        mean, std = probit_moments(self._m, self._s, points=8)
+        wide = ~(self._s < 0.5)
+        if wide.any():
+            mean[wide], std[wide] = probit_moments(self._m[wide], self._s[wide])
+        return mean, std

@@ -14,7 +14,7 @@ from radar_sense import analyses
 from radar_sense.axis import azimuth
 from radar_sense.montecarlo import adaptive
 from radar_sense.propagation import METHODS
-from radar_sense.propagation.linear import linear
+from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import SOURCES
 from radar_sense.words import describe_extreme, peak
@@ -67,7 +67,7 @@ def test_variance_table_holds_the_chain():
 
 
 def test_correlated_sources_are_warned_of():
-    result = analyses.budget(load_scenario("configs/covariance.yaml"))
+    result = analyses.budget(load_scenario("configs/covariance.yaml"), method="linear")
     gap = result.table["three_sigma_total"] ** 2 - sum(
         result.table[f"three_sigma_{source}"] ** 2 for source in SOURCES
     )
@@ -76,7 +76,7 @@ def test_correlated_sources_are_warned_of():
     by = np.max(abs(total - np.sqrt(total**2 - gap)))
     (warning,) = [warning for warning in result.warnings if "correlated" in warning]
     assert warning.endswith(f"root sum of squares by up to {by:.2g} [sources-correlated]")
-    independent = analyses.budget(load_scenario())
+    independent = analyses.budget(load_scenario(), method="linear")
     assert not any("correlated" in warning for warning in independent.warnings)
 
 
@@ -84,13 +84,13 @@ def test_a_band_outside_zero_and_one_is_warned_of():
     s = load_scenario()
     assert analyses.variance(s.with_analysis(level="low")).warnings == ()
     outside, unreliable = analyses.variance(s.with_analysis(level="high")).warnings
-    assert outside == "the linear 3-sigma band leaves [0, 1] at 67.5 to 112.5 deg"
-    assert unreliable.startswith("the linear band is unreliable at 0 to 33, ")
-    assert unreliable.endswith("; use --method form or montecarlo")
-    assert analyses.variance(s.with_analysis(level="high"), method="form").warnings == ()
+    assert outside == "the linear 3-sigma band leaves [0, 1] at 67.5 to 112.5 deg [band-outside]"
+    assert unreliable.startswith("the linear band is off at 0 to 30.5, ")
+    assert unreliable.endswith("; use --method automatic [band-off]")
+    for method in ("form", "automatic"):
+        assert analyses.variance(s.with_analysis(level="high"), method=method).warnings == ()
     (unreliable,) = analyses.variance(s.with_analysis(level="high"), method="probit").warnings
-    # σ is off by 2 to 2.9 % there
-    assert "the probit band is unreliable at 78 to 102 deg" in unreliable
+    assert unreliable.startswith("the probit band is off at 26 to 75.5, ")
     table = analyses.variance(s.with_analysis(level="high")).table
     over = table["theta_r_deg"][table["upper_3sigma"] > 1]
     assert (over.min(), over.max()) == (67.5, 112.5)
@@ -105,13 +105,14 @@ def test_an_undefined_linearization_is_warned_of():
     s = scenario(
         **(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}),
     )
-    result = analyses.variance(s)
+    result = analyses.variance(s, method="linear")
     assert np.isnan(result.table["sigma_pd"][0])
     assert np.isfinite(result.table["p_d"]).all()
-    assert "undefined" in result.warnings[0]
+    assert "linear has no value" in result.warnings[0]
+    assert result.warnings[0].endswith("[no-value]")
     assert "at 0 deg" in result.warnings[0]
     for analysis in ALL:
-        analysis(s)  # none of them stumbles
+        analysis(s, method="linear")  # none of them stumbles
 
 
 def test_negative_constants_are_reported():
@@ -141,16 +142,14 @@ def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
 
 
 def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
-    def wide(states, beta):
-        moments = linear(states, beta)
-        ends = {"lower": moments.lower - moments.std, "upper": moments.upper + moments.std}
-        return dataclasses.replace(moments, **ends)
+    class Wide(Linear):
+        def quantile(self, beta):
+            return super().quantile(beta) + np.sign(beta) * self.std
 
-    method = dataclasses.replace(METHODS["linear"], moments=wide)
-    monkeypatch.setitem(METHODS, "wide", method)
+    monkeypatch.setitem(METHODS, "linear", Wide)
     s = scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 10})
-    result = analyses.montecarlo(s.with_analysis(runs=5000), method="wide")
-    words = "the wide band holds more than 99.73 % of the draws at all 2 poses"
+    result = analyses.montecarlo(s.with_analysis(runs=5000), method="linear")
+    words = "the linear band holds more than 99.73 % of the draws at all 2 poses"
     assert any(warning.startswith(words) for warning in result.warnings)
 
 

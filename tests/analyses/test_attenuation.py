@@ -151,6 +151,9 @@ def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
             budget = error_budget(s, method)
             names = ["aircraft_position", "aircraft_orientation", *RADARS]
             assert list(budget.alone) == names + ["aircraft_rcs"] * (rcs_db > 0)
+            if method == "montecarlo":  # Sobol' indices have no finer sources
+                assert not budget.finer
+                continue
             for name in RADARS:
                 parts = ("position", "constant", "attenuation")
                 whole = sum(budget.finer[f"{name}_{part}"] ** 2 for part in parts)
@@ -231,7 +234,7 @@ def test_maps_and_every_method_have_the_attenuation():
     distance = np.sqrt(north**2 + east**2 + (6e3 - 20) ** 2)
     snr = 0.04 * AREA * 10 ** (-2 * 0.05 * distance / 1e4) / (BOLTZMANN * distance**4)
     assert_allclose(plane["p_d"], P_FA ** (1 / (1 + snr)), rtol=1e-6)
-    for method in METHODS:
+    for method in ("linear", "probit", "form", "automatic"):
         bounds = [
             analyses.coverage_map(s, **cells, upper=True, method=method).table["upper_3sigma"]
             for s in (certain, uncertain)

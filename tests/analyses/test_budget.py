@@ -18,7 +18,7 @@ FEW = {"start": 0, "stop": 90, "step": 15}
 NOTHING = {"position_m": 0, "attitude_deg": 0}
 
 
-@pytest.mark.parametrize("method", [*METHODS, "montecarlo"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("level", ["low", "high"])
 def test_shares_add_up_to_one(method, level):
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(level=level, runs=1024)
@@ -161,8 +161,8 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
     assert found["radar_position"].factor == pytest.approx(factor, rel=2e-4)
     assert found["aircraft_position"].factor == pytest.approx(10.0, rel=1e-6)
     assert found["aircraft_position"].known
-    # at factors 0, 1, 4 and 16, at the result, and for its residual
-    assert evaluated.count(("aircraft_position", 2)) == 6
+    # at factors 0, 1, 4 and 16, at the result, for the draws that verify it, and for its residual
+    assert evaluated.count(("aircraft_position", 2)) == 7
     assert evaluated.count(("aircraft_position", 1)) > 3
 
 
@@ -244,26 +244,26 @@ def test_the_report_of_a_budget_has_the_required_accuracies():
 
 def test_methods_other_than_linear_add_columns():
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(runs=256)
-    plain = list(analyses.budget(s).table)
-    for method in [*METHODS, "montecarlo"]:
+    plain = list(analyses.budget(s, method="linear").table)
+    for method in METHODS:
         table = analyses.budget(s, method=method).table
         assert list(table)[: len(plain)] == plain
         assert ("mean_pd" in table) == ("share_interaction" in table) == (method != "linear")
     for analysis in (analyses.variance, analyses.montecarlo, analyses.sensitivity):
-        plain = list(analysis(s).table)
-        for method in METHODS:
+        plain = list(analysis(s, method="linear").table)
+        for method in ("linear", "probit", "form"):
             table = analysis(s, method=method).table
             assert list(table)[: len(plain)] == plain
             means = [key for key in table if key.startswith("mean_pd")]
             assert bool(means) == (method != "linear")  # by `linear` the mean is P_D itself
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["linear", "probit", "form", "automatic"])
 def test_tiny_targets_are_reached(method):
     s = scenario(geometry__azimuth_deg=FEW)
     factor = required_accuracies(s, 1e-6, method=method)["all"].factor
     # 3σ is proportional to the deviations where they are so small
-    assert factor == pytest.approx(1e-6 / (3 * error_budget(s).std.max()), rel=1e-3)
+    assert factor == pytest.approx(1e-6 / (3 * error_budget(s, "linear").std.max()), rel=1e-3)
     assert required_accuracies(s, 1e-9, method=method)["all"].factor == 0
     assert any("less than a millionth" in line for line in analyses.budget(s, target=1e-9).report)
 
@@ -278,7 +278,7 @@ def test_factors_beyond_the_values_of_a_method_are_not_known(monkeypatch):
         assert found.residual <= 1.5
     # Form does not converge where two lobes meet.
     spiky = load_scenario("configs/spikeball.yaml").at_poses(slice(0, None, 60))
-    unknown = np.flatnonzero(~propagate_scenario(spiky, method="form").converged)
+    unknown = np.flatnonzero(np.isnan(propagate_scenario(spiky, method="form").std))
     spiky = spiky.at_poses(unknown[:1])
     result = analyses.budget(spiky, method="form", target=0.02)
     for found in result.summary["target"]["required_accuracy"].values():

@@ -11,6 +11,7 @@ from helpers import dashes, document, lay_out, legend_off_data, scenario, small_
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
+from radar_sense.propagation import Moments
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 ALL = {
@@ -96,10 +97,9 @@ FOOTERS = {
 
 @pytest.mark.parametrize("analysis", FOOTERS)
 def test_the_footer_names_what_the_numbers_depend_on(analysis):
-    s = load_scenario().at_poses(slice(0, None, 60)).with_analysis(level="high", runs=50)
-    run = getattr(analyses, analysis)
-    method = {"method": "form"} if "method" in run.keywords else {}
-    assert run(s, **method).plot().get_supxlabel() == FOOTERS[analysis]
+    s = load_scenario().at_poses(slice(0, None, 60))
+    s = s.with_analysis(level="high", runs=50, method="form")
+    assert getattr(analyses, analysis)(s).plot().get_supxlabel() == FOOTERS[analysis]
 
 
 def test_the_footer_of_a_map_has_a_method_only_if_a_bound_is_shown():
@@ -349,13 +349,17 @@ def test_two_panels_of_the_monte_carlo_figure():
 def test_very_many_poses_make_a_small_file():
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 0.0175})
     few = s.at_poses(slice(0, None, 400))
-    result = analyses.variance(few, threshold=0.9, method="linear").draw.args[0]
+    result = analyses.variance(few, threshold=0.9, method="linear")
     x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
-    table = {n: np.interp(x, few.axis.values, column) + noise for n, column in result.table.items()}
-    table |= {s.axis.key: x, "violated": (noise > 0).astype(float)}
-    variance = import_module("radar_sense.analyses.variance")
-    more = dataclasses.replace(result, scenario=s, table=table)
-    figure = plotting.draw(partial(variance.plot, more), "")
+    drawn = result.draw.keywords
+    band = Moments(
+        *(
+            np.interp(x, few.axis.values, getattr(drawn["band"], f.name)) + noise
+            for f in dataclasses.fields(Moments)
+        )
+    )
+    violated = (noise > 0).astype(float)
+    figure = plotting.draw(partial(result.draw, scenario=s, band=band, violated=violated), "")
     (axes,) = figure.axes
     assert len(axes.patches) + len(axes.collections) == 2  # the band and all that is violated
     assert len(plotting.render(figure, "pdf")) < 300_000

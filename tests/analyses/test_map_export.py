@@ -93,6 +93,7 @@ def test_geojson_has_contours_radars_and_route(saved):
                 scenario.cov_aircraft[0] if scenario.cov_aircraft.ndim == 3
                 else scenario.cov_aircraft,
                 scenario.cov_radar[scenario.level],
+                method=scenario.method,
             ).upper
         )  # fmt: skip
         off = np.abs(of_points - feature["properties"]["value"])

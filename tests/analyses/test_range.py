@@ -15,7 +15,7 @@ from radar_sense.analyses.coverage.rays import FARTHEST, rays, survey
 from radar_sense.analyses.range import detection_range
 from radar_sense.axis import Axis
 from radar_sense.model.horizon import horizon_range
-from radar_sense.propagation import nonlinear_in_scenario
+from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.words import describe_poses
 
@@ -196,7 +196,9 @@ def test_a_band_is_unreliable_where_one_of_its_ends_is():
         distance = np.sqrt(slant**2 - pose[2] ** 2)
         states = np.tile(pose, (len(angle), 1))
         states[:, 0], states[:, 1] = distance * np.cos(angle), distance * np.sin(angle)
-        of_ends.append(nonlinear_in_scenario(s.at_states(states), method="probit"))
+        at = s.at_states(states)
+        moments = propagate_scenario(at, method="probit")
+        of_ends.append(unreliable_in_scenario(at, moments, method="probit"))
     lower, upper = of_ends
     assert (lower & ~upper).any()
     place = describe_poses(
@@ -204,16 +206,16 @@ def test_a_band_is_unreliable_where_one_of_its_ends_is():
         Axis("bearing_deg", "bearing", "deg", result.table["bearing_deg"], "g", 1e-9, "bearings"),
     )
     assert result.warnings == (
-        f"the probit band of the range is unreliable {place}: use --method form",
+        f"the probit band of the range is unreliable {place}: use --method automatic",
     )
 
 
-def test_the_remedy_for_an_unreliable_form_band_is_monte_carlo():
+def test_the_remedy_for_an_unreliable_form_band_is_automatic():
     rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
     s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
     (warning,) = detection_range(s, method="form", step_deg=45.0).warnings
     assert warning.startswith("the form band of the range is unreliable at ")
-    assert warning.endswith(": compare with `radar-sense montecarlo` at poses of this range")
+    assert warning.endswith(": use --method automatic")
 
 
 def test_bearings_are_no_poses_and_rounding_is_zero():

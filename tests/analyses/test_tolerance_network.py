@@ -22,10 +22,7 @@ from numpy.testing import assert_allclose
 from radar_sense import analyses
 from radar_sense.analyses.error_budget import error_budget, required_accuracies, value_function
 from radar_sense.model.network import name_problem
-from radar_sense.propagation import (
-    METHODS,
-    propagate_scenario,
-)
+from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 
 # The budget.
@@ -36,7 +33,7 @@ ROWS = [
 ]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
 def test_rows_of_parts(method):
     s = mixed_network()
     found = error_budget(s, method)
@@ -91,7 +88,7 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
         return mixed_network(several, sweep=(60, 60, 1))
 
     s, half = known_to(0.5), known_to(0.25)
-    target = 3 * propagate_scenario(half).std.max()
+    target = 3 * propagate_scenario(half, method="linear").std.max()
     three_sigma = value_function(s, "linear")
     assert three_sigma(["b_constant_gain_dbi"], 0.5) == pytest.approx(target, rel=1e-12)
     allowed = required_accuracies(s, target)

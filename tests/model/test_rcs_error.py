@@ -25,7 +25,7 @@ import radar_sense as rs
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.propagation import METHODS, nonlinear_in_scenario, propagate_scenario
+from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario_file.rcs_file import load_rcs_table
 
 RNG = np.random.default_rng(17)
@@ -131,7 +131,7 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
         model=model, aircraft=aircraft, radar=[0, 0, 0, low], cov_aircraft=np.zeros((6, 6)),
         cov_radar={"one": np.zeros((4, 4))}, rcs_db=1.0,
     )  # fmt: skip
-    moments = propagate_scenario(s)
+    moments = propagate_scenario(s, method="linear")
     assert moments.p_d[0] == pytest.approx(0.5, abs=1e-9)
     assert moments.std[0] == pytest.approx(sigma, abs=5e-5)
     # only the factor is uncertain: bounds by form are P_D at ±3 dB
@@ -147,7 +147,7 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
     assert ends.std[0] == pytest.approx(std, rel=1e-3)
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])  # others draw the two apart
 @pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
 def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
@@ -165,7 +165,7 @@ def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
         assert_allclose(getattr(one, field), getattr(other, field), rtol=1e-5, atol=1e-9)
     assert one.std.min() > 0.01
     warned = [
-        nonlinear_in_scenario(s, m, method=method) for s, m in zip(pair, (one, other), strict=True)
+        unreliable_in_scenario(s, m, method=method) for s, m in zip(pair, (one, other), strict=True)
     ]
     assert_array_equal(*warned)
     assert warned[0].any() or not limits
@@ -176,7 +176,7 @@ def test_a_limit_matters_where_the_error_makes_the_radar_see():
 
     def warns(s):
         moments = propagate_scenario(s, method="form")
-        return bool(nonlinear_in_scenario(s, moments, method="form")[0])
+        return bool(unreliable_in_scenario(s, moments, method="form")[0])
 
     content = sheet_document(tolerances={"loss_db": 0})
     content["uncertainty"]["aircraft"]["rcs_db"] = 3

@@ -62,14 +62,13 @@ class LinearModel(NetworkModel):
         p_d = self.p_d(aircraft, radar)
         variance = self.by_aircraft**2 * cov_aircraft[0, 0] + self.by_radar**2 * cov_radar[1, 1]
         std = np.full_like(p_d, self.exaggerate * np.sqrt(variance))
-        known = np.ones(len(p_d), dtype=bool)
         return Moments(
             p_d=p_d,
             mean=p_d,
             std=std,
             lower=p_d - beta * std,
             upper=p_d + beta * std,
-            converged=known,
+            error=np.zeros(len(p_d)),
         )
 
 

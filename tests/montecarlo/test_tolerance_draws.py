@@ -76,8 +76,10 @@ def test_a_network_drawn_by_hand(azimuth):
     assert_allclose([form.lower[0], form.upper[0]], ends, atol=near)
     assert form.std[0] == pytest.approx(drawn.std(), rel=0.03)
     assert form.mean[0] == pytest.approx(drawn.mean(), abs=0.025 * drawn.std() + 4.5 * noise)
+    automatic = propagate_scenario(s)
+    assert_allclose([automatic.lower[0], automatic.upper[0]], ends, atol=0.006)
     # the band for Gaussian constants is another one
-    linear = propagate_scenario(s)
+    linear = propagate_scenario(s, method="linear")
     assert max(abs(linear.lower[0] - ends[0]), abs(linear.upper[0] - ends[1])) > 2 * near
 
 

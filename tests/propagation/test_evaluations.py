@@ -1,4 +1,4 @@
-"""How often methods, checks and budgets evaluate the model: counts per pose, not seconds."""
+"""How often methods evaluate the model: counts per pose and radar, not seconds."""
 
 import dataclasses
 import math
@@ -7,28 +7,29 @@ import numpy as np
 import pytest
 from helpers import scenario
 
-from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import (
     METHODS,
-    exceedance_probability,
-    nonlinear,
-    nonlinear_in_scenario,
+    distribution,
     propagate,
     propagate_scenario,
-    std_function,
-    upper_bound,
-    upper_bound_in_scenario,
+    unreliable,
+    unreliable_in_scenario,
 )
 
-RADARS = (1, 6)
+#: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
+EXPANSION = 2 * (3 + 4) + 1
+#: Most gradients of the search for one extreme, and for the nine of mean and σ: one or two each.
+ONE_EXTREME, NINE_EXTREMES = 2.5, 11
+#: Gradients that choose where to draw: six steps to each of four extremes, and one, of a network.
+EMPHASIS = 6 * 4 + 1
 
 
-def problem(radars):
-    """The paper's scenario at seven poses, with a network of radars about the origin."""
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 30})
+def problem(radars, step_deg=30, level="medium"):
+    """The paper's scenario at some poses, with a network of radars about the origin."""
+    azimuth = {"start": 0, "stop": 180, "step": step_deg}
+    s = scenario(geometry__azimuth_deg=azimuth).with_analysis(level=level)
     if radars == 1:
         return s
     state = np.tile(s.radar, radars)
@@ -81,75 +82,78 @@ def half_blind():
     )
 
 
-#: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
-EXPANSION = 2 * (3 + 4) + 1
-#: Gradients of each radar in a check: one along each of its axes, and one.
-ONE_SIDED = 3 + 4 + 1
+@pytest.mark.parametrize("radars", [1, 6])
+def test_evaluations_of_a_method(radars, count):
+    for method, most in (("linear", 1), ("probit", 1), ("form", EXPANSION + NINE_EXTREMES)):
+        gradients, values = count(
+            lambda s, m=method: propagate_scenario(s, method=m), problem(radars)
+        )
+        assert gradients == 1 if most == 1 else EXPANSION < gradients <= most
+        # FORM and the probit of a network compute P_D apart
+        assert values == (method == "form" or (method == "probit" and radars > 1))
 
 
-#: Most gradients and values of each method. FORM searches nine extremes, with one or two each.
-METHOD_COUNTS = {"linear": (1, 0), "probit": (1, 1), "form": (19, 1)}
+@pytest.mark.parametrize("radars", [1, 6])
+def test_evaluations_of_one_bound(radars, count):
+    for method, most in (("linear", 1), ("probit", 1), ("form", EXPANSION + ONE_EXTREME)):
+        gradients, _ = count(lambda s, m=method: distribution(s, m).quantile(3.0), problem(radars))
+        assert 1 <= gradients <= most
 
 
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-def test_evaluations_of_a_method(method, radars, count):
-    gradients, values = count(lambda s: propagate_scenario(s, method=method), problem(radars))
-    more = EXPANSION if method == "form" else 0
-    assert more + 1 <= gradients <= more + METHOD_COUNTS[method][0]
-    one_computation = method == "probit" and radars == 1  # of P_D and z
-    assert values == (0 if one_computation else METHOD_COUNTS[method][1])
-
-
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-def test_evaluations_of_one_bound(method, radars, count):
-    def bound(s):
-        cov = s.cov_aircraft, s.cov_radar[s.level]
-        return upper_bound(s.model, s.aircraft, s.radar, *cov, method=method)
-
-    gradients, values = count(bound, problem(radars))
-    assert 1 <= gradients <= (EXPANSION + 2.5 if method == "form" else 1)
-    assert values == 0
-
-
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-def test_evaluations_of_a_check(method, radars, count):
-    """No draws are needed on the paper's scenario. FORM is checked while it is computed."""
+@pytest.mark.parametrize("radars", [1, 6])
+def test_evaluations_for_other_covariances(radars, count):
+    """A gradient or an expansion is computed once. FORM searches its extremes again."""
     s = problem(radars)
-    found = propagate_scenario(s, method=method)
-    gradients, values = count(lambda s: nonlinear_in_scenario(s, found, method=method), s)
-    assert (gradients, values) == ((0, 0) if method == "form" else (ONE_SIDED, 2))
+    states = s.states()
+    double = states.with_covariances(states.cov_aircraft, 2 * states.cov_radar)
+    for method, most in (("linear", 0), ("probit", 0), ("form", NINE_EXTREMES)):
+        found = distribution(s, method)
+        assert np.all(found.with_covariances(double).std > 0)
+        gradients, values = count(lambda _, f=found: f.with_covariances(states).std, s)
+        assert gradients <= most
+        assert values == 0
 
 
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-def test_evaluations_of_a_budget(method, radars, count):
-    """First order takes one gradient beside the total's; FORM takes one expansion beside it."""
-    s = problem(radars)
-    gradients, _ = count(lambda s: error_budget(s, method), s)
-    if method == "form":
-        sources = 4 if radars == 1 else 2 + radars + 1 + 2 * radars
-        assert gradients <= 2 * EXPANSION + 19 * (1 + sources)
-    else:
-        assert gradients == 2
+@pytest.mark.parametrize("method", ["linear", "probit", "form"])
+def test_evaluations_grow_in_proportion_to_poses_and_radars(method, count):
+    """The exponents of the number of gradients are 1."""
+
+    def gradients(*sizes):
+        s = problem(*sizes)
+        each, _ = count(lambda s: propagate_scenario(s, method=method), s)
+        return each * len(s.aircraft) * len(s.model.radars)
+
+    few = gradients(2, 30)
+    assert math.log(gradients(16, 30) / few) / math.log(8) == pytest.approx(1, abs=0.02)
+    assert math.log(gradients(2, 3) / few) / math.log(61 / 7) == pytest.approx(1, abs=0.02)
 
 
-def test_radars_that_do_not_see_a_pose_cost_form_nothing(half_blind, count):
-    s = half_blind
-    share = s.model.visible(s.aircraft, s.radar).mean()
-    assert 1 / 6 < share < 1 / 2
-    gradients, _ = count(lambda s: propagate_scenario(s, method="form"), s)
-    assert EXPANSION < gradients / share <= EXPANSION + METHOD_COUNTS["form"][0]
+@pytest.mark.parametrize("radars", [1, 6])
+def test_the_first_look_of_automatic_has_1024_draws(radars, count):
+    """More are not needed where the errors are a tenth of those of level low."""
+    s = problem(radars, level="low")
+    cov_radar = {"low": s.cov_radar["low"] / 100}
+    s = dataclasses.replace(s, cov_aircraft=s.cov_aircraft / 100, cov_radar=cov_radar)
+    gradients, values = count(lambda s: propagate_scenario(s, method="automatic"), s)
+    assert values == 1 + 1024
+    assert gradients <= EXPANSION + NINE_EXTREMES + EMPHASIS
+    moments = propagate_scenario(s, method="form")
+    gradients, values = count(lambda s: unreliable_in_scenario(s, moments, method="form"), s)
+    assert values == 1024
+    assert gradients <= EMPHASIS
+
+
+def test_plain_draws_are_those_of_the_scenario(count):
+    s = problem(6).with_analysis(runs=40)
+    gradients, values = count(lambda s: distribution(s, "montecarlo").quantile(3.0), s)
+    assert (gradients, values) == (0, 1 + 40)
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):
-    """A pose has the same moments as in a network of the radars that see the pose."""
+    """A pose has the same numbers as in a network of the radars that see the pose."""
     s = half_blind
-    moments, upper = propagate_scenario(s, method="form"), upper_bound_in_scenario(s, method="form")
-    above = exceedance_probability(s, 0.3, method="form")
-    std = std_function(s, method="form")(s.cov_aircraft, 2.0 * s.cov_shared)
+    found = distribution(s, "form")
+    moments, above = propagate_scenario(s, method="form"), found.exceedance(0.3)
     for i, seen in enumerate(s.model.visible(s.aircraft, s.radar)):
         places = np.flatnonzero(np.repeat(seen, 4))
         alone = dataclasses.replace(
@@ -161,11 +165,21 @@ def test_form_of_the_radars_that_see_a_pose(half_blind):
         expected = propagate_scenario(alone, method="form")
         for name in ("p_d", "mean", "std", "lower", "upper"):
             assert getattr(moments, name)[i] == pytest.approx(getattr(expected, name)[0], rel=1e-9)
-        assert upper[i] == pytest.approx(expected.upper[0], rel=1e-6)
-        assert above[i] == pytest.approx(exceedance_probability(alone, 0.3, method="form")[0])
-        double = std_function(alone, method="form")(alone.cov_aircraft, 2.0 * alone.cov_shared)
-        assert std[i] == pytest.approx(double[0], rel=1e-9)
-        assert std[i] > moments.std[i]
+        assert above[i] == pytest.approx(distribution(alone, "form").exceedance(0.3)[0])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_distribution_for_other_covariances(method):
+    """FORM differentiates over a region of the first covariances, which moves σ a little."""
+    s = problem(2, step_deg=60, level="low")
+    states = s.states()
+    double = states.with_covariances(states.cov_aircraft, 2 * states.cov_radar)
+    first = distribution(s, method)
+    changed, fresh = first.with_covariances(double), METHODS[method](double)
+    rtol = 3e-3 if method in ("form", "automatic") else 1e-12
+    for value in (lambda d: d.std, lambda d: d.mean, lambda d: d.quantile(-3.0)):
+        np.testing.assert_allclose(value(changed), value(fresh), rtol=rtol)
+    assert np.all(changed.std > first.std)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -173,74 +187,6 @@ def test_no_poses_give_no_moments(method, half_blind):
     s = half_blind
     states = s.model, s.aircraft[:0], s.radar, s.cov_aircraft, s.cov_radar[s.level]
     assert propagate(*states, method=method).std.shape == (0,)
-    assert upper_bound(*states, method=method).shape == (0,)
-    assert nonlinear(*states, method=method).shape == (0,)
-
-
-def once_checked(method):
-    """Gradients of a propagation and its check."""
-    if method == "form":
-        return EXPANSION + METHOD_COUNTS["form"][0]
-    return METHOD_COUNTS[method][0] + ONE_SIDED
-
-
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize(
-    "name", ["variance", "budget", "sensitivity", "montecarlo", "coverage_map"]
-)
-def test_evaluations_of_an_analysis(name, method, radars, count):
-    """The radars of a network by themselves cost one propagation more, of one radar each."""
-    s = problem(radars).with_analysis(runs=10)
-    total, levels = once_checked(method), len(s.cov_radar)
-    itself = (EXPANSION + 19 if method == "form" else 1) if radars > 1 else 0
-    cells, options = 1.0, {}
-    if name == "coverage_map":
-        options = {"step_km": 200.0, "upper": True}
-        size = analyses.coverage_map(s, **options).table["p_d"].size
-        cells = 1 + size / len(s.aircraft)  # and the poses of the scenario
-        assert size <= 20 * 20  # the cells at which the method is checked
-    gradients, values = count(lambda s: getattr(analyses, name)(s, method=method, **options), s)
-    sources = 4 if radars == 1 else 2 + radars + 1 + 2 * radars
-    most_gradients = {
-        "variance": total + itself,
-        "budget": total + itself + (EXPANSION + 19 * sources if method == "form" else 1),
-        "sensitivity": levels * (total + itself),
-        "montecarlo": total + itself,
-        "coverage_map": cells * (EXPANSION + 2.5 if method == "form" else 1) + (cells - 1) * total,
-    }[name]
-    assert gradients <= most_gradients
-    # the check of the map draws at suspect cells
-    in_map = cells + (cells - 1) * (100 if method == "form" else 3)
-    most_values = {"montecarlo": 10 + 4, "coverage_map": in_map, "sensitivity": 4 * levels}
-    assert values <= most_values.get(name, 5)
-
-
-@pytest.mark.parametrize("radars", RADARS)
-def test_evaluations_of_an_analysis_without_a_method(radars, count):
-    """Comparing takes each method once, and each check once."""
-    s = problem(radars).with_analysis(runs=10)
-    gradients, values = count(analyses.compare, s)
-    assert gradients <= 1 + sum(once_checked(method) for method in METHODS)
-    assert values <= 10 + 8
-    for name in ("detectors", "rcs"):
-        gradients, values = count(getattr(analyses, name), s)
-        assert (gradients, values) <= (0, 2)
-
-
-#: Most gradients of each ray of a radar: the ends of the band are searched by most methods.
-RANGE_COUNTS = {"linear": 12, "probit": 260, "form": 900}
-
-
-@pytest.mark.parametrize("radars", RADARS)
-@pytest.mark.parametrize("method", METHODS)
-def test_evaluations_of_ranges(method, radars, count):
-    """Each ray is sampled once with values of P_D. The gradients are at the ends of the band."""
-    s = problem(radars)
-    bearings = 6
-    gradients, values = count(
-        lambda s: analyses.detection_range(s, method=method, step_deg=360 / bearings), s
-    )
-    rays = bearings / len(s.aircraft)
-    assert gradients <= RANGE_COUNTS[method] * rays
-    assert values <= 900 * rays
+    assert unreliable(*states, method=method).shape == (0,)
+    no_covariances = s.model, s.aircraft[:0], s.radar, s.cov_aircraft[np.newaxis][:0], states[-1]
+    assert unreliable(*no_covariances, method=method).shape == (0,)

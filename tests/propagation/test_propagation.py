@@ -1,7 +1,8 @@
 """Methods of propagation against references without their code.
 
 References: randomised quasi-Monte Carlo and plain Monte Carlo on the paper's scenario (see
-tests/reference), draws on random scenarios, integrals over one state by scipy, and mpmath.
+tests/reference), draws on random scenarios, integrals over one state by scipy, and mpmath. The
+draws of the methods themselves are tested in `test_draws`.
 """
 
 from itertools import pairwise
@@ -9,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers import standard_normal_space
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
-from studies.warning_study import counts, study
+from studies.bands import judging, package, populations, truth
 
 from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
@@ -23,16 +25,8 @@ from radar_sense.model.geometry import orbit
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.propagation import (
-    METHODS,
-    Moments,
-    form,
-    gaussian_states,
-    nonlinear,
-    probit_moments,
-    propagate,
-    standard_space,
-)
+from radar_sense.propagation import METHODS, Moments, form, propagate, unreliable
+from radar_sense.propagation.moments import probit_moments
 
 REFERENCE = np.load(Path(__file__).parents[1] / "reference" / "propagation.npz")
 THETA_DEG = REFERENCE["theta_deg"]
@@ -41,6 +35,8 @@ MODEL = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
 RADAR = np.array([0.0, 0.0, 0.0, 167.0])
 DEGREE = np.radians(1.0)
 VALUES = ("mean", "std", "lower", "upper")
+#: The methods without draws.
+SMOOTH = ("linear", "probit", "form")
 
 
 def paper_aircraft(azimuth_deg):
@@ -70,14 +66,10 @@ def on_paper(method, level, **kwargs):
     )
 
 
-def nonlinear_on_paper(method, level):
-    return nonlinear(MODEL, AIRCRAFT, RADAR, COV_AIRCRAFT, COV_RADAR[level], method=method)
-
-
 def assert_same(found, expected, rtol=1e-12):
     for name in ("p_d", *VALUES):
         assert_allclose(getattr(found, name), getattr(expected, name), rtol=rtol, err_msg=name)
-    assert_array_equal(found.converged, expected.converged)
+    assert_allclose(found.error, expected.error, rtol=1e-6, atol=1e-12)
 
 
 # The paper's scenario.
@@ -129,7 +121,7 @@ def test_error_on_the_paper_s_scenario(method, level):
     assert errors[2] < mean_error
     # The claims are tight: a method that has become better or another one shows as well.
     assert np.all(np.array(errors) > 0.5 * np.array(ERRORS[method, level]))
-    assert found.converged.all()
+    assert_array_equal(found.error, 0.0)
     assert_array_equal(found.p_d, MODEL.p_d(AIRCRAFT, RADAR))
 
 
@@ -142,31 +134,41 @@ def test_form_bounds_at_other_beta(level, beta):
     assert_allclose(found.upper, quantiles[:, 3 + beta], rtol=0, atol=4.5e-5)
 
 
-def test_mean_and_deviation_do_not_depend_on_beta():
-    for method in METHODS:
-        one, other = on_paper(method, "high", beta=0.3), on_paper(method, "high", beta=5.0)
-        assert_allclose(one.mean, other.mean, rtol=1e-13)
-        assert_allclose(one.std, other.std, rtol=1e-12)
-        assert np.all(other.lower < one.lower)
-        assert np.all(one.upper < other.upper)
+@pytest.mark.parametrize("method", METHODS)
+def test_mean_and_deviation_do_not_depend_on_beta(method):
+    states = MODEL, AIRCRAFT[::20], RADAR, COV_AIRCRAFT, COV_RADAR["high"]
+    one, other = (propagate(*states, method=method, beta=beta) for beta in (0.3, 5.0))
+    assert_allclose(one.mean, other.mean, rtol=1e-13)
+    assert_allclose(one.std, other.std, rtol=1e-12)
+    assert np.all(other.lower < one.lower)
+    assert np.all(one.upper < other.upper)
 
 
-def test_check_on_the_paper_s_scenario():
-    """Linear and probit are warned of where σ is off by 2.2 % or a bound by 0.0052.
+@pytest.mark.parametrize("level", COV_RADAR)
+@pytest.mark.parametrize("method", SMOOTH)
+def test_what_is_unreliable_on_the_paper_s_scenario(method, level):
+    """What is off by more than is allowed is warned of, and nothing below 0.85 of it."""
+    some = slice(None, None, 20)
+    states = MODEL, AIRCRAFT[some], RADAR, COV_AIRCRAFT, COV_RADAR[level]
+    found, warned = propagate(*states, method=method), unreliable(*states, method=method)
+    quantiles = REFERENCE[f"{level}_quantiles"][some]
+    exact = quantiles[:, 0], quantiles[:, 6], REFERENCE[f"{level}_std"][some]
+    bound, relative = parts_of_what_is_allowed(found, *exact)
+    off = np.maximum(bound, relative)
+    assert np.all(warned[off > 1.05])
+    assert not np.any(warned[off < 0.85])
+    assert warned.any() == (method == "linear" and level != "low")
 
-    There is no warning where σ is within 1.8 % and the bounds within 0.0045.
+
+def parts_of_what_is_allowed(found, lower, upper, std):
+    """Return errors of the bounds in units of 0.005; and of a tenth of a bound or 5 % of σ.
+
+    A relative error below 1e-6 does not count, because no output shows it.
     """
-    for level in COV_RADAR:
-        assert not nonlinear_on_paper("form", level).any()
-        for method in ("linear", "probit"):
-            found, warned = on_paper(method, level), nonlinear_on_paper(method, level)
-            error = abs(found.std / REFERENCE[f"{level}_std"] - 1)
-            bounds = REFERENCE[f"{level}_quantiles"][:, [0, 6]]
-            missed = abs(np.transpose([found.lower, found.upper]) - bounds).max(axis=1)
-            assert np.all(warned[(error > 0.022) | (missed > 0.0052)])
-            assert not np.any(warned[(error < 0.018) & (missed < 0.0045)])
-        assert nonlinear_on_paper("linear", level).any() == (level != "low")
-        assert nonlinear_on_paper("probit", level).any() == (level == "high")
+    errors = [abs(found.lower - lower), abs(found.upper - upper), abs(found.std - std)]
+    allowed = 0.1 * lower, 0.1 * upper, 0.05 * std
+    relative = [e / np.maximum(a, 1e-6) for e, a in zip(errors, allowed, strict=True)]
+    return np.max(errors[:2], axis=0) / 0.005, np.max(relative, axis=0)
 
 
 def test_linear_is_the_linearization_bit_for_bit():
@@ -176,7 +178,9 @@ def test_linear_is_the_linearization_bit_for_bit():
         (COV_AIRCRAFT, COV_RADAR["medium"]),
         (correlated(rng, [10, 20, 30, 0.01, 0.02, 0.03]), correlated(rng, [100, 200, 300, 10])),
     ):
-        found = propagate(MODEL, AIRCRAFT, RADAR, cov_aircraft, cov_radar, beta=2.0)
+        found = propagate(
+            MODEL, AIRCRAFT, RADAR, cov_aircraft, cov_radar, method="linear", beta=2.0
+        )
         std = lin.std(cov_aircraft, cov_radar)
         assert_array_equal(found.std, std)
         for name in ("p_d", "mean"):
@@ -220,7 +224,7 @@ def test_moments_of_a_probit_agree_with_thirty_digits():
 def test_quantiles_of_a_quadratic_that_are_known():
     """r* is exact without λ, off by 4 % of a deviation where λ is g, and by 1.2 % for chi-square.
 
-    At λ = 0.2 g, where no check warns yet, it is off by 0.1 %.
+    At λ = 0.2 g it is off by 0.1 %.
     """
     beta = np.array([-4.0, -3.0, -1.0, 0.0, 1.0, 3.0, 4.0])
     level = ndtr(beta)
@@ -280,11 +284,6 @@ def test_maximum_in_a_ball():
 # One uncertain state: quantiles of a function of one variable, and moments by integrals.
 
 
-def space_of(*states):
-    """The standard normal space of a few poses."""
-    return standard_space.StandardNormalSpace.of(gaussian_states.uncertain_states(*states)[1])
-
-
 def one_state(which, std):
     """Covariances in which that component of the ten states alone is uncertain."""
     variances = np.zeros(10)
@@ -329,7 +328,7 @@ def test_radar_constant_alone(percent, bound_error, std_error):
         mean, std_exact = exact_moments(p_d_at, breaks=[max(-100 / percent, -9.0)])
         assert found.mean[i] == pytest.approx(mean, abs=2 * bound_error)
         assert found.std[i] == pytest.approx(std_exact, rel=std_error)
-    warned = nonlinear(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
+    warned = unreliable(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
     assert not warned.any()  # bounds and σ are good at every pose
 
 
@@ -352,12 +351,12 @@ def test_a_radar_constant_that_is_half_the_time_zero():
 def test_extremes_of_a_monotone_function_are_exact(beta):
     """FORM itself, without its correction; above −1/0.3, where c_r is zero, z is the model's."""
     std = 0.3 * RADAR[3]
-    z = space_of(MODEL, AIRCRAFT[::40], RADAR, *one_state(9, std))
+    z = standard_normal_space(MODEL, AIRCRAFT[::40], RADAR, *one_state(9, std))
     row, sign = np.arange(len(z.value)), np.full(len(z.value), np.sign(beta))
     g, lam = np.sign(beta) * z.gradient, np.sign(beta) * z.curvature
     radius = abs(beta) * np.ones(len(row))
     start = form.ball_maximum(g, lam, radius)
-    _, extreme, converged = form.climb(z, row, sign, radius, g, lam, start)
+    extreme, converged = form.climb(z, row, sign, radius, g, lam, start)
     assert converged.all()
     radar = [0, 0, 0, RADAR[3] + std * max(beta, -1 / 0.3)]
     exact = MODEL.linearize_probit(AIRCRAFT[::40], radar)[0]
@@ -415,7 +414,7 @@ def test_far_in_the_tails(constant):
 @pytest.mark.parametrize("azimuth", [0.0, 90.0, 180.0])
 @pytest.mark.parametrize("exactly", [False, True])
 def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, exactly):
-    """Tail-on, broadside and nose-on yaw has no effect to first order; `form` is right there."""
+    """Tail-on, broadside and nose-on yaw has no effect to first order; second order is right."""
     pose = paper_aircraft(azimuth)
     if exactly:
         pose[2] = 0.0
@@ -428,12 +427,12 @@ def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, 
     mean, std = exact_moments(p_d_at)
     farthest = p_d_at(norm.ppf((1 + ndtr(3.0)) / 2))  # |u| is no more with probability Φ(3)
     assert std > 2e-5
-    for method in METHODS:
+    for method in (*SMOOTH, "automatic"):  # plain draws have no bounds at Φ(3)
         found = propagate(MODEL, pose, RADAR, *covariances, method=method)
-        warned = nonlinear(MODEL, pose, RADAR, *covariances, method=method)
-        assert warned == (method != "form")
-        if method == "form":
-            assert found.converged
+        warned = unreliable(MODEL, pose, RADAR, *covariances, method=method)
+        second_order = method in ("form", "automatic")
+        assert warned == (not second_order)
+        if second_order:
             assert found.std == pytest.approx(std, rel=0.02)
             assert found.mean == pytest.approx(mean, abs=0.01 * std)
             # P_D is on one side of the nominal value.
@@ -444,25 +443,33 @@ def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, 
             assert found.std < 1e-9 * std
 
 
-def test_without_uncertainty_every_deviation_is_zero():
-    for method in METHODS:
-        found = propagate(MODEL, AIRCRAFT, RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR, method=method)
-        assert_array_equal(found.std, 0.0)
-        for name in ("mean", "lower", "upper"):
-            assert_array_equal(getattr(found, name), found.p_d)
-        states = MODEL, AIRCRAFT, RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR
-        assert not nonlinear(*states, method=method).any()
-        assert found.converged.all()
+@pytest.mark.parametrize("method", ["montecarlo", "automatic"])
+def test_draws_are_unreliable_where_their_bounds_are_not_precise(method):
+    states = MODEL, AIRCRAFT[::40], RADAR, COV_AIRCRAFT, COV_RADAR["high"]
+    found = propagate(*states, method=method)
+    assert_array_equal(unreliable(*states, method=method), found.error > 0.005)
+    assert unreliable(*states, method=method).any() == (method == "montecarlo")
 
 
-def test_uncertainty_without_effect():
+@pytest.mark.parametrize("method", METHODS)
+def test_without_uncertainty_every_deviation_is_zero(method):
+    states = MODEL, AIRCRAFT, RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR
+    found = propagate(*states, method=method)
+    assert_array_equal(found.std, 0.0)
+    for name in ("mean", "lower", "upper"):
+        assert_array_equal(getattr(found, name), found.p_d)
+    assert_array_equal(found.error, 0.0)
+    assert not unreliable(*states, method=method).any()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_uncertainty_without_effect(method):
     """Attitude, with a cross section that is the same from everywhere."""
     model = DetectionModel(ConstantRCS(0.2), p_fa=1e-4)
     cov = independent(0, 0, 0, 0.3, 0.3, 0.3)
-    for method in METHODS:
-        found = propagate(model, AIRCRAFT[::30], RADAR, cov, CERTAIN_RADAR, method=method)
-        assert_array_equal(found.std, 0.0)
-        assert_array_equal(found.upper, found.p_d)
+    found = propagate(model, AIRCRAFT[::30], RADAR, cov, CERTAIN_RADAR, method=method)
+    assert_array_equal(found.std, 0.0)
+    assert_array_equal(found.upper, found.p_d)
 
 
 # Any scenario.
@@ -505,7 +512,7 @@ def test_random_scenarios_against_draws(kind, rank):
         cov_radar = correlated(rng, [500, 500, 500, rng.uniform(0.01, 0.07) * radar[3]], rank)
         found = propagate(model, pose, radar, cov_aircraft, cov_radar, method="form")
         states = model, pose, radar, cov_aircraft, cov_radar
-        if not found.converged or nonlinear(*states, method="form", moments=found):
+        if unreliable(*states, method="form"):
             continue
         trusted += 1
         p_d = draws(model, pose, radar, cov_aircraft, cov_radar, rng)
@@ -521,18 +528,25 @@ def test_random_scenarios_against_draws(kind, rank):
     assert trusted >= {"constant": 6, "ellipsoid": 5, "spikeball": 3}[kind]
 
 
-def misses(model, aircraft, radar, cov_aircraft, cov_radar):
+def is_unreliable(states, found, method):
+    """Return what `unreliable` says, without a second computation of draws."""
+    if method == "automatic":
+        return found.error > 0.005
+    return unreliable(*states, method=method)
+
+
+def misses(method, model, aircraft, radar, cov_aircraft, cov_radar):
     """Return errors of bounds beyond 4 standard errors, of σ, and poses without a warning."""
     states = model, aircraft, radar, cov_aircraft, cov_radar
-    found = propagate(*states, method="form")
-    trusted = found.converged & ~nonlinear(*states, method="form", moments=found)
+    found = propagate(*states, method=method)
+    trusted = ~is_unreliable(states, found, method)
     rng, off = np.random.default_rng(4), 4 * np.sqrt(ndtr(-3.0) / 100_000)
     bounds, stds = [], []
     for i, pose in enumerate(aircraft):
         p_d = draws(model, pose, radar, cov_aircraft, cov_radar, rng, 100_000)
         ends = np.quantile(p_d, ndtr([[-3.0], [3.0]]) + off * np.array([-1, 1]))
         given = np.array([found.lower[i], found.upper[i]])
-        bounds.append(np.max([ends[:, 0] - given, given - ends[:, 1]]))
+        bounds.append(np.max([ends[:, 0] - given, given - ends[:, 1]]) - 4 * found.error[i])
         stds.append(abs(found.std[i] / p_d.std() - 1) if p_d.std() > 1e-3 else 0.0)
     return np.array(bounds), np.array(stds), trusted
 
@@ -547,77 +561,81 @@ def misses(model, aircraft, radar, cov_aircraft, cov_radar):
         (SpikeballRCS(20, 0.18, 0.1), 60.0, 1.0, 5.0),
     ],
 )
-def test_form_warns_where_its_bounds_are_wrong(rcs, constant, attitude_deg, constant_std):
-    """Large angles, and kinks in reach: without a warning bounds are good to 0.001, σ to 3 %."""
+@pytest.mark.parametrize("method", ["form", "automatic"])
+def test_no_bound_is_wrong_at_large_angles(method, rcs, constant, attitude_deg, constant_std):
+    """Also with kinks in reach: without a warning bounds are good to 0.005, σ to 5 %."""
     model = DetectionModel(rcs, p_fa=1.7e-4)
     angle = attitude_deg * DEGREE
     bounds, stds, trusted = misses(
+        method,
         model,
-        paper_aircraft(np.arange(0.0, 181.0, 20.0)),
+        paper_aircraft(np.arange(0.0, 121.0, 60.0)),
         np.array([0.0, 0.0, 0.0, constant]),
         independent(10, 10, 10, angle, angle, angle),
         independent(100, 100, 100, constant_std),
     )
-    assert np.all(bounds[trusted] < 1e-3)
-    assert np.all(stds[trusted] < 0.03)  # σ of the draws has an error of its own
-    assert not trusted.all()
+    assert np.all(bounds[trusted] < 0.005)
+    assert np.all(stds[trusted] < 0.06)  # σ of the draws has an error of its own
+    assert trusted.all() == (method == "automatic")
 
 
-def test_bounds_stay_within_0_and_1():
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("beta", [0.1, 3.0, 30.0, 60.0])
+def test_bounds_stay_within_0_and_1(method, beta):
     """At any β, and at deviations with which the linear band exceeds 1."""
     cov_aircraft = independent(1e4, 1e4, 1e4, 0.1, 0.1, 0.1)
     cov_radar = independent(1e4, 1e4, 1e4, 50.0)
-    for beta in (0.1, 1.0, 3.0, 8.0, 30.0):
-        for method in METHODS:
-            found = propagate(
-                MODEL, AIRCRAFT[::20], RADAR, cov_aircraft, cov_radar, method=method, beta=beta
-            )
-            if method == "linear":
-                assert beta < 3 or found.upper.max() > 1
-                continue
-            assert found.converged.any()
-            known = found.converged
-            assert np.all(found.lower[known] >= 0)
-            assert np.all(found.upper[known] <= 1)
-            assert np.all(found.lower[known] <= found.upper[known])
-            assert np.all(found.std[known] <= 0.5)
-            assert np.all((found.mean[known] > 0) & (found.mean[known] < 1))
+    states = MODEL, AIRCRAFT[60::200], RADAR, cov_aircraft, cov_radar
+    found = propagate(*states, method=method, beta=beta)
+    if method == "linear":
+        assert beta < 3 or found.upper.max() > 1
+        return
+    known = np.isfinite(found.std + found.lower + found.upper)
+    assert known.any() or (method == "form" and beta > 30)
+    assert known.all() or method == "form"
+    assert np.all(found.lower[known] >= 0)
+    assert np.all(found.upper[known] <= 1)
+    assert np.all(found.lower[known] <= found.upper[known])
+    assert np.all(found.std[known] <= 0.5)
+    assert np.all((found.mean[known] > 0) & (found.mean[known] < 1))
 
 
 def test_huge_uncertainty_is_warned_of():
-    """Nearly all draws of P_D are then 0 or 1."""
-    for method in METHODS:
-        states = MODEL, AIRCRAFT[::30], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8
-        assert nonlinear(*states, method=method).all()
+    """Nearly all draws of P_D are then 0 or 1, and so are the bounds by draws."""
+    states = MODEL, AIRCRAFT[::60], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8
+    for method in SMOOTH:
+        assert unreliable(*states, method=method).all()
+    found = propagate(*states)
+    assert not unreliable(*states).any()
+    assert_allclose(found.lower, MODEL.p_d(AIRCRAFT[0], RADAR * 0), rtol=0, atol=1e-3)
+    assert_array_equal(found.upper, 1.0)
 
 
 # Values that are not known.
 
 
 @pytest.mark.parametrize("limit", [0, 1, 2])
-def test_values_that_have_not_converged_are_reported_and_not_returned(limit, monkeypatch):
+def test_values_that_have_not_converged_are_nan(limit, monkeypatch):
     """One evaluation each is enough on the paper's scenario, but not with 5° of attitude."""
     cov_aircraft = independent(10, 10, 10, 5 * DEGREE, 5 * DEGREE, 5 * DEGREE)
-
     states = MODEL, AIRCRAFT[::10], RADAR, cov_aircraft, COV_RADAR["high"]
-
-    def propagated():
-        return propagate(*states, method="form")
-
-    full = propagated()
-    assert full.converged.all()
+    full = propagate(*states, method="form")
     monkeypatch.setattr(form, "ITERATIONS", limit)
-    cut = propagated()
-    assert not cut.converged.all()
-    assert cut.converged.any() == (limit > 1)
-    assert nonlinear(*states, method="form", moments=cut)[~cut.converged].all()
+    cut = propagate(*states, method="form")
+    known = np.isfinite(cut.std)
+    assert not known.all()
+    assert known.any() == (limit > 1)
     assert_array_equal(cut.p_d, full.p_d)
     for name in VALUES:
-        value = getattr(cut, name)
-        assert_array_equal(np.isnan(value), ~cut.converged)
         # Converged values are the same as without the limit.
-        assert_array_equal(value[cut.converged], getattr(full, name)[cut.converged])
-    assert on_paper("probit", "high").converged.all()
+        assert_array_equal(getattr(cut, name)[known], getattr(full, name)[known])
+        assert np.isfinite(getattr(full, name)).all()
+    assert np.isnan(cut.mean[~known]).all()
+    if limit == 1:  # a method with draws has a result where FORM has none
+        some = ~known & (np.arange(len(known)) % 4 == 0)
+        by_draws = propagate(MODEL, states[1][some], *states[2:])
+        assert np.isfinite([getattr(by_draws, name) for name in VALUES]).all()
+        assert np.all(by_draws.error > 0)
 
 
 def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
@@ -630,44 +648,54 @@ def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
         return propagate(model, aircraft, radar, COV_AIRCRAFT, COV_RADAR["medium"], method="form")
 
     found = by_form(aircraft)
-    assert 0 < found.converged.sum() < len(aircraft)
-    assert_array_equal(np.isnan(found.mean), ~found.converged)
+    known = np.isfinite(found.std)
+    assert 0 < known.sum() < len(aircraft)
+    assert_array_equal(np.isfinite(found.mean), known)
     states = model, aircraft, radar, COV_AIRCRAFT, COV_RADAR["medium"]
-    assert np.all(nonlinear(*states, method="form", moments=found)[~found.converged])
+    assert np.all(unreliable(*states, method="form")[~known])
     for i, pose in enumerate(aircraft):
         assert_same(Moments(*(v[i] for v in vars(found).values())), by_form(pose))
 
 
 @pytest.mark.parametrize("rcs", [MODEL.rcs, SpikeballRCS(4, 0.18, 0.1)])
 @pytest.mark.parametrize("method", METHODS)
-def test_straight_above_the_radar_nothing_is_known(method, rcs):
+def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
     model = DetectionModel(rcs, MODEL.p_fa)
     above = np.array([0.0, 0.0, -3e3, 0.0, 0.0, 1.0])
-    poses = np.stack([paper_aircraft(30.0), above, paper_aircraft(60.0)])
+    poses = np.stack([paper_aircraft(30.0), above])
     radar = np.array([0.0, 0.0, 0.0, 1e-8])
     cov_radar = independent(100, 100, 100, 1e-9)
-    found = propagate(model, poses, radar, COV_AIRCRAFT, cov_radar, method=method)
-    assert_array_equal(np.isnan(found.std), [False, True, False])
-    assert_array_equal(np.isnan(found.upper), [False, True, False])
-    assert nonlinear(model, poses, radar, COV_AIRCRAFT, cov_radar, method=method)[1]
-    assert found.converged[1] == (method != "form")
+    states = model, poses, radar, COV_AIRCRAFT, cov_radar
+    found = propagate(*states, method=method)
+    unknown = [False, method in SMOOTH]
+    assert_array_equal(np.isnan(found.std), unknown)
+    assert_array_equal(np.isnan(found.upper), unknown)
+    if method != "montecarlo":  # 500 draws are too few for a precise bound
+        assert is_unreliable(states, found, method)[1] == (method in SMOOTH)
     assert np.isfinite(found.p_d).all()
-    alone = propagate(model, poses[::2], radar, COV_AIRCRAFT, cov_radar, method=method)
-    assert_same(Moments(*(v[::2] for v in vars(found).values())), alone)
+    if method in SMOOTH:
+        alone = propagate(model, poses[0], radar, COV_AIRCRAFT, cov_radar, method=method)
+        assert_same(Moments(*(v[0] for v in vars(found).values())), alone, rtol=1e-9)
 
 
 # Shapes and arguments.
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_a_pose_does_not_depend_on_the_others(method, monkeypatch):
-    whole = on_paper(method, "high")
-    for i in (0, 97, 360):
-        alone = propagate(MODEL, AIRCRAFT[i], RADAR, COV_AIRCRAFT, COV_RADAR["high"], method=method)
+def test_a_pose_does_not_depend_on_the_others(method):
+    """Alone, or among more poses than are computed at a time.
+
+    The poses of `automatic` share its most draws, which are enough for these but not for thousands.
+    """
+    some = AIRCRAFT[::20]
+    whole = propagate(MODEL, some, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
+    for i in (0, 7, 18):
+        alone = propagate(MODEL, some[i], RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
         assert np.shape(alone.mean) == ()
         assert_same(alone, Moments(*(v[i] for v in vars(whole).values())))
-    monkeypatch.setattr(gaussian_states, "BLOCK", 50)
-    assert_same(on_paper(method, "high"), whole)
+    many = np.resize(some, (100 if method == "automatic" else 5000, 6))
+    found = propagate(MODEL, many, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
+    assert_same(found, Moments(*(np.resize(v, len(many)) for v in vars(whole).values())))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -713,7 +741,7 @@ def test_many_square_roots_at_once_are_those_one_by_one():
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"method": "fosm"}, "method must be one of linear, probit, form, got 'fosm'"),
+        ({"method": "fosm"}, f"method must be one of {', '.join(METHODS)}, got 'fosm'"),
         ({"beta": 0.0}, "beta must be a number greater than 0"),
         ({"beta": -3.0}, "beta must be a number greater than 0"),
         ({"beta": np.nan}, "beta must be a number greater than 0"),
@@ -753,19 +781,28 @@ def test_no_bound_is_wrong_without_a_warning(detector, percent):
     """Only c_r is uncertain. P_D grows with c_r, so its bounds are P_D at the bounds of c_r."""
     model = DetectionModel(rcs=ConstantRCS(0.2), p_fa=1e-6, detector=detector)
     aircraft = np.array([0.0, 5e4, 0.0, 0.0, 0.0, 0.0])
-    snr = np.geomspace(1, 300, 40)
-    radar = np.zeros((40, 4))
+    snr = np.geomspace(1, 300, 12)
+    radar = np.zeros((12, 4))
     radar[:, 3] = snr * 1.380649e-23 * 5e4**4 / 0.2
-    cov_radar = np.zeros((40, 4, 4))
-    cov_radar[:, 3, 3] = (percent / 100 * radar[:, 3]) ** 2
-    lower, upper = (model.p_d(aircraft, radar * (1 + sign * 3 * percent / 100)) for sign in (-1, 1))
-    for method in ("linear", "probit"):
-        found = propagate(model, aircraft, radar, np.zeros((6, 6)), cov_radar, method=method)
+    spread = percent / 100
+    cov_radar = np.zeros((12, 4, 4))
+    cov_radar[:, 3, 3] = (spread * radar[:, 3]) ** 2
+    lower, upper = (model.p_d(aircraft, radar * (1 + 3 * sign * spread)) for sign in (-1, 1))
+    u = np.linspace(-9, 9, 4001)
+    weight = norm.pdf(u) / norm.pdf(u).sum()
+    drawn = radar[:, np.newaxis] * np.maximum(1 + spread * u, 0)[:, np.newaxis]
+    p_d = model.p_d(aircraft, drawn)
+    std = np.sqrt((p_d - (p_d @ weight)[:, np.newaxis]) ** 2 @ weight)
+    for method in SMOOTH if percent == 20 else (*SMOOTH, "automatic"):
         states = model, aircraft, radar, np.zeros((6, 6)), cov_radar
-        warned = nonlinear(*states, method=method, moments=found)
-        missed = np.maximum(abs(found.lower - lower), abs(found.upper - upper))
-        assert missed[~warned].max(initial=0.0) < 0.006  # the threshold is 0.005
-        assert missed[warned].max(initial=1.0) > 0.005
+        found = propagate(*states, method=method)
+        warned = is_unreliable(states, found, method)
+        bound, relative = parts_of_what_is_allowed(found, lower, upper, std)
+        assert bound[~warned].max(initial=0.0) < 1.1
+        # σ and small bounds are judged by fewer draws; those of five deviations make σ at 20 %
+        assert percent == 20 or relative[~warned].max(initial=0.0) < 2
+        assert np.maximum(bound, relative)[warned].min(initial=1.0) > 0.8, method
+        assert method != "automatic" or not warned.any()
 
 
 # Lobes within reach.
@@ -780,7 +817,7 @@ def lobed(near_deg, far_deg, far_db):
 
 
 @pytest.mark.parametrize("far_deg", [-5.5, -6.5, -7.5])
-def test_form_finds_a_far_lobe_or_warns(far_deg, monkeypatch):
+def test_a_far_lobe_is_warned_of_and_in_the_draws(far_deg):
     """Only yaw is uncertain, by 3 deg. Exact quantiles come from a fine grid of yaw."""
     model = DetectionModel(lobed(2.0, far_deg, 12.0), p_fa=1e-6)
     pose, std = np.array([4e5, 0.0, -1e3, 0.0, 0.0, np.pi]), 3 * DEGREE
@@ -793,27 +830,32 @@ def test_form_finds_a_far_lobe_or_warns(far_deg, monkeypatch):
     weights = np.cumsum(norm.pdf(u)[order])
     exact = p_d[order][np.searchsorted(weights, ndtr(3.0) * weights[-1])]
     case = model, pose, radar, *one_state(5, std)
-    found = propagate(*case, method="form")
-    for method in METHODS:
-        good = abs(propagate(*case, method=method).upper - exact) < 0.005
-        assert nonlinear(*case, method=method) or good
-    assert not found.converged or exact - 0.005 < found.upper < exact + 0.25
-    monkeypatch.setattr(TableRCS, "lobed", False)  # the nearest lobe is not the highest
-    assert not propagate(*case, method="form").upper > exact - 0.1
+    for method in SMOOTH:
+        assert not abs(propagate(*case, method=method).upper - exact) <= 0.005
+        assert unreliable(*case, method=method)
+    found = propagate(*case)
+    assert not unreliable(*case)
+    assert found.error > 0
+    assert abs(found.upper - exact) < 0.005 + 4 * found.error
 
 
-def test_no_bound_is_off_without_a_warning_in_random_scenarios():
-    """A small part of tests/studies/warning_study.py, with tables of sharp lobes among its RCS."""
-    verdicts = study(scenarios=6, draws=20_000, seed=1, kinds=("lobes", "table", "lobes"))
-    for method, of_method in verdicts.items():
-        poses, off, _, missed, _, false = counts(of_method)
-        assert poses == 18
-        assert off >= (6 if method == "form" else 9)
-        assert missed == 0
-        assert false <= (1 if method == "form" else 4)
+@pytest.mark.parametrize("population", populations.POPULATIONS)
+def test_no_bound_is_off_without_a_warning_in_random_scenarios(population):
+    """A small part of the study in tests/studies/bands, which says what is off."""
+    seed, off = 5, {"form": 0, "automatic": 0}
+    for number in range(3):
+        case = populations.problem(population, seed, number)
+        exact = truth.truth(case, seed, most=50_000)
+        scenario = package.scenario(case)
+        for method in off:
+            judged = judging.judge(exact, package.band(scenario, method, case.k))
+            assert judged.warned or not judged.off, (number, method)
+            off[method] += judged.off
+    assert off["automatic"] == 0
+    assert off["form"] >= (population != "general")  # the scenarios can tell
 
 
-@pytest.mark.parametrize(("constant", "matters"), [(5.0, False), (100.0, True)])
+@pytest.mark.parametrize(("constant", "matters"), [(5.0, False), (167.0, True)])
 def test_a_limit_within_reach_is_warned_of_where_the_radar_matters(constant, matters):
     """The second radar is at the limit of its range everywhere."""
     limited = Radar(DetectionModel(MODEL.rcs, p_fa=1e-8), name="limited", max_range=500e3)
@@ -823,4 +865,4 @@ def test_a_limit_within_reach_is_warned_of_where_the_radar_matters(constant, mat
     cov_radar = np.kron(np.eye(2), COV_RADAR["low"])
     cov_radar[7, 7] *= constant / RADAR[3]
     states = model, AIRCRAFT[80:121:10], radar, COV_AIRCRAFT, cov_radar
-    assert np.all(nonlinear(*states, method="form") == matters)
+    assert np.all(unreliable(*states, method="form") == matters)

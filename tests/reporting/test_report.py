@@ -330,7 +330,8 @@ def test_the_same_bytes_whatever_the_number_of_workers(tool, flight, tmp_path):
 @pytest.mark.parametrize(
     ("options", "code", "words"),
     [
-        (["--k", "2"], 2, "k belongs to threshold"),
+        (["--k", "0"], 2, "greater than 0"),
+        (["--k", "2", "-q"], 0, ""),
         (["--method", "monte"], 2, "method must be one of"),
         (["--level", "hi"], 2, "level must be one of"),
         (["--radar", "x"], 2, "single radar"),

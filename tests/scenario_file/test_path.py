@@ -212,13 +212,16 @@ def test_the_verdict_at_a_pose_is_by_its_covariance(tmp_path):
 
 def test_allowances_scale_every_covariance(tmp_path):
     s = load(tmp_path, UNCERTAIN)
-    top = float(np.max(3 * propagate_scenario(s).std))
-    assert required_accuracies(s, top / 2)["all"].factor == pytest.approx(0.5, rel=1e-6)
+    top = float(np.max(3 * propagate_scenario(s, method="linear").std))
+    found = required_accuracies(s, top / 2, method="linear")
+    assert found["all"].factor == pytest.approx(0.5, rel=1e-6)
     pose = s.at_poses(slice(2, 3))
-    at_pose = required_accuracies(only_at(s, 1000.0), 0.01)
-    assert at_pose["all"].factor == pytest.approx(
-        0.01 / (3 * propagate_scenario(pose).std[0]), rel=1e-6
-    )
+    at_pose = required_accuracies(only_at(s, 1000.0), 0.01, method="linear")
+    three_sigma = 3 * propagate_scenario(pose, method="linear").std[0]
+    # draws refuse the factor of the linear sigma here: it is reduced until they confirm it
+    factor = at_pose["all"].factor
+    assert 0.5 * 0.01 / three_sigma < factor < 0.01 / three_sigma
+    assert at_pose["all"].residual == pytest.approx(factor * three_sigma, rel=1e-6)
 
 
 # The scenario.
@@ -658,7 +661,7 @@ def test_many_poses_go_through_in_parts(tmp_path):
     rows = np.column_stack([time, 4e5 - 10 * time, 50e3 + time, 0 * time - 9e3, *std])
     text = f"{HEADER},{STD}\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist())
     s = load(tmp_path, text)
-    found = propagate_scenario(s)
+    found = propagate_scenario(s, method="linear")
     model: DetectionModel = s.model
     linear = model.linearize(s.aircraft, s.radar)
     expected = linear.std(s.cov_aircraft, s.cov_radar[s.level])

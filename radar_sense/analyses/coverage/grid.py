@@ -25,7 +25,7 @@ from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import body_vector
 from radar_sense.montecarlo.parallel import in_order
-from radar_sense.propagation import upper_bound_in_scenario
+from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, RADAR, YAW, FloatArray
 
@@ -164,7 +164,7 @@ def p_d_in_cells(
         p_d = scenario.model.p_d(aircraft, scenario.radar)
         if method is None:
             return (p_d,)
-        bound = upper_bound_in_scenario(scenario.at_states(aircraft), method=method, beta=BETA)
+        bound = distribution(scenario.at_states(aircraft), method).quantile(BETA)
         return p_d, bound.reshape(p_d.shape)
 
     count = 1 if method is None else 2

@@ -20,7 +20,7 @@ from radar_sense.analyses.coverage.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
-from radar_sense.propagation import LARGEST_PROBIT, propagate_scenario, upper_bound_in_scenario
+from radar_sense.propagation import distribution, propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
 
@@ -39,6 +39,8 @@ EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
 FALSI_STEPS, FALSI_TOLERANCE = 40, 1e-7
 #: Factor on the distance of a limit. The product is within the limit in spite of rounding.
 INSIDE = 1.0 - 1e-9
+#: |z| of a P_D that is 0 or 1 to rounding.
+LARGEST_PROBIT = 40.0
 #: Rays computed at a time.
 _BLOCK = 64
 #: Evaluations of P_D that take as long as a ray with its band (docs/benchmarks.md).
@@ -121,7 +123,7 @@ class Rays:
 
     def upper(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
         """Return the upper bound of P_D (n, k) by a method at distances (n, k)."""
-        bound = upper_bound_in_scenario(self.at(distance), method=method, beta=beta)
+        bound = distribution(self.at(distance), method).quantile(beta)
         return np.reshape(bound, distance.shape)
 
 
@@ -184,6 +186,11 @@ class Survey:
     distance: FloatArray
     p_d: FloatArray
     visible: NDArray[np.bool_]
+
+    def part(self, rows: NDArray[np.intp]) -> Survey:
+        """Return the survey of some of the rays."""
+        rays = self.all_rays.part(rows)
+        return Survey(rays, self.distance, self.p_d[rows], self.visible[rows])
 
     def reach(self, p_d: float, *, limits: bool = True) -> Reach:
         """Return how far the rays reach a P_D, within the limits of the radar or without limits."""

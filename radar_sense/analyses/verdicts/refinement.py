@@ -5,6 +5,9 @@ path follows the curve of the earth. The attitude turns the short way at a const
 covariance is interpolated linearly. A mission has the same states between rows.
 
 Between two azimuths of an orbit the position is on the circle, and the attitude is constant.
+
+P_D of the nominal states is computed at steps that no lobe fits between, and where a radar is
+closest or comes into sight. All of these are poses of the test if P_D is greatest there.
 """
 
 from __future__ import annotations
@@ -16,22 +19,33 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.model.geometry import body_vector
+from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.network import Radar
 from radar_sense.propagation import Moments
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, RADAR, FloatArray
 
-#: Largest turn of the aspect [rad] between two poses, for a smooth RCS and for an RCS with lobes.
-SMOOTH_ASPECT, LOBED_ASPECT = np.deg2rad(5.0), np.deg2rad(1.0)
+#: Largest turn of the aspect [rad] between two poses. In a scan of P_D of the nominal states the
+#: largest turn is also half the width of a lobe of the RCS, or of a cell of its table.
+LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
 #: Largest distance between two poses, as a part of the range of each radar.
 LARGEST_MOVE = 0.1
 #: Shorter steps of a path [s] and of an orbit [deg] are not halved, because P_D jumps at a horizon.
 SHORTEST, SHORTEST_ARC = 0.2, 0.01
-#: Most poses of a refined path.
-MAX_POSES = 20_000
+#: Shortest step of a scan, as a part of these.
+SCANNED = 1e-3
+#: Most poses of a scan, and of a refined path.
+MAX_SCAN, MAX_POSES = 2_000_000, 20_000
+#: Most maxima of P_D of a scan that become poses, the greatest.
+MAX_PEAKS = 500
 #: P_D and its bound may differ from straight lines between poses by the smaller of
 #: RELATIVE_TOLERANCE · limit and TOLERANCE.
 RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
+#: Decimals of the places of closest points and crossings.
+DECIMALS = 6
+#: Steps of a search for a closest point or a crossing: a bracket shrinks to 2⁻⁴⁰ of itself.
+SEARCH = 40
+_GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +81,12 @@ def can_refine(scenario: Scenario) -> bool:
     return scenario.geometry.continuous
 
 
-def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit: float) -> Refined:
+def resolve(
+    scenario: Scenario,
+    propagate: Callable[[Scenario], Moments],
+    limit: float,
+    moments: Moments | None = None,
+) -> Refined:
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
     A scenario that `can_refine` excludes is returned unchanged.
@@ -76,8 +95,9 @@ def resolve(scenario: Scenario, propagate: Callable[[Scenario], Moments], limit:
         scenario: The scenario.
         propagate: Returns the moments of a scenario.
         limit: The limit, which sets the tolerance.
+        moments: Moments of the scenario; computed if None.
     """
-    moments = propagate(scenario)
+    moments = moments or propagate(scenario)
     if not can_refine(scenario):
         return unrefined(scenario, moments)
     return refined(scenario, moments, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
@@ -103,9 +123,10 @@ def refined(
 ) -> Refined:
     """Return a scenario with poses added until P_D and its upper bound are linear between poses.
 
-    First, steps are halved by geometry. In one step the aspect of each radar may turn by a few
-    degrees. The aircraft may move by a tenth of the range. Then steps are halved until P_D and its
-    bound are within the tolerance of straight lines. Second differences estimate the distance.
+    Poses are added at the greatest P_D of a scan, see `scan`, and steps are halved by geometry. In
+    one step the aspect of each radar may turn by a few degrees. The aircraft may move by a tenth of
+    the range. Then steps are halved until P_D and its bound are within the tolerance of straight
+    lines. Second differences estimate the distance.
 
     Args:
         scenario: The scenario of a path or an orbit, see `can_refine`.
@@ -116,12 +137,13 @@ def refined(
     place = scenario.geometry.coordinate
     shortest = SHORTEST_ARC if scenario.time_s is None else SHORTEST
     n = len(place)
-    row = np.arange(n)  # number of the row, or −1
-    while len(place) < MAX_POSES:
-        coarse = coarse_steps(along(scenario, place)) & (abs(np.diff(place)) > shortest)
-        if not coarse.any():
-            break
-        place, row = _halved(place, row, coarse)
+    peaks, scanned = scan(scenario)
+    place = np.union1d(place, peaks)
+    if scenario.time_s is None and scenario.axis.values[0] > scenario.axis.values[-1]:
+        place = place[::-1]
+    row = np.full(len(place), -1)  # number of the row, or −1
+    row[np.isin(place, scenario.geometry.coordinate)] = np.arange(n)
+    place, row = _divided(scenario, place, row, LARGEST_TURN, shortest, MAX_POSES)
     if len(place) > n:
         values = propagate(along(scenario, place[row < 0]))
         moments = _merged(moments, values, row)
@@ -138,7 +160,7 @@ def refined(
         _with_rows(scenario, place, row) if len(place) > n else scenario,
         moments,
         np.flatnonzero(row >= 0),
-        len(place) < MAX_POSES,
+        scanned and len(place) < MAX_POSES,
         tolerance,
     )
 
@@ -148,21 +170,136 @@ def along(scenario: Scenario, place: FloatArray) -> Scenario:
     return scenario.along(scenario.geometry.at(place))
 
 
-def coarse_steps(path: Scenario) -> NDArray[np.bool_]:
+def coarse_steps(path: Scenario, largest: float = LARGEST_TURN) -> NDArray[np.bool_]:
     """Return the steps (n − 1,) in which the aspect or the range of a radar changes much."""
-    largest = LOBED_ASPECT if path.model.rcs.lobed else SMOOTH_ASPECT
     coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
     for radar in path.radar.reshape(-1, len(RADAR)):
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
         coarse |= moved > LARGEST_MOVE * np.minimum(distance[1:], distance[:-1])
-        with np.errstate(divide="ignore", invalid="ignore"):
-            direction = body_vector(path.aircraft, radar) / distance[:, np.newaxis]
-        if not path.model.rcs.isotropic:
-            chord = np.linalg.norm(np.diff(direction, axis=0), axis=1)
-            coarse |= chord > 2.0 * np.sin(0.5 * largest)
+        if path.model.rcs.isotropic:
+            continue
+        x, y, z = body_vector(path.aircraft, radar).T
+        across = np.hypot(x, y)
+        turn = abs(np.diff(np.unwrap(np.arctan2(y, x))))
+        # near the poles a turn in azimuth is no turn of the aspect
+        turn *= np.minimum(1.0, 2.0 * np.maximum(across[1:], across[:-1]) / distance[1:])
+        coarse |= np.maximum(turn, abs(np.diff(np.arctan2(z, across)))) > largest
     return coarse
+
+
+def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
+    """Return the places at which P_D of the nominal states is greatest, and whether all are found.
+
+    In a step of the scan the aspect of each radar turns by half a lobe of the RCS at most. The scan
+    has the closest point to each radar, and both sides of each crossing of a limit.
+    """
+    place = scenario.geometry.coordinate
+    if place[0] > place[-1]:
+        place = place[::-1]
+    shortest = SCANNED * (SHORTEST_ARC if scenario.time_s is None else SHORTEST)
+    largest = min(LARGEST_TURN, HALF * scenario.model.rcs.detail)
+    place, _ = _divided(
+        scenario, place, np.zeros(len(place), dtype=int), largest, shortest, MAX_SCAN
+    )
+    complete = len(place) < MAX_SCAN
+    turning = [place]
+    for i in range(len(scenario.model.radars)):
+        closest = _maxima(scenario, place, lambda s, i=i: -_distance(s, i))  # type: ignore[misc]
+        turning.append(closest)
+        if scenario.model.radars[i].limited:
+            edges = np.union1d(place, closest)
+            inmost = _maxima(scenario, edges, lambda s, i=i: _margin(s, i))  # type: ignore[misc]
+            turning += [inmost, _crossings(scenario, np.union1d(edges, inmost), i)]
+    place = np.unique(np.concatenate(turning))
+    poses = along(scenario, place)
+    p_d = poses.model.p_d(poses.aircraft, poses.radar)
+    padded = np.pad(p_d, 1, constant_values=-np.inf)
+    peaks = np.flatnonzero((p_d >= padded[:-2]) & (p_d >= padded[2:]) & (p_d > p_d.min()))
+    return np.sort(place[peaks[np.argsort(-p_d[peaks])][:MAX_PEAKS]]), complete
+
+
+def _divided(
+    scenario: Scenario,
+    place: FloatArray,
+    row: NDArray[np.intp],
+    largest: float,
+    shortest: float,
+    most: int,
+) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return places and rows with coarse steps halved until none is left, or for too many."""
+    while len(place) < most:
+        coarse = coarse_steps(along(scenario, place), largest) & (abs(np.diff(place)) > shortest)
+        if not coarse.any():
+            break
+        place, row = _halved(place, row, coarse)
+    return place, row
+
+
+def _radar(scenario: Scenario, number: int) -> tuple[Radar, FloatArray]:
+    radar = scenario.radar[len(RADAR) * number : len(RADAR) * (number + 1)]
+    return scenario.model.radars[number], radar
+
+
+def _distance(poses: Scenario, number: int) -> FloatArray:
+    """Return the slant range (n,) [m] of a radar."""
+    return slant_range(poses.aircraft, _radar(poses, number)[1])
+
+
+def _margin(poses: Scenario, number: int) -> FloatArray:
+    """Return the distance (n,) [m] to the nearest limit of a radar, negative beyond it."""
+    radar, state = _radar(poses, number)
+    distance = _distance(poses, number)
+    margin = np.minimum(radar.max_range - distance, distance - radar.min_range)
+    if radar.horizon is not None:
+        margin = np.minimum(margin, radar.horizon.range(poses.aircraft, state) - distance)
+    return margin
+
+
+def _maxima(
+    scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
+) -> FloatArray:
+    """Return the places (j,) of the maxima of a function of the poses, by golden sections."""
+    values = value(along(scenario, place))
+    top = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
+    low, high = place[top - 1], place[top + 1]
+    if not top.size:
+        return low
+    for _ in range(SEARCH):
+        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+        at_left, at_right = (_in_any_order(scenario, x, value) for x in (left, right))
+        high = np.where(at_left >= at_right, right, high)
+        low = np.where(at_left >= at_right, low, left)
+    return np.round(0.5 * (low + high), DECIMALS)
+
+
+def _crossings(scenario: Scenario, place: FloatArray, number: int) -> FloatArray:
+    """Return the places on both sides of each crossing of a limit of a radar."""
+
+    def inside(poses: Scenario) -> FloatArray:
+        radar, state = _radar(poses, number)
+        return radar.visible(poses.aircraft, state).astype(float)
+
+    seen = inside(along(scenario, place))
+    crossing = np.flatnonzero(seen[1:] != seen[:-1])
+    low, high = place[crossing], place[crossing + 1]
+    if not crossing.size:
+        return low
+    for _ in range(SEARCH):
+        middle = 0.5 * (low + high)
+        same = _in_any_order(scenario, middle, inside) == seen[crossing]
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    unit = 10.0**-DECIMALS
+    return np.concatenate([np.floor(low / unit) * unit, np.ceil(high / unit) * unit])
+
+
+def _in_any_order(
+    scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
+) -> FloatArray:
+    """Return a function of the poses at places (j,) that need not be in order or apart."""
+    ordered, back = np.unique(place, return_inverse=True)
+    return value(along(scenario, ordered))[back]
 
 
 def _bend(place: FloatArray, values: FloatArray) -> FloatArray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import CubicSpline, NdPPoly
-from scipy.special import chndtr, erfc
+from scipy.special import chndtr, erfc, gammaincc, gammainccinv
 
 BOLTZMANN = 1.380649e-23
 EFFECTIVE_RADIUS = 4 / 3 * 6_371_000.0
@@ -35,6 +35,7 @@ class Radar:
     attenuation: float = 0.0
     attenuation_std: float = 0.0
     tolerances: tuple = ()
+    pulses: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,8 +122,11 @@ def marcum(snr, p_fa):
     return 1 - chndtr(-2 * np.log(p_fa), 2, 2 * np.asarray(snr))
 
 
-def detector(name, p_fa):
-    """Return P_D as a function of S."""
+def detector(name, p_fa, pulses=1):
+    """Return P_D as a function of S; only swerling2 has several pulses."""
+    if name == "swerling2":  # the sum of N exponential powers has a gamma distribution
+        t = gammainccinv(pulses, p_fa)
+        return lambda s: gammaincc(pulses, t / (1 + s))
     threshold = -np.log(p_fa)
     if name == "north":
         return lambda s: 0.5 * erfc(np.sqrt(threshold) - np.sqrt(s + 0.5))
@@ -166,7 +170,7 @@ class Oracle:
 
     def __init__(self, problem):
         self.problem = problem
-        self.detectors = [detector(radar.detector, radar.p_fa) for radar in problem.radars]
+        self.detectors = [detector(r.detector, r.p_fa, r.pulses) for r in problem.radars]
         self.cross_section, self.spread = cross_section(problem.rcs), spread(problem.rcs)
         self.nominal_radars = np.concatenate([radar.state for radar in problem.radars])
 

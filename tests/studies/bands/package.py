@@ -11,8 +11,7 @@ from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
-from radar_sense.propagation import METHODS
-from radar_sense.propagation.methods import nonlinear_in_scenario, propagate_scenario
+from radar_sense.propagation import METHODS, propagate_scenario, unreliable_in_scenario
 
 DETECTORS = {
     "north": North(), "swerling1": Swerling1(), "swerling3": Swerling3(), "marcum": Marcum()
@@ -39,10 +38,9 @@ def methods():
 def band(scenario, method, k):
     """Return the band of the first pose by a method."""
     moments = propagate_scenario(scenario, method=method, beta=k)
-    warned = nonlinear_in_scenario(scenario, moments, method=method, beta=k) | ~moments.converged
-    return Band(
-        float(moments.lower[0]), float(moments.upper[0]), 0.0, 0.0, bool(warned[0])
-    )  # fmt: skip
+    warned = unreliable_in_scenario(scenario, moments, method=method, beta=k)
+    error = float(moments.error[0])
+    return Band(float(moments.lower[0]), float(moments.upper[0]), error, error, bool(warned[0]))
 
 
 def verdict(scenario, threshold, k, **options):

@@ -1,10 +1,16 @@
-"""z = Φ⁻¹(P_D) as a function of errors of the relative states, and its derivatives.
+"""z = Φ⁻¹(P_D) as a function of the errors of the states, and its second-order expansion.
 
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
 through the radars' positions relative to the aircraft. The relative states y are therefore the
 aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
 aircraft. They have 3 + 4m components instead of 6 + 4m. The radar states may end with the errors of
 further parameters, which are components too.
+
+With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
+determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
+diagonal matrix. To second order z is then a sum over components,
+
+    z(u) ≈ z(0) + Σ (g_i u_i + λ_i u_i²/2).
 
 The radars that see the aircraft at the nominal states see the aircraft at all errors, so that z is
 smooth.
@@ -21,8 +27,7 @@ from numpy.typing import NDArray
 
 from radar_sense.covariance import square_root
 from radar_sense.model.network import excess_hazard, linearize_fusion
-from radar_sense.propagation.gaussian_states import UncertainStates
-from radar_sense.propagation.second_order import SecondOrder
+from radar_sense.model.radar_equation import MOST_NEPERS
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
@@ -32,20 +37,32 @@ from radar_sense.states import (
     components_of,
     constants_of,
 )
+from radar_sense.uncertain_states import UncertainStates
 
 #: Second derivatives are differences of the gradient between −STEP and STEP standard deviations.
 #: They then describe the z of a radar over the region of the states, not at a point. The fusion of
 #: several radars is differentiated at the nominal states.
 STEP = 0.5
-#: Step of one-sided differences. The step is shorter, because one-sided differences have an error
-#: of first order. The step goes to a smaller c_r, where z has more curvature.
-ONE_SIDED_STEP = -0.1
-#: Largest ln of the growth of a radar constant. P_D is 1 far below this, and a larger growth
-#: overflows.
-MOST_NEPERS = 300.0
+#: Numbers of the matrices F that are copied at a time, which stay in the processor's cache (1 MB).
+GATHERED = 131_072
 
 _ATTITUDE = slice(0, 3)  # in the relative states
 _RADARS = slice(3, None)
+
+
+@dataclass(frozen=True, eq=False)
+class SecondOrder:
+    """z of k poses to second order in the relative states y, n components.
+
+    Attributes:
+        value: z at y = 0 (k,).
+        gradient: Gradient of z (n, k).
+        matrix: Second derivatives of z (n, n, k).
+    """
+
+    value: FloatArray
+    gradient: FloatArray
+    matrix: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,40 +79,21 @@ class RelativeProbit:
 
     @cached_property
     def sqrt_cov(self) -> FloatArray:
-        """F (k, n, r), or (1, n, r) where it is the same at all poses, r ≤ n or 6 + 4m."""
-        states = self.states
-        if len(states.log_constant) == 1:
-            sqrt_cov = square_root(self.covariance)
-        else:
-            of_aircraft = self.to_relative @ square_root(states.cov_aircraft)
-            of_radars = square_root(states.cov_radar)
-            n, r = of_aircraft.shape[1], of_aircraft.shape[2] + of_radars.shape[2]
-            sqrt_cov = np.zeros((self._covariances, n, r))
-            sqrt_cov[..., : len(AIRCRAFT)] = of_aircraft
-            sqrt_cov[:, _RADARS, len(AIRCRAFT) :] = of_radars
+        """F (k, n, r), or (1, n, r) where it is the same at all poses, r ≤ n."""
+        sqrt_cov = square_root(self.covariance)
         used = np.any(sqrt_cov != 0, axis=(0, 1))
         return sqrt_cov if used.all() else sqrt_cov[:, :, used]
 
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of y (k, n, n), or (1, n, n) where it is the same at all poses."""
-        states, to_relative = self.states, self.to_relative
-        covariance = np.empty((self._covariances, len(to_relative), len(to_relative)))
+        states = self.states
+        count = max(len(states.cov_aircraft), len(states.cov_radar)) if len(states) else 0
+        to_relative = _to_relative(len(states.log_constant), 3 + states.radar.shape[-1])
+        covariance = np.empty((count, len(to_relative), len(to_relative)))
         covariance[:] = to_relative @ states.cov_aircraft @ to_relative.T
         covariance[:, _RADARS, _RADARS] += states.cov_radar
         return covariance
-
-    @property
-    def to_relative(self) -> FloatArray:
-        """Matrix (n, 6) from errors of the aircraft to errors of y."""
-        states = self.states
-        return _to_relative(len(states.log_constant), 3 + states.radar.shape[-1])
-
-    @property
-    def _covariances(self) -> int:
-        """Number of covariances, of all poses or 1."""
-        states = self.states
-        return max(len(states.cov_aircraft), len(states.cov_radar)) if len(states) else 0
 
     @cached_property
     def visible(self) -> NDArray[np.bool_]:
@@ -107,14 +105,7 @@ class RelativeProbit:
     @cached_property
     def std(self) -> FloatArray:
         """Standard deviations of y (n, k), or (n, 1)."""
-        of_aircraft, of_radars = (
-            np.diagonal(c, axis1=1, axis2=2).T
-            for c in (self.states.cov_aircraft, self.states.cov_radar)
-        )
-        variance = np.zeros((3 + len(of_radars), self._covariances))
-        variance += np.square(self.to_relative) @ of_aircraft
-        variance[_RADARS] += of_radars
-        return np.sqrt(variance)
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2).T)
 
     @cached_property
     def floor(self) -> FloatArray:
@@ -136,7 +127,7 @@ class RelativeProbit:
             pose: Poses of the errors.
         """
         states = self.states
-        aircraft, radar, growth = self.shifted(error, pose)
+        aircraft, radar, growth = self._shifted(error, pose)
         visible = np.broadcast_to(
             self._at(self.visible.T, error, pose), (self.visible.shape[-1], *error.shape[1:])
         )
@@ -151,15 +142,8 @@ class RelativeProbit:
             gradient = np.where(self._at(uncertain, error, pose), gradient, 0.0)
         return value.reshape(error.shape[1:]), gradient
 
-    def p_d(self, error: FloatArray, pose: NDArray[np.intp] | None = None) -> FloatArray:
-        """Return P_D (j,) or (s, k) at errors as in `__call__`; a c_r below 0 counts as 0."""
-        aircraft, radar, _ = self.shifted(error, pose)
-        constants = radar[:, constants_of(len(self.states.log_constant))]
-        np.maximum(constants, 0.0, out=constants)
-        return self.states.model.p_d(aircraft, radar).reshape(error.shape[1:])
-
-    def shifted(
-        self, error: FloatArray, pose: NDArray[np.intp] | None = None
+    def _shifted(
+        self, error: FloatArray, pose: NDArray[np.intp] | None
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
         """Return states (j, 6) and (j, 4m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
 
@@ -190,49 +174,83 @@ class RelativeProbit:
             return values[:, pose]
         return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
 
-    def derivatives(self, *, sides: int = 2) -> SecondOrder:
-        """Return the expansion of z about y = 0.
-
-        Args:
-            sides: 2 for second derivatives by central differences of the gradient over STEP. 1 for
-                one-sided differences over ONE_SIDED_STEP, which cost half as much and suit a smooth
-                z.
-        """
+    def derivatives(self) -> SecondOrder:
+        """Return the expansion of z about y = 0."""
         if len(self.states.log_constant) > 1:
-            return self._fused_derivatives(sides)
+            return self._fused_derivatives()
         k, n = len(self.states), len(self.std)
         along = np.flatnonzero(np.any(self.std > 0, axis=1))
-        step = np.broadcast_to(self.std, (n, k))[along] * (STEP if sides == 2 else ONE_SIDED_STEP)
-        points = np.arange(1, sides * len(along) + 1, sides)
-        error = np.zeros((n, sides * len(along) + 1, k))
+        step = np.broadcast_to(self.std, (n, k))[along] * STEP
+        points = np.arange(1, 2 * len(along) + 1, 2)
+        error = np.zeros((n, 2 * len(along) + 1, k))
         error[along, points] = step
-        if sides == 2:
-            error[along, points + 1] = -step
+        error[along, points + 1] = -step
         value, gradient = self(error)
-        second = gradient[:, 1::sides]
-        second -= gradient[:, 2::2] if sides == 2 else gradient[:, :1]
-        second *= 0.5 / sides / np.where(step != 0, step, np.inf)  # half of each difference
-        if len(along) < n:
-            some, second = second, np.zeros((n, n, k))
-            second[:, along] = some
-        symmetric: FloatArray = second.swapaxes(0, 1).copy()
-        symmetric += second
-        return SecondOrder(value[0], gradient[:, 0], (np.arange(n),), (symmetric,))
+        second = np.zeros((n, n, k))
+        change = gradient[:, 1::2] - gradient[:, 2::2]
+        second[:, along] = 0.25 * change / np.where(step != 0, step, np.inf)  # half of each
+        return SecondOrder(value[0], gradient[:, 0], second + second.swapaxes(0, 1))
 
-    def _fused_derivatives(self, sides: int) -> SecondOrder:
+    def _fused_derivatives(self) -> SecondOrder:
         """Return `derivatives` of a network, from the derivatives of each radar's own z."""
         states = self.states
         m, size = len(states.log_constant), states.radar.shape[-1]
-        each = [RelativeProbit(states.of_radars([i])).derivatives(sides=sides) for i in range(m)]
+        each = [RelativeProbit(states.of_radar(i)).derivatives() for i in range(m)]
         value, weight = linearize_fusion(np.stack([z.value for z in each]))
-        gradient = np.zeros((len(self.std), len(states)))
-        places, blocks = [], []
+        gradient = np.zeros((3 + size, len(states)))
+        second = np.zeros((3 + size, *gradient.shape))
         for i, z in enumerate(each):
-            places.append(np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))]))
-            gradient[places[i]] += weight[i] * z.gradient
+            places = np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))])
+            gradient[places] += weight[i] * z.gradient
             bend = (excess_hazard(z.value) * z.gradient)[:, np.newaxis] * z.gradient
-            blocks.append(weight[i] * (z.matrix() + bend))
-        return SecondOrder(value, gradient, tuple(places), tuple(blocks), -excess_hazard(value))
+            second[np.ix_(places, places)] += weight[i] * (z.matrix + bend)
+        second -= (excess_hazard(value) * gradient)[:, np.newaxis] * gradient
+        return SecondOrder(value, gradient, second)
+
+
+@dataclass(frozen=True, eq=False)
+class StandardNormalSpace:
+    """z(u) of k poses and its second-order expansion about u = 0, with r components of u.
+
+    Attributes:
+        probit: z as a function of the relative states.
+        sqrt_cov: F (k, n, r), rotated so that second derivatives by u are a diagonal matrix.
+        value: z(0) (k,).
+        gradient: g (r, k), NaN where z has no gradient.
+        curvature: λ (r, k), NaN where a second derivative is not finite.
+    """
+
+    probit: RelativeProbit
+    sqrt_cov: FloatArray
+    value: FloatArray
+    gradient: FloatArray
+    curvature: FloatArray
+
+    @classmethod
+    def expanded(cls, probit: RelativeProbit, z: SecondOrder) -> StandardNormalSpace:
+        """Return the space for a given expansion of z in the relative states."""
+        sqrt_cov = probit.sqrt_cov
+        second = sqrt_cov.swapaxes(1, 2) @ np.moveaxis(z.matrix, 2, 0) @ sqrt_cov
+        known = np.all(np.isfinite(second), axis=(1, 2))
+        second[~known] = 0.0
+        curvature, rotation = np.linalg.eigh(second)
+        curvature[~known] = np.nan
+        rotated = sqrt_cov @ rotation
+        by_u = np.einsum("kij,ik->jk", rotated, z.gradient)
+        return cls(probit, rotated, z.value, by_u, np.ascontiguousarray(curvature.T))
+
+    def __call__(self, u: FloatArray, pose: NDArray[np.intp]) -> tuple[FloatArray, FloatArray]:
+        """Return z (j,) and its gradient (r, j) at u (r, j) of the poses (j,)."""
+        n, r = self.sqrt_cov.shape[1:]
+        error, by_u = np.empty((n, len(pose))), np.empty((r, len(pose)))
+        size = GATHERED // max(1, n * r) + 1
+        parts = [slice(start, start + size) for start in range(0, len(pose), size)]
+        for part in parts:
+            np.einsum("kij,jk->ik", self.sqrt_cov[pose[part]], u[:, part], out=error[:, part])
+        value, by_y = self.probit(error, pose)
+        for part in parts:
+            np.einsum("kij,ik->jk", self.sqrt_cov[pose[part]], by_y[:, part], out=by_u[:, part])
+        return value, by_u
 
 
 @cache

@@ -1,0 +1,226 @@
+"""What a verdict promises: its probabilities are one set, and nothing hides between rows.
+
+The oracles are closed forms, straight lines, and the independent program of `tests/studies/bands`.
+"""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import document, dump_yaml, scenario, write_path
+from studies.bands import cases, truth
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+
+#: The paper's scenario by a program of its own, see `tests/reference`.
+REFERENCE = np.load(Path(__file__).parents[1] / "reference/propagation.npz")
+BOLTZMANN = 1.380649e-23
+#: Nearly nothing is uncertain.
+CERTAIN = {
+    "uncertainty__aircraft": {"position_m": 1, "attitude_deg": 0.01},
+    "uncertainty__radar": {"medium": {"position_m": 1, "constant": 1e-7}},
+}
+
+
+@pytest.mark.parametrize("level", ["low", "medium", "high"])
+@pytest.mark.parametrize("method", ["linear", "probit", "form", "automatic"])
+def test_a_band_is_warned_of_where_it_is_off_and_only_there(method, level):
+    """Off is a bound by 0.005 or a tenth of it, or σ by 5 %. Draws tell it to a fifth, or half."""
+    some = slice(0, None, 8)
+    s = rs.load_scenario().with_analysis(level=level).at_poses(some)
+    found = propagate_scenario(s, method=method)
+    warned = unreliable_in_scenario(s, found, method=method)
+    quantiles, std = REFERENCE[f"{level}_quantiles"][some], REFERENCE[f"{level}_std"][some]
+    parts = [abs(found.std - std) / (0.05 * std)]
+    for bound, true in ((found.lower, quantiles[:, 0]), (found.upper, quantiles[:, -1])):
+        parts.append(abs(bound - true) / np.minimum(0.005, 0.1 * true))
+    off = np.max(parts, axis=0)
+    assert warned[off > 1.2].all()
+    assert not warned[off < 0.5].any()
+    assert ((off > 1.2).sum() > 20) == ((method, level) == ("linear", "high"))
+    if method == "automatic":
+        assert off.max() < 0.5
+
+
+def random_flight(folder, number):
+    """Write a flight of five poses past one to three radars, with random errors."""
+    rng = np.random.default_rng(number)
+    north = np.sort(rng.uniform(-60e3, 60e3, 5))
+    rows = [f"{100 * i},{n:.0f},{rng.uniform(20e3, 60e3):.0f},-6000" for i, n in enumerate(north)]
+    radars = [
+        {
+            "name": f"r{i}",
+            "position_m": [*rng.uniform(-20e3, 20e3, 2).tolist(), -20],
+            "constant": float(rng.uniform(0.002, 0.02)),
+            "p_fa": 1e-6,
+            "detector": "swerling1",
+            "uncertainty": {
+                "medium": {
+                    "position_m": float(rng.uniform(50, 3000)),
+                    "constant": float(rng.uniform(1e-4, 2e-3)),
+                }
+            },
+            **({"max_range_km": 60} if rng.random() < 0.3 else {}),
+        }
+        for i in range(rng.integers(1, 4))
+    ]
+    content = document(
+        geometry={"type": "path", "file": "route.csv", "interpolate": {"step_s": 100}},
+        aircraft__rcs={"model": "constant", "rcs_m2": 0.05},
+        uncertainty__aircraft={"position_m": float(rng.uniform(10, 2000)), "attitude_deg": 1},
+        uncertainty__aircraft_correlation_s=float(rng.choice([0, 100, math.inf])),
+        analysis={"level": "medium", "seed": number},
+        radars=radars,
+    )
+    del content["radar"], content["uncertainty"]["radar"], content["aircraft"]["attitude_deg"]
+    (folder / "route.csv").write_text("time_s,north_m,east_m,down_m\n" + "\n".join(rows))
+    (folder / "flight.yaml").write_text(dump_yaml(content))
+    return rs.load_scenario(folder / "flight.yaml")
+
+
+@pytest.mark.parametrize("number", range(8))
+def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_path, number):
+    s = random_flight(tmp_path, number)
+    p_d = s.model.p_d(s.aircraft, s.radar)
+    for p_max in (0.5 * p_d.max(), np.median(p_d), 0.5 * (1 + p_d.max())):
+        result = analyses.variance(s, threshold=float(p_max), method="form", k=2)
+        summary, each = result.summary["threshold"], result.table["probability_above"]
+        assert len(each) == summary["poses"]
+        anywhere = summary["probability_above_at_any_pose"]["value"]
+        rounding = 1e-12
+        assert each.max() == summary["highest_probability_above"]["value"]
+        assert each.max() <= anywhere + rounding
+        assert anywhere <= min(1, each.sum() + rounding)
+        # a pose stands for half of the steps beside it, and the five poses are 100 s apart
+        time = each @ [50, 100, 100, 100, 50]
+        assert summary["mean_time_above_s"]["value"] == pytest.approx(time, abs=1e-9)
+
+
+@pytest.mark.parametrize("correlation_s", [0, 60])
+def test_anywhere_on_an_orbit_is_given_without_correlation_only(correlation_s):
+    """The number would depend on the azimuth step, because an orbit has no times."""
+    s = scenario(
+        geometry__azimuth_deg={"start": 40, "stop": 46, "step": 2},
+        uncertainty__aircraft_correlation_s=correlation_s,
+    )
+    result = analyses.variance(s, threshold=0.6)
+    given = "probability_above_at_any_pose" in result.summary["threshold"]
+    assert given == (correlation_s == 0)
+    assert "mean_time_above_s" not in result.summary["threshold"]
+    assert any("needs times" in line for line in result.report) == (not given)
+
+
+def past_a_limit(folder, beyond, at, level=False):
+    """A straight flight of 1000 s past a radar that sees 60 km, with two rows.
+
+    Args:
+        folder: Folder of the files.
+        beyond: Horizontal distance [m] of the closest point beyond the limit.
+        at: Time [s] of the closest point.
+    """
+    east = math.sqrt((60e3 + beyond) ** 2 - 6e3**2)
+    text = "time_s,north_m,east_m,down_m\n" + "\n".join(
+        f"{time},{200 * (time - at)},{east},-6000" for time in (0, 1000)
+    )
+    return rs.load_scenario(
+        write_path(
+            folder,
+            text,
+            aircraft__rcs={"model": "constant", "rcs_m2": 1},
+            radar={"position_m": [0, 0, 0], "constant": 10, "p_fa": 1e-6, "max_range_km": 60},
+            **CERTAIN,
+        )
+    )
+
+
+@pytest.mark.parametrize("within", [10, 40, 300])
+@pytest.mark.parametrize("at", [489.7, 250, 31.4])
+def test_a_path_that_grazes_a_limit_between_rows_is_violated(tmp_path, within, at):
+    """The errors are metres, and the path is within the limit for twice √(d² − (d − x)²)/v."""
+    s = past_a_limit(tmp_path, -within, at)
+    assert not s.model.p_d(s.aircraft, s.radar).any()
+    test = analyses.variance(s, threshold=0.3).summary["threshold"]
+    assert test["verdict"] == "violated"
+    assert test["p_d_itself_above"]
+    half = math.sqrt(60e3**2 - (60e3 - within) ** 2) / 200
+    assert test["first_violation"]["time_s"] == pytest.approx(max(at - half, 0), abs=2)
+    assert test["above_s"] == pytest.approx(min(half, at) + half, abs=4)
+
+
+def test_a_path_that_stays_beyond_a_limit_holds(tmp_path):
+    test = analyses.variance(past_a_limit(tmp_path, 40, 489.7), threshold=0.3)
+    assert test.passed
+
+
+@pytest.mark.parametrize(
+    ("kind", "centre"), [("orbit", -113), ("orbit", 41.3), ("path", -70.5), ("path", 98.37)]
+)
+def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, centre):
+    """P_D at the top of the lobe is P_fa^(1/(1 + S)), with S by hand."""
+    azimuth = np.arange(-1800, 1800) * 0.1
+    off = (azimuth - centre + 180) % 360 - 180
+    decibels = -30 + 30 * np.exp(-4 * math.log(2) * (off / 0.3) ** 2)
+    rows = np.column_stack([azimuth, decibels])
+    np.savetxt(tmp_path / "lobe.csv", rows, "%.4f", ",", header="azimuth_deg,rcs_dbsm", comments="")
+    common = {
+        "aircraft__rcs": {"model": "table", "file": "lobe.csv"},
+        "radar": {"position_m": [0, 0, 0], "constant": 2e-4, "p_fa": 1e-6, "detector": "swerling1"},
+        **CERTAIN,
+    }
+    # heading north, seen under an azimuth of `centre`, half of the way to the next row
+    towards = np.deg2rad(centre + 180)
+    if kind == "orbit":
+        middle = math.degrees(towards)
+        steps = {"start": middle - 7, "stop": middle + 6.5, "step": 4.5}
+        orbit = {"type": "orbit", "range_km": 20, "down_km": -0.01, "azimuth_from": "north"}
+        content = document(geometry={**orbit, "azimuth_deg": steps}, **common)
+        content["aircraft"]["attitude_deg"] = [0, 0, 0]
+        (tmp_path / "s.yaml").write_text(dump_yaml(content))
+        s = rs.load_scenario(tmp_path / "s.yaml")
+    else:
+        place = 20e3 * np.array([math.cos(towards), math.sin(towards)])
+        across = np.array([-math.sin(towards), math.cos(towards)])
+        header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg\n"
+        ends = [(time, *(place + 200 * (time - 43) * across)) for time in (0, 100)]
+        text = header + "\n".join(f"{t},{n},{e},-10,0,0,0" for t, n, e in ends)
+        s = rs.load_scenario(write_path(tmp_path, text, **common))
+    snr = 2e-4 * 1.0 / (BOLTZMANN * 20e3**4)
+    top = 1e-6 ** (1 / (1 + snr))
+    assert top > 0.5
+    assert s.model.p_d(s.aircraft, s.radar).max() < 0.1
+    result = analyses.variance(s, threshold=0.97 * top)
+    test = result.summary["threshold"]
+    assert test["verdict"] == "violated"
+    assert test["p_d_itself_above"]
+    assert test["worst_margin"]["value"] <= -0.03 * top
+    low = analyses.variance(s, threshold=0.1, method="form").summary["threshold"]
+    assert low["verdict"] == "violated"
+    # P_D is above 0.1 where the decibels are above what 0.1 needs, and the bound within 3 sigma
+    # of the yaw of this, 0.01 deg. Steps are no shorter than 0.01 deg and 0.2 s.
+    needed = 10 * math.log10((math.log(1e-6) / math.log(0.1) - 1) / snr)
+    half = 0.15 * math.sqrt(math.log2(30 / (30 + needed))) + 0.03
+    if kind == "orbit":
+        assert low["above_deg"] == pytest.approx(2 * half, abs=0.04)
+    else:
+        assert low["above_s"] == pytest.approx(2 * np.deg2rad(half) * 20e3 / 200, abs=0.4)
+
+
+@pytest.mark.parametrize("method", ["form", "automatic"])
+def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program(method):
+    """Where 3 sigma is largest it is 0.5 with all deviations some 3.58 times as large."""
+    folder = Path(__file__).parents[1] / "studies/cases"
+    s = rs.load_scenario(folder / "bud_b.yaml")
+    result = analyses.budget(s, method=method, target=0.5, at=30)
+    factor = result.summary["target"]["required_accuracy"]["all"]["factor"]
+    assert factor > 3.3
+    azimuth, rows, problem = cases.read("bud_b")
+    (row,) = rows[azimuth == 30]
+    draws = 400_000
+    grown = cases.at_row(cases.grown(problem, factor), row)
+    p_d = truth.drawn(grown, np.random.default_rng(1), draws)
+    off = np.square(p_d - p_d.mean()) - p_d.var()
+    error = 3 * 0.5 * math.sqrt(np.mean(off**2) / draws) / p_d.std()
+    assert 3 * p_d.std() <= 0.5 + 3 * error

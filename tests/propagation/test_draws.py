@@ -1,0 +1,376 @@
+"""Weighted draws, and the methods made of them, against plain draws without code of the package.
+
+The plain draws have their own geometry, radar equation, limits and tolerances, and detectors of
+SciPy. A problem has one pose.
+"""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from helpers import scenario
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.special import chndtr, erfc, ndtr
+
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.detectors import Marcum, North, Swerling1
+from radar_sense.model.horizon import Horizon
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
+from radar_sense.propagation import METHODS, propagate, propagate_scenario
+from radar_sense.propagation.automatic import Automatic
+from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.emphasis import Mixture
+from radar_sense.propagation.form import Form
+from radar_sense.propagation.plain import PlainDraws
+from radar_sense.uncertain_states import uncertain_states
+
+P_FA, BETA = 1e-6, 3.0
+DETECTORS = {"north": North(), "marcum": Marcum(), "swerling1": Swerling1()}
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Uncertain states of one pose.
+
+    Attributes:
+        axes: Half axes of an ellipsoid (3,) [m], or one RCS [m²].
+        aircraft: Nominal state (6,), and its standard deviations (6,).
+        radars: Nominal states (m, 4), with S in place of c_r, and standard deviations (m, 4), with
+            that of c_r over c_r.
+        detector: Name of the detector of all radars.
+        max_range: Greatest range of the first radar [m].
+        horizon: Whether the first radar has a horizon.
+        tolerances: Value, standard deviation and power of parameters of the first c_r.
+        p_max: Limit of P_D.
+    """
+
+    axes: tuple
+    aircraft: tuple
+    radars: tuple
+    detector: str = "north"
+    max_range: float = np.inf
+    horizon: bool = False
+    tolerances: tuple = ()
+    p_max: float = 0.5
+
+
+PROBLEMS = {
+    "one radar": Problem(
+        axes=(0.15, 0.13, 0.21),
+        aircraft=([40e3, 20e3, -3e3, 0.1, -0.05, 2.0], [300, 300, 100, 0.05, 0.03, 0.05]),
+        radars=([[0, 0, -20, 12.0]], [[200, 100, 10, 0.1]]),
+        detector="marcum",
+        p_max=0.6,
+    ),
+    "short range, 1 km": Problem(
+        axes=(0.1,),
+        aircraft=([6e3, 0, -500, 0, 0, 0], [50, 50, 50, 0.02, 0.02, 0.02]),
+        radars=(
+            [[0, 0, -5, 0.6], [-80e3, 60e3, -30, 5.0]],
+            [[1e3, 1e3, 3, 0.1], [100, 100, 5, 0.05]],
+        ),
+        p_max=0.1,
+    ),
+    "short range, 4 km": Problem(
+        axes=(0.15, 0.13, 0.21),
+        aircraft=([12e3, 6e3, -1500, 0, 0, 0.5], [50, 50, 50, 0.02, 0.02, 0.02]),
+        radars=(
+            [[90e3, -60e3, -30, 1.0], [0, 0, -5, 0.05], [-30e3, 120e3, -30, 3.0]],
+            [[100, 100, 5, 0.05], [4e3, 2e3, 3, 0.1], [100, 100, 5, 0.05]],
+        ),
+        detector="swerling1",
+    ),
+    "maximum range": Problem(
+        axes=(0.15, 0.13, 0.21),
+        aircraft=([30e3, 0, -2e3, 0, 0, 2.5], [150, 150, 50, 0.03, 0.03, 0.03]),
+        radars=([[0, 0, -10, 10.0]], [[100, 100, 5, 0.1]]),
+        detector="swerling1",
+        max_range=30.3e3,
+        p_max=0.3,
+    ),
+    "horizon": Problem(
+        axes=(0.1,),
+        aircraft=([0, 72e3, -150, 0, 0, 0], [100, 100, 60, 0.02, 0.02, 0.02]),
+        radars=([[0, 0, -20, 20.0]], [[100, 100, 8, 0.1]]),
+        horizon=True,
+        p_max=0.9,
+    ),
+    "tolerances": Problem(
+        axes=(0.15, 0.13, 0.21),
+        aircraft=([50e3, 30e3, -5e3, 0, 0, 1.0], [100, 100, 50, 0.02, 0.02, 0.02]),
+        radars=([[0, 0, -20, 12.0], [10e3, 0, -20, 4.0]], [[20, 20, 5, 0], [20, 20, 5, 0.1]]),
+        tolerances=((100.0, 12.0, 1), (290.0, 40.0, -1), (9.0, 0.5, 2)),
+        p_max=0.95,
+    ),
+}
+
+
+# Plain draws, without code of the package.
+
+
+def snr_per_constant(problem, aircraft, radar):
+    """Return S/c_r and the slant range (n,)."""
+    line = radar[:3] - aircraft[:3]
+    square = np.sum(line**2, axis=0)
+    if len(problem.axes) == 1:
+        return problem.axes[0] / (1.380649e-23 * square**2), np.sqrt(square)
+    (cf, ct, cp), (sf, st, sp) = np.cos(aircraft[3:]), np.sin(aircraft[3:])
+    x = cp * ct * line[0] + ct * sp * line[1] - st * line[2]
+    y = (-cf * sp + cp * sf * st) * line[0] + (cf * cp + sf * sp * st) * line[1] + ct * sf * line[2]
+    z = (sf * sp + cf * cp * st) * line[0] + (cf * sp * st - cp * sf) * line[1] + cf * ct * line[2]
+    flat = x * x + y * y
+    a, b, c = problem.axes
+    d = (a * y) ** 2 / square + (b * y * z) ** 2 / (flat * square) + (c * x) ** 2 / flat
+    return np.pi * (a * b * c) ** 2 / (d**2 * 1.380649e-23 * square**2), np.sqrt(square)
+
+
+def constants(problem):
+    """Return c_r (m,) with which the radars have the S of the problem."""
+    aircraft = np.array(problem.aircraft[0], dtype=float)[:, np.newaxis]
+    states = np.array(problem.radars[0], dtype=float)
+    return [s[3] / snr_per_constant(problem, aircraft, s[:, np.newaxis])[0][0] for s in states]
+
+
+def plain_p_d(problem, draws, seed=1):
+    """Return P_D at drawn states (n,)."""
+    rng = np.random.default_rng(seed)
+    nominal, std = (np.array(x, dtype=float)[:, np.newaxis] for x in problem.aircraft)
+    aircraft = nominal + std * rng.standard_normal((6, draws))
+    missed = 1.0
+    for i, (state, spread, constant) in enumerate(
+        zip(*problem.radars, constants(problem), strict=True)
+    ):
+        errors = rng.standard_normal((4, draws))
+        radar = np.array(state, dtype=float)[:3, np.newaxis] + np.c_[spread[:3]] * errors[:3]
+        drawn = constant * np.maximum(1 + spread[3] * errors[3], 0)
+        if i == 0:
+            for value, deviation, power in problem.tolerances:
+                parameter = 1 + deviation / value * rng.standard_normal(draws)
+                least = 0 if power > 0 else 1 - 5 * deviation / value
+                drawn = drawn * np.maximum(parameter, least) ** power
+        ratio, distance = snr_per_constant(problem, aircraft, radar)
+        p_d = detected(problem.detector, drawn * ratio)
+        if i == 0:
+            p_d = np.where(distance <= problem.max_range, p_d, 0)
+            if problem.horizon:
+                roots = sum(np.sqrt(np.maximum(-down, 0)) for down in (radar[2], aircraft[2]))
+                p_d = np.where(distance <= np.sqrt(2 * 4 / 3 * 6.371e6) * roots, p_d, 0)
+        missed = missed * (1 - p_d)
+    return 1 - missed
+
+
+def detected(detector, snr):
+    threshold = -np.log(P_FA)
+    if detector == "north":
+        return 0.5 * erfc(np.sqrt(threshold) - np.sqrt(snr + 0.5))
+    if detector == "swerling1":
+        return np.exp(-threshold / (1 + snr))
+    return 1 - chndtr(2 * threshold, 2, 2 * snr)
+
+
+def statistics_of(p_d, p_max):
+    """Return value and standard error of each statistic of plain draws, by name."""
+    n, mean, std = len(p_d), p_d.mean(), p_d.std()
+    found = {
+        "mean": (mean, std / np.sqrt(n)),
+        "std": (std, np.sqrt((np.mean((p_d - mean) ** 4) - std**4) / n) / (2 * std)),
+    }
+    for name, level in (("lower", ndtr(-BETA)), ("upper", ndtr(BETA))):
+        away = np.sqrt(level * (1 - level) / n)
+        low, value, high = np.quantile(p_d, level + away * np.array([-1, 0, 1]))
+        found[name] = value, (high - low) / 2
+    above = np.mean(p_d > p_max)
+    return found | {"above": (above, np.sqrt(above * (1 - above) / n))}
+
+
+@lru_cache
+def truth_of(name):
+    """Return `statistics_of` many plain draws of a problem."""
+    problem = PROBLEMS[name]
+    draws = 400_000 if problem.detector == "marcum" else 1_000_000  # chndtr takes a microsecond
+    return statistics_of(plain_p_d(problem, draws), problem.p_max)
+
+
+# The same problems for the package.
+
+
+def states_of(problem, seed=1, runs=500):
+    """Return the uncertain states of a problem."""
+    rcs = ConstantRCS(*problem.axes) if len(problem.axes) == 1 else EllipsoidRCS(*problem.axes)
+    model = DetectionModel(rcs, P_FA, DETECTORS[problem.detector])
+    limits = {"max_range": problem.max_range, "horizon": Horizon() if problem.horizon else None}
+    nominal, std = (np.array(x, dtype=float) for x in problem.radars)
+    network = NetworkModel(
+        tuple(Radar(model, f"r{i}", **(limits if i == 0 else {})) for i in range(len(nominal)))
+    )
+    nominal[:, 3] = constants(problem)
+    std[:, 3] *= nominal[:, 3]
+    tolerances = tuple(
+        Tolerance("x", value, deviation, power, decibels=False)
+        for value, deviation, power in problem.tolerances
+    )
+    if tolerances:
+        std[0, 3] = nominal[0, 3] * np.sqrt(sum(t.slope**2 for t in tolerances))
+    _, states = uncertain_states(
+        network,
+        problem.aircraft[0],
+        nominal.ravel(),
+        np.diag(np.square(problem.aircraft[1])),
+        np.diag(np.square(std).ravel()),
+        log_constant=[i == 0 and bool(tolerances) for i in range(len(nominal))],
+    )
+    every = (tolerances, *((),) * (len(nominal) - 1))
+    return replace(states, tolerances=every, seed=seed, runs=runs)
+
+
+def errors_of(found, draws):
+    """Return value and standard error of each statistic of weighted draws, by name.
+
+    No weight exceeds 4, a share of 0.25 natural draws, so that the error of the mean is below
+    2σ/√n.
+    """
+    return {
+        "mean": (found.mean[0], 2 * found.std[0] / np.sqrt(draws)),
+        "std": (found.std[0], found.std_error[0]),
+        "lower": (found.lower[0], found.lower_error[0]),
+        "upper": (found.upper[0], found.upper_error[0]),
+        "above": (found.above[0], found.above_error[0]),
+    }
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_p_d_of_the_problems_is_that_of_the_package(name):
+    states, problem = states_of(PROBLEMS[name]), PROBLEMS[name]
+    certain = replace(
+        problem,
+        aircraft=(problem.aircraft[0], np.zeros(6)),
+        radars=(problem.radars[0], np.zeros((len(problem.radars[0]), 4))),
+        tolerances=(),
+    )
+    assert_allclose(
+        states.model.p_d(states.aircraft, states.radar), plain_p_d(certain, 1), rtol=1e-9
+    )
+
+
+@pytest.mark.parametrize("beta", [1.0, 3.0, 4.5])
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_weights_add_up_to_one(name, beta):
+    states, n = states_of(PROBLEMS[name]), 40_000
+    normals = np.random.default_rng(3).standard_normal((states.normals, n))
+    u, weights = Mixture.of(states, beta).draw(normals)
+    assert u.shape == (1, states.normals, n)
+    assert np.all(weights > 0)
+    assert weights.max() <= 4 * (1 + 1e-12)
+    assert abs(weights.mean() - 1) < 5 * weights.std() / np.sqrt(n)
+    # with their weights, all components are unit normals
+    for power, expected, spread in ((1, 0.0, 1.0), (2, 1.0, 3.0)):
+        moments = np.mean(weights * u**power, axis=-1)
+        assert np.all(abs(moments - expected) < 5 * np.sqrt(4 * spread / n))
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_weighted_draws_agree_with_plain_draws(name):
+    draws = 16_384
+    found = estimate(states_of(PROBLEMS[name]), draws, BETA, PROBLEMS[name].p_max)
+    exact = truth_of(name)
+    for statistic, (value, error) in errors_of(found, draws).items():
+        expected, other = exact[statistic]
+        assert abs(value - expected) <= 4 * np.hypot(error, other), statistic
+    assert exact["upper"][0] - exact["lower"][0] > 0.05
+    assert 0 < exact["above"][0] < 1
+
+
+@pytest.mark.parametrize(("name", "seeds"), [("one radar", 200), ("maximum range", 100)])
+def test_standard_errors_are_honest(name, seeds):
+    """Over many seeds, errors are as large as their standard errors say."""
+    problem, exact, draws, pulls = PROBLEMS[name], truth_of(name), 4096, {}
+    for seed in range(seeds):
+        found = errors_of(estimate(states_of(problem, seed), draws, BETA, problem.p_max), draws)
+        for statistic, (value, error) in found.items():
+            expected, other = exact[statistic]
+            if error > 0:  # beyond a maximum range the lower bound is certain
+                pulls.setdefault(statistic, []).append((value - expected) / np.hypot(error, other))
+    rms = {statistic: np.sqrt(np.mean(np.square(p))) for statistic, p in pulls.items()}
+    assert rms.pop("mean") < 1.1  # its error is an upper limit
+    assert list(rms) == [x for x in ("std", "lower", "upper", "above") if exact[x][1] > 0]
+    assert all(0.7 < value < 1.4 for value in rms.values()), rms
+
+
+# The methods.
+
+
+@pytest.mark.parametrize("level", ["low", "medium", "high"])
+def test_automatic_is_form_where_nothing_is_nonlinear(level):
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 15})
+    s = s.with_analysis(level=level)
+    found, form = (propagate_scenario(s, method=method) for method in ("automatic", "form"))
+    for name in ("p_d", "mean", "std", "lower", "upper"):
+        assert_array_equal(getattr(found, name), getattr(form, name))
+    assert_array_equal(found.error, 0.0)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_automatic_is_right_and_draws_where_form_is_wrong(name):
+    states, problem, exact = states_of(PROBLEMS[name]), PROBLEMS[name], truth_of(name)
+    found, form, wrong = Automatic(states), Form(states), 0.0
+    for statistic, beta in (("lower", -BETA), ("upper", BETA)):
+        value, error = exact[statistic]
+        allowed = 0.005 + 4 * np.hypot(found.error[0], error)
+        assert abs(found.quantile(beta)[0] - value) <= allowed
+        wrong = max(wrong, abs(form.quantile(beta)[0] - value))
+    assert found.error[0] <= 0.005
+    drawn = found.error[0] > 0
+    assert drawn == (wrong > 0.005) == (name != "one radar")
+    assert (found.std[0] == form.std[0]) == (found.mean[0] == form.mean[0]) == (not drawn)
+    assert abs(found.std[0] / exact["std"][0] - 1) < 0.05
+    above, error = exact["above"]
+    own = 2 * np.sqrt(above * (1 - above) / 16_384)
+    assert abs(found.exceedance(problem.p_max)[0] - above) <= 4 * np.hypot(error, own)
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_plain_draws_have_the_quantiles_of_numpy(name):
+    problem, runs = PROBLEMS[name], 20_000
+    found = PlainDraws(states_of(problem, runs=runs))
+    expected = statistics_of(plain_p_d(problem, runs, seed=5), problem.p_max)
+    same = {
+        "mean": found.mean,
+        "std": found.std,
+        "lower": found.quantile(-BETA),
+        "upper": found.quantile(BETA),
+        "above": found.exceedance(problem.p_max),
+    }
+    for statistic, value in same.items():
+        number, error = expected[statistic]
+        assert abs(value[0] - number) <= 4 * np.sqrt(2) * error, statistic
+    larger = max(expected[statistic][1] for statistic in ("lower", "upper"))
+    assert 0.4 * larger < found.error[0] < 5 * larger
+
+
+@pytest.mark.parametrize("method", ["montecarlo", "automatic"])
+def test_the_same_seed_gives_the_same_bytes(method):
+    states = [states_of(PROBLEMS["short range, 1 km"], seed) for seed in (4, 4, 5)]
+    one, same, other = (METHODS[method](s) for s in states)
+    for value in (lambda d: d.mean, lambda d: d.std, lambda d: d.quantile(3.0)):
+        assert_array_equal(value(one), value(same))
+        assert value(one) != value(other)
+    assert_array_equal(one.exceedance(0.1), same.exceedance(0.1))
+    assert one.exceedance(0.03) != other.exceedance(0.03)
+
+
+@pytest.mark.parametrize("method", ["montecarlo", "automatic"])
+def test_a_pose_does_not_depend_on_the_others(method):
+    """Some poses are by FORM, the others by draws."""
+    s = states_of(PROBLEMS["short range, 1 km"])
+    aircraft = np.repeat(s.aircraft, 9, axis=0)
+    aircraft[:, 0] += np.arange(9) * 700.0
+    rest = s.radar[0], s.cov_aircraft[0], s.cov_radar[0]
+    together = propagate(s.model, aircraft, *rest, method=method)
+    for i in (0, 4, 8):
+        alone = propagate(s.model, aircraft[i], *rest, method=method)
+        for name, value in vars(alone).items():
+            assert_allclose(getattr(together, name)[i], value, rtol=1e-9, err_msg=name)
+    assert method != "automatic" or 0 < np.count_nonzero(together.error) < 9
