@@ -22,7 +22,7 @@ PROBABILITY = 0.05
 
 
 @cache
-def tested(name, threshold):
+def verdict_of(name, threshold):
     return rs.analyses.variance(rs.load_scenario(CASES / f"{name}.yaml"), threshold=threshold)
 
 
@@ -60,7 +60,7 @@ VIOLATED = (
 
 @pytest.mark.parametrize("case", VIOLATED, ids=str)
 def test_a_violated_threshold_is_violated_with_the_true_bound(case):
-    result = tested(case.name, case.threshold)
+    result = verdict_of(case.name, case.threshold)
     assert result.summary["threshold"]["verdict"] == "violated"
     assert result.passed is False
     upper = result.table["upper_3sigma"][case.row]
@@ -74,7 +74,7 @@ def test_a_violated_threshold_is_violated_with_the_true_bound(case):
 @pytest.mark.parametrize(("name", "threshold"), [("adv_graze_ell", 0.3), ("lobe_0.15_98.37", 0.2)])
 def test_p_d_above_the_threshold_between_the_rows_is_found(name, threshold):
     """P_D is 1 from 501.5 to 529.8 s, and from 114.36 to 115.07 s; the rows are at the ends."""
-    result = tested(name, threshold)
+    result = verdict_of(name, threshold)
     assert result.summary["threshold"]["verdict"] == "violated"
     assert result.summary["threshold"]["p_d_itself_above"]
 
@@ -95,7 +95,7 @@ def test_the_probability_anywhere_is_at_least_that_of_a_pose(
 
     On an orbit the probability depends on the azimuth step, and need not be given.
     """
-    result = tested(name, threshold)
+    result = verdict_of(name, threshold)
     summary, each = result.summary["threshold"], result.table["probability_above"]
     anywhere = summary.get("probability_above_at_any_pose")
     if result.scenario.time_s is None and anywhere is None:
