@@ -55,12 +55,12 @@ SHARE = 0.5
 #: prints the standard errors with other values of this and the next numbers.
 WIDTH = 1.6
 #: Candidates for each draw, and looks of the nominal path that their P_D is computed at.
-CANDIDATES, SCREENING_LOOKS = 16, 8
+CANDIDATES, SCREENING_LOOKS = 8, 8
 #: Independent replicates. The standard error of a standard error is a quarter of it.
 REPLICATES = 8
 #: Draws of each radar in a replicate: LOOKS divided by all looks, within limits. The Markov chain
 #: of HISTORIES histories takes as long as P_D of a look.
-LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 6_000_000, 256, 8192, 256
+LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 5_000_000, 256, 8192, 256
 #: Draws of each radar for one path, and combinations of them, if there are several radars.
 DRAWS_PER_PATH, COMBINATIONS_PER_PATH = 8, 16
 #: Ranks of the quantiles of a replicate. TAIL, in the middle, is the rank of a bound.
