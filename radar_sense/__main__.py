@@ -26,6 +26,9 @@ def main() -> None:
     for number in _SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
             signal.signal(number, end_at_once)
+    # Threads of the linear algebra wait for each other: products of small matrices with many draws
+    # take up to eight times the CPU time. NumPy reads the variable when it is imported.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from radar_sense.cli import cli
 
     try:

@@ -233,11 +233,20 @@ AXES = {
     "pose": ("Number of the pose, from 0, of states given in Python.", ""),
 }
 NOMINAL = "P_D at the nominal states, of all radars together."
+COVERAGE = "Share of the draws within the 3-sigma band of the method."
 
 
 def add_axis(table: Table, axis: Axis) -> None:
     """Add the column of the places of the poses."""
     table.add(axis.key, axis.values, *AXES[axis.key])
+
+
+def add_band(table: Table, moments: Moments) -> None:
+    """Add the columns of P_D with its band."""
+    table.add("p_d", moments.p_d, NOMINAL)
+    table.add("sigma_pd", moments.std, "Standard deviation of P_D.")
+    table.add("lower_3sigma", moments.lower, "Lower 3-sigma bound of P_D.")
+    table.add("upper_3sigma", moments.upper, "Upper 3-sigma bound of P_D.")
 
 
 def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> None:
@@ -284,29 +293,10 @@ def add_radars(result: Result, at_level: Mapping[str, Scenario], method: str) ->
     )
 
 
-def monte_carlo_columns(draws: DrawStatistics, before: str = "") -> dict[str, FloatArray]:
-    """Return the columns of the draws, with text before the names."""
-    return {
-        f"{before}mc_mean": draws.mean,
-        f"{before}mc_std": draws.std,
-        f"{before}mc_lower": draws.lower,
-        f"{before}mc_upper": draws.upper,
-    }
-
-
-def band_columns(moments: Moments) -> dict[str, FloatArray]:
-    """Return the columns of a band."""
-    return {
-        "p_d": moments.p_d,
-        "sigma_pd": moments.std,
-        "lower_3sigma": moments.lower,
-        "upper_3sigma": moments.upper,
-    }
-
-
-def mean_column(mean: FloatArray, method: str, ending: str = "") -> dict[str, FloatArray]:
-    """Return the column of the mean of P_D; the mean by `linear` is P_D itself."""
-    return {} if method == "linear" else {f"mean_pd{ending}": mean}
+def band_label(level: str, method: str) -> str:
+    """Return the label of the 3σ band in a figure."""
+    by = "" if method == "linear" else f" by {method}"
+    return rf"$\pm 3\,\sigma${by} ({level})"
 
 
 def level_and_method(level: str, method: str) -> str:

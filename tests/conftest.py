@@ -17,8 +17,8 @@ import pytest
 from click.testing import CliRunner
 
 from radar_sense import cli as command_line
-from radar_sense.analyses.contract import Result, analysis
 from radar_sense.cli import cli
+from radar_sense.command import Result, command
 
 
 def pytest_collection_finish() -> None:
@@ -60,15 +60,13 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Callable[[Callable[[], object]], No
         def run(scenario):
             """Fake."""
             function()
-            return Result(scenario, {"x": scenario.axis.values})
+            result = Result(scenario)
+            result.table.add("x", scenario.axis.values, "A place.")
+            result.draw = lambda figure: figure.subplots()
+            return result
 
-        command = analysis(
-            plot=lambda result, figure: figure.subplots(),
-            examples=["radar-sense fake"],
-            name="fake",
-        )(run)
         module = type(os)("radar_sense.analyses.fake")
-        module.fake = command
+        module.fake = command(examples=("radar-sense fake",), name="fake")(run)
         monkeypatch.setitem(sys.modules, module.__name__, module)
         monkeypatch.setattr(command_line, "commands", lambda: {**known, "fake": known["budget"]})
 

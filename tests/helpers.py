@@ -100,9 +100,9 @@ def without_pixels(patch, then=lambda figure: figure):
 
 
 def small_batches(patch):
-    """Let `validate_method` draw small batches: its accuracy is tested in `test_adaptive`."""
-    patch.setattr("radar_sense.montecarlo.adaptive.LEAST_DRAWS", 500)
-    patch.setattr("radar_sense.montecarlo.adaptive.LEAST_OUTSIDE", 5)
+    """Let `validate_method` draw few draws: its accuracy is tested in `test_adaptive`."""
+    patch.setattr("radar_sense.montecarlo.adaptive.RUNS", 2000)
+    patch.setattr("radar_sense.montecarlo.adaptive.DRAWS", 2048)
 
 
 @contextmanager

@@ -113,35 +113,6 @@ class Statistics:
             self._rows = [ordered[: self._keep].copy(), ordered[-self._keep :].copy()]
 
 
-def tail_share(rows: int, probability: float) -> int:
-    """Return the number of rows in a tail that a block exceeds with a probability below 1e-13.
-
-    The number is the expected number in the tail plus 8σ, at most all rows of the block.
-
-    Args:
-        rows: Number of rows of the block.
-        probability: Probability of the tail.
-    """
-    expected = rows * probability
-    return min(math.ceil(expected + 8 * math.sqrt(expected) + 8), rows)
-
-
-def order_statistics(rows: FloatArray, position: FloatArray) -> FloatArray:
-    """Return order statistics (columns,) of rows (m, columns), linear between two positions.
-
-    Args:
-        rows: The rows, or at least the smallest entries of each column up to the positions.
-        position: Position in each column (columns,), counted from 0.
-    """
-    below = np.floor(position).astype(int)
-    keep = min(len(rows), int(below.max()) + 2)
-    smallest = np.sort(_lowest(rows, keep), axis=0)
-    column = np.arange(rows.shape[1])
-    low, high = smallest[below, column], smallest[np.minimum(below + 1, keep - 1), column]
-    values: FloatArray = low + (position - below) * (high - low)
-    return values
-
-
 def tail_quantiles(
     rows: FloatArray, count: int, probability: float
 ) -> tuple[FloatArray, FloatArray]:
@@ -164,18 +135,8 @@ def tail_quantiles(
     return low + part * (next_low - low), high + part * (next_high - high)
 
 
-def highest(rows: FloatArray, keep: int) -> FloatArray:
-    """Return the largest entries of each column (keep, columns), in no order."""
-    return np.partition(rows, len(rows) - keep, axis=0)[len(rows) - keep :]
-
-
-def _lowest(rows: FloatArray, keep: int) -> FloatArray:
-    """Return the smallest entries of each column (keep, columns), in no order."""
-    return np.partition(rows, keep - 1, axis=0)[:keep]
-
-
 def binomial_interval(
-    successes: FloatArray, count: int | NDArray[np.int64], confidence: float = 0.95
+    successes: FloatArray, count: int, confidence: float = 0.95
 ) -> tuple[FloatArray, FloatArray]:
     """Return a confidence interval of a proportion, with at least the stated confidence.
 
@@ -183,7 +144,7 @@ def binomial_interval(
 
     Args:
         successes: (...), whole numbers from 0 to `count`; NaN gives NaN.
-        count: Number of trials, one for all or (...).
+        count: Number of trials.
         confidence: Probability of the interval.
 
     Returns:

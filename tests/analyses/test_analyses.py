@@ -3,6 +3,7 @@
 import dataclasses
 import math
 import re
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.axis import azimuth
-from radar_sense.montecarlo import adaptive
+from radar_sense.montecarlo.adaptive import validate_method
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
@@ -186,14 +187,14 @@ def test_validate_answers_where_a_method_may_be_trusted():
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
     linear = analyses.validate(s, digits=1)
     assert not linear.passed
-    assert linear.summary["verdict"] == "refuted"
+    assert linear.summary["verdict"] == "differs"
     assert linear.table["validated"].tolist() == [1, 1, 0]
-    assert "NOT validated" in linear.report[0]
-    assert any("refuted at 90 deg" in line for line in linear.report)
+    assert "does NOT agree" in linear.report[0]
+    assert any("differs at 90 deg" in line for line in linear.report)
     form = analyses.validate(s, method="form", digits=1)
     assert form.passed
     assert form.table["validated"].tolist() == [1, 1, 1]
-    error = np.sqrt(0.9973 * 0.0027 / form.table["runs"])
+    error = np.sqrt(0.9973 * 0.0027 / form.summary["plain_runs"])
     assert np.all(abs(form.table["coverage_3sigma"] - 0.9973) < 4 * error)
     assert np.all(form.table["coverage_low"] < form.table["coverage_3sigma"])
     assert np.all(form.table["coverage_high"] > form.table["coverage_3sigma"])
@@ -256,37 +257,42 @@ def test_validate_names_the_pose_with_the_largest_error_per_tolerance():
     assert re.fullmatch(r"  worst: bound off by \S+ at 90 deg \(tolerance \S+\)", worst)
 
 
-def test_refuted_undecided_and_poses_without_a_result_are_told_apart(monkeypatch):
-    """The poses are validated, refuted, undecided, without a result, and wrong where δ is 0."""
+def test_different_undecided_and_poses_without_a_result_are_told_apart(monkeypatch):
+    """The poses agree, differ, are undecided, without a result, and wrong where δ is 0."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 40, "step": 10})
-    verdict = adaptive.validate_method(s, digits=1)
+    verdict = validate_method(s, method="linear", digits=1)
 
     def validate(*args, **options):
         nan = np.where(np.arange(5) == 3, np.nan, 0.0)
-        refuted = np.array([0, 1, 0, 1, 1], dtype=bool)
+        band = dataclasses.replace(
+            verdict.plain.band,
+            lower=np.array([0.1, 0.2, 0.3, 0.0, 0.01]),
+            upper=np.array([0.0, 0.4, 0.2, 0.0, 0.0]) + nan,
+        )
         return dataclasses.replace(
             verdict,
-            moments=dataclasses.replace(verdict.moments, upper=verdict.moments.upper + nan),
+            plain=dataclasses.replace(verdict.plain, band=band),
             delta=np.array([0.1, 0.1, 0.1, 0.1, 0.0]),
-            distance_lower=np.array([0.1, 0.2, 0.3, 0.0, 0.01]) + nan,
-            distance_upper=np.array([0.0, 0.4, 0.2, 0.0, 0.0]) + nan,
-            refuted=refuted,
-            validated=np.array([1, 0, 0, 0, 0], dtype=bool),
+            lower=np.zeros(5),
+            upper=np.zeros(5),
+            differs=np.array([0, 1, 0, 1, 1], dtype=bool),
+            agrees=np.array([1, 0, 0, 0, 0], dtype=bool),
         )
 
-    monkeypatch.setattr(adaptive, "validate_method", validate)
+    module = sys.modules["radar_sense.analyses.validate"]
+    monkeypatch.setattr(module, "validate_method", validate)
     result = analyses.validate(s, digits=1)
     assert result.report[:6] == (
-        "linear 3-sigma interval (medium), 1 significant digit: NOT validated",
-        "  validated at 1 of 5 poses",
+        "linear 3-sigma interval (medium), 1 significant digit: does NOT agree with draws",
+        "  agrees at 1 of 5 poses",
         "  no result at 30 deg",
-        "  refuted at 10, 40 deg",
-        "  undecided at 20 deg: the draws did not become stable",
+        "  differs at 10, 40 deg",
+        "  undecided, too few draws at 20 deg",
         "  worst: bound off by 0.01 at 40 deg (tolerance 0)",
     )
     assert analyses.validate(s, digits=2).report[0].split(": ")[0].endswith("2 significant digits")
     summary = result.summary
-    assert (summary["poses_validated"], summary["poses_refuted"]) == (1, 3)
+    assert (summary["poses_agree"], summary["poses_differ"]) == (1, 3)
     assert summary["poses_undecided"] == 1
     assert summary["largest_distance_by_delta"]["value"] == math.inf
 

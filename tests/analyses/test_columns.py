@@ -7,7 +7,6 @@ from helpers import scenario
 
 import radar_sense as rs
 from radar_sense import cli
-from radar_sense.analyses.columns import Column, find, of_radars, quantity
 
 ROOT = Path(__file__).parents[2]
 FEW = {"start": 40, "stop": 60, "step": 20}
@@ -52,19 +51,3 @@ def test_the_upper_bound_and_the_worst_heading_of_a_map():
     for options in ({"upper": True}, {"worst_heading": True}):
         result = rs.analyses.coverage_map(s, step_km=400, **options)
         assert list(result.columns) == list(result.table)
-
-
-def test_names_and_placeholders():
-    columns = (
-        quantity("lower_3sigma", "Bound."),
-        *of_radars([quantity("lower_3sigma", "Bound."), quantity("lower_3sigma_se", "Error.")]),
-        *of_radars([quantity("range_m", "Range.")]),
-    )
-    assert find(columns, "lower_3sigma").meaning == "Bound."
-    assert find(columns, "lower_3sigma_a").meaning == "For radar a alone: Bound."
-    assert find(columns, "lower_3sigma_se_a").meaning == "For radar a alone: Error."
-    assert find(columns, "range_m_km").unit == "m"
-    assert find(columns, "range_m_") is None
-    assert find(columns, "range_m") is None
-    assert find([Column("upper_<k>sigma", "At <k>.", "")], "upper_2.5sigma").meaning == "At 2.5."
-    assert find([Column("upper_<k>sigma", "At <k>.", "")], "upper_sigma") is None

@@ -146,7 +146,7 @@ def test_a_network_reports_the_largest_three_sigma_of_each_radar_by_itself(metho
         assert not any(map(of_radars, result.report))
 
 
-def test_a_radar_that_sees_nothing_is_validated(tool):
+def test_a_radar_that_sees_nothing_has_a_verdict(tool):
     """Beyond the range σ and δ are 0, and their ratio must not raise an error."""
     several = mixed_radars(max_range_km=60)
     write(yaml_text(mixed_document(several, sweep=POSE)))

@@ -594,9 +594,9 @@ def test_a_verdict_is_an_exit_code(tool, method, code):
     Path("one.yaml").write_text(text)
     outcome = tool("validate", "one.yaml", "--digits", "1", "--method", method)
     assert outcome.code == code
-    assert ("NOT validated" in outcome.out) == (code == 3)
+    assert ("does NOT agree" in outcome.out) == (code == 3)
     record = read_record("figures/paper_validate.json")
-    assert record["summary"]["verdict"] == ("refuted" if code else "validated")
+    assert record["summary"]["verdict"] == ("differs" if code else "agrees")
     assert Path("figures/paper_validate.png").exists()
 
 

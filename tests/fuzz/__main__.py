@@ -28,8 +28,7 @@ def _hangs(number: int, frame: object) -> NoReturn:
 
 def _draw_few() -> None:
     """Let `validate` and `report` draw less, because their draws take most of the time."""
-    adaptive.LEAST_DRAWS, adaptive.LEAST_OUTSIDE = 100, 1
-    adaptive.MAX_RUNS = 5000
+    adaptive.RUNS, adaptive.DRAWS, adaptive.MOST_BATCHES = 200, 512, 4
     import_module("radar_sense.analyses.report").DRAWS = 200
 
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from radar_sense import cli
-from radar_sense.analyses.contract import OPTIONS
-from radar_sense.command import Command, Option
+from radar_sense.command import WORKER_THREADS, Command, Option
 from radar_sense.limits import LARGEST, NOT_NEGATIVE, SMALLEST, STYLES, Limit
 from radar_sense.model.detectors import DETECTORS
 from radar_sense.model.radar_equation import RADARS, SEARCH_FACTORS
@@ -761,7 +760,7 @@ def command(scenario: RandomScenario, *, slow: bool) -> list[str]:
     names = {option.name for option in chosen.options}
     args = [chosen.name, "--out", "out", *options(chosen, scenario)]
     if "workers" in names:
-        args += ["--workers", _option_value(OPTIONS["workers"], scenario, 0.1)]
+        args += ["--workers", _option_value(WORKER_THREADS, scenario, 0.1)]
     if slow and "dask" in names and rng.random() < 0.2:
         args += ["--dask", rng.choice(_ADDRESSES)]
     if chosen.has_figures and not (slow and rng.random() < 0.8):

@@ -9,7 +9,7 @@ from scipy import stats
 from scipy.special import ndtri
 
 from radar_sense.errors import ScenarioError
-from radar_sense.montecarlo.statistics import Statistics, binomial_interval, order_statistics
+from radar_sense.montecarlo.statistics import Statistics, binomial_interval
 
 P = 0.00135
 
@@ -105,14 +105,6 @@ def test_more_than_4_gb_is_refused_with_the_number_of_runs_that_fit(columns):
 def test_more_poses_than_fit_are_refused():
     with pytest.raises(ScenarioError, match=r"2 runs of 100,000,000 poses .* use fewer poses$"):
         Statistics(10**8, 2, P)
-
-
-def test_order_statistics_are_linear_between_two():
-    rows = np.random.default_rng(9).permutation(50.0 * np.arange(40)).reshape(20, 2)
-    ordered = np.sort(rows, axis=0)
-    values = order_statistics(rows, np.array([3.0, 7.25]))
-    assert values[0] == ordered[3, 0]
-    assert values[1] == pytest.approx(0.75 * ordered[7, 1] + 0.25 * ordered[8, 1], rel=1e-15)
 
 
 @pytest.mark.parametrize("count", [1, 10, 500])

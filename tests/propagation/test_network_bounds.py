@@ -140,10 +140,10 @@ def test_monte_carlo_agrees_with_form_and_probit_at_a_size_that_can_tell():
     assert_allclose(better.std[trusted], mc.std[trusted], rtol=0.03)
 
 
-def test_a_network_is_validated_and_no_method_but_linear_leaves_0_to_1():
+def test_form_agrees_for_a_network_and_no_method_but_linear_leaves_0_to_1():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 180))
     verdict = validate_method(scenario, method="form", digits=1)
-    assert verdict.verdict == "validated"
+    assert verdict.verdict == "agrees"
     steep = paper_network([(0, 0, 0), (1e5, 0, 0)], [100, 100], attitude_deg=4)
     assert propagate_scenario(steep, method="linear").upper.max() > 1
     for method in (name for name in METHODS if name != "linear"):
