@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import block_square_root, checked, square_root
+from radar_sense.covariance import block_square_root, checked, draws, square_root
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, factors
@@ -79,7 +79,7 @@ class UncertainStates:
         for start in range(0, max(len(self), 1), size):
             yield self._with(*(a if len(a) == 1 else a[start : start + size] for a in self._arrays))
 
-    def at(self, rows: NDArray[np.intp]) -> UncertainStates:
+    def at(self, rows: NDArray[np.intp] | slice) -> UncertainStates:
         """Return the states of some poses."""
         return self._with(*(a if len(a) == 1 < len(self) else a[rows] for a in self._arrays))
 
@@ -140,26 +140,32 @@ class UncertainStates:
         places = [len(RADAR) * i + CONSTANT for i, t in enumerate(self.tolerances) if t]
         return np.stack([block_square_root(c, places) for c in self.cov_radar])
 
-    def at_normals(self, u: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def at_normals(self, u: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
         """Return aircraft states (k, n, 6) and radar states (k, n, 4m or more) at unit normals.
 
         Args:
             u: Unit normals (k, d, n).
+            rows: The k poses of the unit normals.
         """
         a, size = len(AIRCRAFT), int(self.radar.shape[-1])
-        aircraft = self.sqrt_cov_aircraft @ u[:, :a]
-        aircraft += self.aircraft[:, :, np.newaxis]
-        radar = self.sqrt_cov_radar @ u[:, a : a + size]
-        radar += self.radar[:, :, np.newaxis]
+        normals = np.moveaxis(u, 1, -1)
+
+        def at(array: FloatArray) -> FloatArray:
+            """Return an array of the poses (k, 1, ...), or of all of them (1, 1, ...)."""
+            return (array if len(array) == 1 else array[rows])[:, np.newaxis]
+
+        aircraft = draws(at(self.aircraft), at(self.sqrt_cov_aircraft), normals[..., :a])
+        radar = draws(at(self.radar), at(self.sqrt_cov_radar), normals[..., a : a + size])
         for i, (tolerances, columns) in enumerate(zip(self.tolerances, self.columns, strict=True)):
-            constant, nominal = radar[:, len(RADAR) * i + CONSTANT], self._constant(i)
+            c = len(RADAR) * i + CONSTANT
+            constant, nominal = radar[..., c], at(self.radar)[..., c]
             if tolerances:
-                constant[:] = nominal * factors(tolerances, np.moveaxis(u[:, columns], 1, -1))
+                constant[:] = nominal * factors(tolerances, normals[..., columns])
             elif self.log_constant[i]:
                 constant[:] = nominal * np.exp(np.minimum(constant / nominal - 1.0, MOST_NEPERS))
             else:
                 np.maximum(constant, 0.0, out=constant)
-        return np.moveaxis(aircraft, 1, -1), np.moveaxis(radar, 1, -1)
+        return aircraft, radar
 
     def by_normals(
         self, by_aircraft: FloatArray, by_radar: FloatArray, radar: FloatArray

@@ -23,7 +23,7 @@ from radar_sense.propagation import (
     MONTE_CARLO,
     STD_CHANGE,
     Moments,
-    propagate_scenario,
+    distribution,
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
@@ -164,7 +164,7 @@ def decibels(ratio: FloatArray) -> FloatArray:
 def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any]]:
     """Return the largest 3σ of P_D, and its places, by single radar of a network."""
     return {
-        name: peak(3 * propagate_scenario(radar_scenario, method=method).std, scenario.axis)
+        name: peak(3 * distribution(radar_scenario, method).std, scenario.axis)
         for name, radar_scenario in single_radar_scenarios(scenario).items()
     }
 

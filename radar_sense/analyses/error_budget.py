@@ -286,7 +286,7 @@ def required_accuracies(
             slack = STD_CHANGE if method in FIRST_ORDER else SLACK
             return bool(np.all(3.0 * found.std <= (1.0 + slack) * limit))
         by_draws = Automatic(changed)
-        allowed = 2.0 * by_draws.error if method == AUTOMATIC else BOUND_CHANGE
+        allowed = 2.0 * by_draws.error(k) if method == AUTOMATIC else BOUND_CHANGE
         return bool(np.all(by_draws.quantile(k) <= limit + allowed))
 
     def verified(

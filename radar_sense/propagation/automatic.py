@@ -7,6 +7,7 @@ elsewhere the numbers of the draws, with their standard errors.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -18,74 +19,101 @@ from radar_sense.propagation.form import Form
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
-#: A value of a method is off if a bound is off by more than BOUND_CHANGE or by more than
-#: PART_OF_BOUND of the bound, or σ by more than STD_CHANGE of σ.
+#: A value of a method is off if the mean or a bound is off by more than BOUND_CHANGE or by more
+#: than PART_OF_BOUND of itself, or σ by more than STD_CHANGE of σ.
 BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
-#: FORM is kept where draws confirm that its bounds are within this part of BOUND_CHANGE.
-KEPT = 0.5
 #: Differences of P_D below this are never off: no output shows them.
 LEAST_CHANGE = 1e-6
 #: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
 FIRST, GROWTH, LAST = 1024, 4, 2**20
-#: Most draws of a look at all poses and radars together, about a second.
-TOGETHER = 6e6
-#: Standard errors between a difference and what is allowed, for a decision.
-ERRORS = 2.0
-#: Standard error of a bound that replaces a bound by a method, half of BOUND_CHANGE.
-PRECISE = 0.5 * BOUND_CHANGE
+#: Draws at a pose for a probability.
+FOR_PROBABILITY = 16 * FIRST
+#: Standard errors within which a value is taken to be.
+ERRORS = 2.5
+#: Standard errors of a bound or σ by draws are good enough at this part of what would be off.
+PRECISE = 0.5
 
 
 def judged(
     states: UncertainStates,
-    std: FloatArray,
+    first: Estimate,
     lower: FloatArray,
     upper: FloatArray,
     beta: float,
     *,
-    part: float = 1.0,
+    replace: bool = False,
 ) -> tuple[Estimate, NDArray[np.bool_]]:
-    """Return what draws say of P_D at each pose, and where (k,) they say that values are off.
+    """Return what draws say of P_D at each pose, and where (k,) they do not confirm two bounds.
 
-    More draws are made where they do not yet tell whether a bound is off, and where one is off and
-    the bounds of the draws are not yet precise.
+    A bound is confirmed if its difference from that of the draws, and ERRORS standard errors, are
+    less than BOUND_CHANGE together. More draws are made where this is not settled. Bounds that
+    differ by more than half of BOUND_CHANGE, for certain, are replaced when the draws are precise.
 
     Args:
         states: The uncertain states of k poses.
-        std: σ of P_D by a method (k,).
-        lower: Lower bound by the method (k,).
+        first: What the first look of FIRST draws says.
+        lower: Lower bound by a method (k,).
         upper: Upper bound by the method (k,).
         beta: β of the bounds.
-        part: Part of BOUND_CHANGE above which a bound is off.
+        replace: Whether the bounds of the draws replace those of the method.
     """
-    drawn, off = Estimate.empty(len(states)), np.zeros(len(states), dtype=bool)
-    rows, draws = np.arange(len(states)), FIRST
-    while rows.size:
-        found = estimate(states.at(rows), draws, beta)
+    values = np.stack([lower, upper])
+
+    def confirmed(rows: NDArray[np.intp] | slice, found: Estimate) -> NDArray[np.bool_]:
+        """Return which bounds (2, k) are confirmed."""
+        bounds, errors = found.bounds
+        within = abs(values[:, rows] - bounds) + ERRORS * errors <= BOUND_CHANGE
+        return within & _close(values[:, rows], bounds, errors, PART_OF_BOUND)
+
+    def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
+        bounds, errors = found.bounds
+        difference = abs(values[:, rows] - bounds)
+        apart = ~_close(values[:, rows], bounds, errors, PART_OF_BOUND)
+        if replace:
+            apart |= difference > np.maximum(PRECISE * BOUND_CHANGE, ERRORS * errors)
+            apart &= errors.max(axis=0) <= PRECISE * BOUND_CHANGE
+        else:
+            apart |= difference - ERRORS * errors > BOUND_CHANGE
+        return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
+
+    drawn = _until(settled, states, first, beta)
+    return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
+
+
+def moments_off(found: Estimate, mean: FloatArray, std: FloatArray) -> NDArray[np.bool_]:
+    """Return where (k,) draws do not confirm mean and σ of P_D by a method."""
+    close = _close(mean, found.mean, found.mean_error, PART_OF_BOUND)
+    close &= abs(mean - found.mean) <= BOUND_CHANGE + ERRORS * found.mean_error
+    return ~(close & _close(std, found.std, found.std_error, STD_CHANGE))
+
+
+def _close(
+    value: FloatArray, drawn: FloatArray, error: FloatArray, part: float
+) -> NDArray[np.bool_]:
+    """Return where values are within a part of what is drawn, and ERRORS standard errors."""
+    allowed = np.maximum(part * drawn, LEAST_CHANGE) + ERRORS * error
+    return np.asarray(abs(value - drawn) <= allowed)
+
+
+def _until(
+    settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]],
+    states: UncertainStates,
+    found: Estimate,
+    beta: float,
+) -> Estimate:
+    """Return what draws say of P_D, more of them at the poses that a first look does not settle.
+
+    What a pose gets depends on this pose alone.
+    """
+    drawn, rows, draws = Estimate.empty(len(states)), np.arange(len(states)), FIRST
+    while True:
         drawn.put(rows, found)
-        near = _near(std[rows], found)
-        known, off[rows] = np.ones(rows.size, dtype=bool), ~near
-        for value, bound, error in (
-            (lower[rows], found.lower, found.lower_error),
-            (upper[rows], found.upper, found.upper_error),
-        ):
-            difference, slack = abs(value - bound), ERRORS * error
-            known &= abs(difference - part * BOUND_CHANGE) >= slack
-            relative = np.maximum(PART_OF_BOUND * bound, LEAST_CHANGE) + slack
-            off[rows] |= ~((difference <= part * BOUND_CHANGE) & (difference <= relative))
-        off[rows] |= ~known
-        precise = np.maximum(found.lower_error, found.upper_error) <= PRECISE
-        rows = rows[~(known & (~off[rows] | precise))]
+        rows = rows[~settled(rows, found)]
         report("poses judged by draws", len(states) - rows.size, len(states))
         draws *= GROWTH
-        if draws > LAST or rows.size * draws * len(states.model.radars) > TOGETHER:
-            break
-    return drawn, off
-
-
-def _near(std: FloatArray, found: Estimate) -> NDArray[np.bool_]:
-    """Return where (k,) σ by a method is close to σ by draws."""
-    allowed = STD_CHANGE * found.std + ERRORS * found.std_error
-    return np.asarray(abs(std - found.std) <= np.maximum(allowed, LEAST_CHANGE))
+        if not rows.size or draws > LAST:
+            return drawn
+        found = estimate(states.at(rows), draws, beta)
 
 
 class Automatic:
@@ -94,7 +122,8 @@ class Automatic:
     def __init__(self, states: UncertainStates, form: Form | None = None) -> None:
         self.states = states
         self._form = form or Form(states)
-        self._at: dict[float, tuple[FloatArray, ...]] = {}
+        self._first: dict[float, Estimate] = {}
+        self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
 
     @property
     def p_d(self) -> FloatArray:
@@ -104,45 +133,56 @@ class Automatic:
     @property
     def mean(self) -> FloatArray:
         """Mean of P_D (k,)."""
-        return self._band(3.0)[0]
-
-    @cached_property
-    def std(self) -> FloatArray:
-        """Standard deviation of P_D (k,): from the band if it is known, else from fewer draws."""
-        if 3.0 in self._at:
-            return self._at[3.0][1]
-        std = self._form.std.copy()
-        found = estimate(self.states, FIRST, 3.0)
-        off = np.flatnonzero(~_near(std, found))
-        if off.size:
-            std[off] = estimate(self.states.at(off), FIRST * GROWTH, 3.0).std
-        return std
+        return self._moments[0]
 
     @property
-    def error(self) -> FloatArray:
-        """Standard error of the bounds (k,) asked for last, 0 where they are by FORM."""
-        return next(reversed(self._at.values()))[4] if self._at else self._band(3.0)[4]
+    def std(self) -> FloatArray:
+        """Standard deviation of P_D (k,)."""
+        return self._moments[1]
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
-        return self._band(abs(beta))[2 if beta < 0 else 3]
+        return self._band(abs(beta))[0 if beta < 0 else 1]
+
+    def error(self, beta: float) -> FloatArray:
+        """Return the standard error of the bounds at ±β (k,), 0 where they are by FORM."""
+        return self._band(abs(beta))[2]
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return estimate(self.states, FIRST * GROWTH**2, 3.0, p_max).above
+        return estimate(self.states, FOR_PROBABILITY, 3.0, p_max).above
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
         return Automatic(changed, self._form.with_covariances(changed))
 
-    def _band(self, beta: float) -> tuple[FloatArray, ...]:
-        """Return mean, σ, lower and upper bound at β, and their standard error (k,)."""
-        if beta not in self._at:
-            form = self._form
-            values = form.mean, form.std, form.quantile(-beta), form.quantile(beta)
-            drawn, off = judged(self.states, *values[1:], beta, part=KEPT)
-            better = drawn.mean, drawn.std, drawn.lower, drawn.upper
-            band = [np.where(off, b, v) for v, b in zip(values, better, strict=True)]
-            error = np.where(off, np.maximum(drawn.lower_error, drawn.upper_error), 0.0)
-            self._at[beta] = (*band, error)
-        return self._at[beta]
+    @cached_property
+    def _moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of P_D (k,)."""
+        form, first = self._form, self._look(3.0)
+        off = moments_off(first, form.mean, form.std)
+
+        def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
+            precise = found.std_error <= PRECISE * STD_CHANGE * found.std
+            return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
+
+        found = _until(settled, self.states, first, 3.0)
+        return np.where(off, found.mean, form.mean), np.where(off, found.std, form.std)
+
+    def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return lower and upper bound at β and their standard error (k,)."""
+        if beta not in self._bands:
+            lower, upper = self._form.quantile(-beta), self._form.quantile(beta)
+            drawn, off = judged(self.states, self._look(beta), lower, upper, beta, replace=True)
+            self._bands[beta] = (
+                np.where(off, drawn.lower, lower),
+                np.where(off, drawn.upper, upper),
+                np.where(off, np.max(drawn.bounds[1], axis=0), 0.0),
+            )
+        return self._bands[beta]
+
+    def _look(self, beta: float) -> Estimate:
+        """Return what the first draws say."""
+        if beta not in self._first:
+            self._first[beta] = estimate(self.states, FIRST, beta)
+        return self._first[beta]

@@ -7,7 +7,7 @@ from pose to pose.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,10 @@ from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import BLOCK, UncertainStates
 
-#: Numbers of an array that is computed at a time (2 MB).
-TOGETHER = 2**18
+#: Draws of the mixture at a time. A matrix product of this size stays in one thread.
+DRAWS = 1024
+#: Numbers of an array that is computed at a time (2 MB), and of P_D that are kept (8 MB).
+TOGETHER, KEPT = 2**18, 2**20
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,6 +30,7 @@ class Estimate:
 
     Attributes:
         mean: Mean of P_D (k,).
+        mean_error: Standard error of `mean` (k,).
         std: Standard deviation of P_D (k,).
         std_error: Standard error of `std` (k,).
         lower: Bound that P_D falls below with probability Φ(−β) (k,).
@@ -39,6 +42,7 @@ class Estimate:
     """
 
     mean: FloatArray
+    mean_error: FloatArray
     std: FloatArray
     std_error: FloatArray
     lower: FloatArray
@@ -48,10 +52,16 @@ class Estimate:
     above: FloatArray
     above_error: FloatArray
 
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bound (2, k), and their standard errors (2, k)."""
+        errors = np.stack([self.lower_error, self.upper_error])
+        return np.stack([self.lower, self.upper]), errors
+
     @classmethod
     def empty(cls, poses: int) -> Estimate:
         """Return an estimate of unknown values at some poses, to be filled."""
-        return cls(*(np.full(poses, np.nan) for _ in range(9)))
+        return cls(*(np.full(poses, np.nan) for _ in fields(cls)))
 
     def put(self, rows: NDArray[np.intp] | slice, other: Estimate) -> None:
         """Overwrite the values at some poses."""
@@ -72,24 +82,41 @@ def estimate(
         plain: Whether to draw from the natural density alone.
     """
     found, first = Estimate.empty(len(states)), 0
-    d = states.normals
-    normals = random_stream(states.seed, Stream.EMPHASIS, draws).standard_normal((d, draws))
-    size = max(1, TOGETHER // (draws * d))
     for block in states.cut(BLOCK):
-        mixture = None if plain else Mixture.of(_row_by_row(block), beta)
+        block = _row_by_row(block)
+        mixture = None if plain else Mixture.of(block, beta)
+        size = max(1, KEPT // draws)
         for start in range(0, len(block), size):
-            rows = slice(start, min(start + size, len(block)))
-            part = block.at(np.arange(rows.start, rows.stop))
-            if mixture is None:
-                u, weights = np.broadcast_to(normals, (len(part), d, draws)), np.ones((1, draws))
-            else:
-                u, weights = mixture.at(rows).draw(normals)
-            p_d = part.model.p_d(*part.at_normals(u))
-            weights = np.broadcast_to(weights / draws, p_d.shape)
-            place = slice(first + rows.start, first + rows.stop)
-            found.put(place, _estimate(p_d, weights, beta, p_max))
-        first += len(block)
+            rows = slice(start, start + size)
+            drawn = _draw(block.at(rows), mixture and mixture.at(rows), draws)
+            found.put(slice(first, first + len(drawn[0])), _estimate(*drawn, beta, p_max))
+            first += len(drawn[0])
     return found
+
+
+def _draw(
+    states: UncertainStates, mixture: Mixture | None, draws: int
+) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    """Return P_D (k, n), weights (k, n), and what is beyond the planes of the mixture (2, k, n).
+
+    Each of the parts of `DRAWS` draws is a whole mixture.
+    """
+    p_d, beyond = np.empty((len(states), draws)), np.zeros((2, len(states), draws), dtype=bool)
+    weights = np.full(p_d.shape, 1.0 / draws)
+    rng, d = random_stream(states.seed, Stream.EMPHASIS, draws), states.normals
+    size = max(1, TOGETHER // (min(draws, DRAWS) * d))
+    for start in range(0, draws, DRAWS):
+        normals = rng.standard_normal((d, min(DRAWS, draws - start)))
+        n = normals.shape[1]
+        for first in range(0, len(states), size):
+            rows, columns = slice(first, first + size), slice(start, start + n)
+            if mixture is None:
+                u = np.broadcast_to(normals, (len(p_d[rows]), d, n))
+            else:
+                u, ratio, beyond[:, rows, columns] = mixture.at(rows).draw(normals)
+                weights[rows, columns] *= ratio
+            p_d[rows, columns] = states.model.p_d(*states.at_normals(u, rows))
+    return p_d, weights, beyond
 
 
 def _row_by_row(states: UncertainStates) -> UncertainStates:
@@ -101,14 +128,26 @@ def _row_by_row(states: UncertainStates) -> UncertainStates:
     )
 
 
-def _estimate(p_d: FloatArray, weights: FloatArray, beta: float, p_max: float) -> Estimate:
-    """Return the estimate from P_D (k, n) and weights (k, n), which add up to about 1."""
+def _estimate(
+    p_d: FloatArray, weights: FloatArray, beyond: NDArray[np.bool_], beta: float, p_max: float
+) -> Estimate:
+    """Return the estimate from P_D (k, n), weights (k, n), which add up to about 1, and planes.
+
+    Args:
+        p_d: P_D of the draws (k, n).
+        weights: Weights of the draws (k, n).
+        beyond: Which draws are beyond a plane near the greatest P_D, and one near the least
+            (2, k, n), each with probability Φ(−β); none if there is no such plane.
+        beta: β of the bounds.
+        p_max: Limit whose exceedance is counted; NaN for none.
+    """
     total = np.sum(weights, axis=1)
     mean = np.sum(weights * p_d, axis=1) / total
     mean = np.where(np.ptp(p_d, axis=1) == 0, p_d[:, 0], mean)  # without rounding
     square = np.square(p_d - mean[:, np.newaxis])
     variance = np.sum(weights * square, axis=1) / total
     std = np.sqrt(variance)
+    mean_error = np.sqrt(np.sum(weights * weights * square, axis=1))
     off = np.sum(np.square(weights * (square - variance[:, np.newaxis])), axis=1)
     with np.errstate(invalid="ignore"):
         std_error = np.where(std > 0, 0.5 * np.sqrt(off) / std, 0.0)
@@ -116,9 +155,10 @@ def _estimate(p_d: FloatArray, weights: FloatArray, beta: float, p_max: float) -
     order = np.argsort(p_d, axis=1)
     values = np.take_along_axis(p_d, order, axis=1)
     weights = np.take_along_axis(weights, order, axis=1)
+    high, low = (np.take_along_axis(side, order, axis=1) for side in beyond)
     tail = float(ndtr(-beta))
-    lower, lower_error = _quantile(values, weights, tail)
-    upper, upper_error = _quantile(values[:, ::-1], weights[:, ::-1], tail)
+    lower, lower_error = _quantile(values, weights, low, tail)
+    upper, upper_error = _quantile(values[:, ::-1], weights[:, ::-1], high[:, ::-1], tail)
     above, above_error = np.full(len(p_d), np.nan), np.full(len(p_d), np.nan)
     if not np.isnan(p_max):
         # from the rarer of the two sides, so that the probability is at most 1
@@ -132,32 +172,60 @@ def _estimate(p_d: FloatArray, weights: FloatArray, beta: float, p_max: float) -
         above = np.where(up <= down, up, 1.0 - down)
         above_error = np.where(up <= down, up_error, down_error)
     return Estimate(
-        mean, std, std_error, lower, lower_error, upper, upper_error, above, above_error
+        mean,
+        mean_error,
+        std,
+        std_error,
+        lower,
+        lower_error,
+        upper,
+        upper_error,
+        above,
+        above_error,
     )
 
 
 def _quantile(
-    values: FloatArray, weights: FloatArray, tail: float
+    values: FloatArray, weights: FloatArray, beyond: NDArray[np.bool_], tail: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return the first of the values (k, n) with this weight up to it, and its standard error (k,).
+
+    The weight beyond a plane is a control variate: it should be `tail`, and what it has too much
+    goes to the quantile (T. Hesterberg and B. Nelson, Management Science 44(9), 1998). Where P_D
+    changes along one direction, all draws up to the quantile are beyond the plane, and no error is
+    left.
 
     The standard error is a third of the way to the values at three standard errors of the weight.
     It is large beside a jump of P_D that the tail may or may not reach.
     """
+    n = values.shape[1]
+    known = weights * beyond
+    control = np.sum(known, axis=1, keepdims=True)
     mass = np.cumsum(weights, axis=1)
-    error_of_mass = _error_of_sum(np.cumsum(weights * weights, axis=1), mass, values.shape[1])
+    covariance = np.cumsum(weights * known, axis=1)
+    of_control = covariance[:, -1:] - control * control / n
+    covariance -= mass * (control / n)
+    variance = np.cumsum(weights * weights, axis=1)
+    variance -= mass * mass / n
 
-    def at(level: FloatArray | float) -> tuple[FloatArray, FloatArray]:
-        index = np.count_nonzero(mass < np.reshape(level, (-1, 1)), axis=1)[:, np.newaxis]
-        index = np.minimum(index, values.shape[1] - 1)
-        return (
-            np.take_along_axis(values, index, axis=1)[:, 0],
-            np.take_along_axis(error_of_mass, index, axis=1)[:, 0],
-        )
+    def first(level: FloatArray | float) -> NDArray[np.intp]:
+        index = np.count_nonzero(mass < level, axis=1, keepdims=True)
+        return np.asarray(np.minimum(index, n - 1))
 
-    quantile, error = at(tail)
-    beside = (abs(at(tail + away * error)[0] - quantile) for away in (-3.0, 3.0))
-    return quantile, np.maximum(*beside) / 3.0
+    def at(array: FloatArray, index: NDArray[np.intp]) -> FloatArray:
+        return np.take_along_axis(array, index, axis=1)
+
+    slope = np.divide(
+        at(covariance, first(tail)), of_control, out=np.zeros_like(control), where=of_control > 0
+    )
+    level = tail + slope * (control - tail)
+    index = first(level)
+    squared = at(variance, index) - slope * (2.0 * at(covariance, index) - slope * of_control)
+    # a draw is the resolution
+    error = np.sqrt(np.maximum(squared, 0.0) + np.square(at(weights, index)))
+    quantile = at(values, index)
+    beside = (abs(at(values, first(level + away * error)) - quantile) for away in (-3.0, 3.0))
+    return quantile[:, 0], np.maximum(*beside)[:, 0] / 3.0
 
 
 def _error_of_sum(squares: FloatArray, total: FloatArray, n: int) -> FloatArray:

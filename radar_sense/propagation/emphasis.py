@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft
 from radar_sense.states import (
@@ -79,8 +80,11 @@ class Mixture:
         central = int((1.0 - NATURAL - WIDE) * n / self.centres.shape[1])
         return n - wide * len(self.bases) - central * self.centres.shape[1], wide, central
 
-    def draw(self, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return unit normals u (k, d, n) of the mixture and their weights (k, n).
+    def draw(self, normals: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+        """Return unit normals u (k, d, n) of the mixture, and their weights (k, n).
+
+        Also returned is which of them are beyond the planes through the first two centres, normal
+        to the centre (2, k, n). The probability of each is Φ(−β); no draw is beyond a centre 0.
 
         Args:
             normals: Independent unit normals (d, n), the same at all poses.
@@ -104,10 +108,12 @@ class Mixture:
             exponent = 0.5 * (1.0 - WIDTH**-2) * np.sum(along * along, axis=1)
             density += wide / n * np.exp(np.minimum(exponent - q * np.log(WIDTH), MOST))
         exponents = self.centres @ u
-        exponents -= 0.5 * np.sum(self.centres**2, axis=-1)[..., np.newaxis]
+        squares = np.sum(self.centres**2, axis=-1)[..., np.newaxis]
+        beyond = (exponents[:, :2] >= squares[:, :2]) & (squares[:, :2] > 0.0)
+        exponents -= 0.5 * squares
         np.minimum(exponents, MOST, out=exponents)
         density += central / n * np.sum(np.exp(exponents, out=exponents), axis=1)
-        return u, 1.0 / density
+        return u, 1.0 / density, np.moveaxis(beyond, 1, 0)
 
 
 def _centres(states: UncertainStates, beta: float) -> Iterator[FloatArray]:

@@ -52,8 +52,6 @@ class Form:
         derivatives: Expansions of z by block of poses, if they are known from other covariances.
     """
 
-    error = 0.0
-
     def __init__(
         self, states: UncertainStates, derivatives: Sequence[SecondOrder] | None = None
     ) -> None:
@@ -84,6 +82,10 @@ class Form:
         else:
             z, floor, _ = self._quantiles(np.array([beta]))
         return np.asarray(ndtr(np.maximum(z[0], floor)))
+
+    def error(self, beta: float) -> float:
+        """Return 0: no draws."""
+        return 0.0
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max."""

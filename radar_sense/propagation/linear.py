@@ -14,8 +14,6 @@ from radar_sense.uncertain_states import UncertainStates
 class Linear:
     """P_D of uncertain states, taken to be normal with σ from the gradient of P_D."""
 
-    error = 0.0
-
     def __init__(self, states: UncertainStates, gradient: Linearization | None = None) -> None:
         lin = gradient or states.model.linearize(states.aircraft, states.radar)
         cov_aircraft, cov_radar = states.covariances
@@ -27,6 +25,10 @@ class Linear:
     def quantile(self, beta: float) -> FloatArray:
         """Return P_D + β σ (k,), which may leave [0, 1]."""
         return self.p_d + beta * self.std
+
+    def error(self, beta: float) -> float:
+        """Return 0: no draws."""
+        return 0.0
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) for normal P_D."""

@@ -17,7 +17,8 @@ from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
-from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged
+from radar_sense.propagation.automatic import BOUND_CHANGE, FIRST, Automatic, judged, moments_off
+from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
 from radar_sense.propagation.plain import PlainDraws
@@ -50,12 +51,11 @@ class Distribution(Protocol):
     def std(self) -> FloatArray:
         """Standard deviation of P_D (k,)."""
 
-    @property
-    def error(self) -> FloatArray | float:
-        """Standard error of the bounds (k,) by draws; 0 without draws."""
-
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
+
+    def error(self, beta: float) -> FloatArray | float:
+        """Return the standard error of the quantiles at ±β (k,), 0 without draws."""
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
@@ -211,7 +211,7 @@ def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
         found = METHODS[method](part)
         mean, std = found.mean, found.std
         lower, upper = found.quantile(-beta), found.quantile(beta)
-        error = np.broadcast_to(found.error, std.shape)
+        error = np.broadcast_to(found.error(beta), std.shape)
         # Where nothing is uncertain, bounds and mean are P_D without rounding.
         p_d, certain = found.p_d, std == 0
         mean, lower, upper = (np.where(certain, p_d, x) for x in (mean, lower, upper))
@@ -226,4 +226,6 @@ def _unreliable(
 ) -> NDArray[np.bool_]:
     if method in (AUTOMATIC, MONTE_CARLO):
         return np.asarray(~(moments.error <= BOUND_CHANGE))
-    return judged(states, moments.std, moments.lower, moments.upper, beta)[1]
+    first = estimate(states, FIRST, beta)
+    bounds_off = judged(states, first, moments.lower, moments.upper, beta)[1]
+    return bounds_off | moments_off(first, moments.mean, moments.std)

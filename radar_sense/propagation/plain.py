@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from radar_sense.propagation.draws import Estimate, estimate
@@ -16,27 +14,27 @@ class PlainDraws:
 
     def __init__(self, states: UncertainStates) -> None:
         self.states = states
+        self._by_beta: dict[float, Estimate] = {}
         self.p_d = states.model.p_d(states.aircraft, states.radar) + np.zeros(len(states))
 
     @property
     def mean(self) -> FloatArray:
         """Mean of P_D (k,)."""
-        return self._estimate.mean
+        return self._drawn(3.0).mean
 
     @property
     def std(self) -> FloatArray:
         """Standard deviation of P_D (k,)."""
-        return self._estimate.std
-
-    @property
-    def error(self) -> FloatArray:
-        """Greater standard error of the bounds at ±3 (k,)."""
-        return np.maximum(self._estimate.lower_error, self._estimate.upper_error)
+        return self._drawn(3.0).std
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
-        found = estimate(self.states, self.states.runs, abs(beta), plain=True)
+        found = self._drawn(abs(beta))
         return found.lower if beta < 0 else found.upper
+
+    def error(self, beta: float) -> FloatArray:
+        """Return the greater standard error of the bounds at ±β (k,)."""
+        return np.asarray(np.max(self._drawn(abs(beta)).bounds[1], axis=0))
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
@@ -46,6 +44,7 @@ class PlainDraws:
         """Return the method for the same states with other covariances."""
         return PlainDraws(changed)
 
-    @cached_property
-    def _estimate(self) -> Estimate:
-        return estimate(self.states, self.states.runs, 3.0, plain=True)
+    def _drawn(self, beta: float) -> Estimate:
+        if beta not in self._by_beta:
+            self._by_beta[beta] = estimate(self.states, self.states.runs, beta, plain=True)
+        return self._by_beta[beta]

