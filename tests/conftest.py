@@ -15,10 +15,12 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from click.testing import CliRunner
+from helpers import few_judging_draws
 
 from radar_sense import cli as command_line
 from radar_sense.cli import cli
 from radar_sense.command import Result, command
+from radar_sense.scenario_file.load import default_text
 
 
 def pytest_collection_finish() -> None:
@@ -49,6 +51,22 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outco
         return Outcome(result.exit_code, result.stdout, result.stderr)
 
     return run
+
+
+@pytest.fixture
+def few_judge(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let few draws judge a method: how they judge is tested in `tests/propagation`."""
+    few_judging_draws(monkeypatch)
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch, few_judge: None) -> None:
+    """Let the embedded scenario have 13 poses in place of 361, and few draws judge a method.
+
+    For tests whose claim is about neither.
+    """
+    text = default_text().replace("step: 0.5", "step: 15")
+    monkeypatch.setattr("radar_sense.scenario_file.load.default_text", lambda: text)
 
 
 @pytest.fixture

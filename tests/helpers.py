@@ -358,6 +358,11 @@ def parsed_network(*radars, **changes):
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
+def few_judging_draws(patch):
+    """Let few draws judge a method at each pose: how they judge is tested in `test_draws`."""
+    patch.setattr("radar_sense.propagation.automatic.LAST", 4096)
+
+
 def few_draws(patch, draws=128, replicates=2):
     """Let missions use few draws: their accuracy is tested in `test_recombined`."""
     from radar_sense.mission import recombined

@@ -10,6 +10,8 @@ from radar_sense import cost
 from radar_sense.analyses.coverage import grid
 from radar_sense.montecarlo import montecarlo
 
+pytestmark = pytest.mark.usefixtures("few_judge")
+
 
 @pytest.mark.parametrize(
     ("evaluations", "memory", "workers", "said"),

@@ -24,21 +24,25 @@ from radar_sense.words import describe_poses as where
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_the_analyses_agree_with_each_other():
-    s = load_scenario()
+    s = load_scenario().at_poses(slice(None, None, 12))
     total = analyses.budget(s).table["three_sigma_total"]
     np.testing.assert_array_equal(total, analyses.sensitivity(s).table["three_sigma_medium"])
     np.testing.assert_array_equal(total, 3 * analyses.variance(s).table["sigma_pd"])
     np.testing.assert_array_equal(total, 3 * analyses.montecarlo(s).table["sigma_pd"])
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("level", ["low", "medium", "high"])
 def test_total_is_the_root_sum_of_squares(level):
-    table = analyses.budget(load_scenario().with_analysis(level=level)).table
+    s = load_scenario().at_poses(slice(None, None, 12))
+    table = analyses.budget(s.with_analysis(level=level)).table
     squares = sum(table[f"three_sigma_{source}"] ** 2 for source in SOURCES)
     np.testing.assert_allclose(table["three_sigma_total"], np.sqrt(squares), rtol=1e-13)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_the_numbers_of_the_paper():
     s = load_scenario()
     at_45 = {name: column[90] for name, column in analyses.budget(s).table.items()}
@@ -59,7 +63,7 @@ def test_the_numbers_of_the_paper():
 
 
 def test_variance_table_holds_the_chain():
-    table = analyses.variance(load_scenario()).table
+    table = analyses.variance(load_scenario().at_poses(slice(None, None, 12))).table
     np.testing.assert_allclose(table["range_m"], np.hypot(500e3, 3e3), rtol=1e-15)
     snr = 167 * table["rcs_m2"] / (1.380649e-23 * table["range_m"] ** 4)
     np.testing.assert_allclose(table["snr_db"], 10 * np.log10(snr), rtol=1e-13)
@@ -67,6 +71,7 @@ def test_variance_table_holds_the_chain():
     assert table["rcs_m2"][0] == pytest.approx(np.pi * (0.15 * 0.13 / 0.21) ** 2, rel=1e-4)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_correlated_sources_are_warned_of():
     result = analyses.budget(load_scenario("configs/covariance.yaml"), method="linear")
     gap = result.table["three_sigma_total"] ** 2 - sum(
@@ -98,10 +103,12 @@ def test_a_band_outside_zero_and_one_is_warned_of():
 
 
 def test_a_vanishing_gradient_is_warned_of():
-    (warning,) = analyses.budget(load_scenario().with_analysis(level="high")).warnings[2:]
+    s = load_scenario().at_poses(slice(None, None, 12)).with_analysis(level="high")
+    (warning,) = analyses.budget(s).warnings[2:]
     assert "misses aircraft_orientation at 0, 180 deg, where the gradient vanishes" in warning
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_an_undefined_linearization_is_warned_of():
     s = scenario(
         **(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}),
@@ -126,6 +133,7 @@ def test_negative_constants_are_reported():
     assert any(f"set to zero in {count} runs" in warning for warning in result.warnings)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     s = load_scenario().with_analysis(level="high", runs=5000)
     result = analyses.montecarlo(s)
@@ -154,6 +162,7 @@ def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
     assert any(warning.startswith(words) for warning in result.warnings)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_compare_lays_all_methods_beside_the_draws():
     s = load_scenario().at_poses(slice(0, None, 12)).with_analysis(level="high", runs=40_000)
     result = analyses.compare(s)
@@ -222,18 +231,21 @@ def test_the_places_of_an_extreme_in_words(count, places):
     assert describe_extreme(top, along) == f"0.2500 at {places}"
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_no_uncertainty_at_all():
     certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
     s = scenario(
         uncertainty={**certain, "radar": {"none": {"position_m": 0, "constant": 0}}},
         analysis={"level": "none", "runs": 2},
     )
+    s = s.at_poses(slice(None, None, 60))
     for analysis in ALL:
         result = analysis(s)
         assert not any("nan" in line for line in result.report)
     assert not analyses.budget(s).table["three_sigma_total"].any()
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_validate_without_any_result():
     s = scenario(
         **OVERHEAD,

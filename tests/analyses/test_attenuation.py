@@ -20,6 +20,8 @@ from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.propagation import METHODS, propagate_scenario
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 BOLTZMANN = 1.380649e-23
 P_FA, AREA = 1e-4, 0.05
 #: Place, c_r, and standard deviations of the place and of c_r, and α and its own [dB/km].

@@ -14,6 +14,8 @@ from radar_sense.scenario_file.load import load_scenario
 from radar_sense.states import SOURCES
 from radar_sense.words import describe_poses
 
+pytestmark = pytest.mark.usefixtures("few_judge")
+
 FEW = {"start": 0, "stop": 90, "step": 15}
 NOTHING = {"position_m": 0, "attitude_deg": 0}
 
@@ -89,7 +91,7 @@ def test_sobol_indices_are_refused_under_correlation():
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("target", [0.03, 0.07, 0.085])
+@pytest.mark.parametrize("target", [0.03, 0.085])
 def test_required_accuracies_reach_the_target(method, target):
     s = scenario(geometry__azimuth_deg=FEW)
     for source, found in required_accuracies(s, target, method=method).items():
@@ -104,7 +106,7 @@ def test_required_accuracies_reach_the_target(method, target):
 
 def test_required_accuracies_are_those_of_the_closed_form():
     """For independent sources, s² V_i + V_rest = (target/3)² at the worst pose by `linear`."""
-    s, target = load_scenario(), 0.08
+    s, target = load_scenario().at_poses(slice(None, None, 3)), 0.08
     alone = {source: 9 * std**2 for source, std in error_budget(s).alone.items()}
     total = sum(alone.values())
     found = required_accuracies(s, target)
@@ -167,7 +169,7 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
 
 
 @pytest.mark.parametrize("rounding", [-4.5e-16, 4.5e-16])
-@pytest.mark.parametrize("limit", [0.25, 1.0, np.nextafter(1.0, 0.0), 4.0, np.nextafter(4.0, 0.0)])
+@pytest.mark.parametrize("limit", [0.25, 1.0, np.nextafter(4.0, 0.0)])
 def test_required_accuracies_where_a_limit_is_a_value(limit, rounding, monkeypatch):
     """The last bit of a value may depend on the other poses."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 45})
@@ -190,7 +192,7 @@ def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep)
     start, stop, step = sweep
     few, many = (
         scenario(geometry__azimuth_deg={"start": start, "stop": stop, "step": s})
-        for s in (step, 0.1)
+        for s in (step, 0.5)
     )
     results = [analyses.budget(s, **{goal: limit}, method="probit") for s in (few, many)]
     sparse, dense = (result.summary[goal] for result in results)
@@ -212,14 +214,18 @@ def test_required_accuracies_between_the_azimuths_of_a_table(goal, limit, sweep)
 
 def test_a_source_without_effect_may_have_any_size():
     certain = {"position_m": 0, "constant": 5}
-    s = scenario(uncertainty__radar={"known": certain}, analysis={"level": "known"})
+    s = scenario(
+        uncertainty__radar={"known": certain},
+        analysis={"level": "known"},
+        geometry__azimuth_deg=FEW,
+    )
     found = required_accuracies(s, 0.2)
     assert found["radar_position"].factor == np.inf
 
 
 def test_required_accuracies_keep_correlations():
     """A factor on a source also scales its covariances with other sources."""
-    s = load_scenario("configs/covariance.yaml")
+    s = load_scenario("configs/covariance.yaml").at_poses(slice(None, None, 6))
     found = required_accuracies(s, 0.15)
     factor = found["radar_constant"].factor
     scale = np.diag([1, 1, 1, factor])

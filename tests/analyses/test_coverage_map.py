@@ -18,6 +18,8 @@ from radar_sense import files as output
 from radar_sense.analyses import coverage_map
 from radar_sense.analyses.coverage import grid as area
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ROOT = Path(__file__).parents[2]
 #: Methods without draws, which a map can have in every cell.
 SMOOTH = ("linear", "probit", "form")

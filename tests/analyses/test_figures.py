@@ -14,6 +14,8 @@ from radar_sense import analyses, plotting
 from radar_sense.propagation import Moments
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ALL = {
     "variance": analyses.variance,
     "sensitivity": analyses.sensitivity,
@@ -221,7 +223,7 @@ def test_names_on_a_map_are_on_the_map(style):
 
 
 def test_one_pose_shows_its_draws():
-    s = load_scenario().at_poses(slice(90, 91)).with_analysis(runs=300)
+    s = load_scenario().at_poses(slice(3, 4)).with_analysis(runs=300)
     result = analyses.montecarlo(s)
     (axes,) = result.plot().axes
     edges = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in axes.patches])
@@ -235,7 +237,7 @@ def test_one_pose_shows_its_draws():
 
 @cache
 def at_few_poses(analysis):
-    s = load_scenario().at_poses(slice(0, None, 60)).with_analysis(runs=50)
+    s = load_scenario().at_poses(slice(0, None, 3)).with_analysis(runs=50)
     return getattr(analyses, analysis)(s)
 
 

@@ -12,6 +12,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 import radar_sense as rs
 from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ROOT = Path(__file__).parents[2]
 #: Detectors and the c_r with which P_D is neither 0 nor 1 on the paper's orbit.
 CASES = [

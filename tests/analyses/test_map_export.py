@@ -17,6 +17,8 @@ from radar_sense.analyses.map import coverage_map
 from radar_sense.errors import InputError
 from radar_sense.model import geodesy
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 #: Across the meridian of 180 degrees.
 PLACES = [(47.0, 179.9, 9000.0), (48.0, -179.0, 9000.0), (48.2, -178.0, 9500.0)]
 AREA = {"north_km": (-150, 160), "east_km": (-150, 160), "step_km": 5}

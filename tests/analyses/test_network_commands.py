@@ -13,6 +13,8 @@ from numpy.testing import assert_array_equal
 
 import radar_sense as rs
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 

@@ -25,6 +25,8 @@ from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import for_radar, single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 COMMANDS = {
     "variance": [],
     "montecarlo": ["--runs", "40"],

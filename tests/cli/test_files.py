@@ -19,6 +19,8 @@ import radar_sense as rs
 from radar_sense import cli as command_line
 from radar_sense import files
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ROOT = Path(__file__).parents[2]
 
 OLD = {"a.csv": b"old a", "a.json": b"old json", "a.pdf": b"old pdf", "other": b"mine"}

@@ -11,6 +11,8 @@ import yaml
 from radar_sense.scenario_file import starters
 from radar_sense.scenario_file.load import default_text
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ROOT = Path(__file__).parents[2]
 OPTIONS = {
     "": [],

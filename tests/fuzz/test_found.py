@@ -6,6 +6,8 @@ import pytest
 from fuzz.grammar import CONFIG, Case
 from fuzz.properties import check
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ROUTE = """\
 time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
 0.4434383581784298,283353.6025474385,1e+08,-8443.032979733716,0.6019,2.26275,2.10198

@@ -26,6 +26,8 @@ from radar_sense.scenario_file import table_file
 from radar_sense.words import describe_extreme as at
 from radar_sense.words import describe_poses, peak
 
+pytestmark = pytest.mark.usefixtures("quick")
+
 ROOT = Path(__file__).parents[2]
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 HEADER = "time_s,north_m,east_m,down_m"
@@ -88,10 +90,10 @@ def orbit_route(aircraft, theta, std=None):
         (1, analyses.variance),
         (1, analyses.sensitivity),
         (1, analyses.budget),
-        (31, lambda s: analyses.budget(s, target=0.05, at=46.5)),
-        (60, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
+        (3, lambda s: analyses.budget(s, target=0.05, at=45)),
+        (6, lambda s: analyses.budget(s.with_analysis(runs=64), method="montecarlo")),
         (1, lambda s: analyses.montecarlo(s.with_analysis(runs=40))),
-        (60, lambda s: analyses.variance(s, method="form")),
+        (6, lambda s: analyses.variance(s, method="form")),
     ],
 )
 def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std, step, analyse):
@@ -109,7 +111,7 @@ def test_the_papers_orbit_as_a_path_gives_its_numbers_bit_for_bit(tmp_path, std,
 
 
 def test_validate_gives_the_same_verdict_too(tmp_path):
-    orbit = rs.load_scenario().at_poses(slice(80, 83))
+    orbit = rs.load_scenario().at_poses(slice(3, 5))
     text = orbit_route(orbit.aircraft, orbit.axis.values, "10,10,10,1,1,1")
     expected, found = (
         validate_method(orbit, digits=1),
