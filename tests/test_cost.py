@@ -13,6 +13,12 @@ from radar_sense.montecarlo import montecarlo
 pytestmark = pytest.mark.usefixtures("few_judge")
 
 
+@pytest.fixture(autouse=True)
+def warnings_are_heard(caplog: pytest.LogCaptureFixture) -> None:
+    """A run of the command line with -q sets the level of the process."""
+    caplog.set_level(logging.WARNING, "radar_sense")
+
+
 @pytest.mark.parametrize(
     ("evaluations", "memory", "workers", "said"),
     [
