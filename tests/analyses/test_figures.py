@@ -11,6 +11,7 @@ from helpers import dashes, document, lay_out, legend_off_data, scenario, small_
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
+from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import Moments
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
@@ -227,7 +228,7 @@ def test_one_pose_shows_its_draws():
     result = analyses.montecarlo(s)
     (axes,) = result.plot().axes
     edges = np.array([[bar.get_x(), bar.get_x() + bar.get_width()] for bar in axes.patches])
-    draws = result.draw.args[0].arrays["sample_paths"]
+    draws = monte_carlo(s).sample_paths
     assert sum(bar.get_height() for bar in axes.patches) == 300
     assert edges.min() == pytest.approx(draws.min())
     assert edges.max() == pytest.approx(draws.max())
