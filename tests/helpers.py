@@ -358,9 +358,9 @@ def parsed_network(*radars, **changes):
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
-def few_judging_draws(patch):
+def few_judging_draws(patch, most=4096):
     """Let few draws judge a method at each pose: how they judge is tested in `test_draws`."""
-    patch.setattr("radar_sense.propagation.automatic.LAST", 4096)
+    patch.setattr("radar_sense.propagation.automatic.LAST", most)
 
 
 def few_draws(patch, draws=128, replicates=2):

@@ -81,6 +81,7 @@ def random_flight(folder, number):
     return rs.load_scenario(folder / "flight.yaml")
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("number", range(8))
 def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_path, number):
     s = random_flight(tmp_path, number)
@@ -155,9 +156,8 @@ def test_a_path_that_stays_beyond_a_limit_holds(tmp_path):
     assert test.passed
 
 
-@pytest.mark.parametrize(
-    ("kind", "centre"), [("orbit", -113), ("orbit", 41.3), ("path", -70.5), ("path", 98.37)]
-)
+@pytest.mark.usefixtures("few_judge")
+@pytest.mark.parametrize(("kind", "centre"), [("orbit", -113), ("path", 98.37)])
 def test_a_lobe_of_a_third_of_a_degree_between_rows_is_found(tmp_path, kind, centre):
     """P_D at the top of the lobe is P_fa^(1/(1 + S)), with S by hand."""
     azimuth = np.arange(-1800, 1800) * 0.1
@@ -215,7 +215,7 @@ def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program(met
     s = rs.load_scenario(folder / "bud_b.yaml")
     result = analyses.budget(s, method=method, target=0.5, at=30)
     factor = result.summary["target"]["required_accuracy"]["all"]["factor"]
-    assert factor > 3.3
+    assert 3.3 < factor <= 3.62
     azimuth, rows, problem = cases.read("bud_b")
     (row,) = rows[azimuth == 30]
     draws = 400_000
