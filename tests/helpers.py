@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable
 from contextlib import contextmanager
 from functools import lru_cache, partial
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -100,8 +101,8 @@ def without_pixels(patch, then=lambda figure: figure):
 
 
 def small_batches(patch):
-    """Let `validate_method` draw few draws: its accuracy is tested in `test_adaptive`."""
-    patch.setattr("radar_sense.montecarlo.adaptive.RUNS", 2000)
+    """Let `validate` draw few draws: its accuracy is tested in `test_adaptive`."""
+    patch.setattr(import_module("radar_sense.analyses.validate"), "RUNS", 2000)
     patch.setattr("radar_sense.montecarlo.adaptive.DRAWS", 2048)
 
 

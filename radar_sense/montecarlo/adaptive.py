@@ -2,11 +2,9 @@
 
 The tolerance is that of JCGM 101:2008 (Supplement 1 to the "Guide to the expression of uncertainty
 in measurement"). By clause 7.9.2, δ follows from the number of significant digits of the standard
-deviation that matter. By clause 8.1, a method agrees where both ends of its interval are within δ
-of the ends by draws. Clause 8.2 requires ends by draws that are stable to δ/5 before a method is
+deviation that matter. By clause 8.1, both bounds of a method must be within δ of those by draws.
+Here mean and σ must be, too. Clause 8.2 asks for draws that are stable to δ/5 before a method is
 called validated, which takes 25 times the draws. Here they are stable to δ, and a method agrees.
-
-The ends are by draws with emphasis on the tails. Mean, deviation and coverage are by plain runs.
 """
 
 from __future__ import annotations
@@ -17,143 +15,121 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.cost import foresee
 from radar_sense.limits import Limit, check_number
-from radar_sense.montecarlo.montecarlo import BETA, ROUNDING, MonteCarlo, monte_carlo
+from radar_sense.montecarlo.montecarlo import BETA, ROUNDING
 from radar_sense.progress import report
-from radar_sense.propagation import check_method
+from radar_sense.propagation import Moments
 from radar_sense.propagation.draws import estimate
-from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
+from radar_sense.uncertain_states import UncertainStates
 
-#: Plain runs: 270 of them are expected outside the interval. 7.9.4 b) asks for 100.
-RUNS = 100_000
-#: Draws of a batch with emphasis on the tails, and most batches of a pose. The standard error of an
-#: end is some 2σ/√n by n of these draws, so all batches decide where δ is above 0.3 % of σ.
+#: Draws of a batch, and most batches of a pose. The standard error of a bound is some 2σ/√n by n
+#: of these draws, so all batches decide where δ is above 0.3 % of σ.
 DRAWS, MOST_BATCHES = 16_384, 128
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
 #: Standard errors by which a distance exceeds δ where a method differs.
 ERRORS = 4.0
+#: What is compared: attributes of `Moments` and of `Estimate`.
+QUANTITIES = ("mean", "std", "lower", "upper")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Validation:
-    """An interval of P_D at each of n poses by a method and by draws, with the verdict.
+class Verdict:
+    """Values of P_D at n poses by a method and by draws, one row for each of `QUANTITIES`.
 
     Attributes:
-        method: Name of the method.
-        digits: Significant digits of the standard deviation, n_dig of 7.9.2.
-        plain: Plain runs, with the moments by the method as `band`.
+        values: Values by the method (4, n), NaN where it has none.
+        drawn: Values by the draws (4, n).
+        error: Standard errors of `drawn` (4, n).
         delta: Numerical tolerance δ of P_D (n,).
-        lower: Quantile of the draws at Φ(−3) (n,).
-        upper: Quantile of the draws at Φ(3) (n,).
-        runs: Draws with emphasis on the tails (n,).
-        stable: Where twice the standard errors of both ends are within δ (n,).
-        agrees: Where the draws are stable and both distances are within δ (n,).
-        differs: Where a distance exceeds δ by `ERRORS` standard errors (n,).
+        draws: Number of draws (n,).
     """
 
-    method: str
-    digits: int
-    plain: MonteCarlo
+    values: FloatArray
+    drawn: FloatArray
+    error: FloatArray
     delta: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    runs: NDArray[np.int64]
-    stable: NDArray[np.bool_]
-    agrees: NDArray[np.bool_]
-    differs: NDArray[np.bool_]
+    draws: NDArray[np.int64]
 
     @property
-    def distance_lower(self) -> FloatArray:
-        """Distance between the lower bounds by the method and the draws (n,)."""
-        return abs(self.plain.band.lower - self.lower)
+    def distance(self) -> FloatArray:
+        """Distances of the values from those by draws (4, n)."""
+        return abs(self.values - self.drawn)
 
     @property
-    def distance_upper(self) -> FloatArray:
-        """Distance between the upper bounds by the method and the draws (n,)."""
-        return abs(self.plain.band.upper - self.upper)
+    def stable(self) -> NDArray[np.bool_]:
+        """Where twice the standard errors are within δ (n,), the rule of 7.9.4."""
+        return np.asarray((2.0 * self.error <= self.delta).all(axis=0))
+
+    @property
+    def agrees(self) -> NDArray[np.bool_]:
+        """Where the draws are stable, and all values within δ of those by draws (n,)."""
+        return self.stable & np.asarray((self.distance <= self.delta).all(axis=0))
+
+    @property
+    def differs(self) -> NDArray[np.bool_]:
+        """Where a distance exceeds δ by `ERRORS` standard errors, or has no value (n,)."""
+        return ~np.asarray((self.distance <= self.delta + ERRORS * self.error).all(axis=0))
 
     @property
     def undecided(self) -> NDArray[np.bool_]:
-        """Where the most draws allowed were too few for a verdict (n,)."""
+        """Where the draws are too few for a verdict (n,)."""
         return ~self.agrees & ~self.differs
 
     @property
-    def verdict(self) -> str:
+    def word(self) -> str:
         """Verdict for all poses: "differs" or "undecided" at any pose, or "agrees"."""
         if np.any(self.differs):
             return "differs"
         return "undecided" if np.any(self.undecided) else "agrees"
 
     def __repr__(self) -> str:
-        return (
-            f"Validation({self.method}, {self.digits} digits: {self.verdict}; "
-            f"agrees at {np.count_nonzero(self.agrees)} of {len(self.runs)} poses)"
-        )
+        agree = np.count_nonzero(self.agrees)
+        return f"Verdict({self.word}; agrees at {agree} of {len(self.delta)} poses)"
 
 
-def validate_method(
-    scenario: Scenario, *, method: str | None = None, digits: int = 2, workers: int = 1
-) -> Validation:
-    """Compare the interval of a method with the interval by draws.
+def judge(states: UncertainStates, band: Moments, digits: int) -> Verdict:
+    """Return the verdict on the values of a method, by draws with emphasis on the tails.
 
-    Batches are drawn until twice the standard error of both ends is within δ (7.9.4), or until a
-    distance exceeds δ significantly. Where a distance exceeds δ, but not significantly, a pose is
-    undecided and more batches are drawn.
+    Batches are drawn at a pose until the method agrees or differs there.
 
     Args:
-        scenario: The scenario, at its level and with its seed.
-        method: A name in `propagation.METHODS`; the scenario's by default.
-        digits: Significant digits of the standard deviation, 1 to 4. One more digit takes 100 times
-            the draws.
-        workers: Threads for the plain runs; the result does not depend on their number.
+        states: The uncertain states of n poses.
+        band: Values by the method, with bounds at Φ(−3) and Φ(3).
+        digits: Significant digits of the standard deviation that matter, 1 to 4. One more digit
+            takes 100 times the draws.
 
     Raises:
-        InputError: If there is no such method or a number is not allowed.
-        ComputationError: If memory or threads run out.
+        InputError: If digits are out of range, or the draws take more than a day.
     """
-    method = scenario.method if method is None else method
-    check_method(method)
     digits = check_number("digits", digits, DIGITS)
-    plain = monte_carlo(scenario, RUNS, workers=workers, method=method)
-    tolerance = np.array([numerical_tolerance(std, digits) for std in plain.std])
-    delta = np.maximum(tolerance, ROUNDING * abs(plain.mean))
-    states, bounds = scenario.states(), np.stack([plain.band.lower, plain.band.upper])
     n = len(states)
-    total, variance, ends = (np.zeros((2, n)) for _ in range(3))
-    batches = np.zeros(n, dtype=np.int64)
-    stable, agrees, differs = (np.zeros(n, dtype=bool) for _ in range(3))
-    seeds = random_stream(scenario.seed, Stream.BATCHES).integers(2**63, size=MOST_BATCHES)
-    rows = np.arange(n)
-    for seed in seeds:
+    values = np.stack([getattr(band, name) for name in QUANTITIES])
+    total, variance = np.zeros((2, len(QUANTITIES), n))
+    batches, rows = np.zeros(n, dtype=np.int64), np.arange(n)
+    seeds = random_stream(states.seed, Stream.BATCHES).integers(2**63, size=MOST_BATCHES)
+    for number, seed in enumerate(seeds):
         batch = estimate(replace(states.at(rows), seed=int(seed)), DRAWS, BETA)
-        total[:, rows] += batch.lower, batch.upper
-        variance[:, rows] += np.square([batch.lower_error, batch.upper_error])
+        total[:, rows] += [getattr(batch, name) for name in QUANTITIES]
+        variance[:, rows] += np.square([getattr(batch, f"{name}_error") for name in QUANTITIES])
         batches[rows] += 1
-        ends[:, rows] = total[:, rows] / batches[rows]
-        error = np.sqrt(variance[:, rows]) / batches[rows]
-        distance = abs(bounds - ends)[:, rows]
-        stable[rows] = (2.0 * error <= delta[rows]).all(axis=0)
-        agrees[rows] = stable[rows] & (distance <= delta[rows]).all(axis=0)
-        # also where a method has no result, NaN
-        differs[rows] = ~(distance <= delta[rows] + ERRORS * error).all(axis=0)
-        rows = rows[~(agrees | differs)[rows]]
+        if number == 0:
+            tolerance = np.array([numerical_tolerance(std, digits) for std in batch.std])
+            delta = np.maximum(tolerance, ROUNDING * abs(batch.mean))
+        error = np.sqrt(variance) / batches
+        verdict = Verdict(values, total / batches, error, delta, batches * DRAWS)
+        rows = np.flatnonzero(verdict.undecided)
         report("poses", n - len(rows), n)
         if not len(rows):
             break
-    return Validation(
-        method=method,
-        digits=digits,
-        plain=plain,
-        delta=delta,
-        lower=ends[0],
-        upper=ends[1],
-        runs=batches * DRAWS,
-        stable=stable,
-        agrees=agrees,
-        differs=differs,
-    )
+        if number == 0:
+            more = np.square(2.0 * error[:, rows] / delta[rows]).max(axis=0)  # until it is stable
+            draws = DRAWS * float(np.clip(more, 1, MOST_BATCHES).sum())
+            what = f"{draws:,.0f} draws of P_D"
+            foresee(what, draws * len(states.model.radars), less="fewer --digits")
+    return verdict
 
 
 def numerical_tolerance(std: float, digits: int) -> float:

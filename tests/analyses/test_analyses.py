@@ -1,6 +1,5 @@
 """The analyses: agreement of their tables, and their warnings."""
 
-import dataclasses
 import math
 import re
 import sys
@@ -13,7 +12,7 @@ from helpers import OVERHEAD, document, scenario, yaml_text
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.axis import azimuth
-from radar_sense.montecarlo.adaptive import validate_method
+from radar_sense.montecarlo.adaptive import Verdict
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
@@ -199,7 +198,7 @@ def test_validate_answers_where_a_method_may_be_trusted():
     assert linear.summary["verdict"] == "differs"
     assert linear.table["validated"].tolist() == [1, 1, 0]
     assert "does NOT agree" in linear.report[0]
-    assert any("differs at 90 deg" in line for line in linear.report)
+    assert "at 90 deg" in linear.report[0]
     form = analyses.validate(s, method="form", digits=1)
     assert form.passed
     assert form.table["validated"].tolist() == [1, 1, 1]
@@ -265,48 +264,54 @@ def test_validate_names_the_pose_with_the_largest_error_per_tolerance():
         geometry__azimuth_deg={"start": 45, "stop": 90, "step": 45},
     )
     report = analyses.validate(s, digits=1).report
-    (worst,) = [line for line in report if "worst: bound off by" in line]
-    assert re.fullmatch(r"  worst: bound off by \S+ at 90 deg \(tolerance \S+\)", worst)
+    (worst,) = [line for line in report if "worst: " in line]
+    assert re.fullmatch(r"  worst: .+ off by \S+ \+/- \S+ at 90 deg \(tolerance \S+\)", worst)
 
 
-def test_different_undecided_and_poses_without_a_result_are_told_apart(monkeypatch):
-    """The poses agree, differ, are undecided, without a result, and wrong where δ is 0."""
+def test_different_unknown_and_poses_without_a_result_are_told_apart(monkeypatch):
+    """The poses agree, differ, are not known, without a result, and wrong where δ is 0."""
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 40, "step": 10})
-    verdict = validate_method(s, method="linear", digits=1)
-
-    def validate(*args, **options):
-        nan = np.where(np.arange(5) == 3, np.nan, 0.0)
-        band = dataclasses.replace(
-            verdict.plain.band,
-            lower=np.array([0.1, 0.2, 0.3, 0.0, 0.01]),
-            upper=np.array([0.0, 0.4, 0.2, 0.0, 0.0]) + nan,
-        )
-        return dataclasses.replace(
-            verdict,
-            plain=dataclasses.replace(verdict.plain, band=band),
-            delta=np.array([0.1, 0.1, 0.1, 0.1, 0.0]),
-            lower=np.zeros(5),
-            upper=np.zeros(5),
-            differs=np.array([0, 1, 0, 1, 1], dtype=bool),
-            agrees=np.array([1, 0, 0, 0, 0], dtype=bool),
-        )
-
-    module = sys.modules["radar_sense.analyses.validate"]
-    monkeypatch.setattr(module, "validate_method", validate)
+    distance = np.array([0.1, 0.4, 0.2, np.nan, 0.01])
+    error = np.array([0.01, 0.01, 0.06, 0.01, 0.0])
+    verdict = Verdict(
+        values=np.stack([distance, 0 * distance, 0 * distance, 0 * distance]),
+        drawn=np.zeros((4, 5)),
+        error=np.stack([error] * 4),
+        delta=np.array([0.1, 0.1, 0.1, 0.1, 0.0]),
+        draws=np.full(5, 16_384),
+    )
+    monkeypatch.setattr(sys.modules["radar_sense.analyses.validate"], "judge", lambda *_: verdict)
     result = analyses.validate(s, digits=1)
     assert result.report[:6] == (
-        "linear 3-sigma interval (medium), 1 significant digit: does NOT agree with draws",
+        "linear does NOT agree with draws at 10, 40 deg, to 1 significant digit of sigma (medium)",
+        "linear has no result at 30 deg",
+        "NOT KNOWN whether linear agrees with draws at 20 deg",
+        "  2,097,152 draws a pose, the most allowed, are too few",
         "  agrees at 1 of 5 poses",
-        "  no result at 30 deg",
-        "  differs at 10, 40 deg",
-        "  undecided, too few draws at 20 deg",
-        "  worst: bound off by 0.01 at 40 deg (tolerance 0)",
+        "  worst: mean off by 0.01 +/- 0 at 40 deg (tolerance 0)",
     )
-    assert analyses.validate(s, digits=2).report[0].split(": ")[0].endswith("2 significant digits")
     summary = result.summary
     assert (summary["poses_agree"], summary["poses_differ"]) == (1, 3)
     assert summary["poses_undecided"] == 1
-    assert summary["largest_distance_by_delta"]["value"] == math.inf
+    assert summary["largest_distance_by_delta"]["mean"]["value"] == math.inf
+    two = analyses.validate(s, digits=2).report
+    assert two[0].endswith("2 significant digits of sigma (medium)")
+    assert two[3].endswith("are too few; fewer --digits need fewer")
+
+
+@pytest.mark.parametrize(("undecided", "passed"), [(False, True), (True, False)])
+def test_too_few_draws_are_not_agreement(monkeypatch, undecided, passed):
+    """The draws agree with the method where they are stable, and are too few at one pose."""
+    error = np.array([0.01, 0.06 if undecided else 0.01])
+    verdict = Verdict(
+        np.zeros((4, 2)), np.zeros((4, 2)), np.stack([error] * 4), np.full(2, 0.1), np.ones(2, int)
+    )
+    monkeypatch.setattr(sys.modules["radar_sense.analyses.validate"], "judge", lambda *_: verdict)
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 10, "step": 10})
+    result = analyses.validate(s, digits=1)
+    assert result.passed == passed
+    answer = "NOT KNOWN whether linear agrees" if undecided else "linear agrees with draws at all"
+    assert result.report[0].startswith(answer)
 
 
 def test_poses_without_a_band_have_no_coverage():

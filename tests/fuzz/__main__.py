@@ -28,7 +28,8 @@ def _hangs(number: int, frame: object) -> NoReturn:
 
 def _draw_few() -> None:
     """Let `validate` and `report` draw less, because their draws take most of the time."""
-    adaptive.RUNS, adaptive.DRAWS, adaptive.MOST_BATCHES = 200, 512, 4
+    adaptive.DRAWS, adaptive.MOST_BATCHES = 512, 4
+    import_module("radar_sense.analyses.validate").RUNS = 200
     import_module("radar_sense.analyses.report").DRAWS = 200
 
 

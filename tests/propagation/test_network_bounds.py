@@ -18,7 +18,7 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
-from radar_sense.montecarlo.adaptive import validate_method
+from radar_sense.montecarlo.adaptive import judge
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS, propagate_scenario
@@ -142,8 +142,8 @@ def test_monte_carlo_agrees_with_form_and_probit_at_a_size_that_can_tell():
 
 def test_form_agrees_for_a_network_and_no_method_but_linear_leaves_0_to_1():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 180))
-    verdict = validate_method(scenario, method="form", digits=1)
-    assert verdict.verdict == "agrees"
+    band = propagate_scenario(scenario, method="form")
+    assert judge(scenario.states(), band, digits=1).word == "agrees"
     steep = paper_network([(0, 0, 0), (1e5, 0, 0)], [100, 100], attitude_deg=4)
     assert propagate_scenario(steep, method="linear").upper.max() > 1
     for method in (name for name in METHODS if name != "linear"):
