@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense import words
 from radar_sense.command import (
@@ -21,95 +23,213 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
+from radar_sense.cost import foresee
+from radar_sense.montecarlo.montecarlo import BETA, monte_carlo
+from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import METHODS, Moments, propagate_scenario
+from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
+from radar_sense.states import FloatArray
+from radar_sense.streams import Stream, random_stream
 
 if TYPE_CHECKING:
     from radar_sense.axis import Axis
     from radar_sense.plotting import Figure
 
+#: Draws with emphasis on the tails of all poses and radars together, about a second; and least and
+#: most draws at a pose.
+TOGETHER, LEAST, MOST = 6e6, 2**10, 2**17
+#: Standard errors of the draws by which a difference is told from none.
+ERRORS = 4.0
+#: Least difference that four digits show.
+SHOWN = 5e-5
+#: What is compared, and the values in it.
+COMPARED = {"bounds": ("lower", "upper"), "sigma": ("std",), "mean": ("mean",)}
+
 
 @command(
     LEVEL,
     ONE_RADAR,
-    NUMBER_OF_RUNS,
+    replace(
+        NUMBER_OF_RUNS,
+        help="Number of plain runs, in place of draws with emphasis on the tails.",
+        default_text="no plain runs",
+    ),
     SEED_OF_DRAWS,
     SAMPLER,
     WORKER_THREADS,
     DASK,
     examples=(
         "radar-sense compare",
-        "radar-sense compare my.yaml --level high --runs 1e4",
+        "radar-sense compare my.yaml --level high --runs 1e5",
         "radar-sense compare network.yaml --radar ridge",
     ),
 )
 def compare(
     scenario: Scenario,
     *,
+    runs: int | None = None,
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
 ) -> Result:
     """Bounds of P_D by every method against Monte Carlo.
 
-    Many runs are needed for smooth Monte Carlo bounds: try 100000 runs.
+    The draws have an emphasis on the tails, and a second of them. A difference that they cannot
+    tell from none is said to be so. Plain runs take their place if --runs, --sampler sobol or a
+    cluster ask for them.
 
     Args:
         scenario: The scenario.
-        sampler: "random" or "sobol".
-        workers: Threads to compute with; the result does not depend on their number.
-        executor: Computes the blocks in place of threads.
+        runs: Number of plain runs; None for draws with emphasis on the tails.
+        sampler: "random" or "sobol", for plain runs.
+        workers: Threads of plain runs; the result does not depend on their number.
+        executor: Computes the blocks of plain runs in place of threads.
 
     Raises:
         InputError: If there is no such sampler.
     """
+    plain = runs is not None or sampler != "random" or executor is not None
+    scenario = scenario.with_analysis(runs=runs)
     axis, result = scenario.axis, Result(scenario)
-    mc = monte_carlo(scenario, sampler=sampler, workers=workers, executor=executor)
+    if plain:
+        draws, kind = scenario.runs, "plain runs" if sampler == "random" else "Sobol' points"
+        drawn: DrawStatistics = monte_carlo(
+            scenario, sampler=sampler, workers=workers, executor=executor
+        )
+        error = DrawStatistics(*np.zeros((4, len(axis))))
+    else:
+        draws, kind = _affordable(scenario), "draws a pose with emphasis on the tails"
+        drawn, error = _draw_tails(scenario, draws)
     moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
 
     words.add_axis(result.table, axis)
-    result.table.add("p_d", mc.band.p_d, words.NOMINAL)
-    words.add_draws(result.table, mc)
+    result.table.add("p_d", moments["linear"].p_d, words.NOMINAL)
+    words.add_draws(result.table, drawn)
     for method, m in moments.items():
         result.table.add(f"mean_pd_{method}", m.mean, f"Mean of P_D by {method}.")
         result.table.add(f"sigma_pd_{method}", m.std, f"Standard deviation of P_D by {method}.")
         for end, bound in (("lower", m.lower), ("upper", m.upper)):
             meaning = f"{end.capitalize()} 3-sigma bound of P_D by {method}."
             result.table.add(f"{end}_3sigma_{method}", bound, meaning)
+    for name, values in vars(error).items() if not plain else ():
+        result.table.add(f"mc_{name}_error", values, f"Standard error of mc_{name}.")
 
-    worst = {}
-    for method, m in moments.items():
-        bounds = np.maximum(abs(m.lower - mc.lower), abs(m.upper - mc.upper))
-        off = {"bounds": bounds, "sigma": abs(m.std - mc.std), "mean": abs(m.mean - mc.mean)}
-        worst[method] = {name: words.peak(values, axis) for name, values in off.items()}
-    result.summary |= {"runs": mc.runs, "sampler": mc.sampler, "largest_difference": worst}
-    by = f"({scenario.level}, seed {mc.seed}{words.points_named(mc)})"
     result.report += [
-        f"largest difference from {mc.runs} runs {by}:",
-        f"  {'':10}{'3-sigma bounds':28}{'sigma':28}{'mean'}",
+        f"largest difference from {draws:,} {kind} ({scenario.level}, seed {scenario.seed}):",
+        f"  {'':10} {'3-sigma bounds':28}{'sigma':28}{'mean'}",
     ]
-    for method, differences in worst.items():
-        cells = [f"{words.describe_extreme(top, axis):28}" for top in differences.values()]
-        result.report.append(f"  {method:10}{''.join(cells).rstrip()}")
+    largest: dict[str, Any] = {}
+    told = []
+    for method, m in moments.items():
+        found = {name: _Difference.of(m, drawn, error, ends) for name, ends in COMPARED.items()}
+        largest[method] = {name: words.peak(d.distance, axis) for name, d in found.items()}
+        cells = "".join(f"{d.describe(axis):28}" for d in found.values())
+        result.report.append(f"  {method:10} {cells.rstrip()}")
+        if not plain and any(d.told.any() for d in found.values()):
+            told.append(method)
+    unknown = [method for method in moments if method not in told]
+    if plain:
+        result.report.append(
+            f"the noise of the {kind} is in these differences; without --runs, --sampler and "
+            "--dask the draws know their own"
+        )
+    elif unknown:
+        result.report.append(
+            f"these draws cannot tell {words.listed(unknown)} from the truth; "
+            f"radar-sense validate --method {unknown[0]} makes more draws"
+        )
+    result.summary |= {
+        "runs": draws,
+        "sampler": sampler,
+        "emphasis_on_tails": not plain,
+        "largest_difference": largest,
+        "methods_told": told,
+    }
 
     for method, m in moments.items():
         result.warnings += words.validity_warnings(scenario, m, method, "the draws hold there")
-    result.warnings += words.table_warnings(scenario, runs=mc.runs)
-    result.draw = partial(_draw, axis=axis, mc=mc, moments=moments)
+    result.warnings += words.table_warnings(scenario, runs=draws)
+    result.draw = partial(_draw, axis=axis, drawn=drawn, error=error, moments=moments)
     return result
 
 
-def _draw(figure: Figure, axis: Axis, mc: MonteCarlo, moments: Mapping[str, Moments]) -> None:
-    """Draw the bounds, and their differences from the draws."""
+def _affordable(scenario: Scenario) -> int:
+    """Return the number of draws at a pose, a power of two."""
+    draws = int(TOGETHER / (len(scenario.axis) * len(scenario.model.radars)))
+    return 1 << max(LEAST, min(draws, MOST)).bit_length() - 1
+
+
+def _draw_tails(scenario: Scenario, draws: int) -> tuple[DrawStatistics, DrawStatistics]:
+    """Return what draws with emphasis on the tails say, and its standard errors."""
+    poses, radars = len(scenario.axis), len(scenario.model.radars)
+    what = f"{draws:,} draws at {poses:,} poses"
+    foresee(what, float(draws) * poses * radars, less="fewer poses")
+    # draws of their own: the method automatic may have made as many
+    seed = int(random_stream(scenario.seed, Stream.BATCHES).integers(2**63))
+    e = estimate(replace(scenario.states(), seed=seed), draws, BETA)
+    return (
+        DrawStatistics(e.mean, e.std, e.lower, e.upper),
+        DrawStatistics(e.mean_error, e.std_error, e.lower_error, e.upper_error),
+    )
+
+
+@dataclass(frozen=True)
+class _Difference:
+    """Largest difference of some values from those by draws, at each pose.
+
+    Attributes:
+        distance: The difference (n,), NaN without a value.
+        told: Where it is beyond the noise of the draws, and is shown (n,).
+        most: Largest difference that the draws allow.
+    """
+
+    distance: FloatArray
+    told: NDArray[np.bool_]
+    most: float
+
+    @classmethod
+    def of(
+        cls, m: Moments, drawn: DrawStatistics, error: DrawStatistics, names: Sequence[str]
+    ) -> _Difference:
+        """Return the difference of the values with these names."""
+        values, by_draws, noise = (
+            np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
+        )
+        distance = abs(values - by_draws)
+        noise = np.maximum(ERRORS * noise, SHOWN)
+        most = float(np.nanmax(distance + noise, initial=0.0))
+        return cls(distance.max(axis=0), np.asarray((distance > noise).any(axis=0)), most)
+
+    def describe(self, axis: Axis) -> str:
+        """Return the largest difference that the draws tell, or what they exclude."""
+        if np.isnan(self.distance).all():
+            return "undefined"
+        if self.told.any():
+            told = np.where(self.told, self.distance, np.nan)
+            return words.describe_extreme(words.peak(told, axis), axis)
+        return f"none above {words.probability(self.most)}"
+
+
+def _draw(
+    figure: Figure,
+    axis: Axis,
+    drawn: DrawStatistics,
+    error: DrawStatistics,
+    moments: Mapping[str, Moments],
+) -> None:
+    """Draw the bounds, and their differences from the draws with the noise of the draws."""
     from radar_sense import plotting
 
     (top, bottom), x = plotting.pose_panels(figure, 2, axis)
-    plotting.draw_fill(top, x, mc.lower, mc.upper, color="0.8", lw=0, label="Monte Carlo")
+    plotting.draw_fill(top, x, drawn.lower, drawn.upper, color="0.8", lw=0, label="Monte Carlo")
+    noise = ERRORS * np.maximum(error.lower, error.upper)
+    plotting.draw_fill(bottom, x, -noise, noise, color="0.8", lw=0)
     for (method, m), style in zip(moments.items(), plotting.LINES, strict=False):
-        for bound, drawn, label in ((m.upper, mc.upper, method), (m.lower, mc.lower, None)):
+        ends = ((m.upper, drawn.upper, method), (m.lower, drawn.lower, None))
+        for bound, by_draws, label in ends:
             plotting.draw_line(top, x, bound, style, label=label)
-            plotting.draw_line(bottom, x, bound - drawn, style)
+            plotting.draw_line(bottom, x, bound - by_draws, style)
     top.set_ylabel(r"$3\,\sigma$ bounds of $P_D$")
     bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
     plotting.draw_legend(figure, top)

@@ -122,10 +122,11 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         result.summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         result.summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
-            result.warnings.append(
+            text = (
                 f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
                 f"{words.describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
+            result.warnings.append(words.warning("coverage-off", text))
     drawn = f"{mc.runs} runs ({result.scenario.level}, seed {mc.seed}{words.points_named(mc)})"
     if banded.any():
         of_poses = f" at the {len(axis) - without} poses with a band" if without else ""

@@ -25,8 +25,6 @@ from radar_sense.page import Section, page
 from radar_sense.progress import steps
 from radar_sense.scenario import Scenario
 
-#: Draws at each pose of the comparison of methods.
-DRAWS = 20_000
 #: Most poses of the comparison, and most poses times radars. These bound the time.
 POSES, POSES_BY_RADARS = 31, 250
 #: Degrees between the bearings of the ranges.
@@ -171,7 +169,7 @@ def _questions(
     yield (
         compare,
         "How far can each method be trusted here?",
-        lambda: compare(compared, runs=DRAWS, workers=workers),
+        lambda: compare(compared),
     )
     if scenario.time_s is not None:
         yield (

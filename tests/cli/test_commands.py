@@ -103,7 +103,7 @@ def examples(text: str) -> list[str]:
 @pytest.mark.parametrize("command", COMMANDS)
 @pytest.mark.usefixtures("short")
 def test_every_command_has_examples_that_run(tool, monkeypatch, command):
-    monkeypatch.setattr(import_module("radar_sense.analyses.report"), "DRAWS", 40)
+    monkeypatch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
     monkeypatch.setattr("radar_sense.page._figure", lambda result, words: "")
     code, out, err = tool(command, "--help")
     assert (code, err) == (0, "")

@@ -27,10 +27,10 @@ def _hangs(number: int, frame: object) -> NoReturn:
 
 
 def _draw_few() -> None:
-    """Let `validate` and `report` draw less, because their draws take most of the time."""
+    """Let `validate` and `compare` draw less, because their draws take most of the time."""
     adaptive.DRAWS, adaptive.MOST_BATCHES = 512, 4
     import_module("radar_sense.analyses.validate").RUNS = 200
-    import_module("radar_sense.analyses.report").DRAWS = 200
+    import_module("radar_sense.analyses.compare").TOGETHER = 1e4
 
 
 def main() -> int:

@@ -119,7 +119,7 @@ def write_flight(folder: Path) -> Path:
 def quick() -> Iterator[None]:
     """Few draws, bearings and cells: the tests of the commands have their numbers."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(command, "DRAWS", 2000)
+        patch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
         patch.setattr(command, "POSES", 5)
         patch.setattr(command, "BEARINGS_DEG", 30.0)
         patch.setattr("radar_sense.analyses.coverage.grid.CELLS", 40)
@@ -162,7 +162,7 @@ def test_a_section_is_what_its_command_prints_draws_and_writes(flight, page):
     answers = {
         "variance": rs.analyses.variance(s, method="linear", threshold=0.5),
         "budget": rs.analyses.budget(s, method="linear", threshold=0.5),
-        "compare": rs.analyses.compare(few, runs=2000),
+        "compare": rs.analyses.compare(few),
         "mission": rs.analyses.mission(s),
         "range": rs.analyses.detection_range(s, method="linear", step_deg=30.0),
         "map": rs.analyses.coverage_map(s),
