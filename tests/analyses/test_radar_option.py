@@ -155,4 +155,4 @@ def test_a_radar_that_sees_nothing_has_a_verdict(tool):
     options = ["--radar", "a", "--digits", "1", "--method", "form", "--format", "svg"]
     code, out, err = tool("validate", "my.yaml", *options)
     assert code == 0, err
-    assert "worst: bound off by 0 at 60 deg" in out
+    assert "worst: mean off by 0 +/- 0 at 60 deg" in out
