@@ -24,13 +24,12 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.montecarlo.montecarlo import BETA, monte_carlo
+from radar_sense.montecarlo.adaptive import draw_batch
+from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import METHODS, Moments, propagate_scenario
-from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-from radar_sense.streams import Stream, random_stream
 
 if TYPE_CHECKING:
     from radar_sense.axis import Axis
@@ -165,13 +164,8 @@ def _draw_tails(scenario: Scenario, draws: int) -> tuple[DrawStatistics, DrawSta
     poses, radars = len(scenario.axis), len(scenario.model.radars)
     what = f"{draws:,} draws at {poses:,} poses"
     foresee(what, float(draws) * poses * radars, less="fewer poses")
-    # draws of their own: the method automatic may have made as many
-    seed = int(random_stream(scenario.seed, Stream.BATCHES).integers(2**63))
-    e = estimate(replace(scenario.states(), seed=seed), draws, BETA)
-    return (
-        DrawStatistics(e.mean, e.std, e.lower, e.upper),
-        DrawStatistics(e.mean_error, e.std_error, e.lower_error, e.upper_error),
-    )
+    drawn, error = draw_batch(scenario.states(), 0, draws)
+    return DrawStatistics(*drawn), DrawStatistics(*error)
 
 
 @dataclass(frozen=True)

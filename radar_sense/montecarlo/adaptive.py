@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +26,12 @@ from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import UncertainStates
 
-#: Draws of a batch, and most batches of a pose. The standard error of a bound is some 2σ/√n by n
-#: of these draws, so all batches decide where δ is above 0.3 % of σ.
+#: Draws of a batch, and most batches of a pose. The standard errors are 0.5 to 2 σ/√n by n of these
+#: draws, so all batches decide where δ is above 0.3 % of σ.
 DRAWS, MOST_BATCHES = 16_384, 128
+#: Parts of a batch, each with standard errors of its own. At one pose of hundreds the standard
+#: error of one part is too small by chance, up to twenty times; that of four parts is not.
+PARTS = 4
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
 #: Standard errors by which a distance exceeds δ where a method differs.
 ERRORS = 4.0
@@ -109,15 +113,15 @@ def judge(states: UncertainStates, band: Moments, digits: int) -> Verdict:
     values = np.stack([getattr(band, name) for name in QUANTITIES])
     total, variance = np.zeros((2, len(QUANTITIES), n))
     batches, rows = np.zeros(n, dtype=np.int64), np.arange(n)
-    seeds = random_stream(states.seed, Stream.BATCHES).integers(2**63, size=MOST_BATCHES)
-    for number, seed in enumerate(seeds):
-        batch = estimate(replace(states.at(rows), seed=int(seed)), DRAWS, BETA)
-        total[:, rows] += [getattr(batch, name) for name in QUANTITIES]
-        variance[:, rows] += np.square([getattr(batch, f"{name}_error") for name in QUANTITIES])
+    for number in range(MOST_BATCHES):
+        batch = draw_batch(states.at(rows), number, DRAWS)
+        total[:, rows] += batch.drawn
+        variance[:, rows] += np.square(batch.error)
         batches[rows] += 1
         if number == 0:
-            tolerance = np.array([numerical_tolerance(std, digits) for std in batch.std])
-            delta = np.maximum(tolerance, ROUNDING * abs(batch.mean))
+            mean, std = batch.drawn[:2]
+            tolerance = np.array([numerical_tolerance(value, digits) for value in std])
+            delta = np.maximum(tolerance, ROUNDING * abs(mean))
         error = np.sqrt(variance) / batches
         verdict = Verdict(values, total / batches, error, delta, batches * DRAWS)
         rows = np.flatnonzero(verdict.undecided)
@@ -130,6 +134,33 @@ def judge(states: UncertainStates, band: Moments, digits: int) -> Verdict:
             what = f"{draws:,.0f} draws of P_D"
             foresee(what, draws * len(states.model.radars), less="fewer --digits")
     return verdict
+
+
+class Batch(NamedTuple):
+    """Values of P_D at k poses by draws, one row for each of `QUANTITIES`.
+
+    Attributes:
+        drawn: The values (4, k).
+        error: Their standard errors (4, k).
+    """
+
+    drawn: FloatArray
+    error: FloatArray
+
+
+def draw_batch(states: UncertainStates, number: int, draws: int) -> Batch:
+    """Return what a batch of draws says. No method of propagation makes the same draws.
+
+    Args:
+        states: The uncertain states of k poses.
+        number: Number of the batch, for its seeds.
+        draws: Number of draws at each pose, of all `PARTS` together.
+    """
+    seeds = random_stream(states.seed, Stream.BATCHES, number).integers(2**63, size=PARTS)
+    parts = [estimate(replace(states, seed=int(x)), draws // PARTS, BETA) for x in seeds]
+    drawn = [[getattr(part, name) for name in QUANTITIES] for part in parts]
+    error = [[getattr(part, f"{name}_error") for name in QUANTITIES] for part in parts]
+    return Batch(np.mean(drawn, axis=0), np.sqrt(np.sum(np.square(error), axis=0)) / PARTS)
 
 
 def numerical_tolerance(std: float, digits: int) -> float:
