@@ -93,10 +93,9 @@ def test_a_band_outside_zero_and_one_is_warned_of():
     assert outside == "the linear 3-sigma band leaves [0, 1] at 67.5 to 112.5 deg [band-outside]"
     assert unreliable.startswith("the linear band is off at 0 to 3")
     assert unreliable.endswith("; use --method automatic [band-off]")
-    for method in ("form", "automatic"):
+    # probit is off by 0.0044 at most, by the reference of `tests/reference`
+    for method in ("probit", "form", "automatic"):
         assert analyses.variance(s.with_analysis(level="high"), method=method).warnings == ()
-    (unreliable,) = analyses.variance(s.with_analysis(level="high"), method="probit").warnings
-    assert unreliable.startswith("the probit band is off at 26 to 75.5, ")
     table = analyses.variance(s.with_analysis(level="high")).table
     over = table["theta_r_deg"][table["upper_3sigma"] > 1]
     assert (over.min(), over.max()) == (67.5, 112.5)
