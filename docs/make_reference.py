@@ -21,12 +21,12 @@ import yaml
 
 import radar_sense
 from radar_sense import cli, words
-from radar_sense.analyses.error_budget import parts_of, sources_of
 from radar_sense.command import Command
 from radar_sense.limits import METHODS
 from radar_sense.scenario_file import declare
 from radar_sense.scenario_file.declare import Key, keys_of
 from radar_sense.scenario_file.sections import File, Tolerances
+from radar_sense.sources import parts_of, sources_of
 
 ROOT = Path(__file__).parents[1]
 MADE = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -59,6 +60,15 @@ class Axis:
     def nearest(self, value: float) -> int:
         """Return the pose nearest to a value."""
         return int(np.argmin(abs(self.values - value)))
+
+
+def reached(values: FloatArray) -> NDArray[np.bool_]:
+    """Mark the poses at which the largest value is reached.
+
+    Mirrored poses have equal values that differ by rounding. All of them are marked.
+    """
+    top = np.nanmax(values, initial=-np.inf)
+    return np.greater_equal(values, top * (1.0 - math.copysign(1e-9, top)))
 
 
 def runs_of(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from radar_sense.axis import Axis, runs_of
+from radar_sense.axis import Axis, reached, runs_of
 from radar_sense.command import Result, Table
 from radar_sense.covariance import square_root
 from radar_sense.model.geometry import body_vector
@@ -87,15 +86,6 @@ def warning(name: str, text: str) -> str:
     """Return a warning with its name, which `WARNINGS` explains."""
     assert name in WARNINGS, name
     return f"{text} [{name}]"
-
-
-def reached(values: FloatArray) -> NDArray[np.bool_]:
-    """Mark the poses at which the largest value is reached.
-
-    Mirrored poses have equal values that differ by rounding. All of them are marked.
-    """
-    top = np.nanmax(values, initial=-np.inf)
-    return np.greater_equal(values, top * (1.0 - math.copysign(1e-9, top)))
 
 
 def peak(values: FloatArray, axis: Axis) -> dict[str, Any]:

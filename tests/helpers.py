@@ -100,6 +100,11 @@ def without_pixels(patch, then=lambda figure: figure):
     patch.setattr("radar_sense.plotting.render", lambda figure, kind: then(figure) and svg)
 
 
+def part_shares(budget):
+    """Return the share of the variance from each part of a radar constant alone (n,)."""
+    return {name: (std / budget.std) ** 2 for name, std in budget.parts.items()}
+
+
 def small_batches(patch):
     """Let `validate` draw few draws: its accuracy is tested in `test_adaptive`."""
     patch.setattr(import_module("radar_sense.analyses.validate"), "RUNS", 2000)

@@ -7,7 +7,7 @@ from helpers import scenario
 
 import radar_sense as rs
 from radar_sense import cost
-from radar_sense.analyses.coverage import grid
+from radar_sense.coverage import grid
 from radar_sense.montecarlo import montecarlo
 
 pytestmark = pytest.mark.usefixtures("few_judge")

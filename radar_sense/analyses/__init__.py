@@ -5,7 +5,7 @@ from __future__ import annotations
 import pkgutil
 from importlib import import_module
 
-from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
+from radar_sense.acceptance.plausibility import plausibility_warnings
 from radar_sense.command import Command
 
 Command.check = staticmethod(plausibility_warnings)

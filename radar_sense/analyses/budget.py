@@ -10,13 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radar_sense import words
-from radar_sense.analyses.error_budget import (
-    Contribution,
-    contributions,
-    error_budget,
-    value_function,
-)
 from radar_sense.analyses.required import OPTIONS, add_required_accuracy, check_options
+from radar_sense.axis import reached
 from radar_sense.command import (
     LEVEL,
     METHOD,
@@ -28,6 +23,12 @@ from radar_sense.command import (
 )
 from radar_sense.propagation import MONTE_CARLO
 from radar_sense.scenario import Scenario
+from radar_sense.sources import (
+    Contribution,
+    contributions,
+    error_budget,
+    value_function,
+)
 from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
 
 if TYPE_CHECKING:
@@ -93,7 +94,7 @@ def budget(
     by_name = contributions(scenario, found)
     sources, parts = ([by_name[name] for name in group] for group in (found.alone, found.parts))
     total, interaction = 3 * found.std, found.shares()["interaction"]
-    pose = int(np.argmax(words.reached(total)))  # the first of those that are equal to rounding
+    pose = int(np.argmax(reached(total)))  # the first of those that are equal to rounding
 
     words.add_axis(result.table, axis)
     add, errors = result.table.add, found.share_error or {}

@@ -11,19 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.analyses.coverage.grid import (
-    BETA,
-    Grid,
-    blocks_of,
-    grid,
-    p_d_in_cells,
-    places_at,
-    pose_in_cells,
-    states_in,
-    worst_p_d_in_cells,
-)
-from radar_sense.analyses.coverage.map_export import geojson
-from radar_sense.analyses.verdicts.plausibility import below_ground
+from radar_sense.acceptance.plausibility import below_ground
 from radar_sense.command import (
     COURSE_DEG,
     DOWN_KM,
@@ -35,6 +23,18 @@ from radar_sense.command import (
     Result,
     command,
 )
+from radar_sense.coverage.grid import (
+    BETA,
+    Grid,
+    blocks_of,
+    grid,
+    p_d_in_cells,
+    places_at,
+    pose_in_cells,
+    states_in,
+    worst_p_d_in_cells,
+)
+from radar_sense.coverage.map_export import geojson
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector

@@ -12,19 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense.analyses.coverage.grid import BETA
-from radar_sense.analyses.coverage.rays import (
-    EVALUATIONS,
-    FARTHEST,
-    Rays,
-    Reach,
-    Survey,
-    bounds_of_reach,
-    rays,
-    survey,
-)
-from radar_sense.analyses.error_budget import error_budget
-from radar_sense.analyses.verdicts.plausibility import below_ground
+from radar_sense.acceptance.plausibility import below_ground
 from radar_sense.axis import Axis
 from radar_sense.command import (
     COURSE_DEG,
@@ -38,6 +26,17 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
+from radar_sense.coverage.grid import BETA
+from radar_sense.coverage.rays import (
+    EVALUATIONS,
+    FARTHEST,
+    Rays,
+    Reach,
+    Survey,
+    bounds_of_reach,
+    rays,
+    survey,
+)
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.propagation import (
@@ -49,6 +48,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario, single_radar_scenarios
+from radar_sense.sources import error_budget
 from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import (
     describe_poses,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import files
+from radar_sense.acceptance.plausibility import plausibility_warnings
 from radar_sense.analyses.budget import budget
 from radar_sense.analyses.check import overview
 from radar_sense.analyses.compare import compare
@@ -18,7 +19,6 @@ from radar_sense.analyses.map import coverage_map
 from radar_sense.analyses.mission import mission
 from radar_sense.analyses.range import detection_range
 from radar_sense.analyses.variance import variance
-from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
 from radar_sense.command import LEVEL, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS, Command, Result
 from radar_sense.errors import InputError
 from radar_sense.page import Section, page

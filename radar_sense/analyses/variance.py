@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import words
-from radar_sense.analyses.verdicts.threshold import require_threshold
+from radar_sense.acceptance.threshold import require_threshold
+from radar_sense.axis import reached
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Option, Result, Table, command
 from radar_sense.limits import SIGMAS, THRESHOLD
 from radar_sense.model.geodesy import geodetic_from_ned
@@ -120,7 +121,7 @@ def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
     width = band.upper - band.lower
     if not np.isfinite(width).any():
         return []
-    widest, highest = (int(np.argmax(words.reached(x))) for x in (width, band.p_d))
+    widest, highest = (int(np.argmax(reached(x))) for x in (width, band.p_d))
     places = {"the band is widest": widest, "P_D is largest": highest}
     if widest == highest:
         places = {"the band is widest and P_D largest": widest}

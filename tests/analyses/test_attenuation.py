@@ -13,12 +13,12 @@ from scipy.stats import norm
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.propagation import METHODS, propagate_scenario
+from radar_sense.sources import error_budget
 
 pytestmark = pytest.mark.usefixtures("quick")
 

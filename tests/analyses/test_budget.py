@@ -6,11 +6,11 @@ from helpers import OVERHEAD, scenario
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses import error_budget as module
-from radar_sense.analyses.error_budget import error_budget, only_at, required_accuracies
+from radar_sense import sources as module
 from radar_sense.errors import ScenarioError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
+from radar_sense.sources import error_budget, only_at, required_accuracies
 from radar_sense.states import SOURCES
 from radar_sense.words import describe_poses
 

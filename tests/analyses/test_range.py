@@ -11,9 +11,9 @@ import yaml
 from helpers import document, scenario
 
 import radar_sense as rs
-from radar_sense.analyses.coverage.rays import FARTHEST, rays, survey
 from radar_sense.analyses.range import detection_range
 from radar_sense.axis import Axis
+from radar_sense.coverage.rays import FARTHEST, rays, survey
 from radar_sense.model.horizon import horizon_range
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario_file.load import parse_scenario

@@ -9,15 +9,16 @@ import pytest
 from helpers import (
     TOLERANCES,
     part_name,
+    part_shares,
     sheet_document,
     sheet_scenario,
     yaml_text,
 )
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget, required_accuracies
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
+from radar_sense.sources import error_budget, required_accuracies
 from radar_sense.states import SOURCES
 
 #: Any method but the linear one takes the factor of a tolerance in decibels as log-normal.
@@ -72,11 +73,11 @@ def test_indices_of_parts_by_monte_carlo():
     found = error_budget(s, "montecarlo")
     form = error_budget(s, "form")
     assert found.std[0] == pytest.approx(form.std[0], rel=0.01)
-    shares, errors = found.part_shares(), found.share_error
+    shares, errors = part_shares(found), found.share_error
     for key in TOLERANCES["surveillance"]:
         assert errors[part_name(key)][0] < 0.02
         assert shares[part_name(key)][0] == pytest.approx(
-            form.part_shares()[part_name(key)][0], rel=0.35
+            part_shares(form)[part_name(key)][0], rel=0.35
         )
     of_sources = [errors[source][0] for source in SOURCES]
     assert errors["interaction"][0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)

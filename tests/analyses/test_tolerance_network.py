@@ -14,16 +14,17 @@ from helpers import (
     mixed_document,
     mixed_network,
     mixed_radars,
+    part_shares,
     write,
     yaml_text,
 )
 from numpy.testing import assert_allclose
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget, required_accuracies, value_function
 from radar_sense.model.network import name_problem
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
+from radar_sense.sources import error_budget, required_accuracies, value_function
 
 # The budget.
 
@@ -68,14 +69,14 @@ def test_indices_of_parts():
     assert list(found.parts) == list(linear.parts) == ROWS
     assert found.std[0] == pytest.approx(linear.std[0], rel=0.02)
     for mine, theirs in (
-        (found.part_shares(), linear.part_shares()),
+        (part_shares(found), part_shares(linear)),
         (found.shares(), linear.shares()),
     ):
         assert list(mine) == list(theirs)
         for name, share in mine.items():
             assert found.share_error[name][0] < 0.02
             assert share[0] == pytest.approx(theirs[name][0], abs=0.03)
-    assert max(share[0] for share in linear.part_shares().values()) > 0.2
+    assert max(share[0] for share in part_shares(linear).values()) > 0.2
     assert sum(share[0] for share in found.shares().values()) == pytest.approx(1)
 
 

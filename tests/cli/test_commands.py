@@ -23,8 +23,8 @@ from helpers import few_draws, read_record, read_table, small_batches, without_p
 
 import radar_sense as rs
 from radar_sense import cli as command_line
-from radar_sense.analyses.coverage.grid import grid
 from radar_sense.cli import cli
+from radar_sense.coverage.grid import grid
 from radar_sense.progress import steps
 from radar_sense.propagation import METHODS
 from radar_sense.scenario_file import load
@@ -85,7 +85,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     without_pixels(monkeypatch)
     small_batches(monkeypatch)
     few_draws(monkeypatch)
-    monkeypatch.setattr("radar_sense.analyses.coverage.grid.CELLS", 40)
+    monkeypatch.setattr("radar_sense.coverage.grid.CELLS", 40)
 
 
 # Help.

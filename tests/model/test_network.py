@@ -10,7 +10,6 @@ from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1
 from radar_sense.model.geodesy import ECCENTRICITY_2, SEMI_MAJOR
@@ -31,6 +30,7 @@ from radar_sense.propagation import (
     unreliable,
 )
 from radar_sense.scenario_file.load import load_scenario
+from radar_sense.sources import error_budget
 from radar_sense.states import CONSTANTS
 
 PAPER = load_scenario()

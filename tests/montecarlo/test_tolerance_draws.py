@@ -15,18 +15,19 @@ from helpers import (
     mixed_document,
     mixed_network,
     mixed_radars,
+    part_shares,
     yaml_text,
 )
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 
-from radar_sense.analyses.error_budget import error_budget
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, count_normals
 from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.scenario_file.load import parse_scenario
+from radar_sense.sources import error_budget
 
 # Draws.
 
@@ -157,7 +158,7 @@ def test_indices_of_parts_do_not_contain_the_position(several):
     far = [[1e6, 9e5, 0], [9e5, 1e6, 0], [0, 0, 25]]
     s = mixed_network(mixed_radars(known, known, position_m=far)[:several], runs=4096)
     found = error_budget(s, "montecarlo")
-    for share in found.part_shares().values():
+    for share in part_shares(found).values():
         assert share.max() < 0.05
 
 

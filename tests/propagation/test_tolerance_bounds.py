@@ -15,7 +15,6 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import error_budget, value_function
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
     METHODS,
@@ -25,6 +24,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
+from radar_sense.sources import error_budget, value_function
 from radar_sense.states import CONSTANTS
 
 # Propagation.

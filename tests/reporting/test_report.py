@@ -122,7 +122,7 @@ def quick() -> Iterator[None]:
         patch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
         patch.setattr(command, "POSES", 5)
         patch.setattr(command, "BEARINGS_DEG", 30.0)
-        patch.setattr("radar_sense.analyses.coverage.grid.CELLS", 40)
+        patch.setattr("radar_sense.coverage.grid.CELLS", 40)
         few_judging_draws(patch)
         few_draws(patch)
         yield

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 import radar_sense as rs
-from radar_sense.analyses.coverage.grid import Grid, p_d_in_cells
+from radar_sense.coverage.grid import Grid, p_d_in_cells
 from radar_sense.model.trajectory import resample
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.route_file import load_route

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr, ndtri, pdtrc
 
-from radar_sense.analyses.verdicts import refinement
+from radar_sense.acceptance import refinement
 from radar_sense.command import Result
 from radar_sense.flight import Path
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance

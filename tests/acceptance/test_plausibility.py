@@ -8,7 +8,7 @@ from helpers import document, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.verdicts.plausibility import plausibility_warnings
+from radar_sense.acceptance.plausibility import plausibility_warnings
 from radar_sense.scenario_file.load import parse_scenario
 
 ROUTE = (

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import radar_sense as rs
-from radar_sense.analyses.verdicts.threshold import threshold_test
+from radar_sense.acceptance.threshold import threshold_test
 from radar_sense.propagation import propagate_scenario
 
 

@@ -16,7 +16,7 @@ from matplotlib.collections import LineCollection
 import radar_sense as rs
 from radar_sense import files as output
 from radar_sense.analyses import coverage_map
-from radar_sense.analyses.coverage import grid as area
+from radar_sense.coverage import grid as area
 
 pytestmark = pytest.mark.usefixtures("quick")
 

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import covariance
+from radar_sense.axis import reached
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance, relative_std
 from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, components_with_parts
@@ -44,7 +45,6 @@ from radar_sense.states import (
     sources,
 )
 from radar_sense.uncertain_states import UncertainStates
-from radar_sense.words import reached
 
 #: Draws at a pose that verify a factor of 3σ.
 DRAWS = 65_536
@@ -86,11 +86,6 @@ class Budget:
     total_index: Mapping[str, FloatArray] | None = None
     share_error: Mapping[str, FloatArray] | None = None
     parts: Mapping[str, FloatArray] = field(default_factory=dict)
-
-    def part_shares(self) -> dict[str, FloatArray]:
-        """Return the share of the variance from each part of a radar constant alone (n,)."""
-        variance = np.where(self.std > 0, self.std**2, np.nan)
-        return {name: std**2 / variance for name, std in self.parts.items()}
 
     def shares(self) -> dict[str, FloatArray]:
         """Return the share of the variance from each source, and `interaction` (n,).

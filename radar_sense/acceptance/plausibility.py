@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense.analyses.verdicts.refinement import can_refine, coarse_steps
+from radar_sense.acceptance.refinement import can_refine, coarse_steps
 from radar_sense.model.geodesy import geodetic_from_ned, ned_from_geodetic
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.rcs_table import TableRCS

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.analyses.coverage.grid import places_at, pose_in_cells
+from radar_sense.coverage.grid import places_at, pose_in_cells
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy

@@ -10,12 +10,12 @@ from helpers import scenario, sheet_scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.analyses.error_budget import required_accuracies
-from radar_sense.analyses.verdicts import refinement
-from radar_sense.analyses.verdicts.threshold import decide
+from radar_sense.acceptance import refinement
+from radar_sense.acceptance.threshold import decide
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import METHODS, Moments, distribution, propagate_scenario
+from radar_sense.sources import required_accuracies
 
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far away, where P_D is small.
