@@ -49,11 +49,13 @@ SCENARIOS = {
 
 
 #: Names and number of the levels change the figure of `sensitivity`, and the footer of all others.
+#: An axis that runs backwards is the same in all figures.
 LAYOUTS = [
     (analysis, kind)
     for analysis in ALL
     for kind in SCENARIOS
-    if kind not in ("long names", "many levels") or analysis in ("sensitivity", "compare")
+    if (kind not in ("long names", "many levels") or analysis in ("sensitivity", "compare"))
+    and (kind != "backwards" or analysis in ("variance", "validate"))
 ]
 
 
@@ -167,7 +169,7 @@ def many_lines(of):
         return result, result.scenario.model.names
     names = tuple(f"level{i}" for i in range(8))
     levels = {n: {"position_m": 9.0 * i, "constant": 2.0 * i + 1} for i, n in enumerate(names)}
-    s = scenario(uncertainty__radar=levels, analysis__level="level3")
+    s = scenario(uncertainty__radar=levels, analysis__level="level3").at_poses(slice(0, None, 6))
     return analyses.sensitivity(s), names
 
 

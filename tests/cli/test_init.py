@@ -25,7 +25,7 @@ ANALYSES = {
     "": ["sensitivity"],
     "network": ["variance", "--radar", "ridge"],
     "route": ["variance"],
-    "data_sheet": ["budget", "--target", "0.5"],
+    "data_sheet": ["budget", "--method", "form"],
 }
 
 
