@@ -29,11 +29,11 @@ from radar_sense.acceptance import refinement
 from radar_sense.command import Result
 from radar_sense.flight import Path
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
+from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
-from radar_sense.uncertain_states import UncertainStates
 from radar_sense.words import describe_poses
 
 #: Probability of a false "holds" at any pose by each of the two legs: 0.1 % together.
@@ -41,8 +41,8 @@ CHANCE = 0.0005
 #: Probability at one pose that plain runs contradict draws that are right. The pose is then looked
 #: at with more draws.
 ALARM = 1e-4
-#: Draws of each look at the poses that are not yet decided, and most draws of a look at all poses.
-LOOKS, MOST = (1024, 4096, 16_384, 65_536, 2**18), 2e7
+#: Draws of each look at a pose that is not yet decided.
+LOOKS = (1024, 4096, 16_384, 65_536, 2**18)
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,9 +172,11 @@ def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
     errors = float(ndtri(1.0 - CHANCE / (poses * len(LOOKS))))
     rows = np.arange(poses)
     for draws in LOOKS:
-        if not rows.size or rows.size * draws * len(scenario.model.radars) > MOST:
+        if not rows.size:
             break
-        above[rows], error[rows], upper[rows] = _look(states.at(rows), draws, k, p_max)
+        found = estimate(states.at(rows), draws, k, p_max)
+        above[rows], error[rows], upper[rows] = found.above, found.above_error, found.upper
+        report("poses decided by draws", poses - rows.size, poses)
         clear = errors * error <= abs(above - tail)
         # as many runs or more exceed the limit with this probability, if the draws are right
         chance = pdtrc(runs.counts - 1.0, runs.runs * (above + 3.0 * error))
@@ -183,14 +185,6 @@ def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
         violated = clear & (above > tail)
         rows = np.flatnonzero(~(holds | violated))
     return Decision(holds, violated, upper, runs, wanted)
-
-
-def _look(
-    states: UncertainStates, draws: int, k: float, p_max: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return P(P_D > p_max), its standard error, and the upper bound of P_D at each pose."""
-    found = estimate(states, draws, k, p_max)
-    return found.above, found.above_error, found.upper
 
 
 @dataclass(frozen=True, eq=False)

@@ -163,7 +163,8 @@ class Automatic:
         off = moments_off(first, form.mean, form.std)
 
         def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-            precise = found.std_error <= PRECISE * STD_CHANGE * found.std
+            least = PRECISE * STD_CHANGE * np.maximum(found.std, BOUND_CHANGE)
+            precise = found.std_error <= least
             return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
 
         found = _until(settled, self.states, first, 3.0)

@@ -162,13 +162,8 @@ def _estimate(
     above, above_error = np.full(len(p_d), np.nan), np.full(len(p_d), np.nan)
     if not np.isnan(p_max):
         # from the rarer of the two sides, so that the probability is at most 1
-        is_above = values > p_max
-        sides = [weights * is_above, weights * ~is_above]
-        up, down = (np.sum(side, axis=1) for side in sides)
-        up_error, down_error = (
-            _error_of_sum(np.sum(side * side, axis=1), total, p_d.shape[1])
-            for side, total in zip(sides, (up, down), strict=True)
-        )
+        up, up_error = _share(weights, values > p_max, high, tail)
+        down, down_error = _share(weights, values <= p_max, low, tail)
         above = np.where(up <= down, up, 1.0 - down)
         above_error = np.where(up <= down, up_error, down_error)
     return Estimate(
@@ -228,7 +223,20 @@ def _quantile(
     return quantile[:, 0], np.maximum(*beside)[:, 0] / 3.0
 
 
-def _error_of_sum(squares: FloatArray, total: FloatArray, n: int) -> FloatArray:
-    """Return the standard error of a sum of n weights, from the sum of their squares."""
-    error: FloatArray = np.sqrt(np.maximum(squares - total * total / n, 0.0))
-    return error
+def _share(
+    weights: FloatArray, inside: NDArray[np.bool_], beyond: NDArray[np.bool_], tail: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the weight (k,) of draws (k, n) that are inside, and its standard error.
+
+    The weight beyond a plane is a control variate, as in `_quantile`.
+    """
+    n = weights.shape[1]
+    counted, known = weights * inside, weights * beyond
+    share, control = np.sum(counted, axis=1), np.sum(known, axis=1)
+    of_control = np.sum(known * known, axis=1) - control * control / n
+    covariance = np.sum(counted * known, axis=1) - share * control / n
+    variance = np.sum(counted * counted, axis=1) - share * share / n
+    slope = np.divide(covariance, of_control, out=np.zeros_like(share), where=of_control > 0)
+    resolution = share / np.maximum(np.count_nonzero(inside, axis=1), 1)
+    error = np.sqrt(np.maximum(variance - slope * covariance, 0.0) + resolution * resolution)
+    return np.clip(share - slope * (control - tail), 0.0, 1.0), error
