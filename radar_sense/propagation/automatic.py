@@ -30,8 +30,8 @@ FIRST, GROWTH, LAST = 1024, 4, 2**20
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
-#: Standard errors of a bound or σ by draws are good enough at this part of what would be off.
-PRECISE = 0.5
+#: Standard errors that are good enough: of a bound as a part of BOUND_CHANGE, of σ as a part of σ.
+PRECISE, STD_ERROR = 0.5, 0.01
 
 
 def judged(
@@ -163,8 +163,7 @@ class Automatic:
         off = moments_off(first, form.mean, form.std)
 
         def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-            least = PRECISE * STD_CHANGE * np.maximum(found.std, BOUND_CHANGE)
-            precise = found.std_error <= least
+            precise = found.std_error <= STD_ERROR * np.maximum(found.std, BOUND_CHANGE)
             return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
 
         found = _until(settled, self.states, first, 3.0)
