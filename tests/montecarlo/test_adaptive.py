@@ -19,6 +19,7 @@ from radar_sense.montecarlo import adaptive
 from radar_sense.montecarlo.adaptive import DRAWS, QUANTITIES, judge, numerical_tolerance
 from radar_sense.progress import listening
 from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.scenario_file.load import load_scenario
 
 SIX = {"start": 0, "stop": 90, "step": 18}
 MEAN, STD, LOWER, UPPER = range(4)
@@ -136,6 +137,17 @@ def test_the_standard_errors_are_those_of_the_draws():
     scatter = np.sqrt(np.mean(off**2, axis=0))
     assert np.all((scatter > 0.6) & (scatter < 1.45)), scatter
     assert len({v.drawn[LOWER, 0] for v in found}) == 40
+
+
+def test_no_standard_error_is_too_small_by_chance_at_one_pose_of_hundreds():
+    """`form` is right to 0.00001 at Low, by the reference of `tests/reference`."""
+    s = load_scenario().with_analysis(level="low")
+    form = propagate_scenario(s, method="form")
+    values = np.stack([getattr(form, name) for name in QUANTITIES])
+    for number in range(4):
+        drawn, error = adaptive.draw_batch(s.states(), number, 4096)
+        off = abs(drawn - values)
+        assert np.max(np.where(off > 5e-5, off / error, 0)) < 4.5
 
 
 @pytest.mark.parametrize(("off", "never"), [(0.8, "differs"), (2.5, "agrees")])
