@@ -2,9 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-FIGURES := variance montecarlo sensitivity budget detectors rcs convergence
+OUT := figures
 
-.PHONY: figures test fuzz study reference docs bench lint format clean
+.PHONY: figures gallery test fuzz study reference docs bench lint format clean
 
 # The runtime packages are enough for the figures; what tests and linting need is installed with them.
 $(VENV)/installed: pyproject.toml
@@ -29,32 +29,27 @@ $(VENV)/installed-bench: $(VENV)/installed-dev
 			|| { all=; echo "$$peer cannot be installed: bench goes without it" >&2; }; \
 	done; test -z "$$all" || touch $@
 
+# The figures of the paper, with table and record each; --out is a folder that git ignores.
 figures: $(VENV)/installed
-	@for analysis in $(FIGURES); do \
-		$(BIN)/radar-sense $$analysis --out figures --format pdf --format png || exit; \
+	@for analysis in variance montecarlo sensitivity budget; do \
+		$(BIN)/radar-sense $$analysis --out $(OUT) || exit; \
 	done
-	@$(BIN)/radar-sense range --p-d 0.1 --p-d 0.5 --p-d 0.9 --out figures --format pdf --format png
-	@$(BIN)/radar-sense rcs configs/table.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense montecarlo configs/table.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense budget configs/s_band_surveillance.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense budget configs/x_band_tracking.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense budget configs/rainy_day.yaml --method form --out figures --format pdf --format png
-	@$(BIN)/radar-sense budget configs/airport_surveillance.yaml --method form --out figures --format pdf --format png
-	@$(BIN)/radar-sense variance configs/path.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense map configs/path.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense mission configs/mission.yaml --m 3 --n 5 --runs 10000 --out figures --format pdf --format png
-	@$(BIN)/radar-sense variance configs/network.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense map configs/network.yaml --out figures --format pdf --format png
-	@# 3: the answer is that the threshold is passed
-	@$(BIN)/radar-sense variance configs/corridor.yaml --threshold 0.1 --k 3 \
-		--out figures --format pdf --format png || test $$? = 3
-	@$(BIN)/radar-sense budget configs/corridor.yaml --method form --out figures --format pdf --format png
-	@$(BIN)/radar-sense map configs/corridor.yaml --out figures --format pdf --format png
-	@$(BIN)/radar-sense mission configs/corridor.yaml --m 3 --n 5 --runs 2500 \
-		--out figures --format pdf --format png
-	@$(BIN)/radar-sense compare --level high --out figures --format pdf --format png
-	@# 3: the answer is that the paper's linearization is not valid at every angle
-	@$(BIN)/radar-sense validate --digits 1 --out figures --format pdf --format png || test $$? = 3
+
+# All that the documentation shows, in a minute of CPU; OUT=docs/figures renews the pictures of its pages.
+# Exit code 3 is an answer: the threshold is passed, or the paper's linearization is not valid.
+gallery: figures
+	@$(BIN)/radar-sense range --p-d 0.1 --p-d 0.5 --p-d 0.9 --out $(OUT)
+	@$(BIN)/radar-sense detectors --out $(OUT)
+	@$(BIN)/radar-sense convergence --out $(OUT)
+	@$(BIN)/radar-sense compare --level high --out $(OUT)
+	@$(BIN)/radar-sense validate --digits 1 --out $(OUT) || test $$? = 3
+	@$(BIN)/radar-sense rcs configs/table.yaml --out $(OUT)
+	@$(BIN)/radar-sense variance configs/path.yaml --out $(OUT)
+	@$(BIN)/radar-sense map configs/path.yaml --out $(OUT)
+	@$(BIN)/radar-sense variance configs/corridor.yaml --threshold 0.1 --k 3 --out $(OUT) || test $$? = 3
+	@$(BIN)/radar-sense budget configs/corridor.yaml --method form --out $(OUT)
+	@$(BIN)/radar-sense map configs/corridor.yaml --out $(OUT)
+	@$(BIN)/radar-sense mission configs/corridor.yaml --m 3 --n 5 --runs 2500 --out $(OUT)
 
 # The tests start many processes, which would compile every module if Python were not to keep them.
 test: $(VENV)/installed-dev

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import subprocess
 from pathlib import Path
 
 import click
@@ -123,6 +124,28 @@ def test_links_lead_somewhere(page):
             headings = re.findall(r"^#+ (.*)$", file.read_text(encoding="utf-8"), re.MULTILINE)
             slugs = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
             assert anchor in slugs, f"{page.name}: {target}"
+
+
+def test_each_picture_is_shown_is_made_by_make_gallery_and_is_there_once():
+    pictures = sorted((ROOT / "docs/figures").glob("*.png"))
+    shown = set()
+    for page in [*PAGES, ROOT / "README.md"]:
+        targets = re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8"))
+        shown.update((page.parent / target).resolve() for target in targets)
+    assert shown == set(pictures)
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (papers,) = re.findall(r"for analysis in (.*);", makefile)
+    made = {f"paper_{name}" for name in papers.split()}
+    lines = re.findall(r"radar-sense (\w+) (?:configs/(\w+)\.yaml )?.*--out \$\(OUT\)", makefile)
+    made |= {f"{config or 'paper'}_{name}" for name, config in lines}
+    assert made == {picture.stem for picture in pictures}
+    tracked = subprocess.run(
+        ["git", "ls-files", "*.png", "*.pdf", "*.svg"], cwd=ROOT, capture_output=True, text=True
+    )
+    if tracked.returncode == 0:  # not in an unpacked archive
+        files = [ROOT / name for name in tracked.stdout.split()]
+        assert {file.suffix for file in files} == {".png"}
+        assert len({file.read_bytes() for file in files}) == len(files)
 
 
 def test_every_page_is_in_the_navigation():
