@@ -109,6 +109,7 @@ def small_batches(patch):
     """Let `validate` draw few draws: its accuracy is tested in `test_adaptive`."""
     patch.setattr(import_module("radar_sense.analyses.validate"), "RUNS", 2000)
     patch.setattr("radar_sense.montecarlo.adaptive.DRAWS", 2048)
+    patch.setattr("radar_sense.montecarlo.adaptive.MOST_BATCHES", 4)
 
 
 @contextmanager
