@@ -216,8 +216,11 @@ def _quantile(
     level = tail + slope * (control - tail)
     index = first(level)
     squared = at(variance, index) - slope * (2.0 * at(covariance, index) - slope * of_control)
-    # a draw is the resolution
-    error = np.sqrt(np.maximum(squared, 0.0) + np.square(at(weights, index)))
+    # Draws between plane and quantile are counted. That there are none may be chance.
+    heaviest = np.maximum(
+        2.0 * at(weights, index), at(np.maximum.accumulate(weights, axis=1), index)
+    )
+    error = np.sqrt(np.maximum(squared, 0.0) + heaviest * heaviest)
     quantile = at(values, index)
     beside = (abs(at(values, first(level + away * error)) - quantile) for away in (-3.0, 3.0))
     return quantile[:, 0], np.maximum(*beside)[:, 0] / 3.0
@@ -237,6 +240,6 @@ def _share(
     covariance = np.sum(counted * known, axis=1) - share * control / n
     variance = np.sum(counted * counted, axis=1) - share * share / n
     slope = np.divide(covariance, of_control, out=np.zeros_like(share), where=of_control > 0)
-    resolution = share / np.maximum(np.count_nonzero(inside, axis=1), 1)
+    resolution = 2.0 * share / np.maximum(np.count_nonzero(inside, axis=1), 1)
     error = np.sqrt(np.maximum(variance - slope * covariance, 0.0) + resolution * resolution)
     return np.clip(share - slope * (control - tail), 0.0, 1.0), error

@@ -8,7 +8,8 @@ The mixture (A. Owen and Y. Zhou, "Safe and effective importance sampling", J. A
   errors: the line of sight in body axes, the gain, and heights where there is a horizon. It reaches
   lobes, limits and horizons.
 - densities about centres: the greatest and the least z of the network within β, the greatest z of
-  each radar alone, and the errors that bring the aircraft closest to each radar.
+  each radar alone, the errors that bring the aircraft closest to each radar, and those that raise
+  both ends above a horizon.
 
 Centres and directions only choose where to draw. The weights, natural density over density of the
 mixture, are exact for any choice.
@@ -43,6 +44,8 @@ NATURAL, WIDE, WIDTH = 0.25, 0.35, 2.0
 STEPS = 6
 #: Least c_r on the way to an extreme, as a part of its nominal value.
 LEAST_CONSTANT = 1e-3
+#: Least height [m] on the way above a horizon.
+LEAST_HEIGHT = 1.0
 #: Largest ln of a ratio of densities. The weight of such a draw is 0.
 MOST = 600.0
 #: A direction counts if its singular value is above this part of the largest.
@@ -125,6 +128,8 @@ def _centres(states: UncertainStates, beta: float) -> Iterator[FloatArray]:
         if count > 1:
             yield _extreme(states, beta, lambda s, a, r, i=i: _of_radar(s, a, r, i))  # type: ignore[misc]
         yield _approach(states, beta, i)
+        if states.model.radars[i].horizon is not None:
+            yield _extreme(states, beta, lambda s, a, r, i=i: _of_horizon(s, a, r, i))  # type: ignore[misc]
 
 
 def _extreme(
@@ -171,6 +176,19 @@ def _of_radar(
     _, by_aircraft, of_own = states.model.models[number].unchecked_probit(aircraft, radar[:, own])
     by_radar = np.zeros_like(radar)
     by_radar[:, own] = of_own
+    return by_aircraft, by_radar
+
+
+def _of_horizon(
+    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gradient of √h + √h', of the heights of the aircraft and of a radar."""
+    horizon, start = states.model.radars[number].horizon, len(RADAR) * number
+    by_aircraft, by_radar = _zeros(states)
+    if horizon is not None:
+        for by, at, first in ((by_aircraft, aircraft, 0), (by_radar, radar, start)):
+            height = horizon.height(at[:, first : first + 3])
+            by[:, first + DOWN] = -0.5 / np.sqrt(np.maximum(height, LEAST_HEIGHT))
     return by_aircraft, by_radar
 
 
