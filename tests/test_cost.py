@@ -2,6 +2,7 @@
 
 import logging
 
+import numpy as np
 import pytest
 from helpers import scenario
 
@@ -9,6 +10,7 @@ import radar_sense as rs
 from radar_sense import cost
 from radar_sense.coverage import grid
 from radar_sense.montecarlo import montecarlo
+from radar_sense.propagation import draws
 
 pytestmark = pytest.mark.usefixtures("few_judge")
 
@@ -67,6 +69,21 @@ def test_draws_are_announced_before_the_first(caplog, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         rs.monte_carlo(scenario(), runs=10_000_000)
     assert "10,000,000 runs of 361 poses and 1 radar take some 6 minutes" in caplog.text
+
+
+@pytest.mark.parametrize("method", ["automatic", "linear"])
+def test_draws_at_many_poses_are_announced_before_the_first(caplog, monkeypatch, method):
+    monkeypatch.setattr(draws, "_draw", stop)
+    s = scenario().with_analysis(method=method)
+    with pytest.raises(KeyboardInterrupt):
+        rs.analyses.variance(s.at_poses(np.resize(np.arange(361), 120_000)))
+    assert "120,000 poses x 1,024 draws take some 12 seconds; fewer poses take less" in caplog.text
+
+
+def test_plain_draws_that_do_not_fit_in_memory_are_refused():
+    s = scenario().with_analysis(method="montecarlo", runs=10**8)
+    with pytest.raises(rs.InputError, match=r"361 poses x 100,000,000 draws .* fewer --runs"):
+        rs.analyses.variance(s)
 
 
 def test_a_map_is_announced_before_the_first_cell(caplog, monkeypatch):

@@ -12,6 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radar_sense.cost import foresee
 from radar_sense.errors import InputError, check_choice
 from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
@@ -29,6 +30,8 @@ from radar_sense.uncertain_states import UncertainStates, uncertain_states
 
 #: The method that is right, and the default; and the method of plain draws.
 AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
+#: Numbers in memory for each draw at one pose.
+NUMBERS = 12
 #: Poses between two reports of progress.
 REPORTED = 16_384
 
@@ -207,6 +210,10 @@ def no_draws(method: str) -> None:
 
 def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
     parts, done = [], 0
+    if method == MONTE_CARLO:
+        _foresee(states, states.runs, "fewer --runs")
+    elif method == AUTOMATIC:
+        _foresee(states, FIRST)
     for part in states.cut(REPORTED):
         found = METHODS[method](part)
         mean, std = found.mean, found.std
@@ -226,6 +233,14 @@ def _unreliable(
 ) -> NDArray[np.bool_]:
     if method in (AUTOMATIC, MONTE_CARLO):
         return np.asarray(~(moments.error <= BOUND_CHANGE))
+    _foresee(states, FIRST)
     first = estimate(states, FIRST, beta)
     bounds_off = judged(states, first, moments.lower, moments.upper, beta)[1]
     return bounds_off | moments_off(first, moments.mean, moments.std)
+
+
+def _foresee(states: UncertainStates, draws: int, less: str = "fewer poses") -> None:
+    """Say what the first look of draws at each pose takes if it is long."""
+    evaluations = float(len(states)) * draws * len(states.model.radars)
+    memory = NUMBERS * 8.0 * draws
+    foresee(f"{len(states):,} poses x {draws:,} draws", evaluations, memory, less=less)
