@@ -110,7 +110,10 @@ LINES: tuple[tuple[str, Any], ...] = (
     ("#E69F00", (0, (3, 1, 1.2, 1, 1.2, 1))),
 )
 BAND = LINES[1]
-SAMPLE_PATH_COLOUR = "0.7"
+#: Colours where one run passes, and where most do.
+SAMPLE_PATH_COLOURS = "0.85", "0.55"
+#: Columns and rows of the picture of runs; a column of a journal has some 900 pixels.
+_PICTURE = 800, 400
 #: Names of the angles of `set_compass`: bearings, and azimuths in the body frame.
 BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
 ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
@@ -464,7 +467,12 @@ def coloured_line(
         rasterized=len(corners) > COLUMNS,
     )
     axes.plot(
-        corners[:, 0], corners[:, 1], color="black", lw=points(1.8), path_effects=rims, label=label
+        *corners.T,
+        color="black",
+        lw=points(1.8),
+        path_effects=rims,
+        solid_capstyle="butt",  # nothing stands out behind the marks of start and end
+        label=label,
     )
     axes.add_collection(line)
 
@@ -517,19 +525,43 @@ def draw_band(axes: Axes, x: FloatArray, lower: FloatArray, upper: FloatArray, l
 
 
 def draw_sample_paths(axes: Axes, x: FloatArray, rows: FloatArray, label: str) -> None:
-    """Draw one thin line per run, as pixels to keep a vector file small."""
-    thin_rows = ((thinned(x, row), row) for row in rows)
-    axes.add_collection(
-        LineCollection(
-            [np.column_stack([x[kept], row[kept]]) for kept, row in thin_rows],
-            colors=SAMPLE_PATH_COLOUR,
-            linewidths=points(0.3),
-            alpha=0.5,
-            rasterized=True,
-            label=label,
-        )
+    """Draw runs as a picture: the more runs pass a pixel, the darker it is.
+
+    Hundreds of lines over each other would be one grey area, and take most of the time of a figure.
+
+    Args:
+        axes: The panel.
+        x: Coordinates of the poses (n,), rising or falling.
+        rows: Values of each run (runs, n).
+        label: Label in the legend.
+    """
+    columns, height = _PICTURE
+    order, low, high = np.argsort(x), rows.min(), rows.max()
+    if low == high:  # nothing is uncertain
+        low, high = low - 0.01, high + 0.01
+    # Pieces of the lines between poses and edges of pixels, so that no peak is cut off.
+    edges = np.linspace(x.min(), x.max(), columns + 1)
+    ends = np.union1d(x, edges)
+    column = np.searchsorted(edges, 0.5 * (ends[1:] + ends[:-1])) - 1
+    start = column * (height + 1)  # of the column in the changes, which are flat: faster
+    changes = np.zeros(columns * (height + 1), dtype=int)
+    for row in rows:
+        at = np.interp(ends, x[order], row[order])
+        pixel = np.minimum((at - low) / (high - low) * height, height - 1).astype(int)
+        np.add.at(changes, start + np.minimum(pixel[1:], pixel[:-1]), 1)
+        np.add.at(changes, start + np.maximum(pixel[1:], pixel[:-1]) + 1, -1)
+    passes = np.cumsum(changes.reshape(columns, height + 1), axis=1)[:, :-1].T
+    picture = axes.imshow(
+        np.log(np.where(passes > 0, passes, np.nan)),
+        cmap=mpl.colors.LinearSegmentedColormap.from_list("runs", SAMPLE_PATH_COLOURS, 12),
+        extent=(edges[0], edges[-1], low, high),
+        origin="lower",
+        aspect="auto",
+        interpolation="nearest",
+        zorder=1,  # over the grid
     )
-    axes.autoscale_view()
+    picture.sticky_edges.y.clear()  # which leaves a margin above and below
+    axes.add_line(Line2D([], [], color=SAMPLE_PATH_COLOURS[1], label=label))
 
 
 def _widths(entries: Sequence[int], columns: int) -> list[int]:
@@ -573,7 +605,7 @@ def draw_legend(
     # The figure grows with the legend, to keep the size of the axes.
     rows = -(-len(labels) // columns) + bool(title)
     _set_height(figure, figure.get_figheight() + points(_LEGEND_ROW * rows))
-    legend = figure.legend(
+    figure.legend(
         handles,
         labels,
         title=title or None,
@@ -582,9 +614,6 @@ def draw_legend(
         ncols=columns,
         columnspacing=1.2,
     )
-    for handle, drawn in zip(handles, legend.legend_handles, strict=True):
-        if isinstance(handle, LineCollection) and drawn is not None:
-            drawn.set(linewidth=points(1.2), alpha=1.0)  # a thin line is invisible in the legend
 
 
 def _label_lines(lines: Sequence[Line2D]) -> list[Line2D]:

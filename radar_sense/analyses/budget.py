@@ -287,6 +287,8 @@ def _draw(
         plotting.draw_line(axes, x, c.three_sigma, style, label=label)
         axes.lines[-1].set_linewidth(plotting.points(0.6))
     plotting.draw_line(axes, x, total, ("black", "-"), label="total")
+    if radars:  # the total is under the line of the only radar that sees the aircraft
+        axes.lines[-1].set(linewidth=plotting.points(2.2), zorder=1.8)
     axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
     plotting.from_zero(axes)
     plotting.draw_legend(figure, axes, on_lines=axes.lines[:drawn])

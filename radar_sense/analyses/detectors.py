@@ -234,6 +234,7 @@ def _draw_slopes(axes: Axes, table: Table, p_fa: float) -> None:
     axes.set_title(note, loc="right", fontsize=plotting.points(6.5), pad=plotting.points(2))
     axes.set_xlim(SNR_DB[0], SNR_DB[-1])
     axes.set_ylim(0, 1.18 * max(values.max() for values in slopes.values()))
+    plotting.from_zero(axes)
     axes.set_ylabel("d$P_D$/dB of Swerling 2")
 
 

@@ -394,8 +394,7 @@ def _draw(
     from radar_sense import plotting
 
     (top, *below), x = plotting.pose_panels(figure, 2 if window is None else 3, axis)
-    line_styles = plotting.styles(plotting.BAND, plotting.LINES[0])
-    styles = dict(zip(radars if len(radars) > 1 else (), line_styles, strict=False))
+    styles = plotting.radar_styles(radars if len(radars) > 1 else ())
     for name, style in styles.items():
         looks = np.isfinite(table[f"p_d_{name}"])
         plotting.draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
@@ -414,13 +413,14 @@ def _draw(
         if f"{before}mc_mean" in table:
             ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
             plotting.draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
-        plotting.draw_line(axes, x, table[event.p], plotting.LINES[0], label="nominal")
+        plotting.draw_line(axes, x, table[event.p], ("black", "-"), label="nominal")
         bounds = table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"]
         plotting.draw_band(axes, x, *bounds, rf"$3\,\sigma$ bounds ({level})")
         if f"{before}mc_mean" in table:
             some = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
-            axes.plot(x[some], mean[some], "k.", ms=plotting.points(2.5), label="mean of runs")
+            dots = {"ms": plotting.points(2), "mfc": "white", "mew": plotting.points(0.6)}
+            axes.plot(x[some], mean[some], "ko", **dots, label="mean of runs")
         axes.set_ylabel(r"Cumulative $P_D$")
     if window is not None:
         together = "\nlooks of one period" if periods > 1 else ""

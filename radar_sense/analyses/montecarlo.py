@@ -170,7 +170,7 @@ def _draw_histogram(figure: Figure, scenario: Scenario, mc: MonteCarlo, band_lab
     from radar_sense import plotting
 
     (axes,) = plotting.panels(figure, 1)
-    colour = plotting.SAMPLE_PATH_COLOUR
+    colour = plotting.SAMPLE_PATH_COLOURS[1]
     axes.hist(mc.sample_paths[:, 0], bins=30, color=colour, label=_runs_label(mc))
     axes.axvline(mc.band.p_d[0], color="black", label=r"nominal $\bar P_D$")
     for end, label in ((mc.band.lower, band_label), (mc.band.upper, None)):

@@ -199,6 +199,7 @@ def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
         )
     plane.set(xlim=(-180, 180), ylim=(-90, 90))
     plane.set(xticks=range(-180, 181, 45), yticks=range(-90, 91, 45))
+    plane.tick_params(axis="x", pad=plotting.points(7))  # clear of the lowest elevation
     plane.set_xlabel("Azimuth in the body frame [deg]")
     plane.set_ylabel("Elevation [deg]")
     plotting.draw_legend(figure, polar, plane)
