@@ -22,9 +22,9 @@ $(VENV)/installed-dev: $(VENV)/installed
 	touch $@
 
 # The peers of the benchmarks are large, and have no wheels for every platform: each is installed by
-# itself, and where one cannot be had its rows are left out. The stamp waits for both.
+# itself, and where one cannot be had its rows are not measured. The stamp waits for all.
 $(VENV)/installed-bench: $(VENV)/installed-dev
-	@all=yes; for peer in numba jax; do \
+	@all=yes; for peer in numba jax openturns; do \
 		$(BIN)/python -m pip install --quiet --only-binary :all: --editable ".[bench-$$peer]" \
 			|| { all=; echo "$$peer cannot be installed: bench goes without it" >&2; }; \
 	done; test -z "$$all" || touch $@

@@ -48,8 +48,8 @@ LIMIT = Limit(at_least=2, at_most=2**17, whole=True)
 SIZES = 9
 #: The rate is fitted to the last RATE_SIZES numbers of runs.
 RATE_SIZES = 5
-#: Number of poses, spread evenly over the scenario. Errors are averaged over these poses.
-POSES = 19
+#: Number of poses, spread evenly, every 15 deg of half an orbit. Errors are averaged over them.
+POSES = 13
 #: Independent repetitions. The relative uncertainty of the errors is about 1/√(2 · 32), an eighth.
 REPLICATIONS = 32
 #: The reference: number of independent Sobol' sequences, and the factor on the largest runs.

@@ -419,8 +419,8 @@ def _draw(
         if f"{before}mc_mean" in table:
             some = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]
-            dots = {"ms": plotting.points(2), "mfc": "white", "mew": plotting.points(0.6)}
-            axes.plot(x[some], mean[some], "ko", **dots, label="mean of runs")
+            axes.plot(x[some], mean[some], "ko", ms=plotting.points(2), label="mean of runs")
+            axes.lines[-1].set(markerfacecolor="white", markeredgewidth=plotting.points(0.6))
         axes.set_ylabel(r"Cumulative $P_D$")
     if window is not None:
         together = "\nlooks of one period" if periods > 1 else ""

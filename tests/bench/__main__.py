@@ -1,10 +1,12 @@
-"""`make bench`: how fast the package is, each figure as a ratio to a peer run beside it.
+"""`make bench`: one table of how fast the package is, each row a ratio to a peer run beside it.
 
-Calls of the package and of the peer take turns in one process, and medians are compared. Results
-are compared first: a peer computes the same. A missed ratio is named in the last column.
+The package and the peer take turns in one process, and each turn gives a ratio: the row has the
+median, the least and the greatest. What a peer computes is compared first. A door is the CPU time
+of `radar-sense budget --no-plot -q`, which takes turns with the commands. Rows for peers that are
+not installed are not measured.
 """
 
-import math
+import datetime
 import os
 import platform
 import statistics
@@ -18,8 +20,7 @@ from importlib import metadata, util
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))  # the tests have peers too
-# A second thread of BLAS spins while it waits, and would count as CPU time.
-os.environ["OPENBLAS_NUM_THREADS"] = "1"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # as the tool sets it itself
 
 import numpy as np
 import peers
@@ -28,145 +29,134 @@ from helpers import scenario
 from scipy.special import ndtr
 
 import radar_sense as rs
-from radar_sense.propagation import METHODS, propagate_scenario
-from radar_sense.uncertain_states import uncertain_states
+from radar_sense.propagation import METHODS
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
+sys.path.pop(0)  # whose folder `coverage` Numba would take for the package of that name
 
-P_FA = 1.7e-4
+ROOT = Path(__file__).resolve().parents[2]
+P_FA, AXES = 1.7e-4, (0.15, 0.13, 0.21)
 TAIL = float(ndtr(-3.0))
-POSES = 300_000
-RUNS = 20_000
-#: What several workers share: enough for them not to wait for the last of them.
-MORE_RUNS = 100_000
-#: The NumPy transcriptions hold all draws at once, and some 0.4 kB a sample beside them.
-FEWER_RUNS = 6_000
-
-#: The RCS models: class of the package, tuple of the peers, and keys of a scenario file.
-RCS = {
-    "ellipsoid": (
-        rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21),
-        ("ellipsoid", 0.15, 0.13, 0.21),
-        {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21},
-    ),
-    "spikeball": (
-        rs.SpikeballRCS(lobes=4, amplitude=0.18, floor=0.1),
-        ("spikeball", 4, 0.18, 0.1),
-        {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.18, "floor_m2": 0.1},
-    ),
-    "constant": (
-        rs.ConstantRCS(rcs=0.2),
-        ("constant", 0.2),
-        {"model": "constant", "rcs_m2": 0.2},
-    ),
+#: Most doors of a command. Exit code 3 is an answer, too.
+DOORS = {
+    "variance": 1.3,
+    "sensitivity": 1.3,
+    "budget": 1.3,
+    "check": 1.3,
+    "init -": 1.3,
+    "rcs": 1.3,
+    "detectors": 1.3,
+    "montecarlo": 1.6,
+    "range": 2,
+    "map": 3,
+    "report": 4,
+    "validate": 20,
+    "compare": 3,
+    "convergence": 8,
+    "variance configs/corridor.yaml --threshold 0.1": 6,
+    "map configs/corridor.yaml": 4,
+    "mission configs/corridor.yaml --m 3 --n 5": 15,
+    "budget configs/corridor.yaml --method form": 3,
 }
+#: Commands without a figure, or without files.
+NO_FIGURE, NO_FILES = ("report",), ("check", "init -")
 
 
 def main():
-    heading()
-    workers()  # before JAX is there, beside which threads of Python wait longer
+    found = [f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "matplotlib")]
+    missing = []
+    for name in ("jax", "numba", "openturns"):
+        present = util.find_spec(name)
+        (found if present else missing).append(
+            f"{name} {metadata.version(name)}" if present else name
+        )
+    machine = f"{cpu()}, {len(cores())} cores, Python {platform.python_version()}"
+    print(f"{datetime.date.today()}; {machine}, {', '.join(found)}")
+    print(f"not measured, because not installed: {', '.join(missing) or 'none'}\n")
+    print("| | ours | peer | ratio | spread | at most |\n|---|---:|---:|---:|---:|---:|")
+    two_workers()  # before JAX is there, beside which threads of Python wait longer
     with one_core():
-        for kind in RCS:
-            linearization(kind)
-        for kind in RCS:
-            monte_carlo(kind)
-        integration()
+        gradients()
+        samples()
         propagation()
         networks()
-        whole_path()
-        print(
-            "\n* does not turn to the body frame; the compiler sees that a constant needs no aspect"
-        )
-    door()
+        sizes()
+    doors()
 
 
-def heading():
-    found = [f"{name} {metadata.version(name)}" for name in ("numpy", "scipy", "matplotlib")]
-    for name in ("numba", "jax"):
-        if util.find_spec(name):
-            found.append(f"{name} {metadata.version(name)}")
-        else:
-            print(f"{name} is not installed here: its rows are left out")
-    print(f"{cpu()}, {len(cores())} cores; Python {platform.python_version()}, {', '.join(found)}")
-    print(f"\n{'':50}{'ours':>10}{'peer':>10}    ratio            wanted")
-
-
-def title(text):
-    print(f"\n{text}")
-
-
-def row(what, times, count, unit, *, faster=None, longer=None):
-    """Print one row of the table.
+def row(what, ours, peer, *, counts=(1, 1), unit="ns", rounds=5, clock=time.process_time, most=""):
+    """Measure and print a row.
 
     Args:
         what: What is compared.
-        times: Ours and the peer's [s].
-        count: What the times are divided by.
-        unit: Unit of the outcome, "ns" or "ms".
-        faster: Wanted speed, as a multiple of the peer's; or
-        longer: longest time, as a multiple of the peer's.
+        ours: A function.
+        peer: The function that it is compared with.
+        counts: What the times of each are divided by.
+        unit: Unit of the times.
+        rounds: Number of turns.
+        clock: What measures.
+        most: The limit of the ratio, if there is one.
     """
-    scale = {"ns": 1e9, "ms": 1e3}[unit] / count
-    ours, peer = times
-    if faster is not None:
-        ratio, wanted, holds = f"{peer / ours:.2f}x faster", f">= {faster:g}", peer / ours >= faster
-    else:
-        ratio, wanted, holds = (
-            f"{ours / peer:.2f}x the time",
-            f"<= {longer:g}",
-            ours / peer <= longer,
-        )
+    pair = tuple(zip((ours, peer), counts, strict=True))
+    times = np.array([[timed(f, clock) / count for f, count in pair] for _ in range(rounds)])
+    show(what, times, unit, most)
+
+
+def timed(function, clock):
+    """Return the time of the second of two calls: the first gets the memory back."""
+    function()
+    start = clock()
+    function()
+    return clock() - start
+
+
+def show(what, times, unit, most=""):
+    """Print a row of times (rounds, 2), ours and the peer's [s]."""
+    scale = {"ns": 1e9, "us": 1e6, "s": 1.0}[unit]
+    ours, peer = (statistics.median(column) * scale for column in times.T)
+    ratios = times[:, 0] / times[:, 1]
+    over = " **over**" if most and min(ratios) > most else ""
     print(
-        f"  {what:48}{ours * scale:7.1f} {unit}{peer * scale:7.1f} {unit}    {ratio:16} {wanted:8}"
-        f"{'yes' if holds else 'MISSED'}",
+        f"| {what} | {ours:.3g} {unit} | {peer:.3g} {unit} | {statistics.median(ratios):.2g} "
+        f"| {min(ratios):.2g} to {max(ratios):.2g} | {most}{over} |",
         flush=True,
     )
 
 
-def interleaved(*functions, rounds=5, clock=time.process_time):
-    """Median CPU time [s], or time by another clock, of each of some functions that take turns.
-
-    Each function is called twice in its turn, and the second call is timed. The first call gets
-    back the memory that another function has released.
-    """
-    times = [[] for _ in functions]
-    for _ in range(rounds):
-        for function, found in zip(functions, times, strict=True):
-            function()
-            start = clock()
-            function()
-            found.append(clock() - start)
-    return [statistics.median(found) for found in times]
+def two_workers():
+    if len(cores()) < 2:
+        return
+    runs = 30_000
+    two, one = (partial(rs.monte_carlo, scenario(), runs=runs, workers=n) for n in (2, 1))
+    counts = [runs * len(scenario().aircraft)] * 2
+    row("two workers beside one, a sample (time)", two, one, counts=counts, clock=time.perf_counter)
 
 
-def linearization(kind):
-    rcs, plain, _ = RCS[kind]
-    title(f"P_D and all ten partials of {POSES:,} random poses, {kind} RCS, one core; per pose")
-    aircraft, radar = random_poses(np.random.default_rng(1))
-    ours = partial(rs.DetectionModel(rcs=rcs, p_fa=P_FA).linearize, aircraft, radar)
+def gradients():
+    """P_D and its ten partials at random poses."""
+    poses = 300_000
+    aircraft, radar = random_poses(np.random.default_rng(1), poses)
+    model = rs.DetectionModel(rcs=rs.EllipsoidRCS(*AXES), p_fa=P_FA)
+    ours = partial(model.linearize, aircraft, radar)
     lin = ours()
     expected = lin.p_d, lin.jac_aircraft, lin.jac_radar
-
-    peer = partial(chain_rule, aircraft, radar, plain, P_FA)
-    same(expected, peer())
-    row("the paper's chain rule in NumPy", interleaved(ours, peer), POSES, "ns", faster=6)
     if util.find_spec("jax"):
-        compiled, to_device = peers.jax_linearize(plain, P_FA)
+        compiled, to_device = peers.jax_linearize(AXES, P_FA)
         peer = partial(compiled, to_device(aircraft), to_device(radar))
         p_d, gradient = peer()
         same(expected, (p_d, *gradient))
-        note = " *" if kind == "constant" else ""
-        row(f"reverse-mode JAX{note}", interleaved(ours, peer), POSES, "ns", faster=5)
+        row("gradient of a pose, beside JAX", ours, peer, counts=(poses, poses))
+    peer = partial(chain_rule, aircraft, radar, ("ellipsoid", *AXES), P_FA)
+    same(expected, peer())
+    row("gradient of a pose, beside the paper's chain rule", ours, peer, counts=(poses, poses))
 
 
-def random_poses(rng):
+def random_poses(rng, poses):
     """Aircraft 300 to 800 km away in any attitude, and the radar and its constant as they come."""
-    azimuth, radius = rng.uniform(-np.pi, np.pi, POSES), rng.uniform(300e3, 800e3, POSES)
-    down = rng.uniform(-15e3, -1e3, POSES)
+    azimuth, radius = rng.uniform(-np.pi, np.pi, poses), rng.uniform(300e3, 800e3, poses)
+    down = rng.uniform(-15e3, -1e3, poses)
     position = np.stack([radius * np.cos(azimuth), radius * np.sin(azimuth), down], axis=1)
-    attitude = rng.uniform(-1, 1, (POSES, 3)) * [np.pi, np.pi / 2, np.pi]
-    radar = np.column_stack([rng.normal(0, 1e3, (POSES, 3)), rng.uniform(100, 200, POSES)])
+    attitude = rng.uniform(-1, 1, (poses, 3)) * [np.pi, np.pi / 2, np.pi]
+    radar = np.column_stack([rng.normal(0, 1e3, (poses, 3)), rng.uniform(100, 200, poses)])
     return np.hstack([position, attitude]), radar
 
 
@@ -176,60 +166,28 @@ def same(ours, theirs):
         assert np.all(np.abs(a - b) <= 1e-9 * np.abs(a).max(axis=0))
 
 
-def monte_carlo(kind):
-    _, plain, document = RCS[kind]
-    title(f"Monte Carlo over 361 poses, {kind} RCS, one core; per sample")
-    case = scenario(aircraft__rcs=document)
+def samples():
+    """A sample is one draw of the states of one pose, its P_D and all statistics."""
+    case = scenario()
     nominal = case.aircraft, case.radar
     covariances = case.cov_aircraft, case.cov_radar[case.level]
-
-    if util.find_spec("numba"):
-        ours = partial(rs.monte_carlo, case, runs=RUNS, seed=1)
+    for runs, package in ((20_000, "numba"), (6_000, "numpy")):  # NumPy holds all draws at once
+        if not util.find_spec(package):
+            continue
+        ours = partial(rs.monte_carlo, case, runs=runs, seed=1)
         mc = ours()
-        kernel = peers.numba_monte_carlo(plain, P_FA)
-        generator = np.random.Generator(np.random.SFC64(2))
-        std = [np.sqrt(np.diag(c)) for c in covariances]
-        peer = partial(kernel, generator, RUNS, nominal, std, band_of(mc), TAIL)
+        band = mc.band.p_d, mc.band.lower, mc.band.upper
+        if package == "numba":
+            std = [np.sqrt(np.diag(c)) for c in covariances]
+            generator = np.random.Generator(np.random.SFC64(2))
+            kernel = peers.numba_monte_carlo(AXES, P_FA)
+            peer = partial(kernel, generator, runs, nominal, std, band, TAIL)
+        else:
+            rest = runs, nominal, covariances, AXES, P_FA, band, TAIL
+            peer = partial(peers.numpy_monte_carlo, np.random.default_rng(2), *rest)
         alike(mc, peer())
-        name = f"fused Numba kernel, {RUNS:,} runs" + " *" * (kind == "constant")
-        row(name, interleaved(ours, peer), RUNS * len(case.aircraft), "ns", longer=1.3)
-    ours = partial(rs.monte_carlo, case, runs=FEWER_RUNS, seed=1)
-    mc = ours()
-    for name, turn in (
-        ("NumPy, rotation matrices multiplied", peers.matrix_by_products),
-        ("NumPy, rotation matrix written out", peers.matrix_by_elements),
-    ):
-        rest = nominal, covariances, plain, P_FA, band_of(mc), TAIL
-        peer = partial(peers.numpy_monte_carlo, turn, np.random.default_rng(2), FEWER_RUNS, *rest)
-        alike(mc, peer())
-        times = interleaved(ours, peer, rounds=3)
-        row(f"{name}, {FEWER_RUNS:,} runs", times, FEWER_RUNS * len(case.aircraft), "ns", faster=8)
-
-
-def integration():
-    title("Ten integrated pulses beside North's single pulse, one core")
-    north = scenario()
-    ten = scenario(
-        radar__detector={
-            "model": "swerling2",
-            "pulses": 10,
-            "cfar": {"type": "cell_averaging", "cells": 24},
-        },
-        radar__constant=40,
-    )
-    draws = [partial(rs.monte_carlo, s, runs=FEWER_RUNS, seed=1) for s in (ten, north)]
-    row("Monte Carlo, per sample", interleaved(*draws), FEWER_RUNS * 361, "ns", longer=3)
-    aircraft, radar = random_poses(np.random.default_rng(1))
-    for what in ("p_d", "linearize", "linearize_probit"):
-        calls = [partial(getattr(s.model, what), aircraft, radar) for s in (ten, north)]
-        row(f"{what} of {POSES:,} poses, per pose", interleaved(*calls), POSES, "ns", longer=3)
-    start = time.perf_counter()
-    rs.Marcum(pulses=10).p_d(np.ones(1), 1.2345e-6)
-    print(f"  (the table of a detector is made in {time.perf_counter() - start:.2f} s)")
-
-
-def band_of(mc):
-    return mc.band.p_d, mc.band.lower, mc.band.upper
+        name = {"numba": "a compiled Numba loop", "numpy": "NumPy over all draws"}[package]
+        row(f"sample, beside {name}", ours, peer, counts=[runs * len(case.aircraft)] * 2)
 
 
 def alike(mc, theirs):
@@ -249,170 +207,99 @@ def alike(mc, theirs):
 
 
 def propagation():
-    """Each method beside its gradient, at the level low, where automatic needs the fewest draws."""
-    case = scenario(analysis__level="low")
-    aircraft = np.tile(case.aircraft, (60, 1))
-    aircraft[:, :3] += np.random.default_rng(3).normal(0.0, 100.0, (len(aircraft), 3))
-    states = case.model, aircraft, case.radar, case.cov_aircraft, case.cov_radar[case.level]
-    title(f"Propagation of {len(aircraft):,} poses beside model.linearize; per pose")
-    gradient = partial(case.model.linearize, aircraft, case.radar)
-
-    def one_bound():
-        return METHODS["form"](uncertain_states(*states)[1]).quantile(3.0)
-
-    for what, ours, longer in (
-        ("linear", partial(rs.propagate, *states, method="linear"), 2.0),
-        ("probit", partial(rs.propagate, *states, method="probit"), 2.0),
-        ("form: bounds, mean and sigma", partial(rs.propagate, *states, method="form"), 270.0),
-        ("form: one bound", one_bound, 100.0),
-        # a judgement is 1024 draws of a pose or more
-        ("automatic", partial(rs.propagate, *states), 3000.0),
-        ("unreliable, of linear", partial(rs.unreliable, *states, method="linear"), 3000.0),
-    ):
-        times = interleaved(ours, gradient, rounds=3)
-        row(what, times, len(aircraft), "ns", longer=longer)
-    one = case.model, aircraft[0], case.radar, case.cov_aircraft, case.cov_radar[case.level]
-    alone = repeated(partial(case.model.linearize, aircraft[0], case.radar), 200)
-    for name, longer in (("linear", 5.0), ("form", 25.0), ("automatic", 110.0)):
-        ours = repeated(partial(rs.propagate, *one, method=name), 200)
-        row(f"one pose alone: {name}", interleaved(ours, alone, rounds=3), 200, "ns", longer=longer)
-    draws = partial(rs.monte_carlo, case, runs=RUNS, seed=1)
-    form = partial(propagate_scenario, case, method="form")
-    ours, peer = interleaved(form, draws, rounds=3)
-    times = ours, peer * 1e6 / RUNS
-    row("form beside 1,000,000 draws a pose", times, len(case.aircraft), "ns", faster=2000)
+    """`form` beside draws and OpenTURNS, and each method beside its gradient."""
+    case = scenario()
+    draws = 20_000
+    form = partial(propagate, case, "form")
+    many = partial(rs.monte_carlo, case, runs=draws, seed=1)
+    counts = len(case.aircraft), len(case.aircraft) * draws / 1e6
+    row("form, a pose, beside 1e6 draws", form, many, counts=counts, unit="us", rounds=3)
+    if util.find_spec("openturns"):
+        pose = case.at_poses(slice(90, 91))
+        states = pose.states()
+        limit = float(METHODS["form"](states).quantile(2.0)[0])
+        theirs = partial(peers.openturns_form, pose, limit)
+        # FORM alone has no curvature; ours is within a tenth of it at two standard deviations
+        assert abs(theirs() / METHODS["form"](states).exceedance(limit)[0] - 1) < 0.1
+        counts = len(case.aircraft), 1
+        row("form, a pose, beside OpenTURNS' FORM", form, theirs, counts=counts, unit="us")
+    many_poses = case.aircraft.repeat(60, axis=0)
+    for what in ("linear", "probit", "form"):
+        ours = partial(propagate, case, what, many_poses)
+        gradient = partial(case.model.linearize, many_poses, case.radar)
+        counts = [len(many_poses)] * 2
+        row(f"σ of a pose by {what}, beside its gradient", ours, gradient, counts=counts)
 
 
-def repeated(function, times):
-    def run():
-        for _ in range(times):
-            function()
-
-    return run
+def propagate(case, method, aircraft=None):
+    aircraft = case.aircraft if aircraft is None else aircraft
+    covariances = case.cov_aircraft, case.cov_radar[case.level]
+    return rs.propagate(case.model, aircraft, case.radar, *covariances, method=method)
 
 
 def networks():
-    """Networks of more and more radars beside one radar, per pose and radar that sees it."""
+    """Networks beside one radar, a pose and radar; all radars see all poses."""
     case = scenario()
-    title("Networks beside one radar, one core; per pose and radar that sees it")
-    aircraft = np.tile(case.aircraft, (6, 1))
 
-    def network(radars, poses, together=None):
-        """Groups of radars 1000 km apart, which see the poses about their own group only."""
-        groups = radars // (together or radars)
-        north = 1e6 * (np.arange(radars) % groups)
+    def ours(method, radars, poses):
         state = np.tile(case.radar, radars)
-        state[0::4] += 2e3 * (np.arange(radars) // groups) + north
+        state[0::4] += 2e3 * np.arange(radars)
         model = case.model.radars[0].model
-        limit = 5e5 if together else math.inf
-        network = tuple(rs.Radar(model, name=f"r{i}", max_range=limit) for i in range(radars))
+        network = rs.NetworkModel(tuple(rs.Radar(model, name=f"r{i}") for i in range(radars)))
         cov = np.kron(np.eye(radars), case.cov_radar[case.level])
-        places = aircraft[:poses].copy()
-        places[:, 0] += 1e6 * (np.arange(poses) % groups)
-        return rs.NetworkModel(network), places, state, case.cov_aircraft, cov
+        aircraft = np.tile(case.aircraft, (6, 1))[:poses]
+        rest = aircraft, state, case.cov_aircraft, cov
+        return partial(rs.propagate, network, *rest, method=method)
 
-    def ours(method, radars, poses, seeing=None):
-        return partial(rs.propagate, *network(radars, poses, seeing), method=method)
-
-    methods = ("linear", "probit", "form")
-    peer = {method: ours(method, 1, 2048) for method in methods}
-
-    def measure(what, method, radars, poses, seeing):
-        times = interleaved(ours(method, radars, poses, seeing), peer[method], rounds=3)
-        taken, alone = times
-        times = taken / (seeing or radars) / poses, alone / 2048
-        row(f"{method}, {what}", times, 1, "ns", longer=1.5)
-
-    for method in methods:
-        # the matrices of FORM grow with the radars in sight
-        for radars in (2, 4, 8) if method == "form" else (2, 4, 8, 16, 32, 64):
-            poses = 512 if method == "form" else 2048
-            measure(f"{radars} radars", method, radars, poses, None)
-    for radars in (16, 32, 64):
-        measure(f"{radars} radars, 8 of them in sight", "form", radars, 2048, 8)
+    for method, radars, poses in (("linear", 64, 2048), ("form", 8, 512), ("form", 64, 128)):
+        counts = radars * poses, 2048
+        what = f"{radars} radars by {method}, a pose and radar, beside one radar"
+        pair = ours(method, radars, poses), ours(method, 1, 2048)
+        row(what, *pair, counts=counts, rounds=3)
 
 
-def whole_path():
-    """`variance` on 100 000 poses, file to file, beside the gradient of its poses."""
+def sizes():
+    """A million poses and a million runs, beside ten thousand."""
     case = scenario()
-    title("variance on a path of 100,000 poses, file to file; per pose")
-    aircraft = np.tile(case.aircraft, (277, 1))[:100_000]
-    gradient = partial(case.model.linearize, aircraft, case.radar)
+    aircraft, _ = random_poses(np.random.default_rng(1), 1_000_000)
+    for method, poses, name in (("linear", 10**6, "a million"), ("form", 10**5, "100,000")):
+        ours, peer = (partial(propagate, case, method, aircraft[:n]) for n in (poses, 10**4))
+        what = f"{name} poses by {method}, a pose, beside 10,000"
+        row(what, ours, peer, counts=(poses, 10**4), rounds=3)
+    few = case.at_poses(slice(0, None, 30))
+    ours, peer = (partial(rs.monte_carlo, few, runs=n, seed=1) for n in (10**6, 10**4))
+    row("a million runs, a run, beside 10,000", ours, peer, counts=(10**6, 10**4), rounds=3)
+
+
+def doors():
+    """Commands beside a door, and the figure of each in addition."""
     with tempfile.TemporaryDirectory() as folder:
-        config = Path(folder) / "long.yaml"
-        route = (ROOT / "configs/path_route.csv").as_posix()
-        text = (ROOT / "configs/path.yaml").read_text(encoding="utf-8")
-        text = text.replace("path_route.csv", route).replace("step_s: 2,", "step_s: 0.01445,")
-        config.write_text(text, encoding="utf-8")
-        (peer,) = interleaved(gradient)
-        for method, longer in (("linear", 3000.0), ("form", 3600.0)):  # judged by draws
-            options = "-q", "--no-plot", "--method", method, "--out", folder
-            ours = partial(run, "-m", "radar_sense", "variance", str(config), *options)
-            (taken,) = interleaved(ours, rounds=1, clock=of_children)
-            row(f"variance --method {method}", (taken, peer), len(aircraft), "ns", longer=longer)
+        door = partial(command, "budget", folder, "--no-plot")
+        for line, most in DOORS.items():
+            plain = () if line in (*NO_FIGURE, *NO_FILES) else ("--no-plot",)
+            rounds = 3 if most > 5 else 5
+            times, figures = [], []
+            for _ in range(rounds):
+                times.append([command(line, folder, *plain), door()])
+                if plain:
+                    figures.append([command(line, folder) - times[-1][0], times[-1][1]])
+            show(f"`{line}`, doors", np.array(times), "s", most)
+            if figures:
+                show(f"`{line}`, its figure in addition", np.array(figures), "s", 1)
 
 
-def of_children():
-    """CPU time [s] of the processes that have ended."""
-    times = os.times()
-    return times.children_user + times.children_system
-
-
-def workers():
-    if len(cores()) < 2:
-        print("\nOnly one core is at hand: the row for several workers is left out")
-        return
-    title(f"Monte Carlo over 361 poses, {MORE_RUNS:,} runs, two cores; per sample")
-    case = scenario()
-    two, one = (partial(rs.monte_carlo, case, runs=MORE_RUNS, seed=1, workers=n) for n in (2, 1))
-    samples = MORE_RUNS * len(case.aircraft)
-    times = interleaved(two, one, clock=time.perf_counter)
-    row("two workers beside one", times, samples, "ns", faster=1.8)
-    single, pair = (statistics.median(side_by_side(n) for _ in range(3)) for n in (1, 2))
-    print(f"  (two processes that know nothing of each other: {2 * single / pair:.2f}x)")
-
-
-def side_by_side(processes):
-    """Time [s] of the slowest of some processes that all compute the same with one worker."""
-    running = [
-        subprocess.Popen(
-            [sys.executable, str(HERE / "one_worker.py"), str(MORE_RUNS)],
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        for _ in range(processes)
-    ]
-    return max(float(process.communicate()[0]) for process in running)
-
-
-def door():
-    title("At the door, a process each; per start")
-    with tempfile.TemporaryDirectory() as folder:
-        tool = partial(run, "-m", "radar_sense")
-        click = partial(run, "-c", "import click")
-        figure = partial(run, str(HERE / "figure_alone.py"), str(Path(folder) / "figure.png"))
-        budget = partial(tool, "budget", "-q", "--out", folder)
-        wrong = partial(tool, "budget", "--rns", "5", code=2)
-        special = partial(run, "-c", "import scipy.special")
-        start = partial(run, "-c", "pass")
-        for what, ours, peer, longer in (
-            ("--help beside Python and import click", partial(tool, "--help"), click, 2.0),
-            ("a wrong argument beside NumPy and SciPy", wrong, special, 2.0),
-            ("budget beside NumPy, SciPy, Matplotlib, a figure", budget, figure, 1.3),
-        ):
-            row(what, interleaved(ours, peer, clock=of_children), 1, "ms", longer=longer)
-        (alone,) = interleaved(start, clock=of_children)
-        print(f"  (Python itself starts in {alone * 1e3:.0f} ms)")
-
-
-def run(*arguments, code=0):
-    """Run Python and insist on its exit code; compiled modules are kept."""
+def command(line, folder, *options):
+    """Run a command and return its CPU time [s]; compiled modules are kept."""
     usual = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+    files = () if line in NO_FILES else ("--out", folder)
+    arguments = [*line.split(), "-q", *files, *options]
+    before = os.times()
     done = subprocess.run(
-        [sys.executable, *arguments], cwd=ROOT, env=usual, capture_output=True, check=False
+        [sys.executable, "-m", "radar_sense", *arguments], cwd=ROOT, env=usual, capture_output=True
     )
-    assert done.returncode == code, done.stderr.decode()
+    after = os.times()
+    assert done.returncode in (0, 3), done.stderr.decode()
+    return sum(after[2:4]) - sum(before[2:4])
 
 
 @contextmanager

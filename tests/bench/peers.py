@@ -1,7 +1,6 @@
-"""Peers of the benchmarks: the same model in plain NumPy, in Numba and in JAX.
+"""Peers of the benchmarks: the same model in NumPy, Numba and JAX, and FORM of OpenTURNS.
 
-Nothing here uses the package. An RCS is a tuple as in `chain_rule`: ("constant", σ),
-("ellipsoid", a, b, c) or ("spikeball", n, A, σ_min). Numba and JAX are imported where used.
+An RCS is an ellipsoid with the axes a, b, c [m]. Peers that may be missing are imported where used.
 """
 
 import math
@@ -12,7 +11,7 @@ from chain_rule import BOLTZMANN, cross_section
 from scipy.special import erfc
 
 
-def jax_linearize(rcs, p_fa):
+def jax_linearize(axes, p_fa):
     """P_D and its ten partials by reverse-mode automatic differentiation, compiled over poses.
 
     The model has direction cosines where the paper has λ and φ. With λ and φ, JAX takes 1.4 times
@@ -27,19 +26,13 @@ def jax_linearize(rcs, p_fa):
     from jax.scipy import special
 
     jax.config.update("jax_enable_x64", True)
-    kind, *parameters = rcs
+    a, b, c = axes
 
     def sigma_r(x, y, z):
-        if kind == "constant":
-            return parameters[0]
-        if kind == "ellipsoid":
-            a, b, c = parameters
-            hh = x * x + y * y
-            rr = hh + z * z
-            denominator = a**2 * y * y / rr + b**2 * (y * y / hh) * (z * z / rr) + c**2 * x * x / hh
-            return math.pi * (a * b * c) ** 2 / denominator**2
-        lobes, amplitude, floor = parameters
-        return jnp.abs(amplitude * jnp.sin(lobes * jnp.arctan2(y, x) / 2)) + floor
+        hh = x * x + y * y
+        rr = hh + z * z
+        denominator = a**2 * y * y / rr + b**2 * (y * y / hh) * (z * z / rr) + c**2 * x * x / hh
+        return math.pi * (a * b * c) ** 2 / denominator**2
 
     def p_d(aircraft, radar):
         line = radar[:3] - aircraft[:3]
@@ -55,7 +48,7 @@ def jax_linearize(rcs, p_fa):
     return lambda aircraft, radar: jax.block_until_ready(compiled(aircraft, radar)), jnp.asarray
 
 
-def numba_monte_carlo(rcs, p_fa):
+def numba_monte_carlo(axes, p_fa):
     """Draws, P_D and statistics in one compiled loop, a sample at a time.
 
     The normals of one run are drawn together, which takes 6 % less time than one by one; half-angle
@@ -66,15 +59,11 @@ def numba_monte_carlo(rcs, p_fa):
     """
     from numba import njit
 
-    kind, *parameters = rcs
-    first, second, third = (*map(float, parameters), 0.0, 0.0)[:3]
+    aa, bb, cc = (axis**2 for axis in axes)
+    numerator = math.pi * aa * bb * cc
 
     @njit
-    def constant(x, y, z):
-        return first
-
-    @njit
-    def ellipsoid(x, y, z):
+    def sigma_r(x, y, z):
         xx, yy, zz = x * x, y * y, z * z
         hh = xx + yy
         rr = hh + zz
@@ -82,14 +71,6 @@ def numba_monte_carlo(rcs, p_fa):
         denominator = (aa * yy * hh + bb * yy * zz + cc * xx * rr) / (hh * rr)
         return numerator / (denominator * denominator)
 
-    @njit
-    def spikeball(x, y, z):
-        return abs(second * math.sin(half * math.atan2(y, x))) + third
-
-    aa, bb, cc = first**2, second**2, third**2
-    numerator = math.pi * aa * bb * cc
-    half = 0.5 * first
-    sigma_r = {"constant": constant, "ellipsoid": ellipsoid, "spikeball": spikeball}[kind]
     threshold = math.sqrt(-math.log(p_fa))
 
     @njit
@@ -158,16 +139,15 @@ def numba_monte_carlo(rcs, p_fa):
     return monte_carlo
 
 
-def numpy_monte_carlo(turn, generator, runs, nominal, covariances, rcs, p_fa, band, tail):
+def numpy_monte_carlo(generator, runs, nominal, covariances, axes, p_fa, band, tail):
     """The equations of the paper over arrays of all draws, as one writes them down first.
 
     Args:
-        turn: `matrix_by_elements` or `matrix_by_products`.
         generator: Random generator.
         runs: Number of runs.
         nominal: Aircraft states (n, 6) and radar state (4,).
         covariances: C_aa (6, 6) and C_rr (4, 4).
-        rcs: As everywhere here.
+        axes: a, b, c of the ellipsoid [m].
         p_fa: Probability of false alarm.
         band: Nominal P_D, and the ends of the band to count in, each (n,).
         tail: Probability of the lower quantile.
@@ -183,10 +163,10 @@ def numpy_monte_carlo(turn, generator, runs, nominal, covariances, rcs, p_fa, ba
     x_r = (radar + w_r)[:, np.newaxis]
     c_r = np.maximum(x_r[..., 3], 0.0)
 
-    rho = np.einsum("...ij,...j->...i", turn(x_a), x_r[..., :3] - x_a[..., :3])
+    rho = np.einsum("...ij,...j->...i", body_from_ned(x_a), x_r[..., :3] - x_a[..., :3])
     lam = np.arctan2(rho[..., 1], rho[..., 0])
     phi = np.arctan2(rho[..., 2], np.sqrt(rho[..., 0] ** 2 + rho[..., 1] ** 2))
-    sigma = cross_section(rcs, lam, phi)
+    sigma = cross_section(("ellipsoid", *axes), lam, phi)
     distance = np.linalg.norm(x_r[..., :3] - x_a[..., :3], axis=-1)
     snr = c_r * sigma / (BOLTZMANN * distance**4)
     p_d = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))
@@ -196,7 +176,7 @@ def numpy_monte_carlo(turn, generator, runs, nominal, covariances, rcs, p_fa, ba
     return np.mean(p_d, axis=0), np.std(p_d, axis=0, ddof=1), inside, lower, upper
 
 
-def matrix_by_elements(aircraft):
+def body_from_ned(aircraft):
     """R_n^b (..., 3, 3), its nine elements written out as `eq:DCM_zyx` prints them."""
     roll, pitch, yaw = (aircraft[..., i] for i in (3, 4, 5))
     cr, cp, cy = np.cos(roll), np.cos(pitch), np.cos(yaw)
@@ -212,18 +192,23 @@ def matrix_by_elements(aircraft):
     return matrix
 
 
-def matrix_by_products(aircraft):
-    """R_n^b (..., 3, 3), the product of the three elementary rotations."""
-    roll, pitch, yaw = (turn_about(axis, aircraft[..., 3 + axis]) for axis in range(3))
-    return np.einsum("...ij,...jk,...kl->...il", roll, pitch, yaw)
+def openturns_form(case, limit):
+    """P(P_D > limit) of the only pose of a scenario, by FORM as OpenTURNS has it.
 
+    The detection model is the package's: the search is compared.
+    """
+    import openturns as ot
 
-def turn_about(axis, angle):
-    """Elementary rotation (..., 3, 3) of the axes about one of them."""
-    u, v = (axis + 1) % 3, (axis + 2) % 3
-    matrix = np.zeros((*angle.shape, 3, 3))
-    matrix[..., axis, axis] = 1.0
-    matrix[..., u, u] = matrix[..., v, v] = np.cos(angle)
-    matrix[..., u, v] = np.sin(angle)
-    matrix[..., v, u] = -matrix[..., u, v]
-    return matrix
+    def p_d(states):
+        found = case.model.p_d(np.asarray(states)[:, :6], np.asarray(states)[:, 6:])
+        return found[:, np.newaxis]
+
+    covariance = np.zeros((10, 10))
+    covariance[:6, :6], covariance[6:, 6:] = case.cov_aircraft, case.cov_radar[case.level]
+    mean = np.concatenate([case.aircraft[0], case.radar])
+    states = ot.RandomVector(ot.Normal(mean, ot.CovarianceMatrix(covariance)))
+    function = ot.PythonFunction(10, 1, func_sample=p_d)
+    event = ot.ThresholdEvent(ot.CompositeRandomVector(function, states), ot.Greater(), limit)
+    search = ot.FORM(ot.AbdoRackwitz(), event, mean)
+    search.run()
+    return search.getResult().getEventProbability()

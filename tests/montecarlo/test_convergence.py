@@ -119,9 +119,9 @@ def test_the_reference_agrees_with_form(measured):
     s = load_scenario()
     form = propagate_scenario(s, method="form")
     at = np.searchsorted(s.axis.values, measured.axis.values)
-    np.testing.assert_array_equal(s.axis.values[at], np.arange(0, 181, 10))
+    np.testing.assert_array_equal(s.axis.values[at], np.arange(0, 181, 15))
     exact = np.stack([form.mean, form.std, form.lower, form.upper])[:, at]
-    known = np.stack([np.full(19, 1.3e-6), 4e-4 * exact[1], *np.full((2, 19), 6e-5)])
+    known = np.stack([np.full(13, 1.3e-6), 4e-4 * exact[1], *np.full((2, 13), 6e-5)])
     difference = abs(measured.reference - exact)
     # ten standard errors, averaged over poses
     error = {name: 10 * e * exact[1] for name, e in measured.reference_error.items()}
@@ -223,7 +223,7 @@ def test_without_uncertainty_all_errors_are_nan():
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     (warning,) = result.warnings
-    assert warning == "sigma of P_D, the unit of the errors, is zero at all 19 poses"
+    assert warning == "sigma of P_D, the unit of the errors, is zero at all 13 poses"
 
 
 # The figure and the command.
