@@ -126,7 +126,7 @@ def refined(
     Poses are added at the greatest P_D of a scan, see `scan`, and steps are halved by geometry. In
     one step the aspect of each radar may turn by a few degrees. The aircraft may move by a tenth of
     the range. Then steps are halved until P_D and its bound are within the tolerance of straight
-    lines. Second differences estimate the distance.
+    lines. Second differences estimate the distance. Two standard errors of a bound are no bend.
 
     Args:
         scenario: The scenario of a path or an orbit, see `can_refine`.
@@ -149,7 +149,8 @@ def refined(
         moments = _merged(moments, values, row)
     while len(place) < MAX_POSES:
         bends = _bend(place, moments.p_d) > tolerance
-        bends |= _bend(place, moments.upper) > tolerance
+        noise = 2.0 * np.maximum(moments.error[1:], moments.error[:-1])
+        bends |= _bend(place, moments.upper) > tolerance + noise
         bends &= abs(np.diff(place)) > shortest
         if not bends.any():
             break

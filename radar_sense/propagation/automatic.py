@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radar_sense.progress import report
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.states import FloatArray
+from radar_sense.states import ATTITUDE, POSITION, RADAR, FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
 #: A value of a method is off if the mean or a bound is off by more than BOUND_CHANGE or by more
@@ -25,13 +25,16 @@ BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below this are never off: no output shows them.
 LEAST_CHANGE = 1e-6
 #: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
-FIRST, GROWTH, LAST = 1024, 4, 2**20
+FIRST, GROWTH, LAST = 1024, 4, 2**18
+#: Least draws at a pose where the RCS has lobes: a lobe that weighs 0.13 % has five at least.
+LOBED = 16 * FIRST
 #: Draws at a pose for a probability.
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
-#: Standard errors that are good enough: of a bound as a part of BOUND_CHANGE, of σ as a part of σ.
-PRECISE, STD_ERROR = 0.5, 0.01
+#: Standard errors that are good enough: of a bound that replaces another and of one that judges
+#: another, as parts of BOUND_CHANGE, and of σ as a part of σ.
+PRECISE, DECISIVE, STD_ERROR = 0.5, 0.1, 0.01
 
 
 def judged(
@@ -74,6 +77,7 @@ def judged(
             apart &= errors.max(axis=0) <= PRECISE * BOUND_CHANGE
         else:
             apart |= difference - ERRORS * errors > BOUND_CHANGE
+            apart |= errors <= DECISIVE * BOUND_CHANGE
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
     drawn = _until(settled, states, first, beta)
@@ -85,6 +89,29 @@ def moments_off(found: Estimate, mean: FloatArray, std: FloatArray) -> NDArray[n
     close = _close(mean, found.mean, found.mean_error, PART_OF_BOUND)
     close &= abs(mean - found.mean) <= BOUND_CHANGE + ERRORS * found.mean_error
     return ~(close & _close(std, found.std, found.std_error, STD_CHANGE))
+
+
+def lobed(states: UncertainStates) -> NDArray[np.bool_]:
+    """Return where (k,) ±3σ of the aspect of a radar are wider than a lobe of its RCS.
+
+    Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
+    """
+    result = np.zeros(len(states), dtype=bool)
+    attitude = _largest_variance(states.cov_aircraft, ATTITUDE)
+    for i, radar in enumerate(states.model.radars):
+        position = slice(len(RADAR) * i, len(RADAR) * i + 3)
+        line = states.aircraft[:, POSITION] - states.radar[:, position]
+        across = _largest_variance(states.cov_aircraft, POSITION)
+        across = across + _largest_variance(states.cov_radar, position)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            variance = attitude + across / np.sum(line * line, axis=1)
+        result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(variance))
+    return result
+
+
+def _largest_variance(covariance: FloatArray, block: slice) -> FloatArray:
+    """Return the largest variance (k,) in any direction of some components."""
+    return np.asarray(np.linalg.eigvalsh(covariance[:, block, block])[:, -1])
 
 
 def _close(
@@ -106,9 +133,10 @@ def _until(
     What a pose gets depends on this pose alone.
     """
     drawn, rows, draws = Estimate.empty(len(states)), np.arange(len(states)), FIRST
+    least = np.where(lobed(states), LOBED, FIRST)
     while True:
         drawn.put(rows, found)
-        rows = rows[~settled(rows, found)]
+        rows = rows[~settled(rows, found) | (draws < least[rows])]
         report("poses judged by draws", len(states) - rows.size, len(states))
         draws *= GROWTH
         if not rows.size or draws > LAST:
