@@ -77,7 +77,7 @@ def judged(
             apart &= errors.max(axis=0) <= PRECISE * BOUND_CHANGE
         else:
             apart |= difference - ERRORS * errors > BOUND_CHANGE
-            apart |= errors <= DECISIVE * BOUND_CHANGE
+            apart |= errors.max(axis=0) <= DECISIVE * BOUND_CHANGE
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
     drawn = _until(settled, states, first, beta)
