@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,17 +31,21 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 #: What each warning means and what to do, by its stable name. A section of
 #: docs/reference/commands.md is made from this.
 WARNINGS: dict[str, str] = {
-    "band-off": (
-        "Draws say that a bound or sigma of the method is off by more than the warning says. Use "
-        "the method automatic, which takes the numbers of the draws there."
-    ),
     "band-imprecise": (
         "The draws of the band were not enough: a bound has a standard error above 0.005. The "
         "column error_3sigma has it. P_D jumps near the bound, or changes much in a thin tail."
     ),
+    "band-off": (
+        "Draws say that a bound or sigma of the method is off by more than the warning says. Use "
+        "the method automatic, which takes the numbers of the draws there."
+    ),
     "band-outside": (
         "A bound is below 0 or above 1, where no probability is. First order does not know the "
         "ends of the scale; the methods probit and form do."
+    ),
+    "below-ground": (
+        "The aircraft is below the ellipsoid, or below the origin and every radar. Down is "
+        "positive downwards, so a height of 3 km is -3; altitudes are positive upwards."
     ),
     "cells-unknown": (
         "Cells without a number: the aircraft is at a radar there, or the method does not "
@@ -52,32 +56,70 @@ WARNINGS: dict[str, str] = {
         "deviation is large for a normal distribution: give a tolerance in dB."
     ),
     "coverage-off": (
-        "The share of the draws in the band is not 99.73 %, beyond what chance explains. The "
-        "band is too narrow or too wide there."
+        "The share of the draws in the band is not 99.73 %, beyond what chance explains. The band "
+        "is too narrow or too wide there."
+    ),
+    "frequency-odd": (
+        "No radar has this frequency. Radars are between 3 MHz and 300 GHz (IEEE Std 521): a "
+        "number in MHz may stand under a key in GHz."
     ),
     "gradient-vanishes": (
         "P_D has a peak or a trough in this source, so its effect is of second order, which a "
         "linear budget leaves out. The method form has it."
     ),
+    "never-seen": (
+        "The aircraft is outside the limits of every radar at all poses: beyond its largest "
+        "range, within its least, or below its horizon. P_D has no meaning there."
+    ),
+    "no-signal": (
+        "P_D is what it is without an aircraft, the false alarms alone. A radar constant, RCS or "
+        "range in another unit than its key is a likely reason."
+    ),
     "no-value": (
         "The method has no number there: it did not converge, or the radar is straight above or "
         "below the aircraft, where the aspect has no gradient. Draws have a number."
     ),
-    "rcs-lobes": (
-        "The RCS has lobes narrower than the uncertainty of the aspect. A method that looks at "
-        "one point and its slope does not follow them. Use draws."
+    "rows-apart": (
+        "Aspect or range change so much between two rows of a path that P_D between them may "
+        "differ from both. Let geometry.interpolate add poses."
     ),
+    "runs-few": ("A rate is a slope over several numbers of runs. With fewer it is hardly known."),
+    "sigma-zero": ("Nothing is uncertain at these poses, so errors have no unit there."),
     "sources-correlated": (
         "Off-diagonal covariances connect sources, so the squares of their sigmas do not add up "
         "to that of the total."
+    ),
+    "step-long": (
+        "The step of geometry.interpolate is longer than the route, so it adds no pose. It is in "
+        "seconds."
     ),
     "table-exceeded": (
         "The RCS table ends before the elevations that occur. The outermost values are used "
         "beyond: measure there, or read the results with care."
     ),
+    "table-level": (
+        "A table of the RCS over azimuth alone stands for the horizontal. Above and below the "
+        "aircraft the RCS is another: measure at elevations."
+    ),
+    "too-far": (
+        "An aircraft this far from a radar is out of its sight: a unit, or latitude and longitude "
+        "in the wrong order, is a likely reason."
+    ),
+    "too-fast": (
+        "No aircraft is this fast: times in minutes for seconds, or positions in another unit, "
+        "are likely reasons."
+    ),
+    "too-high": (
+        "The aircraft is above the edge of space, 100 km: metres may stand under a key in "
+        "kilometres."
+    ),
+    "uncertainty-large": (
+        "A standard deviation is larger than the quantity itself: sigma of c_r above c_r, sigma "
+        "of the height above the height, or 3 sigma of P_D above 1. A unit is a likely reason."
+    ),
 }
-#: The poses with a problem (n,), and the words before and after these poses in a warning.
-Problem: TypeAlias = tuple[NDArray[np.bool_], str, str]
+#: What to use in place of a band that is off, where a table has the draws.
+BY_DRAWS = "use the columns of the draws there"
 #: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
 
@@ -309,7 +351,7 @@ def validity_warnings(
     undefined = ~np.isfinite(moments.std)
     by_draws = np.full(off.shape, method in (AUTOMATIC, MONTE_CARLO))
     remedy = remedy or f"use --method {AUTOMATIC}"
-    outside, leaves, _ = outside_unit_interval(moments.lower, moments.upper, method)
+    outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
     problems = (
         (
             "no-value",
@@ -317,7 +359,13 @@ def validity_warnings(
             f"{method} has no value (not converged, or radar straight above or below the aircraft)",
             f": {remedy}",
         ),
-        ("band-outside", outside, leaves, ""),
+        ("band-outside", outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
+        (
+            "uncertainty-large",
+            (3 * moments.std > 1) & ~off,
+            "3 sigma of P_D is above 1",
+            ": are the uncertainties in their units?",
+        ),
         (
             "band-off",
             off & ~undefined & ~by_draws,
@@ -328,7 +376,7 @@ def validity_warnings(
         (
             "band-imprecise",
             off & by_draws,
-            "the band is not precise",
+            f"the {method} band is not precise",
             f": a bound has a standard error above {BOUND_CHANGE:g}",
         ),
     )
@@ -336,20 +384,6 @@ def validity_warnings(
         warning(name, f"{words} {place}{ending}")
         for name, mask, words, ending in problems
         if (place := describe_poses(mask, scenario.axis))
-    )
-
-
-def outside_unit_interval(lower: FloatArray, upper: FloatArray, method: str) -> Problem:
-    """Return where the 3-sigma band of a method leaves [0, 1], and the words for a warning."""
-    return (lower < 0) | (upper > 1), f"the {method} 3-sigma band leaves [0, 1]", ""
-
-
-def problem_warnings(problems: Iterable[Problem], axis: Axis) -> tuple[str, ...]:
-    """Return a warning of each problem that a pose has."""
-    return tuple(
-        f"{words} {place}{ending}"
-        for mask, words, ending in problems
-        if (place := describe_poses(mask, axis))
     )
 
 

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 # One process a core runs the tests. Threads of the linear algebra would take a quarter of all CPU
 # time to wait for each other. The library reads the variable when NumPy is imported.
@@ -19,8 +19,10 @@ from helpers import few_judging_draws
 
 from radar_sense import cli as command_line
 from radar_sense.cli import cli
-from radar_sense.command import Result, command
+from radar_sense.command import Command, Result, command
+from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text
+from radar_sense.words import WARNINGS
 
 
 def pytest_collection_finish() -> None:
@@ -51,6 +53,22 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outco
         return Outcome(result.exit_code, result.stdout, result.stderr)
 
     return run
+
+
+@pytest.fixture(autouse=True)
+def every_warning_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a result fail that has a warning without one name of those that are explained."""
+    call = Command.__call__
+
+    def checked(self: Command, scenario: Scenario, **options: Any) -> Any:
+        result = call(self, scenario, **options)
+        for warning in result.warnings:
+            name = warning.rpartition(" [")[2]
+            assert name.endswith("]"), warning
+            assert name[:-1] in WARNINGS, warning
+        return result
+
+    monkeypatch.setattr(Command, "__call__", checked)
 
 
 @pytest.fixture

@@ -1,1 +1,1 @@
-"""Verdicts on a flight: the threshold test, poses between the rows, and implausible scenarios."""
+"""Verdicts on a flight: the threshold test, and poses between the rows."""

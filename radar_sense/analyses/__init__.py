@@ -5,8 +5,8 @@ from __future__ import annotations
 import pkgutil
 from importlib import import_module
 
-from radar_sense.acceptance.plausibility import plausibility_warnings
 from radar_sense.command import Command
+from radar_sense.plausibility import plausibility_warnings
 
 Command.check = staticmethod(plausibility_warnings)
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense import words
 from radar_sense.analyses.required import OPTIONS, add_required_accuracy, check_options
@@ -21,9 +22,11 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.propagation import MONTE_CARLO
+from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, Moments, unreliable_in_scenario
+from radar_sense.propagation.automatic import STD_ERROR
 from radar_sense.scenario import Scenario
 from radar_sense.sources import (
+    Budget,
     Contribution,
     contributions,
     error_budget,
@@ -127,15 +130,18 @@ def budget(
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
     width = max(21, *(len(c.label) + 2 * bool(c.part_of) + 1 for c in rows))
     result.report += [_row(c, pose, width) for c in rows]
-    if abs(interaction[pose]) >= 5e-4:  # shown as more than 0.0%
-        spread = errors["interaction"][pose] if errors else None
+    spread = errors["interaction"][pose] if errors else None
+    # a variance by draws has twice the relative error of σ; 5e-4 is shown as 0.1 %
+    noise = spread or (2.0 * STD_ERROR if method == AUTOMATIC else 5e-4)
+    if abs(interaction[pose]) >= noise:
         between = words.percent(interaction[pose], spread)
         result.report += [f"  {'interaction':{width + 6}}{between}"]
     result.report += [f"  {'total':{width}}{words.probability(total[pose])}"]
     result.report += [f"{name} dominates {place}" for name, place in dominates.items()]
     result.report += [f"{name} has no value {place}" for name, place in gaps.items()]
 
-    vanishing = _vanishing(scenario, sources, total) if method == "linear" else {}
+    vanishes = _vanishing(scenario, sources, total) if method == "linear" else {}
+    vanishing = words.places(vanishes, axis)
     optional = {
         "no_value": gaps,
         "gradient_vanishes": vanishing,
@@ -159,8 +165,10 @@ def budget(
         if found.moments is None
         else words.method_warnings(scenario, found.moments, method)
     )
-    result.warnings += words.vanishing_gradient(vanishing)
     if method == "linear":  # other methods report the interaction
+        result.warnings += words.vanishing_gradient(
+            words.places(_missed(scenario, found, vanishes), axis)
+        )
         result.warnings += words.correlated_sources([c.three_sigma for c in sources], total)
     names = scenario.model.names if len(scenario.model.names) > 1 else ()
     result.draw = partial(_draw, axis=axis, sources=sources, parts=parts, total=total, radars=names)
@@ -238,8 +246,8 @@ def _is_first(ranked: Sequence[Contribution], pose: int, total: float) -> bool:
 
 def _vanishing(
     scenario: Scenario, sources: Sequence[Contribution], total: FloatArray
-) -> dict[str, str]:
-    """Return the sources with a vanishing gradient at some poses, and these poses in words."""
+) -> dict[str, NDArray[np.bool_]]:
+    """Return where (n,) the gradient for each source vanishes."""
     # A radar that does not see the aircraft has no effect of second order either.
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
@@ -248,7 +256,23 @@ def _vanishing(
         share = np.divide(c.three_sigma, total, out=np.zeros_like(total), where=total > 0)
         vanishes = (share < VANISHING * share.max()) & (total > 0)
         masks[c.name] = vanishes & visible_by.get(c.name, True)
-    return words.places(masks, scenario.axis)
+    return masks
+
+
+def _missed(
+    scenario: Scenario, found: Budget, vanishes: Mapping[str, NDArray[np.bool_]]
+) -> dict[str, NDArray[np.bool_]]:
+    """Return where (n,) a gradient vanishes and sigma of all sources together is off.
+
+    Where it is not off, the source that first order misses is small.
+    """
+    rows = np.flatnonzero(np.any(list(vanishes.values()), axis=0))
+    if found.moments is None or not rows.size:
+        return {}
+    moments = Moments(*(values[rows] for values in vars(found.moments).values()))
+    off = np.zeros(len(scenario.axis), dtype=bool)
+    off[rows] = unreliable_in_scenario(scenario.at_poses(rows), moments, method="linear")
+    return {name: mask & off for name, mask in vanishes.items()}
 
 
 def _draw(

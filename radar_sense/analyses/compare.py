@@ -147,7 +147,7 @@ def compare(
     }
 
     for method, m in moments.items():
-        result.warnings += words.validity_warnings(scenario, m, method, "the draws hold there")
+        result.warnings += words.validity_warnings(scenario, m, method, words.BY_DRAWS)
     result.warnings += words.table_warnings(scenario, runs=draws)
     result.draw = partial(_draw, axis=axis, drawn=drawn, error=error, moments=moments)
     return result

@@ -35,7 +35,7 @@ from radar_sense.progress import report
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
-from radar_sense.words import problem_warnings
+from radar_sense.words import describe_poses, warning
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -255,11 +255,14 @@ def _warnings(measured: Convergence) -> tuple[str, ...]:
     few = []
     if (count := len(measured.runs)) < RATE_SIZES:
         shown = f"{count} number{'s' if count > 1 else ''} of runs"
-        few = [f"{shown} can hardly show a rate; take {2**RATE_SIZES} runs or more"]
+        text = f"{shown} can hardly show a rate; take {2**RATE_SIZES} runs or more"
+        few = [warning("runs-few", text)]
     zero = ~(measured.reference[1] > LEAST_STD)
     others = "" if zero.all() else "; the errors are of the other poses"
-    words = "sigma of P_D, the unit of the errors, is zero"
-    return *few, *problem_warnings([(zero, words, others)], measured.axis)
+    if zero.any():
+        text = "sigma of P_D, the unit of the errors, is zero "
+        few.append(warning("sigma-zero", text + describe_poses(zero, measured.axis) + others))
+    return tuple(few)
 
 
 def _draw(figure: Figure, runs: FloatArray, errors: Mapping[str, Mapping[str, FloatArray]]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.acceptance.plausibility import below_ground
+from radar_sense.analyses.map_export import geojson
 from radar_sense.command import (
     COURSE_DEG,
     DOWN_KM,
@@ -34,11 +34,11 @@ from radar_sense.coverage.grid import (
     states_in,
     worst_p_d_in_cells,
 )
-from radar_sense.coverage.map_export import geojson
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
+from radar_sense.plausibility import below_ground
 from radar_sense.progress import steps
 from radar_sense.propagation import (
     AUTOMATIC,
@@ -245,7 +245,8 @@ def _warnings(
 ) -> tuple[str, ...]:
     lines = []
     unknown = int(np.count_nonzero(np.isnan(shown)))
-    if unknown:
+    # straight above a radar, the aspect has no gradient: one cell a radar says nothing
+    if unknown > len(scenario.model.models):
         text = f"no number in {unknown:,} of {shown.size:,} cells (NaN in the file)"
         lines.append(warning("cells-unknown", text))
     beyond = int(np.count_nonzero(shown > 1))

@@ -77,6 +77,7 @@ def montecarlo(
     words.add_mean(result.table, mc.band.mean, method)
 
     result.summary |= {"runs": mc.runs, "sampler": mc.sampler}
+    result.warnings += words.validity_warnings(scenario, mc.band, method, words.BY_DRAWS)
     _add_coverage(result, mc)
     result.summary |= {
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),
@@ -86,7 +87,6 @@ def montecarlo(
     result.report += words.radar_lines(
         {name: words.describe_extreme(top, axis) for name, top in by_itself.items()}, method
     )
-    result.warnings[:0] = words.validity_warnings(scenario, mc.band, method, "the draws hold there")
     result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
     label = words.band_label(scenario.level, method)
@@ -111,7 +111,7 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         "coverage_lowest": lowest,
         "poses_without_band": without,
     }
-    confidence = ""
+    confidence = told = ""
     if mc.sampler == "random":
         low, high = mc.coverage_interval()
         # Bonferroni's correction: 95 % confidence for all poses together.
@@ -122,11 +122,10 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         result.summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         result.summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
-            text = (
+            told = (
                 f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
                 f"{words.describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
-            result.warnings.append(words.warning("coverage-off", text))
     drawn = f"{mc.runs} runs ({result.scenario.level}, seed {mc.seed}{words.points_named(mc)})"
     if banded.any():
         of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
@@ -137,6 +136,10 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         ]
     else:
         result.report.append(f"{drawn}: no coverage")
+    if told and any(text.endswith("[band-off]") for text in result.warnings):
+        result.report.append(told)  # one warning of a band is enough
+    elif told:
+        result.warnings.append(words.warning("coverage-off", told))
     if without:
         result.report.append(
             f"{without} of {len(axis)} poses have no {method} band and no coverage"

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from radar_sense.acceptance.plausibility import below_ground
-from radar_sense.axis import Axis
+from radar_sense.axis import Axis, reached
 from radar_sense.command import (
     COURSE_DEG,
     DOWN_KM,
@@ -39,6 +38,7 @@ from radar_sense.coverage.rays import (
 )
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
+from radar_sense.plausibility import below_ground
 from radar_sense.propagation import (
     AUTOMATIC,
     distribution,
@@ -55,7 +55,7 @@ from radar_sense.words import (
     gathered,
     level_and_method,
     listed,
-    problem_warnings,
+    warning,
 )
 
 if TYPE_CHECKING:
@@ -199,7 +199,8 @@ def detection_range(
     result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
     for name, of_radar in ranges.items():
         result.report += [f"{name}:"] if name else []
-        result.report += [f"  {_line(at, axis)}" for at in of_radar]
+        for at in of_radar:
+            result.report += [f"  {line}" for line in (_line(at, axis), *_band(at, axis))]
         result.report += [f"  {line}" for at in of_radar for line in _exceptions(at, axis)]
     names = list(singles) if len(singles) > 1 else []
     result.summary |= {
@@ -214,15 +215,12 @@ def detection_range(
         },
     }
 
-    remedy = f": use --method {AUTOMATIC}"
-    off = f"the {method} band of the range is unreliable"
-    warnings = [
-        (name, text)
-        for name, of_radar in ranges.items()
-        for text in problem_warnings(
-            [(np.any([at.unreliable for at in of_radar], axis=0), off, remedy)], axis
-        )
-    ]
+    warnings = []
+    for name, of_radar in ranges.items():
+        place = describe_poses(np.any([at.unreliable for at in of_radar], axis=0), axis)
+        if place:
+            text = f"the {method} band of the range is off {place}; use --method {AUTOMATIC}"
+            warnings.append((name, warning("band-off", text)))
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
     limits = {name: _limits(seen) for name, seen in surveys.items()}
@@ -421,7 +419,7 @@ def _shares(at: RangeAt) -> dict[str, float]:
 
 
 def _line(at: RangeAt, axis: Axis) -> str:
-    """Describe the range for one P_D, and the sources of its uncertainty."""
+    """Describe the range for one P_D."""
     if not (at.slant > 0).any():
         return f"P_D {at.p_d:g}: at no range; sigma has no value"
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
@@ -430,15 +428,25 @@ def _line(at: RangeAt, axis: Axis) -> str:
         words += f"{axis.at(least)} to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
     else:
         words += f"every {axis.name}"
-    if np.isnan(at.std).all():
-        return words
-    worst = int(np.nanargmax(at.std))
-    if at.std[worst] <= ROUNDING * at.slant[worst]:
-        return f"{words}; 3 sigma 0"
-    words += f"; 3 sigma at most {3 * at.std[worst] / 1e3:.3g} km, at {axis.at(worst)}"
+    return words
+
+
+def _band(at: RangeAt, axis: Axis) -> list[str]:
+    """Return the range and its band where the band is widest, and the sources of its width."""
+    width = np.where(np.isnan(at.std), np.nan, at.upper - at.lower)
+    if not np.isfinite(width).any():
+        return []
+    widest = int(np.argmax(reached(width)))
+    if width[widest] <= ROUNDING * at.slant[widest]:
+        return [f"P_D {at.p_d:g}: the band has no width"]
+    middle, lower, upper = (x[widest] / 1e3 for x in (at.slant, at.lower, at.upper))
+    words = (
+        f"P_D {at.p_d:g}: {middle:.4g} km, between {lower:.4g} and {upper:.4g} km (3 sigma), where "
+        f"the band is widest, at {axis.at(widest)}"
+    )
     shares = sorted(_shares(at).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
-    return f"{words}; from {listed(sources)}" if sources else words
+    return [f"{words}; from {listed(sources)}" if sources else words]
 
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:

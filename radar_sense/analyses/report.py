@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import files
-from radar_sense.acceptance.plausibility import plausibility_warnings
 from radar_sense.analyses.budget import budget
 from radar_sense.analyses.check import overview
 from radar_sense.analyses.compare import compare
@@ -22,6 +21,7 @@ from radar_sense.analyses.variance import variance
 from radar_sense.command import LEVEL, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS, Command, Result
 from radar_sense.errors import InputError
 from radar_sense.page import Section, page
+from radar_sense.plausibility import plausibility_warnings
 from radar_sense.progress import steps
 from radar_sense.scenario import Scenario
 

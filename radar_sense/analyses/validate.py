@@ -108,7 +108,7 @@ def validate(scenario: Scenario, *, digits: int = 2, workers: int = 1) -> Result
         "largest_distance_by_delta": largest,
     }
     result.report += _report(result, verdict, plain, digits, ratio)
-    result.warnings += words.validity_warnings(scenario, band, method, "the draws hold there")
+    result.warnings += words.validity_warnings(scenario, band, method, words.BY_DRAWS)
     result.warnings += words.clipping_warnings(plain.clipped)
     result.warnings += words.table_warnings(scenario)
     result.draw = partial(_draw, axis=axis, verdict=verdict, plain=plain, method=method)

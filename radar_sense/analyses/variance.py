@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import words
-from radar_sense.acceptance.threshold import require_threshold
+from radar_sense.analyses.verdict import require_threshold
 from radar_sense.axis import reached
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Option, Result, Table, command
 from radar_sense.limits import SIGMAS, THRESHOLD

@@ -86,11 +86,10 @@ def test_correlated_sources_are_warned_of():
     assert not any("correlated" in warning for warning in independent.warnings)
 
 
-def test_a_band_outside_zero_and_one_is_warned_of():
+def test_a_band_that_is_off_is_warned_of_once():
     s = load_scenario()
     assert analyses.variance(s.with_analysis(level="low")).warnings == ()
-    outside, unreliable = analyses.variance(s.with_analysis(level="high")).warnings
-    assert outside == "the linear 3-sigma band leaves [0, 1] at 67.5 to 112.5 deg [band-outside]"
+    (unreliable,) = analyses.variance(s.with_analysis(level="high")).warnings
     assert unreliable.startswith("the linear band is off at 0 to 3")
     assert unreliable.endswith("; use --method automatic [band-off]")
     # probit is off by 0.0044 at most, by the reference of `tests/reference`
@@ -103,7 +102,7 @@ def test_a_band_outside_zero_and_one_is_warned_of():
 
 def test_a_vanishing_gradient_is_warned_of():
     s = load_scenario().at_poses(slice(None, None, 12)).with_analysis(level="high")
-    (warning,) = analyses.budget(s).warnings[2:]
+    _, warning = analyses.budget(s).warnings
     assert "misses aircraft_orientation at 0, 180 deg, where the gradient vanishes" in warning
 
 
@@ -136,7 +135,9 @@ def test_negative_constants_are_reported():
 def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     s = load_scenario().with_analysis(level="high", runs=5000)
     result = analyses.montecarlo(s)
-    assert any("fewer than 99.73 % of the draws" in warning for warning in result.warnings)
+    assert any("fewer than 99.73 % of the draws" in line for line in result.report)
+    (warning,) = result.warnings
+    assert warning.endswith("[band-off]")
     lowest = result.summary["coverage_lowest"]
     low, high = lowest["confidence_95"]
     assert low < lowest["value"] < high < 0.9973
@@ -158,7 +159,13 @@ def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
     s = scenario(geometry__azimuth_deg={"start": 40, "stop": 50, "step": 10})
     result = analyses.montecarlo(s.with_analysis(runs=5000), method="linear")
     words = "the linear band holds more than 99.73 % of the draws at all 2 poses"
-    assert any(warning.startswith(words) for warning in result.warnings)
+    assert any(line.startswith(words) for line in result.report)
+    monkeypatch.setattr(
+        "radar_sense.words.unreliable_in_scenario", lambda *_, **__: np.zeros(2, bool)
+    )
+    (warning,) = analyses.montecarlo(s.with_analysis(runs=5000), method="linear").warnings
+    assert warning.startswith(words)
+    assert warning.endswith("[coverage-off]")
 
 
 def compared(**analysis):

@@ -147,7 +147,7 @@ def test_the_report_of_ranges_that_are_passed_several_times():
     assert np.flatnonzero(found == 0).tolist() == [0, 8]
     assert (result.table["edges_0.6"][found > 0] == 2).all()
     assert result.summary["title"] == "100 km above the origin, heading 270 deg"
-    first, of_range, none, several = result.report
+    first, _, of_range, none, several = result.report
     assert f"{result.summary['title']} (medium)" in first
     assert none == "  P_D 0.6: at no range at 0, 180 deg; sigma has no value"
     assert several == (
@@ -171,7 +171,7 @@ def test_the_report_of_ranges_that_are_passed_several_times():
 
 def test_a_small_share_is_in_the_report():
     report = detection_range(scenario().with_analysis(level="high"), p_d=0.9, **QUICK).report
-    assert report[1].endswith("; from radar_constant 98% and radar_position 2%")
+    assert report[2].endswith("; from radar_constant 98% and radar_position 2%")
 
 
 def test_the_deviation_is_of_the_gauss_hermite_rule():
@@ -208,7 +208,7 @@ def test_a_band_is_unreliable_where_one_of_its_ends_is():
         Axis("bearing_deg", "bearing", "deg", result.table["bearing_deg"], "g", 1e-9, "bearings"),
     )
     assert result.warnings == (
-        f"the probit band of the range is unreliable {place}: use --method automatic",
+        f"the probit band of the range is off {place}; use --method automatic [band-off]",
     )
 
 
@@ -216,15 +216,16 @@ def test_the_remedy_for_an_unreliable_form_band_is_automatic():
     rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.5, "floor_m2": 1e-9}
     s = scenario(aircraft__rcs=rcs, aircraft__attitude_deg=[90, 0, 0])
     (warning,) = detection_range(s, method="form", step_deg=45.0).warnings
-    assert warning.startswith("the form band of the range is unreliable at ")
-    assert warning.endswith(": use --method automatic")
+    assert warning.startswith("the form band of the range is off at ")
+    assert warning.endswith("; use --method automatic [band-off]")
 
 
 def test_bearings_are_no_poses_and_rounding_is_zero():
     certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
     certain["radar"] = {"medium": {"position_m": 0, "constant": 1e-14}}
     result = detection_range(scenario(uncertainty=certain, aircraft__rcs=SPHERE), **QUICK)
-    assert result.report[1].endswith("km at every bearing; 3 sigma 0")
+    assert result.report[1].endswith("km at every bearing")
+    assert result.report[2] == "  P_D 0.5: the band has no width"
     low = scenario(radar__max_range_km=100)
     lines = detection_range(low, p_d=0.1, **QUICK).report
     assert "the limit of the radar comes first at all 4 bearings" in " ".join(lines)

@@ -311,8 +311,8 @@ def test_summary_and_report():
         assert found == pytest.approx(math.pi * (low / 1e3) ** 2, rel=2e-3)
     assert result.summary["area_km2"] == 501**2 * 16
     assert result.summary["shown"] == "p_d"
-    # the aircraft is at the radar in the cell in the middle
-    assert "1 of 251,001 cells" in result.warnings[0]
+    # the aircraft is at the radar in the cell in the middle, which is true of any map
+    assert not result.warnings
     assert np.isnan(result.table["p_d"][250, 250])
     assert set(result.table) == {"north_m", "east_m", "p_d"}
 

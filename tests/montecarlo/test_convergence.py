@@ -223,7 +223,7 @@ def test_without_uncertainty_all_errors_are_nan():
     result = convergence(scenario(**NOTHING), runs=64)
     assert all(np.isnan(v).all() for name, v in result.table.items() if name != "runs")
     (warning,) = result.warnings
-    assert warning == "sigma of P_D, the unit of the errors, is zero at all 13 poses"
+    assert warning == "sigma of P_D, the unit of the errors, is zero at all 13 poses [sigma-zero]"
 
 
 # The figure and the command.

@@ -9,7 +9,7 @@ from helpers import document, scenario, write_path
 
 import radar_sense as rs
 from radar_sense import analyses
-from radar_sense.acceptance.plausibility import plausibility_warnings
+from radar_sense.plausibility import plausibility_warnings
 from radar_sense.scenario_file.load import parse_scenario
 
 ROUTE = (
@@ -50,7 +50,7 @@ def test_minutes_for_seconds(tmp_path):
 
 def test_swapped_latitude_and_longitude(tmp_path):
     (warning,) = geodetic(tmp_path, lat=9.0, lon=46.5)
-    assert warning.endswith("km from the radar: are latitude and longitude swapped?")
+    assert warning.endswith("are latitude and longitude swapped? [too-far]")
 
 
 def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
@@ -60,7 +60,8 @@ def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
     path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
     warnings = of_route(tmp_path, text, geometry=path, radar=radar)
     assert any(
-        w.endswith("km from the radar: are latitude and longitude swapped?") for w in warnings
+        w.endswith("km from the radar: are latitude and longitude swapped? [too-far]")
+        for w in warnings
     )
 
 
@@ -86,10 +87,64 @@ def test_below_the_ground(tmp_path):
     assert any("700 m below the ellipsoid" in w for w in of_route(tmp_path, text, geometry=path))
 
 
+def test_metres_for_kilometres():
+    (warning,) = plausibility_warnings(
+        scenario(geometry__down_km=-3000, radar__constant=1e6, uncertainty__aircraft__position_m=1)
+    )
+    assert warning == (
+        "the aircraft is up to 3000 km above the origin: is the height in its unit? [too-high]"
+    )
+
+
+def test_a_height_known_worse_than_itself():
+    (warning,) = plausibility_warnings(scenario(uncertainty__aircraft__position_m=3001))
+    assert warning == (
+        "sigma of the height, 3001 m, is above the height at all poses, 3000 m above the origin at "
+        "most: are both in their units? [uncertainty-large]"
+    )
+    assert plausibility_warnings(scenario(uncertainty__aircraft__position_m=2999)) == ()
+
+
+def test_a_radar_constant_known_worse_than_itself():
+    (warning,) = plausibility_warnings(scenario(uncertainty__radar__medium__constant=168))
+    assert warning == (
+        "sigma of c_r, 168, is above c_r itself, 167, at the level medium: are both in the same "
+        "unit? [uncertainty-large]"
+    )
+    assert plausibility_warnings(scenario(uncertainty__radar__medium__constant=166)) == ()
+    # of the level in use only
+    assert plausibility_warnings(scenario(uncertainty__radar__high__constant=168)) == ()
+
+
+@pytest.mark.parametrize(
+    ("typed", "shown"),
+    [("frequency_ghz: 9000", "9000 GHz"), ("wavelength_m: 3.3e-5", "9085 GHz")],
+)
+def test_a_frequency_that_no_radar_has(typed, shown):
+    text = Path("configs/x_band_tracking.yaml").read_text()
+    warnings = plausibility_warnings(parse_scenario(text.replace("frequency_ghz: 9", typed, 1)))
+    assert warnings[-1] == (
+        f"a radar at {shown}: radars are at 0.003 to 300 GHz, is the unit right? [frequency-odd]"
+    )
+    assert plausibility_warnings(parse_scenario(text)) == ()
+
+
+def test_a_step_longer_than_the_route(tmp_path):
+    path = {"type": "path", "file": "route.csv", "interpolate": {"step_s": 41}}
+    (warning,) = of_route(tmp_path, ROUTE, geometry=path)
+    assert warning == (
+        "geometry.interpolate has a step of 41 s, longer than the route of 40 s: no pose is added "
+        "[step-long]"
+    )
+    path["interpolate"] = {"step_s": 40}
+    assert of_route(tmp_path, ROUTE, geometry=path) == ()
+
+
 def test_no_signal_at_all():
-    (warning,) = plausibility_warnings(scenario(radar__constant=1e-12))
+    known = {"uncertainty__radar__medium__constant": 0}
+    (warning,) = plausibility_warnings(scenario(radar__constant=1e-12, **known))
     assert warning.startswith("P_D is at its floor at all poses, 0.00")
-    weak = scenario(radar__constant=0.01)  # P_D above its floor by 1e-4 of it
+    weak = scenario(radar__constant=0.01, **known)  # P_D above its floor by 1e-4 of it
     assert plausibility_warnings(weak) == ()
 
 
@@ -150,8 +205,8 @@ def test_a_table_without_elevations_is_used_far_from_the_horizon(tmp_path):
     rcs = {"model": "table", "file": str(tmp_path / "t.csv")}
     level = scenario(aircraft__rcs=rcs)
     assert plausibility_warnings(level) == ()
-    high = scenario(aircraft__rcs=rcs, geometry__down_km=-300)
-    steepest = math.degrees(math.atan(300 / 500))
+    high = scenario(aircraft__rcs=rcs, geometry__down_km=-90, geometry__range_km=150)
+    steepest = math.degrees(math.atan(90 / 150))
     (warning,) = plausibility_warnings(high)
     assert warning.startswith(
         f"the RCS table has no elevations and is used at up to {steepest:.3g} deg above or below"
