@@ -261,18 +261,19 @@ def _margin(poses: Scenario, number: int) -> FloatArray:
 def _maxima(
     scenario: Scenario, place: FloatArray, value: Callable[[Scenario], FloatArray]
 ) -> FloatArray:
-    """Return the places (j,) of the maxima of a function of the poses, by golden sections."""
-    values = value(along(scenario, place))
-    top = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
-    low, high = place[top - 1], place[top + 1]
-    if not top.size:
-        return low
+    """Return the places (j,) of the maxima of a function of the poses, by golden sections.
+
+    The greatest value may lie beside the first or the last place, too.
+    """
+    values = np.pad(value(along(scenario, place)), 1, constant_values=-np.inf)
+    top = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]))
+    low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
     for _ in range(SEARCH):
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
         at_left, at_right = (_in_any_order(scenario, x, value) for x in (left, right))
         high = np.where(at_left >= at_right, right, high)
         low = np.where(at_left >= at_right, low, left)
-    return np.round(0.5 * (low + high), DECIMALS)
+    return np.clip(np.round(0.5 * (low + high), DECIMALS), place[0], place[-1])
 
 
 def _crossings(scenario: Scenario, place: FloatArray, number: int) -> FloatArray:

@@ -11,6 +11,7 @@ from studies.bands import judging, model, package, paths, truth
 from studies.bands.populations import POPULATIONS, problem
 
 import radar_sense as rs
+from radar_sense.acceptance import refinement
 
 SEED = 11
 
@@ -125,6 +126,17 @@ def test_a_route_grazes_between_its_rows_and_not_at_them(kind):
     seconds = np.mean(p_d > path.threshold) * np.ptp(path.time_s)
     assert path.seconds >= 1.0
     assert seconds == pytest.approx(path.seconds, abs=2 * paths.STEP + np.ptp(path.time_s) / 20_000)
+
+
+@pytest.mark.parametrize("number", [26, 176, 294, 326, 704, 726])
+def test_a_limit_that_is_entered_and_left_between_two_rows_is_found(number):
+    """The rows are on both sides of the greatest margin, and nothing else divides the step."""
+    path = paths.grazing(2027, number)
+    scenario = package.scenario(path.problem, aircraft=path.aircraft, time_s=path.time_s)
+    place, complete = refinement.scan(scenario)
+    poses = refinement.along(scenario, place)
+    assert complete
+    assert poses.model.p_d(poses.aircraft, poses.shared).max() > path.threshold
 
 
 def test_a_route_that_passes_by_is_not_seen():
