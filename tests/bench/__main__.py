@@ -277,9 +277,8 @@ def doors():
         door = partial(command, "budget", folder, "--no-plot")
         for line, most in DOORS.items():
             plain = () if line in (*NO_FIGURE, *NO_FILES) else ("--no-plot",)
-            rounds = 3 if most > 5 else 5
             times, figures = [], []
-            for _ in range(rounds):
+            for _ in range(3):
                 times.append([command(line, folder, *plain), door()])
                 if plain:
                     figures.append([command(line, folder) - times[-1][0], times[-1][1]])

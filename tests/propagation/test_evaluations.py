@@ -9,6 +9,7 @@ from helpers import scenario
 
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
     METHODS,
     distribution,
@@ -147,6 +148,13 @@ def test_plain_draws_are_those_of_the_scenario(count):
     s = problem(6).with_analysis(runs=40)
     gradients, values = count(lambda s: distribution(s, "montecarlo").quantile(3.0), s)
     assert (gradients, values) == (0, 1 + 40)
+
+
+def test_evaluations_grow_in_proportion_to_runs(count):
+    """The exponent of the number of values is 1."""
+    s = problem(1)
+    few, many = (count(lambda s, n=n: monte_carlo(s, runs=n), s)[1] for n in (500, 50_000))
+    assert math.log(many / few) / math.log(100) == pytest.approx(1, abs=0.02)
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):
