@@ -95,7 +95,9 @@ def escaped(text: str) -> str:
 def _entry(section: Section) -> str:
     count = len(section.warnings)
     warnings = f' <span class="count">Warnings: {count}</span>' if count else ""
-    first = escaped(section.lines[0])
+    # the heading of a table says nothing without its first row
+    rows = 2 if section.lines[0].endswith(":") else 1
+    first = escaped(" ".join(line.strip() for line in section.lines[:rows]))
     question = escaped(section.question)
     return f'<li><a href="#{section.key}">{question}</a><br>{first}{warnings}</li>'
 

@@ -300,19 +300,28 @@ def panels(figure: Figure, count: int) -> list[Axes]:
     return list(figure.subplots(count, 1, sharex=True, squeeze=False)[:, 0])
 
 
-def set_compass(axes: Any, names: Sequence[str], label: str, *, label_angle: float) -> None:
-    """Turn polar axes to 0 at the top and clockwise angles.
+def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
+    """Turn polar axes with lines to 0 at the top and clockwise angles.
+
+    The numbers of the rings are where they are farthest from the lines.
 
     Args:
         axes: The polar axes.
         names: Names of the angles 0, 45, ... 315 deg.
         label: Label of the radius; "" for none.
-        label_angle: Angle of the numbers of the radius [deg].
     """
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
-    axes.set_rlabel_position(label_angle)
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
+    low, high = axes.get_ylim()
+    rings = np.array([ring for ring in axes.get_yticks() if low < ring <= high])
+    lines = [np.nan_to_num(line.get_xydata(), nan=np.inf).T for line in axes.lines]
+
+    def clearance(angle: float) -> float:
+        radii = [np.interp(np.deg2rad(angle), x, r, period=2.0 * np.pi) for x, r in lines]
+        return float(np.min(abs(rings[:, np.newaxis] - radii), initial=np.inf))
+
+    axes.set_rlabel_position(max(np.arange(22.5, 360.0, 45.0), key=clearance))
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
     axes.set_xticklabels(names)
     axes.set_ylabel(label, labelpad=points(24))

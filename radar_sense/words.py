@@ -152,7 +152,7 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
         place = f"{len(places)} {axis.places}"
     else:
         place = f"{listed(map(axis.number, places))} {axis.unit}"
-    return f"{extreme['value']:.4f} at {place}"
+    return f"{probability(extreme['value'])} at {place}"
 
 
 def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -> str:
@@ -162,7 +162,7 @@ def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -
     if len(axis) == 1:
         return f"P_D is {describe_extreme(high, axis)}"
     known = "at every pose" if len(high[axis.key]) == len(axis) else "wherever it has a value"
-    return f"P_D is {high['value']:.4f} {known}"
+    return f"P_D is {probability(high['value'])} {known}"
 
 
 def listed(words: Iterable[str], before_last: str = "and") -> str:
@@ -210,6 +210,12 @@ def probability(value: float) -> str:
     return f"{value:.4f}" if abs(value) >= 5e-5 else f"{value:.0e}"
 
 
+def describe_band(p_d: float, lower: float, upper: float, k: float) -> str:
+    """Return P_D and its band as two numbers."""
+    middle, low, high = map(probability, (p_d, lower, upper))
+    return f"P_D {middle}, between {low} and {high} ({k:g} sigma)"
+
+
 def percent(share: float, error: float | None = None) -> str:
     """Return a share with its standard error; "" without a share."""
     shown = "" if error is None else f" +/- {error:.1%}"
@@ -247,7 +253,7 @@ def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, 
         return ()
     width = max(map(len, words_by_radar))
     return (
-        f"largest {f'{how} ' if how else ''}3 sigma of each radar by itself (more with --radar):",
+        f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:",
         *(f"  {name:{width}}  {words}" for name, words in words_by_radar.items()),
     )
 
@@ -328,7 +334,7 @@ def add_radars(result: Result, at_level: Mapping[str, Scenario], method: str) ->
 def band_label(level: str, method: str) -> str:
     """Return the label of the 3σ band in a figure."""
     by = "" if method == "linear" else f" by {method}"
-    return rf"$\pm 3\,\sigma${by} ({level})"
+    return rf"band of $3\,\sigma${by} ({level})"
 
 
 def level_and_method(level: str, method: str) -> str:

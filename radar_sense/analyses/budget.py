@@ -233,8 +233,11 @@ def _measure_first(
     at_pose = scenario.at_poses(np.array([pose]))
     (halved,) = value_function(at_pose, method)([first[0].name], 0.5)
     if halved > (1.0 - LEAST_GAIN) * total:
-        return [f"no source is worth a measurement: half of {names} leaves {halved:.4f}"]
-    return [f"{answer}; half its deviation leaves {halved:.4f} of {total:.4f}"]
+        return [
+            f"no source is worth a measurement: half of {names} leaves {words.probability(halved)}"
+        ]
+    left = f"{words.probability(halved)} of {words.probability(total)}"
+    return [f"{answer}; half its deviation leaves {left}"]
 
 
 def _is_first(ranked: Sequence[Contribution], pose: int, total: float) -> bool:

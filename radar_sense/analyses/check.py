@@ -14,6 +14,9 @@ from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
 from radar_sense.words import decibels
 
+#: A smaller number of a summary is rounding, and stands as 0.
+ROUNDING = 1e-9
+
 
 @command(examples=("radar-sense check", "radar-sense check my.yaml"), writes=False)
 def check(scenario: Scenario) -> Result:
@@ -90,7 +93,9 @@ def _height_and_bank(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
 
 def _span(values: FloatArray) -> str:
     """Return the least and the largest value in four digits, or one value if these are equal."""
-    low, high = (f"{float(end) + 0.0:.4g}" for end in (np.min(values), np.max(values)))
+    ends = (float(np.min(values)), float(np.max(values)))
+    # a bank of 1e-15 is rounding
+    low, high = (f"{0.0 if abs(end) < ROUNDING else end:.4g}" for end in ends)
     return low if low == high else f"{low} to {high}"
 
 

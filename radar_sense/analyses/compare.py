@@ -134,9 +134,10 @@ def compare(
             "--dask the draws know their own"
         )
     elif unknown:
-        result.report.append(
-            f"these draws cannot tell {words.listed(unknown)} from the truth; "
-            f"radar-sense validate --method {unknown[0]} makes more draws"
+        result.report.insert(
+            0,
+            f"{draws:,} draws a pose cannot tell {words.listed(unknown)} from the truth; the "
+            f"command validate with --method {unknown[0]} makes more",
         )
     result.summary |= {
         "runs": draws,

@@ -224,8 +224,9 @@ def detection_range(
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
     limits = {name: _limits(seen) for name, seen in surveys.items()}
+    label = rf"band of $3\,\sigma$ ({scenario.level})"
     result.draw = partial(
-        _draw, angle_deg=angle_deg, ranges=ranges, limits=limits, by=by, title=title
+        _draw, angle_deg=angle_deg, ranges=ranges, limits=limits, by=by, title=title, label=label
     )
     return result
 
@@ -488,6 +489,7 @@ def _draw(
     limits: Mapping[str, FloatArray | None],
     by: str,
     title: str,
+    label: str,
 ) -> None:
     """Draw ranges and bands around each radar."""
     from radar_sense import plotting
@@ -500,13 +502,18 @@ def _draw(
     angle, styles = np.deg2rad(angle_deg), plotting.radar_styles(list(ranges))
     for panel, (name, of_radar) in zip(panels.flat, ranges.items(), strict=False):
         own = (
-            [(styles[name][0], dashes) for _, dashes in plotting.LINES] if name else plotting.LINES
+            [styles[name], *((styles[name][0], dashes) for _, dashes in plotting.LINES)]
+            if name
+            else plotting.LINES
         )
         for at, (colour, dashes) in zip(of_radar, own, strict=False):
             lower, reach, upper = (
                 _closed(angle, values / 1e3) for values in (at.lower, at.slant, at.upper)
             )
-            panel.fill_between(reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0)
+            band = label if at is of_radar[0] else None
+            panel.fill_between(
+                reach[0], lower[1], upper[1], color=colour, alpha=0.22, lw=0, label=band
+            )
             panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
         # the data set the radius, and not a limit far beyond them
         farthest = 1.15 * max(float(np.max([at.slant, at.upper])) for at in of_radar) / 1e3
@@ -520,15 +527,16 @@ def _draw(
                 label="limit of the radar",
             )
         names = plotting.ASPECTS if by == ASPECT else plotting.BEARINGS
-        label = "" if count > 1 else "Slant range [km]"
-        plotting.set_compass(panel, () if count > 1 else names, label, label_angle=22.5)
+        radius = "" if count > 1 else "Slant range [km]"
         panel.set_rlim(0, farthest or 1.0)
+        plotting.set_compass(panel, () if count > 1 else names, radius)
         if count > 1:
             panel.set_title(name, fontsize=plotting.points(8))
             panel.tick_params(labelsize=plotting.points(6))
     for panel in panels.flat[count:]:
         panel.remove()
-    plotting.draw_legend(figure, panels.flat[0], title=title)
+    unit = "slant range in km, " if count > 1 else ""
+    plotting.draw_legend(figure, panels.flat[0], title=unit + title)
 
 
 def _closed(angle: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -91,9 +91,10 @@ def rcs(scenario: Scenario) -> Result:
             "elevation_deg": float(elevations[index]),
         }
     low, high = decibels(np.array([seen.min(), seen.max()]))
+    extremes = seen_elevation.min(), seen_elevation.max()
+    at_elevation = " to ".join(dict.fromkeys(f"{end:.1f}" for end in extremes))
     result.report.append(
-        f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation "
-        f"{seen_elevation.min():.1f} to {seen_elevation.max():.1f} deg"
+        f"RCS in the geometry {low:.1f} to {high:.1f} dBsm, at elevation {at_elevation} deg"
     )
     result.summary |= {
         "horizon_mean_m2": float(pattern(model, azimuth, np.zeros(1)).mean()),
@@ -157,7 +158,7 @@ def _draw(figure: Figure, arrays: Mapping[str, FloatArray]) -> None:
     low, high = decibels(np.array([floor, top]))
     margin = max(1.0, 0.05 * (high - low))
     polar.set_ylim(low - margin, high + margin)
-    plotting.set_compass(polar, plotting.ASPECTS, "RCS [dBsm]", label_angle=65)
+    plotting.set_compass(polar, plotting.ASPECTS, "RCS [dBsm]")
 
     azimuth, elevation, sigma = (
         arrays[f"map_{of}"] for of in ("azimuth_deg", "elevation_deg", "m2")

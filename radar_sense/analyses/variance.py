@@ -126,8 +126,8 @@ def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
     if widest == highest:
         places = {"the band is widest and P_D largest": widest}
     return [
-        f"where {place}, at {scenario.axis.at(pose)}: P_D {band.p_d[pose]:.4f}, between "
-        f"{band.lower[pose]:.4f} and {band.upper[pose]:.4f} ({k:g} sigma)"
+        f"where {place}, at {scenario.axis.at(pose)}: "
+        f"{words.describe_band(band.p_d[pose], band.lower[pose], band.upper[pose], k)}"
         for place, pose in places.items()
     ]
 

@@ -12,7 +12,7 @@ from radar_sense.command import Result
 from radar_sense.flight import Path
 from radar_sense.propagation import AUTOMATIC, Moments
 from radar_sense.scenario import Scenario
-from radar_sense.words import describe_poses
+from radar_sense.words import describe_band, describe_poses
 
 
 def require_threshold(result: Result, p_max: float, k: float, moments: Moments) -> None:
@@ -139,11 +139,9 @@ def _worst(tested: PathTest, k: float) -> str:
     """Return P_D and its band at the pose of the least margin."""
     test, moments = tested.test, tested.path.moments
     pose = int(np.nanargmin(test.margin))
-    return (
-        f"at the worst pose, {tested.path.scenario.axis.at(pose)}: P_D {moments.p_d[pose]:.4f}, "
-        f"between {moments.lower[pose]:.4f} and {test.p_max - test.margin[pose]:.4f} "
-        f"({k:g} sigma)"
-    )
+    upper = test.p_max - test.margin[pose]
+    band = describe_band(moments.p_d[pose], moments.lower[pose], upper, k)
+    return f"at the worst pose, {tested.path.scenario.axis.at(pose)}: {band}"
 
 
 def _remedy(tested: PathTest, method: str) -> str:
@@ -168,8 +166,8 @@ def _why(tested: PathTest, k: float) -> str:
     if place:
         return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"
     return (
-        f"P_D itself stays below: {np.nanmax(p_d):.4f} at most. To hold, know better: budget "
-        f"--threshold {test.p_max:g} --k {k:g}"
+        f"P_D itself stays below: {np.nanmax(p_d):.4f} at most. What to know better, to hold: the "
+        f"command budget with --threshold {test.p_max:g} --k {k:g}"
     )
 
 
