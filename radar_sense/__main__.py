@@ -29,8 +29,6 @@ def main() -> None:
     # Threads of the linear algebra wait for each other: products of small matrices with many draws
     # take up to eight times the CPU time. NumPy reads the variable when it is imported.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    # Matrices are small: threads that wait for each other cost more than they save.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from radar_sense.cli import cli
 
     try:

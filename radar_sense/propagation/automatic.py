@@ -34,7 +34,7 @@ FOR_PROBABILITY = 16 * FIRST
 ERRORS = 2.5
 #: Standard errors that are good enough: of a bound that replaces another and of one that judges
 #: another, as parts of BOUND_CHANGE, and of σ as a part of σ.
-PRECISE, DECISIVE, STD_ERROR = 0.5, 0.1, 0.01
+PRECISE, DECISIVE, STD_ERROR = 0.5, 0.02, 0.01
 
 
 def judged(

@@ -476,7 +476,7 @@ def test_constants_set_to_zero_are_warned_of(tool):
 
 def test_a_flight_straight_above_a_radar_has_bounds(tool):
     """There the gradient of P_D is undefined, and draws take none."""
-    over = f"{HEADER}\n0,1000,0,-3e5,0,0,0\n10,0,0,-3e5,0,0,0\n20,-1000,0,-3e5,0,0,0\n"
+    over = f"{HEADER}\n0,1000,0,-9e4,0,0,0\n10,0,0,-9e4,0,0,0\n20,-1000,0,-9e4,0,0,0\n"
     assert tool("mission", write(Path(), over, radar__scan_period_s=10), "--no-plot").err == ""
     found = read_table("figures/flight_mission.csv")
     assert all(np.isfinite(column).all() for column in found.values())
