@@ -28,6 +28,7 @@ from radar_sense.acceptance import refinement
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
 from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
+from radar_sense.propagation.automatic import LOBED, lobed
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
@@ -166,14 +167,14 @@ def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
     above, error, upper = (np.full(poses, np.nan) for _ in range(3))
     holds, violated = np.zeros(poses, dtype=bool), np.zeros(poses, dtype=bool)
     errors = float(ndtri(1.0 - CHANCE / (poses * len(LOOKS))))
-    rows = np.arange(poses)
+    rows, least = np.arange(poses), np.where(lobed(states), LOBED, LOOKS[0])
     for draws in LOOKS:
         if not rows.size:
             break
         found = estimate(states.at(rows), draws, k, p_max)
         above[rows], error[rows], upper[rows] = found.above, found.above_error, found.upper
         report("poses decided by draws", poses - rows.size, poses)
-        clear = errors * error <= abs(above - tail)
+        clear = (errors * error <= abs(above - tail)) & (draws >= least)
         # as many runs or more exceed the limit with this probability, if the draws are right
         chance = pdtrc(runs.counts - 1.0, runs.runs * (above + 3.0 * error))
         consistent = (runs.counts == 0) | (chance > ALARM)
