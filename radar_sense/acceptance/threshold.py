@@ -26,10 +26,9 @@ from scipy.special import ndtr, ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
-from radar_sense.progress import report
 from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
-from radar_sense.propagation.automatic import LOBED, lobed
-from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.draws import Estimate
+from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_until
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -38,8 +37,8 @@ CHANCE = 0.0005
 #: Probability at one pose that plain runs contradict draws that are right. The pose is then looked
 #: at with more draws.
 ALARM = 1e-4
-#: Draws of each look at a pose that is not yet decided.
-LOOKS = (1024, 4096, 16_384, 65_536, 2**18)
+#: Most looks at a pose.
+LOOKS = 1 + round(math.log(LAST / FIRST, GROWTH))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,25 +162,29 @@ def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
     wanted = math.ceil(math.log(poses / CHANCE) / -math.log1p(-tail))
     runs = exceedance(scenario, p_max, wanted)
-    states = scenario.states()
-    above, error, upper = (np.full(poses, np.nan) for _ in range(3))
-    holds, violated = np.zeros(poses, dtype=bool), np.zeros(poses, dtype=bool)
-    errors = float(ndtri(1.0 - CHANCE / (poses * len(LOOKS))))
-    rows, least = np.arange(poses), np.where(lobed(states), LOBED, LOOKS[0])
-    for draws in LOOKS:
-        if not rows.size:
-            break
-        found = estimate(states.at(rows), draws, k, p_max)
-        above[rows], error[rows], upper[rows] = found.above, found.above_error, found.upper
-        report("poses decided by draws", poses - rows.size, poses)
-        clear = (errors * error <= abs(above - tail)) & (draws >= least)
+    states, every = scenario.states(), np.arange(poses)
+    errors = float(ndtri(1.0 - CHANCE / (poses * LOOKS)))
+
+    def decided(
+        rows: NDArray[np.intp], found: Estimate
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return where the test holds and where it is violated."""
+        clear = errors * found.above_error <= abs(found.above - tail)
         # as many runs or more exceed the limit with this probability, if the draws are right
-        chance = pdtrc(runs.counts - 1.0, runs.runs * (above + 3.0 * error))
-        consistent = (runs.counts == 0) | (chance > ALARM)
-        holds = clear & (above <= tail) & consistent & (runs.runs >= wanted)
-        violated = clear & (above > tail)
-        rows = np.flatnonzero(~(holds | violated))
-    return Decision(holds, violated, upper, runs, wanted)
+        counts, most = runs.counts[rows], runs.runs * (found.above + 3.0 * found.above_error)
+        consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
+        holds = clear & (found.above <= tail) & consistent & (runs.runs >= wanted)
+        return holds, clear & (found.above > tail)
+
+    drawn = look_until(
+        lambda rows, found: np.logical_or(*decided(rows, found)),
+        states,
+        first_look(states, k, p_max),
+        k,
+        p_max,
+        most=LAST,
+    )
+    return Decision(*decided(every, drawn), drawn.upper, runs, wanted)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,16 +7,15 @@ elsewhere the numbers of the draws, with their standard errors.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.progress import report
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.states import ATTITUDE, POSITION, RADAR, FloatArray
+from radar_sense.propagation.looks import FIRST, LAST, first_look, look_until
+from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
 #: A value of a method is off if the mean or a bound is off by more than BOUND_CHANGE or by more
@@ -24,10 +23,6 @@ from radar_sense.uncertain_states import UncertainStates
 BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below this are never off: no output shows them.
 LEAST_CHANGE = 1e-6
-#: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
-FIRST, GROWTH, LAST = 1024, 4, 2**18
-#: Least draws at a pose where the RCS has lobes: a lobe that weighs 0.13 % has five at least.
-LOBED = 16 * FIRST
 #: Draws at a pose for a probability.
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
@@ -54,7 +49,7 @@ def judged(
 
     Args:
         states: The uncertain states of k poses.
-        first: What the first look of FIRST draws says.
+        first: What the first look says.
         lower: Lower bound by a method (k,).
         upper: Upper bound by the method (k,).
         beta: β of the bounds.
@@ -80,7 +75,7 @@ def judged(
             apart |= errors.max(axis=0) <= DECISIVE * BOUND_CHANGE
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
-    drawn = _until(settled, states, first, beta)
+    drawn = look_until(settled, states, first, beta, most=LAST)
     return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
 
 
@@ -91,57 +86,12 @@ def moments_off(found: Estimate, mean: FloatArray, std: FloatArray) -> NDArray[n
     return ~(close & _close(std, found.std, found.std_error, STD_CHANGE))
 
 
-def lobed(states: UncertainStates) -> NDArray[np.bool_]:
-    """Return where (k,) ±3σ of the aspect of a radar are wider than a lobe of its RCS.
-
-    Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
-    """
-    result = np.zeros(len(states), dtype=bool)
-    attitude = _largest_variance(states.cov_aircraft, ATTITUDE)
-    for i, radar in enumerate(states.model.radars):
-        position = slice(len(RADAR) * i, len(RADAR) * i + 3)
-        line = states.aircraft[:, POSITION] - states.radar[:, position]
-        across = _largest_variance(states.cov_aircraft, POSITION)
-        across = across + _largest_variance(states.cov_radar, position)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            variance = attitude + across / np.sum(line * line, axis=1)
-        result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(variance))
-    return result
-
-
-def _largest_variance(covariance: FloatArray, block: slice) -> FloatArray:
-    """Return the largest variance (k,) in any direction of some components."""
-    return np.asarray(np.linalg.eigvalsh(covariance[:, block, block])[:, -1])
-
-
 def _close(
     value: FloatArray, drawn: FloatArray, error: FloatArray, part: float
 ) -> NDArray[np.bool_]:
     """Return where values are within a part of what is drawn, and ERRORS standard errors."""
     allowed = np.maximum(part * drawn, LEAST_CHANGE) + ERRORS * error
     return np.asarray(abs(value - drawn) <= allowed)
-
-
-def _until(
-    settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]],
-    states: UncertainStates,
-    found: Estimate,
-    beta: float,
-) -> Estimate:
-    """Return what draws say of P_D, more of them at the poses that a first look does not settle.
-
-    What a pose gets depends on this pose alone.
-    """
-    drawn, rows, draws = Estimate.empty(len(states)), np.arange(len(states)), FIRST
-    least = np.where(lobed(states), LOBED, FIRST)
-    while True:
-        drawn.put(rows, found)
-        rows = rows[~settled(rows, found) | (draws < least[rows])]
-        report("poses judged by draws", len(states) - rows.size, len(states))
-        draws *= GROWTH
-        if not rows.size or draws > LAST:
-            return drawn
-        found = estimate(states.at(rows), draws, beta)
 
 
 class Automatic:
@@ -194,7 +144,7 @@ class Automatic:
             precise = found.std_error <= STD_ERROR * np.maximum(found.std, BOUND_CHANGE)
             return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
 
-        found = _until(settled, self.states, first, 3.0)
+        found = look_until(settled, self.states, first, 3.0, most=LAST)
         return np.where(off, found.mean, form.mean), np.where(off, found.std, form.std)
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -212,5 +162,5 @@ class Automatic:
     def _look(self, beta: float) -> Estimate:
         """Return what the first draws say."""
         if beta not in self._first:
-            self._first[beta] = estimate(self.states, FIRST, beta)
+            self._first[beta] = first_look(self.states, beta)
         return self._first[beta]

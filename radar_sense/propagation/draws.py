@@ -39,6 +39,7 @@ class Estimate:
         upper_error: Standard error of `upper` (k,).
         above: P(P_D > p_max) (k,); NaN without p_max.
         above_error: Standard error of `above` (k,).
+        draws: Number of draws (k,).
     """
 
     mean: FloatArray
@@ -51,6 +52,7 @@ class Estimate:
     upper_error: FloatArray
     above: FloatArray
     above_error: FloatArray
+    draws: FloatArray
 
     @property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
@@ -62,6 +64,10 @@ class Estimate:
     def empty(cls, poses: int) -> Estimate:
         """Return an estimate of unknown values at some poses, to be filled."""
         return cls(*(np.full(poses, np.nan) for _ in fields(cls)))
+
+    def at(self, rows: NDArray[np.intp] | slice) -> Estimate:
+        """Return a copy of the values at some poses."""
+        return Estimate(*(values[rows].copy() for values in vars(self).values()))
 
     def put(self, rows: NDArray[np.intp] | slice, other: Estimate) -> None:
         """Overwrite the values at some poses."""
@@ -177,6 +183,7 @@ def _estimate(
         upper_error,
         above,
         above_error,
+        np.full(len(p_d), float(p_d.shape[1])),
     )
 
 

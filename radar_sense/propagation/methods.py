@@ -18,10 +18,10 @@ from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
-from radar_sense.propagation.automatic import BOUND_CHANGE, FIRST, Automatic, judged, moments_off
-from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, moments_off
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
+from radar_sense.propagation.looks import FIRST, first_look
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
 from radar_sense.scenario import Scenario
@@ -152,10 +152,10 @@ def unreliable(
     beta: float = 3.0,
     log_constant: ArrayLike = False,
 ) -> NDArray[np.bool_]:
-    """Return where (...) draws say that σ or a bound of a method is off, or not precise.
+    """Return where (...) draws say that mean, σ or a bound of a method is off, or not precise.
 
-    A bound is off by more than 0.005, or by more than a tenth of itself below 0.05. σ is off by
-    more than 5 %. The arguments are those of `propagate`.
+    Mean and bounds are off by more than 0.005, or by more than a tenth of themselves below 0.05.
+    σ is off by more than 5 %. The arguments are those of `propagate`.
     """
     check_method(method)
     beta = check_number("beta", beta, POSITIVE)
@@ -234,7 +234,7 @@ def _unreliable(
     if method in (AUTOMATIC, MONTE_CARLO):
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, FIRST)
-    first = estimate(states, FIRST, beta)
+    first = first_look(states, beta)
     bounds_off = judged(states, first, moments.lower, moments.upper, beta)[1]
     return bounds_off | moments_off(first, moments.mean, moments.std)
 
