@@ -8,9 +8,13 @@ P_D at Φ(k) is a bound for any distribution.
 "Holds" rests on two legs at every pose:
 
 - draws with emphasis on the tails find P(P_D > P_max) below 1 − Φ(k), by so many standard errors
-  that chance makes a false "holds" at any pose with a probability of `CHANCE` at most;
+  that chance makes a false "holds" with a probability of `CHANCE` at most;
 - plain runs of the whole path exceed P_max no more often than these draws predict. They are so many
   that a tail of 1 − Φ(k) which the draws had missed would show with a probability of 1 − `CHANCE`.
+
+A path with a violated pose is said to hold only if this pose is said to hold. The probability of a
+false "holds" of a path is therefore that of one pose. A path is said to violate the test if any
+pose is, so "violated" at a pose needs more standard errors on a path of more poses.
 
 A path is also tested between its rows. What the draws do not decide is not known.
 """
@@ -32,7 +36,7 @@ from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
-#: Probability of a false "holds" at any pose by each of the two legs: 0.1 % together.
+#: Probability of a false "holds" of a path by each of the two legs: 0.1 % together.
 CHANCE = 0.0005
 #: Probability at one pose that plain runs contradict draws that are right. The pose is then looked
 #: at with more draws.
@@ -160,21 +164,21 @@ def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
         k: k of the bound.
     """
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
-    wanted = math.ceil(math.log(poses / CHANCE) / -math.log1p(-tail))
+    wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
     runs = exceedance(scenario, p_max, wanted)
     states, every = scenario.states(), np.arange(poses)
-    errors = float(ndtri(1.0 - CHANCE / (poses * LOOKS)))
+    to_hold, to_violate = ndtri(1.0 - CHANCE / LOOKS), ndtri(1.0 - CHANCE / (poses * LOOKS))
 
     def decided(
         rows: NDArray[np.intp], found: Estimate
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Return where the test holds and where it is violated."""
-        clear = errors * found.above_error <= abs(found.above - tail)
+        below, error = tail - found.above, found.above_error
         # as many runs or more exceed the limit with this probability, if the draws are right
         counts, most = runs.counts[rows], runs.runs * (found.above + 3.0 * found.above_error)
         consistent = (counts == 0) | (pdtrc(counts - 1.0, most) > ALARM)
-        holds = clear & (found.above <= tail) & consistent & (runs.runs >= wanted)
-        return holds, clear & (found.above > tail)
+        holds = (to_hold * error <= below) & consistent & (runs.runs >= wanted)
+        return holds, to_violate * error < -below
 
     drawn = look_until(
         lambda rows, found: np.logical_or(*decided(rows, found)),

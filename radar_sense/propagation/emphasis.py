@@ -37,9 +37,12 @@ from radar_sense.states import (
 from radar_sense.uncertain_states import UncertainStates
 
 #: Share of the draws from the natural density and from all wide densities, and the standard
-#: deviation of a wide density. The errors of the bounds hardly depend on them: shares from 0.15 to
+#: deviation of a wide density. The errors of the bounds hardly depend on them: shares from 0.1 to
 #: 0.5 and widths from 1.6 to 3 were tried on 400 random poses of four populations.
-NATURAL, WIDE, WIDTH = 0.25, 0.35, 2.0
+NATURAL, WIDE, WIDTH = 0.2, 0.3, 2.0
+#: Share of the draws about centres that the least z gets, and P_D that counts at least at another
+#: centre, as a part of the greatest: a lobe or limit beside a centre may have more.
+LEAST_Z, LEAST_PART = 0.25, 0.1
 #: Steps to an extreme. It need not be found exactly.
 STEPS = 6
 #: Least c_r on the way to an extreme, as a part of its nominal value.
@@ -59,29 +62,25 @@ class Mixture:
     Attributes:
         bases: Orthonormal directions (k, d, q) of each wide density, 0 where they are fewer.
         centres: Centres (k, c, d) of the other densities.
+        shares: Share of each centre of the draws about centres (k, c).
     """
 
     bases: tuple[FloatArray, ...]
     centres: FloatArray
+    shares: FloatArray
 
     @classmethod
     def of(cls, states: UncertainStates, beta: float) -> Mixture:
         """Return the mixture for the tails at Φ(−β) and Φ(β)."""
         radars = range(len(states.model.radars))
-        return cls(
-            tuple(_directions(states, i) for i in radars),
-            np.stack([*_centres(states, beta)], axis=1),
-        )
+        centres = np.stack([*_centres(states, beta)], axis=1)
+        return cls(tuple(_directions(states, i) for i in radars), centres, _shares(states, centres))
 
     def at(self, rows: slice) -> Mixture:
         """Return the mixture at some poses."""
-        return Mixture(tuple(basis[rows] for basis in self.bases), self.centres[rows])
-
-    def shares(self, n: int) -> tuple[int, int, int]:
-        """Return how many of n draws are natural, from each wide density, and about each centre."""
-        wide = int(WIDE * n / len(self.bases))
-        central = int((1.0 - NATURAL - WIDE) * n / self.centres.shape[1])
-        return n - wide * len(self.bases) - central * self.centres.shape[1], wide, central
+        return Mixture(
+            tuple(basis[rows] for basis in self.bases), self.centres[rows], self.shares[rows]
+        )
 
     def draw(self, normals: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return unit normals u (k, d, n) of the mixture, and their weights (k, n).
@@ -93,16 +92,19 @@ class Mixture:
             normals: Independent unit normals (d, n), the same at all poses.
         """
         n = normals.shape[1]
-        natural, wide, central = self.shares(n)
+        wide, central = int(WIDE * n / len(self.bases)), int((1.0 - NATURAL - WIDE) * n)
+        natural = n - central - wide * len(self.bases)
         u = np.repeat(normals[np.newaxis], len(self.centres), axis=0)
         end = natural
         for basis in self.bases:
             start, end = end, end + wide
             own = u[:, :, start:end]
             own += (WIDTH - 1.0) * (basis @ (basis.swapaxes(1, 2) @ own))
-        for centre in np.moveaxis(self.centres, 1, 0):
-            start, end = end, end + central
-            u[:, :, start:end] += centre[:, :, np.newaxis]
+        places = (np.arange(central) + 0.5) / central
+        ends = np.cumsum(self.shares, axis=1)[:, :-1, np.newaxis]
+        which = np.count_nonzero(ends <= places, axis=1)
+        own_centre = np.take_along_axis(self.centres, which[:, :, np.newaxis], axis=1)
+        u[:, :, end:] += own_centre.swapaxes(1, 2)
 
         density = np.full((len(u), n), natural / n)
         for basis in self.bases:
@@ -115,7 +117,10 @@ class Mixture:
         beyond = (exponents[:, :2] >= squares[:, :2]) & (squares[:, :2] > 0.0)
         exponents -= 0.5 * squares
         np.minimum(exponents, MOST, out=exponents)
-        density += central / n * np.sum(np.exp(exponents, out=exponents), axis=1)
+        np.exp(exponents, out=exponents)
+        numbers = np.arange(self.centres.shape[1])[:, np.newaxis]
+        counts = np.count_nonzero(which[:, np.newaxis] == numbers, axis=2)
+        density += np.sum(counts[..., np.newaxis] / n * exponents, axis=1)
         return u, 1.0 / density, np.moveaxis(beyond, 1, 0)
 
 
@@ -130,6 +135,21 @@ def _centres(states: UncertainStates, beta: float) -> Iterator[FloatArray]:
         yield _approach(states, beta, i)
         if states.model.radars[i].horizon is not None:
             yield _extreme(states, beta, lambda s, a, r, i=i: _of_horizon(s, a, r, i))  # type: ignore[misc]
+
+
+def _shares(states: UncertainStates, centres: FloatArray) -> FloatArray:
+    """Return the share (k, c) of each centre of the draws about centres.
+
+    The upper tail of P_D is about the centres with the greatest P_D, the lower tail about the
+    second centre.
+    """
+    p_d = states.model.p_d(*states.at_normals(centres.swapaxes(1, 2)))
+    upper = np.delete(p_d, 1, axis=1)
+    most = np.max(upper, axis=1, keepdims=True)
+    part = np.divide(upper, most, out=np.ones_like(upper), where=most > 0)
+    upper = np.maximum(part, LEAST_PART)
+    upper *= (1.0 - LEAST_Z) / np.sum(upper, axis=1, keepdims=True)
+    return np.insert(upper, 1, LEAST_Z, axis=1)
 
 
 def _extreme(

@@ -100,7 +100,8 @@ def test_required_accuracies_reach_the_target(method, target):
             assert found.residual_from in SOURCES
             assert source != "all"
         else:
-            assert found.residual == pytest.approx(target, rel=1e-6)
+            # draws have an error of 0.3 %; a factor that they refuse is reduced by 0.5 % at least
+            assert found.residual == pytest.approx(target, rel=1e-6 if found.known else 0.01)
             assert found.residual <= target
 
 

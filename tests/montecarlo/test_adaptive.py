@@ -135,7 +135,10 @@ def test_the_standard_errors_are_those_of_the_draws():
     assert np.max(abs(off)) < 4.5
     # χ² with 40 degrees: 0.6 to 1.4 in all four but once in 10 000 times
     scatter = np.sqrt(np.mean(off**2, axis=0))
-    assert np.all((scatter > 0.5) & (scatter < 1.45)), scatter
+    assert np.all(scatter < 1.45), scatter
+    assert np.all(scatter[:2] > 0.5), scatter
+    # the error of a bound has the heaviest draw of its tail, which is half of it here
+    assert np.all(scatter[2:] > 0.3), scatter
     assert len({v.drawn[LOWER, 0] for v in found}) == 40
 
 
@@ -281,9 +284,9 @@ def test_a_method_without_a_result_differs():
 
 def test_a_long_computation_says_so_before_it_starts(monkeypatch, caplog):
     monkeypatch.setattr(cost, "SECONDS", 1e-3)
-    validate(gaussian(std=0.05, poses=1), digits=1)
+    validate(gaussian(std=0.04, poses=1), digits=1)
     assert not caplog.records
-    v = validate(gaussian(std=0.05, poses=1), digits=2)
+    v = validate(gaussian(std=0.04, poses=1), digits=2)
     (said,) = caplog.messages
     assert "fewer --digits take less" in said
     # the draws that it says are those that it takes, to some half

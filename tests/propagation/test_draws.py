@@ -259,7 +259,7 @@ def test_weights_add_up_to_one(name, beta):
     u, weights, beyond = Mixture.of(states, beta).draw(normals)
     assert u.shape == (1, states.normals, n)
     assert np.all(weights > 0)
-    assert weights.max() <= 4 * (1 + 1e-12)
+    assert weights.max() <= 5 * (1 + 1e-12)  # a fifth is from the natural density
     assert abs(weights.mean() - 1) < 5 * weights.std() / np.sqrt(n)
     assert beyond.shape == (2, 1, n)
     for plane in weights * beyond:
