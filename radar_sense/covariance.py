@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray, at_pose
+from radar_sense.states import FloatArray, at_pose, real_array
 
 #: Largest deviation of a correlation matrix from symmetric and semidefinite by rounding.
 TOLERANCE = 1e-9
@@ -101,7 +101,7 @@ def checked(whose: str, covariance: ArrayLike) -> FloatArray:
     Raises:
         InputError: If a matrix is not square, finite, symmetric and positive semidefinite.
     """
-    matrices = np.asarray(covariance, dtype=float)
+    matrices = real_array(f"{whose} covariance", covariance)
     n, poses = matrices.shape[-1] if matrices.ndim else 0, matrices.shape[:-2]
     if matrices.shape[-2:] != (n, n):
         raise InputError(f"{whose} covariance must have shape (..., n, n), got {matrices.shape}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from numbers import Real
@@ -46,7 +47,8 @@ class Limit:
             return False
         number: Any = value
         return (
-            (isinstance(number, int) or math.isfinite(number))  # an int may overflow a float
+            # an int may overflow a float; a whole number, such as a seed, may
+            ((self.whole and isinstance(number, int)) or abs(number) <= sys.float_info.max)
             and (self.above is None or number > self.above)
             and (self.at_least is None or number >= self.at_least)
             and (self.below is None or number < self.below)

@@ -34,7 +34,7 @@ from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import RCS
-from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, size_of
+from radar_sense.states import AIRCRAFT, CONSTANTS, RADAR, FloatArray, real_array, size_of
 from radar_sense.uncertain_states import UncertainStates
 
 #: The fields that are mappings by level, each with an example.
@@ -585,15 +585,7 @@ def _read_only(name: str, values: Any) -> FloatArray:
     """Return a read-only array, a copy unless the array is read-only already."""
     if isinstance(values, np.ndarray) and values.dtype == float and not values.flags.writeable:
         return values
-    if isinstance(values, np.ma.MaskedArray):
-        raise InputError(f"{name} must not be a masked array: give it without the masked values")
-    try:
-        given = np.asarray(values)
-    except ValueError as error:
-        raise InputError(f"{name} must be an array of numbers: {error}") from error
-    if given.dtype.kind not in "iuf":
-        raise InputError(f"{name} must be an array of real numbers, got {given.dtype}")
-    array = np.array(given, dtype=float)
+    array = real_array(name, values).copy()
     array.flags.writeable = False
     return array
 

@@ -9,7 +9,6 @@ ln α.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -19,6 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense.errors import InputError
 
 FloatArray: TypeAlias = NDArray[np.float64]
+#: Largest sizes of a component and of a radar constant: R⁴ and the ratio S may not overflow.
+MOST, MOST_CONSTANT = 1e60, 1e200
 #: x_a of the paper: position in the north-east-down frame [m] and ZYX Euler angles [rad].
 AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 #: x_r of the paper: position in the north-east-down frame [m] and radar constant c_r [J m²/K].
@@ -147,22 +148,44 @@ def _of_radar(number: int, components: slice) -> Source:
     return "radar", slice(first + components.start, first + components.stop)
 
 
-def check_finite(whose: str, states: ArrayLike, radars: int = 0) -> None:
-    """Raise InputError if states (..., n) of "aircraft" or "radar" are not all finite.
+def real_array(name: str, values: ArrayLike) -> FloatArray:
+    """Return values as an array of floats, the array itself if it is one.
 
-    The error names the first value that is not finite, its component and its pose, from 0.
+    Raises:
+        InputError: If the values are masked, ragged, or no real numbers: NumPy would drop the mask
+            and the imaginary parts, and would make numbers of text, booleans and dates.
+    """
+    if type(values) is np.ndarray and values.dtype == float:
+        return values
+    if isinstance(values, np.ma.MaskedArray):
+        raise InputError(f"{name} must not be a masked array: give it without the masked values")
+    try:
+        given = np.asarray(values)
+    except ValueError as error:
+        raise InputError(f"{name} must be an array of numbers: {error}") from error
+    if given.dtype.kind not in "iuf":
+        raise InputError(f"{name} must be an array of real numbers, got {given.dtype}")
+    return given.astype(float)
+
+
+def check_finite(whose: str, states: ArrayLike, radars: int = 0) -> None:
+    """Raise InputError if states (..., n) of "aircraft" or "radar" are not finite, or too large.
+
+    The error names the first value that is not allowed, its component and its pose, from 0.
 
     Args:
         whose: "aircraft" or "radar".
         states: The states.
         radars: Number of radars; 0 if no further errors follow them.
     """
-    values = np.asarray(states, dtype=float)
-    with np.errstate(over="ignore", invalid="ignore"):
-        if math.isfinite(values.sum()):  # faster than np.isfinite
-            return
-    wrong = np.argwhere(~np.isfinite(values))
-    if not len(wrong):  # only the sum overflows
+    values = real_array(f"{whose} states", states)
+    if values.min(initial=0.0) >= -MOST and values.max(initial=0.0) <= MOST:  # False for NaN
+        return
+    most = np.full(values.shape[-1:], MOST)
+    if whose == "radar":
+        most[constants_of(max(radars, 1))] = MOST_CONSTANT
+    wrong = np.argwhere(~(abs(values) <= most))
+    if not len(wrong):
         return
     *pose, component = wrong[0].tolist()
     names = AIRCRAFT if whose == "aircraft" else RADAR
@@ -172,9 +195,9 @@ def check_finite(whose: str, states: ArrayLike, radars: int = 0) -> None:
         name = "the error of the RCS" if component == end else "the error of an attenuation"
     elif whose == "radar" and values.shape[-1] > len(RADAR):
         name += f" of radar {component // len(RADAR) + 1}"
-    raise InputError(
-        f"{whose} states must be finite, got {values[tuple(wrong[0])]:g} for {name}{at_pose(pose)}"
-    )
+    value = values[tuple(wrong[0])]
+    allowed = f"at most {most[component]:g} in size" if np.isfinite(value) else "finite"
+    raise InputError(f"{whose} states must be {allowed}, got {value:g} for {name}{at_pose(pose)}")
 
 
 def at_pose(index: Sequence[int]) -> str:

@@ -22,7 +22,15 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, factors
 from radar_sense.model.radar_equation import MOST_NEPERS
-from radar_sense.states import AIRCRAFT, CONSTANT, RADAR, FloatArray, check_finite, components_of
+from radar_sense.states import (
+    AIRCRAFT,
+    CONSTANT,
+    RADAR,
+    FloatArray,
+    check_finite,
+    components_of,
+    real_array,
+)
 
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
@@ -236,7 +244,8 @@ def uncertain_states(
         ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
     model = as_network(model)
-    size = np.shape(radar)[-1:]
+    radar = real_array("radar states", radar)
+    size = radar.shape[-1:]
     radars = size[0] if size and size[0] in model.sizes else model.sizes[0]
     arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
     wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
@@ -246,7 +255,7 @@ def uncertain_states(
         ("radar covariance", cov_radar, 2 * (radars,)),
     )
     for name, values, tail in wanted:
-        array = np.asarray(values, dtype=float)
+        array = real_array(name, values)
         if array.shape[-len(tail) :] != tail:
             expected = ", ".join(("...", *map(str, tail)))
             raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")

@@ -13,7 +13,6 @@ from radar_sense.covariance import checked
 from radar_sense.mission.looks import PoseProcess
 from radar_sense.model.network import NetworkModel, Radar
 from radar_sense.propagation import METHODS
-from radar_sense.states import check_finite
 
 POSES = 20
 NAN, INF = np.nan, np.inf
@@ -61,8 +60,50 @@ def test_the_models_name_the_value_and_its_place(call, value):
             getattr(network(), call)(aircraft, np.concatenate([states()[1], radar]))
 
 
-def test_sums_that_overflow_are_no_error():
-    check_finite("aircraft", np.full((4, 6), 1e308))
+@pytest.mark.parametrize("call", CALLS)
+def test_states_whose_fourth_power_overflows_are_refused(call):
+    aircraft, radar = states()
+    aircraft[3, 1] = -1e300
+    with pytest.raises(ValueError, match=r"most 1e\+60 in size, got -1e\+300 for east at pose 3"):
+        getattr(model(), call)(aircraft, radar)
+
+
+@pytest.mark.parametrize("call", CALLS)
+def test_aircraft_and_radar_coincide_where_the_fourth_power_underflows(call):
+    aircraft, radar = states()
+    aircraft[3, :3] = [1e-90, 0, 0]
+    result = getattr(model(), call)(aircraft, radar)
+    p_d = result.p_d if call == "linearize" else result[0] if isinstance(result, tuple) else result
+    assert np.isnan(p_d).tolist() == [pose == 3 for pose in range(POSES)]
+
+
+NOT_REAL = {
+    "text": (["1", "2", "3", "4"], "radar states must be an array of real numbers, got <U1"),
+    "complex": (np.array([0, 0, 0, 1j]), "real numbers, got complex128"),
+    "booleans": ([True, True, True, True], "real numbers, got bool"),
+    "dates": (np.array(["2026-01-01"] * 4, "M8[D]"), "real numbers, got datetime64"),
+    "objects": ([None, 0, 0, 1], "real numbers, got object"),
+    "ragged": ([[0], [0, 0]], "must be an array of numbers: "),
+    "masked": (np.ma.masked_less([0.0, 0, 0, 167], 1), "must not be a masked array"),
+}
+
+
+@pytest.mark.parametrize("name", NOT_REAL)
+def test_what_is_no_real_number_is_refused(name):
+    wrong, message = NOT_REAL[name]
+    aircraft, covariances = states()[0], (np.eye(6), np.eye(4))
+    for radars in (model(), network()):
+        with pytest.raises(ValueError, match=message):
+            radars.p_d(aircraft, wrong)
+        with pytest.raises(ValueError, match=message):
+            radars.linearize(aircraft, wrong)
+    for method in METHODS:
+        with pytest.raises(ValueError, match=message):
+            rs.propagate(model(), aircraft, wrong, *covariances, method=method)
+    with pytest.raises(ValueError, match=message):
+        rs.monte_carlo_states(model(), aircraft, wrong, *covariances, runs=16)
+    with pytest.raises(ValueError, match=message.removeprefix("radar states ")):
+        checked("radar", [wrong] * 4 if name != "masked" else wrong)
 
 
 def test_the_ellipsoid_gives_nan_for_nan():

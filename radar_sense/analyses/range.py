@@ -516,7 +516,7 @@ def _draw(
             )
             panel.plot(*reach, color=colour, ls=dashes, label=rf"$P_D$ = {at.p_d:g}")
         # the data set the radius, and not a limit far beyond them
-        farthest = 1.15 * max(float(np.max([at.slant, at.upper])) for at in of_radar) / 1e3
+        farthest = 1.15 * max(float(np.nanmax([at.slant, at.upper])) for at in of_radar) / 1e3
         limit = limits[name]
         if limit is not None and limit.min() / 1e3 < farthest:
             panel.plot(

@@ -31,11 +31,14 @@ from radar_sense.states import (
     RCS_ERROR,
     FloatArray,
     check_finite,
+    real_array,
     sizes_of,
 )
 
 #: Poses per block. Arrays of 128 kB stay in a second-level cache.
 BLOCK = 16_384
+#: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
+COINCIDE = 1e-100
 #: From S and P_fa to values of a detector, and the slope of the last value by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
@@ -275,7 +278,7 @@ def _range_squared(line: Vector) -> FloatArray:
     squared = x * x
     squared += y * y
     squared += z * z
-    apart = squared > 0
+    apart = squared > COINCIDE
     return squared if apart.all() else np.where(apart, squared, np.nan)
 
 
@@ -345,7 +348,7 @@ def _check_states(aircraft: ArrayLike, radar: ArrayLike) -> None:
 
 
 def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
-    states = np.asarray(values, dtype=float)
+    states = real_array(f"{whose} states", values)
     sizes = sizes_of(1) if components is RADAR else (len(components),)
     if states.ndim == 0 or states.shape[-1] not in sizes:
         raise ValueError(

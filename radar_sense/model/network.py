@@ -44,6 +44,7 @@ from radar_sense.states import (
     FloatArray,
     check_finite,
     components_of,
+    real_array,
     sizes_of,
 )
 
@@ -333,7 +334,7 @@ class NetworkModel:
         Raises:
             ValueError: If the shape does not fit.
         """
-        states, size, count = np.asarray(radar, dtype=float), len(RADAR), len(self.radars)
+        states, size, count = real_array("radar states", radar), len(RADAR), len(self.radars)
         total = states.shape[-1] if states.ndim else 0
         if total not in self.sizes:
             of_each = f" of each of {count} radars" if count > 1 else ""

@@ -36,7 +36,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import LARGEST, POSITIVE, SMALLEST, Limit, check_number
 from radar_sense.model.geometry import join, split
 from radar_sense.model.rcs import rcs_model
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, real_array
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
@@ -101,10 +101,7 @@ class TableRCS:
     def __post_init__(self) -> None:
         for name in ("azimuth", "rcs", "elevation", "std_db"):
             if getattr(self, name) is not None:
-                try:
-                    values = np.array(getattr(self, name), dtype=float)
-                except (TypeError, ValueError) as error:
-                    raise InputError(f"{name} must be an array of numbers: {error}") from error
+                values = real_array(name, getattr(self, name)).copy()
                 values.flags.writeable = False
                 object.__setattr__(self, name, values)
         self._check()
@@ -185,6 +182,9 @@ class TableRCS:
         return outside
 
     def _check(self) -> None:
+        for name in ("azimuth", "rcs"):
+            if getattr(self, name) is None:
+                raise InputError(f"{name} must be an array of real numbers, got None")
         axes = {"azimuth": self.azimuth}
         if self.elevation is not None:
             axes["elevation"] = self.elevation

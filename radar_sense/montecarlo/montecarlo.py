@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from radar_sense.cost import foresee
+from radar_sense.errors import InputError, describe
 from radar_sense.limits import RUNS, SEED, WORKERS, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
@@ -31,7 +32,7 @@ from radar_sense.montecarlo.statistics import (
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import RADAR, FloatArray, real_array
 
 #: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
@@ -150,7 +151,7 @@ def monte_carlo(
     check_scenario(scenario)
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
     radars = len(scenario.model.radars)
-    _require_possible(len(scenario.aircraft), scenario.runs, sampler, radars, workers)
+    _require_possible(len(scenario.aircraft), scenario.runs, sampler, radars, workers, executor)
     return _compare(
         Sampler.of(scenario),
         propagate_scenario(scenario, method=method),
@@ -195,8 +196,10 @@ def monte_carlo_states(
         ValueError: If a shape does not fit or a number is out of range.
         ComputationError: If memory, threads or workers run out.
     """
-    aircraft, radar = np.atleast_2d(np.asarray(aircraft, float)), np.asarray(radar, float)
-    cov_aircraft, cov_radar = np.asarray(cov_aircraft, float), np.asarray(cov_radar, float)
+    aircraft = np.atleast_2d(real_array("aircraft states", aircraft))
+    radar = real_array("radar states", radar)
+    cov_aircraft = real_array("aircraft covariance", cov_aircraft)
+    cov_radar = real_array("radar covariance", cov_radar)
     for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
         check_number(name, value, limit)
     if aircraft.ndim != 2 or radar.ndim != 1 or cov_radar.ndim != 2:
@@ -205,7 +208,7 @@ def monte_carlo_states(
             f"shapes {aircraft.shape}, {radar.shape} and {cov_radar.shape}"
         )
     radars = radar.size // len(RADAR)
-    _require_possible(len(aircraft), int(runs), sampler, radars, workers)
+    _require_possible(len(aircraft), int(runs), sampler, radars, workers, executor)
     return _compare(
         Sampler.of_states(model, aircraft, radar, cov_aircraft, cov_radar),
         propagate(model, aircraft, radar, cov_aircraft, cov_radar, method=method),
@@ -217,8 +220,13 @@ def monte_carlo_states(
     )
 
 
-def _require_possible(poses: int, runs: int, sampler: str, radars: int, workers: int) -> None:
-    """Raise InputError if the sampler, the time or the memory does not allow the draws."""
+def _require_possible(
+    poses: int, runs: int, sampler: str, radars: int, workers: int, executor: Executor | None
+) -> None:
+    """Raise InputError if sampler, workers, executor, time or memory do not allow the draws."""
+    check_number("workers", workers, WORKERS)
+    if not isinstance(executor, Executor | None):
+        raise InputError(f"executor must be an Executor, got {describe(executor)}")
     check_sampler(sampler, runs)
     Statistics(poses, runs, TAIL)
     what = f"{runs:,} runs of {poses:,} poses and {radars} radar{'s' if radars > 1 else ''}"
@@ -236,7 +244,6 @@ def _compare(
     executor: Executor | None,
 ) -> MonteCarlo:
     """Draw states and compare P_D with a band."""
-    check_number("workers", workers, WORKERS)
     poses = len(states.aircraft)
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
