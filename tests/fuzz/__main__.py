@@ -1,25 +1,35 @@
-"""Run random cases for some seconds, and print a reproducer of each failure: `make fuzz`."""
+"""Run random cases for some seconds, count them by kind, and print each that breaks a property."""
 
 from __future__ import annotations
 
 import argparse
-import os
 import signal
 import sys
-import tempfile
 import time
+from collections import Counter
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-from fuzz.properties import BrokenError, failures, reproducer
+import hypothesis
+from fuzz.drawing import FAST, FEW, SLOW, Case, broken, calls, checked, commands
+from fuzz.properties import BrokenError, check, check_call, reproducer
 
 from radar_sense.montecarlo import adaptive
 
 #: Seconds of this process, and of the clock, after which a case hangs.
 TOO_LONG = {signal.ITIMER_PROF: 60, signal.ITIMER_REAL: 600}
+KINDS = {
+    "scenario from the schema": checked(),
+    "broken YAML": broken(".yaml"),
+    "broken CSV": broken(".csv"),
+    "broken GPX": broken(".gpx"),
+    "command line": commands((*FAST, *SLOW), figures=True),
+    "call from Python": calls(),
+}
+ENDS = {0: "accepted", 2: "refused", 3: "accepted, and the answer is no"}
 
 
 def _hangs(number: int, frame: object) -> NoReturn:
@@ -33,34 +43,56 @@ def _draw_few() -> None:
     import_module("radar_sense.analyses.compare").TOGETHER = 1e4
 
 
+def _end_of(case: Any) -> str:
+    """Check a case and return how it ended; a broken property is printed."""
+    for timer, seconds in TOO_LONG.items():
+        signal.setitimer(timer, seconds)
+    try:
+        if isinstance(case, Case):
+            return ENDS[check(case, again=case.args[0] != "check").code]
+        return ENDS[0 if check_call(*case) else 2]
+    except BrokenError as error:
+        print(f"---\n{error}\n{reproducer(case) if isinstance(case, Case) else ''}", flush=True)
+        return "BROKEN"
+    finally:
+        for timer in TOO_LONG:
+            signal.setitimer(timer, 0)
+
+
+def run(kind: str, seed: int, end: float) -> Counter[tuple[str, str]]:
+    """Run some cases of a kind until a time, and count how they ended."""
+    counts = Counter[tuple[str, str]]()
+
+    @hypothesis.seed(seed)
+    @hypothesis.settings(FEW, derandomize=False, max_examples=50)
+    @hypothesis.given(KINDS[kind])
+    def batch(case: Any) -> None:
+        if time.monotonic() < end:
+            counts[kind, _end_of(case)] += 1
+
+    batch()
+    return counts
+
+
 def main() -> int:
     """Return 1 if a property is broken, and 0 otherwise."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=time.time_ns() % 1_000_000)
-    parser.add_argument("--analyses", type=float, default=0.3, help="part that is not `check`")
-    parser.add_argument("--slow", type=float, default=0.1, help="part of these that is slow")
-    parser.add_argument("--case", type=int, help="only the case of this number")
+    parser.add_argument("--kind", choices=KINDS, action="append", help="only cases of this kind")
     given = parser.parse_args()
     signal.signal(signal.SIGALRM, _hangs)
     signal.signal(signal.SIGPROF, _hangs)
     _draw_few()
-    end, number, broken = time.monotonic() + given.seconds, given.case or 0, 0
-    with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)
-        while given.case in (None, number) and (number == given.case or time.monotonic() < end):
-            for timer, seconds in TOO_LONG.items():
-                signal.setitimer(timer, seconds)
-            shares = {"analyses": given.analyses, "slow": given.slow}
-            for _, case, error in failures(given.seed, [number], **shares):
-                broken += 1
-                print(f"--- seed {given.seed}, case {number}\n{error}\n{reproducer(case)}\n")
-            number += 1
-        for timer in TOO_LONG:
-            signal.setitimer(timer, 0)
-        os.chdir("/")
-    print(f"seed {given.seed}: {number} cases, {broken} broken")
-    return 1 if broken else 0
+    end, seed, counts = time.monotonic() + given.seconds, given.seed, Counter[tuple[str, str]]()
+    while time.monotonic() < end:
+        for kind in given.kind or KINDS:
+            counts += run(kind, seed, end)
+        seed += 1
+    for (kind, how), number in sorted(counts.items()):
+        print(f"{number:8,} {kind}: {how}")
+    print(f"{counts.total():8,} cases from seed {given.seed}")
+    return 1 if any(how == "BROKEN" for _, how in counts) else 0
 
 
 sys.exit(main())

@@ -1,4 +1,4 @@
-"""Properties of the command line that hold for every input; a broken one is a `BrokenError`."""
+"""Properties that hold for every input; a broken one is a `BrokenError`."""
 
 from __future__ import annotations
 
@@ -7,18 +7,19 @@ import csv
 import dataclasses
 import io
 import json
-import random
+import os
 import re
 import shlex
+import tempfile
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 import numpy as np
 from click.testing import CliRunner
-from fuzz.grammar import CONFIG, Case, case
+from fuzz.drawing import CALLED, CONFIG, Case
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -57,10 +58,51 @@ class Outcome:
     scenario: rs.Scenario | None = None
 
 
-def run(case: Case) -> Outcome:
-    """Run a case in the working folder; every Python warning is an error."""
+def check(case: Case, *, again: bool = False) -> Outcome:
+    """Run a case in a folder of its own, and insist on all properties.
+
+    Args:
+        case: The case.
+        again: Whether to run it twice, which must write the same numbers.
+
+    Raises:
+        BrokenError: If one does not hold.
+    """
+    back = Path.cwd()
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        try:
+            return _check(case, again)
+        finally:
+            os.chdir(back)
+
+
+def _check(case: Case, again: bool) -> Outcome:
     for name, content in case.files.items():
         Path(name).write_bytes(content)
+    outcome = run(case)
+    written = sorted({*Path().rglob("*")} - {*map(Path, case.files)})
+    _require(outcome.code in (0, 2, 3), f"exit code {outcome.code}", outcome)
+    if outcome.code == 2:
+        _check_refusal(case, outcome, written)
+        return outcome
+    for line in outcome.err.splitlines():
+        _require(line.startswith("Warning: "), f"on standard error: {line!r}", outcome)
+    if "--quiet" in case.args and "--json" not in case.args:
+        _require(not outcome.out and not outcome.err, "words in spite of -q", outcome)
+    elif case.args[0] == "check":
+        _check_reads_back(outcome)
+    _check_files(outcome, written)
+    if again:
+        tables = [path for path in written if path.suffix in (".csv", ".npz")]
+        first = [path.read_bytes() for path in tables]
+        run(case)
+        _require(first == [path.read_bytes() for path in tables], "other numbers", outcome)
+    return outcome
+
+
+def run(case: Case) -> Outcome:
+    """Run a case in the working folder; every Python warning is an error."""
     read: list[rs.Scenario] = []
 
     def scenario(path: Path | None) -> rs.Scenario:
@@ -73,30 +115,6 @@ def run(case: Case) -> Outcome:
     if result.exception is not None and not isinstance(result.exception, SystemExit):
         raise BrokenError("".join(traceback.format_exception(result.exception)))
     return Outcome(result.exit_code, result.stdout, result.stderr, *read)
-
-
-def check(case: Case) -> Outcome:
-    """Run a case in the working folder, and insist on all properties.
-
-    Raises:
-        BrokenError: If one does not hold.
-    """
-    before = sorted(Path().rglob("*"))
-    outcome = run(case)
-    written = sorted({*Path().rglob("*")} - {*before, *map(Path, case.files)})
-    _require(outcome.code in (0, 2, 3), f"exit code {outcome.code}", outcome)
-    if outcome.code == 2:
-        _check_refusal(case, outcome, written)
-    elif "--help" not in case.args:
-        for line in outcome.err.splitlines():
-            _require(line.startswith("Warning: "), f"on standard error: {line!r}", outcome)
-        if "-q" in case.args:
-            _require(not outcome.out and not outcome.err, "words in spite of -q", outcome)
-        elif case.args[0] == "check":
-            check_reads_back(outcome)
-        if case.args[0] != "check":
-            check_files(outcome, written)
-    return outcome
 
 
 def _check_refusal(case: Case, outcome: Outcome, written: list[Path]) -> None:
@@ -119,7 +137,7 @@ def _check_refusal(case: Case, outcome: Outcome, written: list[Path]) -> None:
         )
 
 
-def check_reads_back(outcome: Outcome) -> None:
+def _check_reads_back(outcome: Outcome) -> None:
     """Insist that a resolved scenario reads back to the same scenario."""
     scenario = outcome.scenario
     assert scenario is not None
@@ -136,7 +154,7 @@ def check_reads_back(outcome: Outcome) -> None:
             _require(False, f"{name} differs when read back: {first} {second}", outcome)
 
 
-def check_files(outcome: Outcome, written: list[Path]) -> None:
+def _check_files(outcome: Outcome, written: list[Path]) -> None:
     """Insist on numbers, on probabilities within 0 and 1, and on a record beside each table."""
     no_number = re.search(r"(?<![\w.-])(nan|None|inf)(?![\w.-])", outcome.out)
     _require(not no_number, "no number in the report", outcome)
@@ -182,14 +200,9 @@ def _require(holds: object, what: str, outcome: Outcome) -> None:
         raise BrokenError(f"{what}\n{shown}")
 
 
-def numbered_case(seed: int, number: int, **shares: float) -> Case:
-    """Return a case by its number."""
-    return case(random.Random(f"{seed} {number}"), **shares)
-
-
 def reproducer(case: Case) -> str:
     """Return shell commands that make the files of a case and run the command."""
-    lines = [f"# broken by: {'; '.join(case.mutations) or 'nothing'}"]
+    lines = []
     for name, content in case.files.items():
         with contextlib.suppress(UnicodeDecodeError):
             lines.append(f"# {name}:\n" + content.decode())
@@ -198,23 +211,17 @@ def reproducer(case: Case) -> str:
     return "\n".join(lines)
 
 
-def failures(
-    seed: int, numbers: Iterable[int], **shares: float
-) -> Iterator[tuple[int, Case, BrokenError]]:
-    """Run numbered cases in the working folder, and yield the ones that break a property.
-
-    Args:
-        seed: Seed of the cases.
-        numbers: Numbers of the cases.
-        shares: `analyses` and `slow` of `grammar.case`.
-    """
-    for n in numbers:
-        some = numbered_case(seed, n, **shares)
+def check_call(name: str, given: dict[str, Any]) -> bool:
+    """Call a function of Python, insist on a result or one line of error, and return which."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         try:
-            check(some)
-        except BrokenError as error:
-            yield n, some, error
-        for name in some.files:
-            Path(name).unlink(missing_ok=True)
-        for path in Path("out").glob("*") if Path("out").is_dir() else ():
-            path.unlink()
+            CALLED[name](**given)
+        except ValueError as error:
+            if not str(error).isprintable():
+                raise BrokenError(f"rs.{name}(**{given!r}): not one line: {error}") from error
+            return False
+        except Exception as error:
+            trace = "".join(traceback.format_exception(error))
+            raise BrokenError(f"rs.{name}(**{given!r})\n{trace}") from error
+    return True

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from fuzz.grammar import CONFIG, Case
+from fuzz.drawing import CONFIG, Case
 from fuzz.properties import check
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -123,8 +123,7 @@ FOUND = {
 
 
 @pytest.mark.parametrize("name", FOUND)
-def test_found(tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
+def test_found(name):
     text, args = FOUND[name]
     files = {CONFIG: text.encode(), "route.csv": ROUTE.encode()}
     assert check(Case(files, (*args, "--no-plot", "--out", "out", CONFIG))).code == 0

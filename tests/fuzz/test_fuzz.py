@@ -1,61 +1,48 @@
-"""Six hundred random cases; `make fuzz` runs more, with figures and slow commands."""
+"""A few random cases of each kind, the same in every run; `make fuzz` runs many others."""
 
 from __future__ import annotations
 
+from collections import Counter
+
 import pytest
-import yaml
-from fuzz.grammar import ANALYSES
-from fuzz.properties import check, failures, numbered_case, reproducer
-
-#: Another seed is as good. A failure prints a reproducer.
-SEED = 1
-
-compose = yaml.compose
+from fuzz.drawing import FAST, FEW, broken, calls, checked, commands
+from fuzz.properties import check, check_call, reproducer
+from hypothesis import given, note, settings
 
 
-@pytest.fixture
-def fast_yaml(monkeypatch):
-    """Parse YAML in C, which takes a tenth of the time.
+def codes(strategy, cases):
+    """Insist on the properties of some cases, and return how many ended with each exit code."""
+    counts = Counter()
 
-    A text that the parser in C refuses is parsed again by the package's own parser, which accepts
-    fewer tabs. `make fuzz` uses the package's own parser only.
-    """
-    if not hasattr(yaml, "CBaseLoader"):
-        pytest.skip("PyYAML is without libyaml")
+    @settings(FEW, max_examples=cases)
+    @given(strategy)
+    def run(case):
+        note(reproducer(case))
+        counts[check(case).code] += 1
 
-    def compose_in_c(text, Loader):  # noqa: N803
-        try:
-            return compose(text, Loader=yaml.CBaseLoader)
-        except yaml.YAMLError:
-            return compose(text, Loader=Loader)
-
-    monkeypatch.setattr(yaml, "compose", compose_in_c)
+    run()
+    return counts
 
 
-def insist(seed, numbers, *, analyses):
-    for _, case, error in failures(seed, numbers, analyses=analyses):
-        pytest.fail(f"{error}\n{reproducer(case)}", pytrace=False)
+def test_scenarios_of_the_schema_are_read_back_or_refused():
+    ended = codes(checked(), 80)
+    assert ended[0] > 40
+    assert ended[2] > 1
 
 
-def test_random_scenarios_are_read_or_refused(tmp_path, monkeypatch, fast_yaml):
-    monkeypatch.chdir(tmp_path)
-    insist(SEED, range(480), analyses=0.0)
-
-
-def test_random_scenarios_in_the_parser_of_the_package(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    insist(SEED + 2, range(60), analyses=0.0)
+@pytest.mark.parametrize("ending", [".yaml", ".csv", ".gpx"])
+def test_broken_files_are_read_or_refused(ending):
+    ended = codes(broken(ending), 40)
+    assert ended[2] > 20
 
 
 @pytest.mark.usefixtures("few_judge")
-def test_random_analyses_end_in_numbers_or_one_line(tmp_path, monkeypatch, fast_yaml):
-    monkeypatch.chdir(tmp_path)
-    insist(SEED + 1, range(30), analyses=1.0)
+def test_command_lines_end_in_numbers_or_one_line():
+    ended = codes(commands(FAST), 25)
+    assert ended[0] + ended[3] > 5
 
 
-def test_the_cases_are_neither_all_good_nor_all_bad(tmp_path, monkeypatch, fast_yaml):
-    monkeypatch.chdir(tmp_path)
-    codes = [check(numbered_case(SEED, n, analyses=0.0)).code for n in range(24)]
-    assert 3 < codes.count(0) < 21
-    commands = {numbered_case(SEED, n, analyses=1.0).args[0] for n in range(200)}
-    assert commands == set(ANALYSES)
+@settings(FEW, max_examples=200)
+@given(calls())
+def test_calls_end_in_a_result_or_one_line(call):
+    check_call(*call)

@@ -1,9 +1,9 @@
 """The JSON Schema of scenario files agrees with the reader."""
 
 import collections
+import contextlib
 import dataclasses
 import json
-import random
 import re
 from pathlib import Path
 from typing import ClassVar
@@ -11,8 +11,9 @@ from typing import ClassVar
 import jsonschema
 import pytest
 import yaml
-from fuzz.grammar import RandomScenario, mutate_tree, render
+from fuzz.drawing import CONFIG, FEW, broken, checked
 from helpers import PAPER, SURVEILLANCE, document
+from hypothesis import given, settings
 
 from radar_sense.errors import InputError
 from radar_sense.limits import POSITIVE, parameter
@@ -133,21 +134,23 @@ def test_the_schema_is_valid():
     assert SCHEMA["$schema"] == "http://json-schema.org/draft-07/schema#"
 
 
-def test_random_scenarios_and_mutations(tmp_path, monkeypatch):
-    """Two of three scenarios have one place broken; each is judged by reader and schema."""
+@pytest.mark.parametrize(
+    ("strategy", "verdict"), [(checked(), (False, False)), (broken(".yaml"), (True, True))]
+)
+def test_random_scenarios_are_judged_alike(tmp_path, monkeypatch, strategy, verdict):
     monkeypatch.chdir(tmp_path)
     counts = collections.Counter()
-    for number in range(120):
-        rng = random.Random(f"schema {number}")
-        scenario = RandomScenario(rng)
-        tree = scenario.make()
-        if number % 3:
-            mutate_tree(tree, rng)
-        for name, content in scenario.files.items():
+
+    @settings(FEW, max_examples=30)
+    @given(strategy)
+    def judge(case):
+        for name, content in case.files.items():
             Path(name).write_bytes(content)
-        counts[judged(render(tree, rng))] += 1
-    assert counts[False, False] > 20
-    assert counts[True, True] > 50
+        with contextlib.suppress(UnicodeDecodeError):
+            counts[judged(case.files[CONFIG].decode())] += 1
+
+    judge()
+    assert counts[verdict] > 10
 
 
 #: One mistake of each kind that an editor marks; the keys are paths into the paper's scenario.
