@@ -60,7 +60,10 @@ fuzz: $(VENV)/installed-dev
 	$(BIN)/python tests/fuzz --seconds $(or $(SECONDS),60) $(if $(SEED),--seed $(SEED))
 
 # How often a band or a verdict is wrong; make study STUDY="--poses 400 --seed 7" for a part of it.
+# OUT=docs/figures renews the pictures of docs/reference_data.md.
 study: $(VENV)/installed-dev
+	@mkdir -p $(OUT)
+	PYTHONPATH=tests $(BIN)/python tests/studies/reference_errors.py --out $(OUT)
 	PYTHONPATH=tests/studies $(BIN)/python -m bands $(STUDY)
 	$(BIN)/python tests/studies/mission_bounds.py
 

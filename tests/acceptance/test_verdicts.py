@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import scenario, sheet_scenario, write_path
+from reference import reading
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -322,13 +323,9 @@ def test_interpolate_overrides(tmp_path):
     assert "tested every 400 s, the step of geometry.interpolate" in result.report
 
 
-#: 3-sigma bounds of the paper's scenario by a program of its own, see its head.
-REFERENCE = np.load(Path(__file__).parents[1] / "reference/propagation.npz")
-
-
 def true_upper(theta_deg):
-    at = int(np.flatnonzero(REFERENCE["theta_deg"] == theta_deg)[0])
-    return REFERENCE["high_quantiles"][at, -1]
+    """The 3-sigma bound of the paper's scenario at High."""
+    return reading.paper("high")["upper_3"][round(theta_deg / 2.5)]
 
 
 @pytest.mark.parametrize(("theta_deg", "threshold"), [(20, 0.3822), (60, 0.95)])

@@ -1,18 +1,18 @@
 """Methods of propagation against references without their code.
 
-References: randomised quasi-Monte Carlo and plain Monte Carlo on the paper's scenario (see
-tests/reference), draws on random scenarios, integrals over one state by scipy, and mpmath. The
-draws of the methods themselves are tested in `test_draws`.
+References: the reference set on the paper's scenario (tests/reference), draws on random scenarios,
+integrals over one state by scipy, and mpmath. The draws of the methods themselves are tested in
+`test_draws`.
 """
 
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers import standard_normal_space
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
+from reference import reading
 from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
@@ -28,8 +28,10 @@ from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import METHODS, Moments, form, propagate, unreliable
 from radar_sense.propagation.moments import probit_moments
 
-REFERENCE = np.load(Path(__file__).parents[1] / "reference" / "propagation.npz")
-THETA_DEG = REFERENCE["theta_deg"]
+THETA_DEG = np.arange(361) * 0.5
+#: The poses of the paper's scenario in the reference set, and its columns by level.
+IN_REFERENCE = slice(None, None, 5)
+REFERENCE = {level: reading.paper(level) for level in ("low", "medium", "high")}
 
 MODEL = DetectionModel(rcs=EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
 RADAR = np.array([0.0, 0.0, 0.0, 167.0])
@@ -75,21 +77,6 @@ def assert_same(found, expected, rtol=1e-12):
 # The paper's scenario.
 
 
-@pytest.mark.parametrize("level", COV_RADAR)
-def test_the_reference_agrees_with_plain_monte_carlo(level):
-    """At every fourth pose, for all quantiles. The poses share draws and are not independent."""
-    some = slice(None, None, int(REFERENCE["plain_step"]))
-    for name in ("quantiles", "mean", "std"):
-        reference = REFERENCE[f"{level}_{name}"][some]
-        plain = REFERENCE[f"plain_{level}_{name}"]
-        error = np.hypot(
-            REFERENCE[f"{level}_{name}_error"][some], REFERENCE[f"plain_{level}_{name}_error"]
-        )
-        assert np.max(abs(plain - reference) / error) < 3.5
-        # the reference is far more precise than the methods
-        assert np.max(REFERENCE[f"{level}_{name}_error"]) < 6e-6
-
-
 #: Largest errors of bounds at β = 3, of σ (relative) and of the mean. Each is some 10 % above the
 #: measured one. The requirements are wider: bounds 0.005 and σ 3 % by `probit`; bounds
 #: 0.0005, σ 0.5 % (1.5 % at Low) and mean 0.0002 by `form`; none for `linear`.
@@ -109,12 +96,14 @@ ERRORS = {
 @pytest.mark.parametrize(("method", "level"), ERRORS)
 def test_error_on_the_paper_s_scenario(method, level):
     bound_error, std_error, mean_error = ERRORS[method, level]
-    found = on_paper(method, level)
-    quantiles = REFERENCE[f"{level}_quantiles"]
+    found, exact = on_paper(method, level), REFERENCE[level]
+    lower, upper, std, mean = (
+        getattr(found, name)[IN_REFERENCE] for name in ("lower", "upper", "std", "mean")
+    )
     errors = [
-        max(np.max(abs(found.lower - quantiles[:, 0])), np.max(abs(found.upper - quantiles[:, 6]))),
-        np.max(abs(found.std / REFERENCE[f"{level}_std"] - 1)),
-        np.max(abs(found.mean - REFERENCE[f"{level}_mean"])),
+        max(np.max(abs(lower - exact["lower_3"])), np.max(abs(upper - exact["upper_3"]))),
+        np.max(abs(std / exact["std"] - 1)),
+        np.max(abs(mean - exact["mean"])),
     ]
     assert errors[0] < bound_error
     assert errors[1] < std_error
@@ -128,10 +117,9 @@ def test_error_on_the_paper_s_scenario(method, level):
 @pytest.mark.parametrize("level", COV_RADAR)
 @pytest.mark.parametrize("beta", [1, 2])
 def test_form_bounds_at_other_beta(level, beta):
-    found = on_paper("form", level, beta=beta)
-    quantiles = REFERENCE[f"{level}_quantiles"]
-    assert_allclose(found.lower, quantiles[:, 3 - beta], rtol=0, atol=4.5e-5)
-    assert_allclose(found.upper, quantiles[:, 3 + beta], rtol=0, atol=4.5e-5)
+    found, exact = on_paper("form", level, beta=beta), REFERENCE[level]
+    assert_allclose(found.lower[IN_REFERENCE], exact[f"lower_{beta}"], rtol=0, atol=4.5e-5)
+    assert_allclose(found.upper[IN_REFERENCE], exact[f"upper_{beta}"], rtol=0, atol=4.5e-5)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -151,8 +139,7 @@ def test_what_is_unreliable_on_the_paper_s_scenario(method, level):
     some = slice(None, None, 20)
     states = MODEL, AIRCRAFT[some], RADAR, COV_AIRCRAFT, COV_RADAR[level]
     found, warned = propagate(*states, method=method), unreliable(*states, method=method)
-    quantiles = REFERENCE[f"{level}_quantiles"][some]
-    exact = quantiles[:, 0], quantiles[:, 6], REFERENCE[f"{level}_std"][some]
+    exact = (REFERENCE[level][name][::4] for name in ("lower_3", "upper_3", "std"))
     bound, relative = parts_of_what_is_allowed(found, *exact)
     off = np.maximum(bound, relative)
     assert np.all(warned[off > 1.05])

@@ -1,0 +1,114 @@
+"""The package against the reference set, whose numbers are from programs without its code."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from reference import draws, reading
+from reference.judging import judge
+from scipy.special import ndtr
+from studies.bands import model, truth
+
+from radar_sense.propagation import METHODS, propagate_scenario
+
+SET = reading.read()
+#: Relative errors of the package, some twice what is measured. The gradient has the error of each
+#: partial times the deviation of its state, over σ: a partial may be a small difference.
+P_D, SLOPE = 2e-14, 1e-12
+#: What is printed as 0 is smaller than this.
+ZERO = 1e-40
+
+
+def test_the_set_is_what_its_page_says():
+    columns = [columns for _, columns in SET]
+    assert sum(len(c["p_d"]) for c in columns) == 2019
+    assert len({block["rcs"]["model"] for block, _ in SET}) == 5
+    assert len({str(block["detector"]) for block, _ in SET}) == 17
+    for block, c in SET:
+        assert len(c["p_d"]) == block["poses"] == (73 if block["scenario"] < 3 else 20)
+        assert c["relative_error"].max() <= 5.1e-17
+        for name in ("mean", "std", "lower_3", "upper_3", "exceedance"):
+            assert c[f"{name}_se"].max() <= 0.002
+        assert np.all(c["lower_3"] <= c["upper_3"] + 1e-9)
+
+
+def test_p_d_gradient_and_sigma_to_first_order():
+    for block, c in SET:
+        where = f"{block['scenario']} {block['name']}"
+        s = reading.as_scenario(block, c)
+        found = s.model.linearize(s.aircraft, s.shared)
+        sigma = propagate_scenario(s, method="linear").std
+        assert_allclose(found.p_d, c["p_d"], rtol=P_D, atol=0, err_msg=where)
+        assert_allclose(sigma, c["std_linear"], rtol=SLOPE, atol=ZERO, err_msg=where)
+        expected = np.hstack(reading.gradient(c))
+        gradient = np.hstack([found.jac_aircraft, found.jac_radar])
+        unseen = c["p_d"] == 0
+        assert_array_equal(gradient[unseen], 0.0)
+        deviations = np.sqrt([*np.diag(s.cov_aircraft), *np.diag(s.cov_shared)])
+        error = abs(gradient - expected) * deviations
+        assert np.all(error[~unseen] <= SLOPE * c["std_linear"][~unseen, np.newaxis] + ZERO), where
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_bounds_are_right_or_warned(method):
+    """At one pose in each scenario; `make study` takes all poses."""
+    judged = [judge(b, c, method, slice(b["scenario"] % 20, None, 73)) for b, c in SET]
+    wrong = [j.scenario for j in judged if (j.off & ~j.warned).any()]
+    assert not wrong
+    if method == "automatic":
+        assert not any(j.off.any() for j in judged)
+
+
+@pytest.mark.parametrize("method", ["form", "automatic"])
+def test_probabilities_of_exceeding_a_limit(method):
+    """Where FORM is right at all: the kinds of RCS without corners, and no limits."""
+    for b, c in SET[::9]:
+        if "range" in b["name"] or "horizon" in b["name"] or "spikeball" in b["name"]:
+            continue
+        s = reading.as_scenario(b, c)
+        for i in range(0, len(c["p_d"]), 7):
+            found = METHODS[method](s.states().at(np.array([i]))).exceedance(c["p_max"][i])[0]
+            assert abs(found - c["exceedance"][i]) < 0.02
+
+
+def test_the_set_is_not_at_odds_with_itself():
+    """A share above an upper bound is at most that of the bound, by the standard errors of both."""
+    for _, c in SET:
+        for k in (1, 2, 3):
+            above = c["p_max"] > c[f"upper_{k}"] + 4 * c[f"upper_{k}_se"]
+            most = ndtr(-k) + 4 * c["exceedance_se"]
+            assert np.all(c["exceedance"][above] <= most[above])
+
+
+@pytest.mark.parametrize("number", [1, 3, 20, 22, 54, 55, 71, 72])
+def test_plain_draws_have_the_numbers_of_the_set(number):
+    """Without Sobol' points, and with c_r drawn; the detectors that have closed forms."""
+    block, c = SET[number]
+    radar = block["radar"]
+    case = model.Problem(
+        population="general",
+        number=number,
+        aircraft=np.array([c[name][1] for name in reading.STATE]),
+        radars=(
+            model.Radar(
+                state=np.array([*radar["position_m"], radar["constant"]]),
+                detector=block["detector"]["model"],
+                p_fa=block["p_fa"],
+                max_range=block["max_range_m"] or np.inf,
+                min_range=block["min_range_m"] or 0.0,
+                horizon=block["horizon"],
+                attenuation=block["attenuation_db_per_m"],
+            ),
+        ),
+        rcs=draws.as_tuple(block["rcs"]),
+        cov_aircraft=np.array(block["cov_aircraft"]),
+        cov_radar=np.array(block["cov_radar"]),
+        rcs_db=0.0 if "std_db" in block["rcs"] else block["rcs_error_std"],
+    )
+    assert set(block["detector"]) == {"model"}
+    drawn = truth.truth(case, 5, most=200_000)
+    for name in ("mean", "std"):
+        error = np.hypot(getattr(drawn, f"{name}_se"), c[f"{name}_se"][1])
+        assert abs(getattr(drawn, name) - c[name][1]) <= 4.5 * error
+    for end in ("lower", "upper"):
+        low, high = getattr(drawn, f"{end}_between")
+        assert low <= c[f"{end}_3"][1] <= high
