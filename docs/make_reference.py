@@ -235,6 +235,7 @@ RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
     ],
     "range": [("paper", {"step_deg": 90}), ("paper", {"step_deg": 90, "by": "aspect"})],
     "rcs": [("table", {})],
+    "detectors": [("paper", {}), ("airport_surveillance", {"p_d": 0.9, "method": "linear"})],
 }
 #: Poses of a run; two looks of a mission need more.
 POSES = 40
@@ -255,7 +256,7 @@ def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, s
             if changed != column:
                 column = changed
                 meaning = re.sub(rf"\b{re.escape(word)}\b", f"*{placeholder}*", meaning)
-    return column, meaning
+    return re.sub(r"\bterm_\w+|(?<=sigma_)term_\w+", "term_<term>", column), meaning
 
 
 def commands_page() -> str:

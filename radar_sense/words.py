@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from radar_sense.axis import Axis, reached, runs_of
 from radar_sense.command import Result, Table
 from radar_sense.covariance import square_root
+from radar_sense.model.detectors import CFARS, DETECTORS, Detector, PulseDetector
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import POLE, TableRCS
 from radar_sense.montecarlo.montecarlo import MonteCarlo
@@ -210,6 +211,22 @@ def probability(value: float) -> str:
     return f"{value:.4f}" if abs(value) >= 5e-5 else f"{value:.0e}"
 
 
+def describe_detector(detector: Detector) -> str:
+    """Return a detector in words."""
+    names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
+    words = names[:1] or [repr(detector)]
+    if not isinstance(detector, PulseDetector):
+        return words[0]
+    if detector.pulses > 1:
+        words.append(f"{detector.pulses} pulses")
+    if detector.cfar is not None:
+        kinds = [name for name, cls in CFARS.items() if isinstance(detector.cfar, cls)]
+        words.append(f"{kinds[0]} {detector.cfar.cells}")
+    if detector.binary is not None:
+        words.append(f"{detector.binary.m} of {detector.binary.n}")
+    return ", ".join(words)
+
+
 def describe_band(p_d: float, lower: float, upper: float, k: float) -> str:
     """Return P_D and its band as two numbers."""
     middle, low, high = map(probability, (p_d, lower, upper))
@@ -399,6 +416,16 @@ def method_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[
         *validity_warnings(scenario, moments, method),
         *table_warnings(scenario),
     )
+
+
+def margin_warnings(off: NDArray[np.bool_], axis: Axis, method: str) -> tuple[str, ...]:
+    """Return a warning where (n,) the bounds of a margin by a method are off, or not precise."""
+    if not off.any():
+        return ()
+    by_draws = method in (AUTOMATIC, MONTE_CARLO)
+    what = "not precise, to 0.25 dB," if by_draws else f"off by over 0.25 dB by {method}"
+    text = f"the band of the margin is {what} {describe_poses(off, axis)}"
+    return (warning("band-imprecise" if by_draws else "band-off", text),)
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.command import Result, Table, command
+from radar_sense.analyses.margin import OPTIONS, margin
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
+from radar_sense.errors import InputError
 from radar_sense.model.detectors import (
-    CFARS,
     DETECTORS,
     Detector,
     Marcum,
@@ -25,7 +26,7 @@ from radar_sense.model.detectors import (
     required_snr,
 )
 from radar_sense.scenario import Scenario
-from radar_sense.words import describe_extreme, peak
+from radar_sense.words import describe_detector, describe_extreme, peak
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
@@ -43,23 +44,41 @@ INTEGRATING = (Marcum, Swerling1, Swerling2, Swerling3, Swerling4)
 REQUIRED = (0.5, 0.9)
 
 
-@command(examples=("radar-sense detectors", "radar-sense detectors my.yaml --format png"))
-def detectors(scenario: Scenario) -> Result:
-    """P_D of every detector, the error of North's approximation, and the integration of pulses."""
+@command(
+    LEVEL,
+    ONE_RADAR,
+    METHOD,
+    *OPTIONS,
+    examples=(
+        "radar-sense detectors",
+        "radar-sense detectors --p-d 0.9 --pulses 24",
+        "radar-sense detectors my.yaml --p-d 0.9",
+    ),
+)
+def detectors(scenario: Scenario, p_d: float | None = None, pulses: int | None = None) -> Result:
+    """P_D of every detector, the error of North's approximation, and the integration of pulses.
+
+    With --p-d the SNR that a P_D needs, the margin that the radar has at the poses, and the terms
+    that make its SNR.
+    """
+    if p_d is not None:
+        return margin(scenario, p_d, pulses, INTEGRATING)
+    if pulses is not None:
+        raise InputError("pulses needs p_d")
     result = Result(scenario)
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     ratios = 10.0 ** (SNR_DB / 10.0)
-    p_d = {
+    by_name = {
         name: np.concatenate([DETECTORS[name]().p_d(ratios, p_fa) for p_fa in p_fas])
         for name in DISTINCT
     }
-    error = p_d["north"] - p_d["marcum"]
+    error = by_name["north"] - by_name["marcum"]
     snr_db = np.tile(SNR_DB, len(p_fas))
 
     add = result.table.add
     add("p_fa", np.repeat(p_fas, len(SNR_DB)), "Probability of false alarm.")
     add("snr_db", snr_db, "Signal-to-noise ratio of a single pulse.", "dB")
-    for name, values in p_d.items():
+    for name, values in by_name.items():
         add(f"p_d_{name}", values, f"P_D by the detector {name}.")
     add("north_less_marcum", error, "P_D by North's approximation minus the exact P_D.")
     integrated = {
@@ -117,7 +136,7 @@ def _required(scenario: Scenario) -> list[dict[str, Any]]:
                 _, slope = linearize(detector, np.asarray(snr), p_fa)
                 rows.append(
                     {
-                        "detector": _describe_detector(detector),
+                        "detector": describe_detector(detector),
                         "p_fa": p_fa,
                         "p_d": p_d,
                         "snr_db": 10.0 * math.log10(snr) if snr else None,
@@ -141,22 +160,6 @@ def _describe_required(rows: list[dict[str, Any]]) -> Iterator[str]:
             for row in of_one
         )
         yield f"    {of_one[0]['detector']:<31}{''.join(values)}"
-
-
-def _describe_detector(detector: Detector) -> str:
-    """Return a detector in words."""
-    names = [name for name, cls in DETECTORS.items() if type(detector) is cls]
-    words = names[:1] or [repr(detector)]
-    if not isinstance(detector, PulseDetector):
-        return words[0]
-    if detector.pulses > 1:
-        words.append(f"{detector.pulses} pulses")
-    if detector.cfar is not None:
-        kinds = [name for name, cls in CFARS.items() if isinstance(detector.cfar, cls)]
-        words.append(f"{kinds[0]} {detector.cfar.cells}")
-    if detector.binary is not None:
-        words.append(f"{detector.binary.m} of {detector.binary.n}")
-    return ", ".join(words)
 
 
 def _draw(figure: Figure, table: Table, chosen: float) -> None:

@@ -34,7 +34,7 @@ from radar_sense.model.probit_table import ProbitTable
 from radar_sense.states import FloatArray
 
 #: The accuracy is tested within these limits.
-_PULSES = Limit(at_least=1, at_most=1000, whole=True)
+PULSES = Limit(at_least=1, at_most=1000, whole=True)
 _CELLS = Limit(at_least=1, at_most=1000, whole=True)
 _LOOKS = Limit(at_least=1, at_most=100, whole=True)
 
@@ -146,7 +146,7 @@ class PulseDetector:
     """A detector of N pulses, with a fixed threshold or CFAR."""
 
     pulses: int = parameter(
-        "pulses", "Number N of pulses that are integrated noncoherently.", _PULSES, default=1
+        "pulses", "Number N of pulses that are integrated noncoherently.", PULSES, default=1
     )
     cfar: CellAveraging | OrderedStatistics | None = parameter(
         "cfar", "CFAR, or None for a fixed threshold.", CFARS, default=None

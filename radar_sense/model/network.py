@@ -34,6 +34,7 @@ from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.geometry import join, slant_range
 from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.normal import density, hazard
+from radar_sense.model.radar_constant import DataSheet
 from radar_sense.model.rcs import RCS
 from radar_sense.states import (
     AIRCRAFT_RCS,
@@ -68,6 +69,7 @@ class Radar:
         horizon: Horizon below which P_D is 0; None for a transparent earth, as in the paper.
         scan_period: Time from one look to the next [s]; None if unknown.
         min_range: Slant range within which P_D is 0 [m].
+        sheet: The data sheet that c_r was computed from, or None.
     """
 
     model: DetectionModel
@@ -76,6 +78,7 @@ class Radar:
     horizon: Horizon | None = None
     scan_period: float | None = None
     min_range: float = 0.0
+    sheet: DataSheet | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, DetectionModel):

@@ -125,6 +125,21 @@ class DataSheet:
             if key.startswith(_LOSS) and key in std
         )
 
+    def terms(self) -> dict[str, float]:
+        """Return the factors of c_r in decibels of SI units, by the names of `Tolerance`.
+
+        Their sum is c_r but for the numbers of the radar equation.
+        """
+        declared = {
+            key: f.metadata["power"] * (value if f.metadata["decibels"] else 10 * math.log10(value))
+            for f in fields(RADARS[self.kind])
+            for key, unit in f.metadata.get("units", {}).items()
+            if key in self.values
+            for value in (unit.to_si(self.values[key]),)
+        }
+        losses = {column_name(k): -v for k, v in self.values.items() if k.startswith(_LOSS)}
+        return declared | losses
+
 
 def loss_key(name: str) -> str:
     """Return the key of a loss by name."""

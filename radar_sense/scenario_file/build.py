@@ -391,6 +391,7 @@ def _radar(
             min_range=_min_range(stated, sheet, place),
             horizon=Horizon(_origin(geometry)) if stated.horizon else None,
             scan_period=None if period is None else float(period),
+            sheet=sheet,
         ),
         np.array([*position, constant], dtype=float),
         {

@@ -1,0 +1,276 @@
+"""The SNR that a P_D needs, the margin left at the poses, and the terms of the SNR: `detectors`."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.constants import Boltzmann
+from scipy.special import ndtr, ndtri
+
+from radar_sense import words
+from radar_sense.axis import reached
+from radar_sense.command import Option, Result
+from radar_sense.covariance import variance_along
+from radar_sense.errors import InputError
+from radar_sense.limits import Limit
+from radar_sense.model.detectors import PULSES, Detector, Marcum, North, PulseDetector, required_snr
+from radar_sense.model.geometry import slant_range
+from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.radar_equation import NEPERS
+from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+from radar_sense.scenario import Scenario
+from radar_sense.sources import sources_of
+from radar_sense.states import CONSTANT, FloatArray
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+
+OPTIONS = (
+    Option(
+        "p_d",
+        "Only the SNR that this P_D needs, the margin left, and the terms of the SNR.",
+        Limit(above=0, below=1),
+        metavar="P_D",
+    ),
+    Option("pulses", "Pulses integrated, with --p-d.", PULSES, default_text="the radar's"),
+)
+#: Decibels of a unit of z. Φ(z) has the digits of margins up to 160 dB.
+SPAN = 20.0
+#: Least S of a margin, because a radar constant may be drawn as 0.
+LEAST = 1e-20
+#: The term that each source makes uncertain, besides c_r.
+TERMS = {
+    "aircraft_position": "range",
+    "radar_position": "range",
+    "aircraft_orientation": "aircraft_rcs",
+    "aircraft_rcs": "aircraft_rcs",
+    "radar_attenuation": "attenuation",
+}
+
+
+@dataclass(frozen=True)
+class Margin:
+    """The margin over an SNR, in the place of a detector: z is the margin over `SPAN`.
+
+    Every method of propagation then has the distribution of the margin. First order in z is first
+    order in decibels.
+    """
+
+    needed_db: float = 0.0
+
+    def p_d(self, snr: FloatArray, p_fa: float) -> FloatArray:
+        """Return Φ(z) (...)."""
+        return np.asarray(ndtr(self.linearize_probit(snr, p_fa)[0]))
+
+    def linearize_probit(self, snr: FloatArray, p_fa: float) -> tuple[FloatArray, FloatArray]:
+        """Return z (...) and dz/dS (...)."""
+        snr = np.maximum(snr, LEAST)
+        return (words.decibels(snr) - self.needed_db) / SPAN, 1.0 / (NEPERS * SPAN * snr)
+
+
+def margin(
+    scenario: Scenario, p_d: float, pulses: int | None, compared: Sequence[type[PulseDetector]]
+) -> Result:
+    """Return the SNR that a P_D needs, the margin left at the poses, and the terms of the SNR.
+
+    Args:
+        scenario: The scenario, of one radar.
+        p_d: P_D.
+        pulses: Pulses that are integrated; None for those of the radar's detector.
+        compared: Detectors whose SNR is shown, too.
+
+    Raises:
+        InputError: If there are several radars, if P_D needs no signal, or if the detector of the
+            radar cannot integrate.
+    """
+    if len(scenario.model.radars) > 1:
+        raise InputError(f"p_d needs one radar: {words.listed(scenario.model.names, 'or')}")
+    (radar,), axis, result = scenario.model.radars, scenario.axis, Result(scenario, scenario.method)
+    p_fa, detector = radar.model.p_fa, _integrating(radar, pulses)
+    least = max(p_fa, float(detector.p_d(np.zeros(()), p_fa)))
+    if not p_d > (1.0 + 1e-9) * least:
+        raise InputError(f"p_d must be above {least:.4g}, P_D without a signal; got {p_d:g}")
+
+    def needed_db(detector: Detector) -> float:
+        return 10.0 * math.log10(required_snr(detector, p_fa, p_d))
+
+    needed = needed_db(detector)
+    after = {name: needed_db(d) for name, d in _steps(detector).items()}
+    count = int(getattr(detector, "pulses", 1))
+    others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in compared)}
+    terms = snr_terms(scenario)
+    left, lower, upper = _add_margin(result, needed)
+    meaning = "A term of the SNR in SI units, such as gain_dbi; snr is their sum."
+    for name, (decibels, std) in terms.items():
+        result.table.add(f"term_{name}", decibels, meaning, "dB")
+        result.table.add(f"sigma_term_{name}", std, "Its standard deviation, first order.", "dB")
+    result.summary |= {"p_d": p_d, "p_fa": p_fa, "detector": words.describe_detector(detector)}
+    result.summary |= {"needed_db_after": after, "needed_db_by_fluctuation": others}
+    seen, pose = np.isfinite(left), 0
+    for name, sign in (("largest", 1.0), ("least", -1.0)) if seen.any() else ():
+        mask = reached(sign * left)
+        pose = int(np.argmax(mask))
+        value, *ends = (float(values[pose]) for values in (left, lower, upper))
+        place = {axis.key: axis.values[mask].tolist()}
+        result.summary[f"{name}_margin_db"] = {"value": value, "band": ends, **place}
+        line = f"{value:.2f} dB {words.describe_poses(mask, axis)}"
+        line += ", between {:.2f} and {:.2f} (3 sigma)".format(*ends)
+        result.report.insert(0, f"{name} margin for P_D {p_d:.12g}: {line}")
+    if not seen.all():
+        result.report += [f"no margin {words.describe_poses(~seen, axis)}: beyond a limit"]
+    changes = dict(zip(after, np.diff([0.0, *after.values()]), strict=True))
+    for title, numbers in (
+        (f"SNR that a pulse needs at P_fa {p_fa:g} [dB]:", {**changes, "needed": needed}),
+        ("by fluctuation, with a fixed threshold [dB]:", others),
+    ):
+        result.report += [title, *words.rows({n: f"{db:8.2f}" for n, db in numbers.items()})]
+    at_pose = {name: (float(dbs[pose]), float(std[pose])) for name, (dbs, std) in terms.items()}
+    result.report += [
+        f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:",
+        *words.rows({n: f"{db:8.2f} {std:6.2f}" for n, (db, std) in at_pose.items() if db or std}),
+    ]
+    title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: $3\\,\\sigma$"
+    bounds = float(lower[pose]), float(upper[pose])
+    result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, title=title)
+    return result
+
+
+def _integrating(radar: Radar, pulses: int | None) -> Detector:
+    """Return the detector of a radar with another number of pulses."""
+    detector = radar.model.detector
+    if pulses is None:
+        return detector
+    if isinstance(detector, North):
+        detector = Marcum()  # which North approximates for a single pulse
+    if not isinstance(detector, PulseDetector):
+        raise InputError(f"pulses needs a detector that integrates, got {detector!r}")
+    if pulses > 1 and radar.sheet and radar.sheet.kind == "surveillance":
+        raise InputError(f"pulses must be 1 with surveillance, a pulse a scan; got {pulses}")
+    return dataclasses.replace(detector, pulses=pulses)
+
+
+def _steps(detector: Detector) -> dict[str, Detector]:
+    """Return detectors from a steady target and a single pulse to a detector, by what is new."""
+    chain: list[Detector] = [Marcum(), detector]
+    if isinstance(detector, PulseDetector):
+        with_cfar = dataclasses.replace(detector, binary=None)
+        plain = dataclasses.replace(with_cfar, cfar=None)
+        chain[1:] = [Marcum(detector.pulses), plain, with_cfar, detector]
+    steps: dict[str, Detector] = {"steady target, 1 pulse": chain[0]}
+    for before, after in itertools.pairwise(chain):
+        known = words.describe_detector(before).split(", ")
+        new = [name for name in words.describe_detector(after).split(", ") if name not in known]
+        steps |= {", ".join(new): after} if new else {}
+    return steps
+
+
+def _add_margin(result: Result, needed_db: float) -> list[FloatArray]:
+    """Add the margin with its bounds (n,), by the scenario's method, and return the three."""
+    scenario = result.scenario
+    (radar,) = scenario.model.radars
+    model = dataclasses.replace(radar.model, detector=Margin(needed_db))
+    free = dataclasses.replace(scenario, model=NetworkModel((Radar(model),)))
+    method = "probit" if scenario.method == "linear" else scenario.method
+    moments = propagate_scenario(free, method=method)
+    seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
+    off = unreliable_in_scenario(free, moments, method=method) & seen
+    result.warnings += words.margin_warnings(off, scenario.axis, scenario.method)
+    words.add_axis(result.table, scenario.axis)
+    for name, p, meaning in (
+        ("margin_db", moments.p_d, "SNR less the SNR that P_D needs; NaN beyond a limit."),
+        ("lower_3sigma_margin_db", moments.lower, "Lower 3-sigma bound of the margin."),
+        ("upper_3sigma_margin_db", moments.upper, "Upper 3-sigma bound of the margin."),
+    ):
+        result.table.add(name, np.where(seen, SPAN * ndtri(p), np.nan), meaning, "dB")
+    return list(result.table.values())[1:]
+
+
+def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return the terms of the SNR of the only radar at n poses, in decibels of SI units.
+
+    Each term has values (n,) and standard deviations (n,) to first order. The last term, `snr`, is
+    the sum of the others. A term of the data sheet has its tolerance, `range` the deviation from
+    the positions, `aircraft_rcs` from orientation and cross section.
+    """
+    (radar,), constant = scenario.model.radars, float(scenario.radar[CONSTANT])
+    sheet = radar.sheet if radar.sheet and radar.sheet.constant == constant else None
+    rest = "radar_constant" if sheet is None else "rest_of_constant"
+    parts = {} if sheet is None else sheet.terms()
+    parts[rest] = 10.0 * math.log10(constant) - sum(parts.values())
+    parts["boltzmann"] = -10.0 * math.log10(Boltzmann)
+    std = {t.name: abs(t.slope) / NEPERS for t in scenario.tolerances_at_level[0]}
+    if not std:
+        std[rest] = math.sqrt(scenario.cov_shared[CONSTANT, CONSTANT]) / (constant * NEPERS)
+    ones = np.ones(len(scenario.aircraft))
+    terms = {name: (value * ones, std.get(name, 0.0) * ones) for name, value in parts.items()}
+
+    z, *partials = dataclasses.replace(radar.model, detector=Margin()).linearize_probit(
+        scenario.aircraft, scenario.shared
+    )
+    states = dict(zip(("aircraft", "radar"), partials, strict=True))
+    covariances = dict(zip(states, scenario.states().covariances, strict=True))
+    variances = dict.fromkeys((*TERMS.values(), "radar_constant"), 0.0 * ones)
+    for source, (state, components) in sources_of(scenario).items():
+        own = np.zeros_like(states[state])
+        own[:, components] = states[state][:, components]
+        name = TERMS.get(source, source)
+        variances[name] = variances[name] + variance_along(own, covariances[state])
+    distance = slant_range(scenario.aircraft, scenario.radar)
+    values = {"range": -40.0 * np.log10(distance)}
+    if radar.model.attenuation:
+        values["attenuation"] = -2.0 * radar.model.attenuation * distance
+    values["aircraft_rcs"] = SPAN * z - sum(parts.values()) - sum(values.values())
+    terms |= {name: (value, SPAN * np.sqrt(variances[name])) for name, value in values.items()}
+    total = sum(variance_along(by, covariances[state]) for state, by in states.items())
+    return terms | {"snr": (SPAN * z, SPAN * np.sqrt(total))}
+
+
+def _draw(
+    figure: Figure,
+    terms: Mapping[str, tuple[float, float]],
+    changes: Mapping[str, float],
+    margin: tuple[float, float],
+    title: str,
+) -> None:
+    """Draw losses, SNR, SNR that is needed, and margin with its bounds, as bars of one chain."""
+    from radar_sense import plotting
+
+    def chain(changes: Mapping[str, float]) -> list[tuple[str, float, float]]:
+        ends = np.cumsum([0.0, *changes.values()]).tolist()
+        return list(zip(changes, ends, ends[1:], strict=False))
+
+    losses = {name: t for name, t in terms.items() if name.endswith("_db") or name == "attenuation"}
+    (snr, _), needed = terms["snr"], sum(changes.values())
+    values = {name: loss for name, (loss, _) in losses.items()}
+    supply = chain({"SNR without losses": snr - sum(values.values()), **values})
+    bars = [*(supply if losses else ()), ("SNR", 0.0, snr), *chain(changes)]
+    bars += [("SNR needed", 0.0, needed), ("margin", needed, snr)]
+    blue, red, green = (colour for colour, _ in plotting.LINES[:3])
+    colours = dict.fromkeys(losses, red) | dict.fromkeys(changes, blue) | {"margin": green}
+    (axes,) = plotting.panels(figure, 1)
+    plotting.set_height(figure, 0.75 + 0.19 * len(bars))
+    for row, (name, start, end) in enumerate(bars):
+        axes.barh(row, end - start, left=start, height=0.72, color=colours.get(name, "0.6"))
+        std = losses[name][1] if name in losses else 0.0
+        line = np.add(needed, margin) if name == "margin" else end + 3.0 * std * np.array([-1, 1])
+        axes.plot(line, [row, row], color="black", lw=plotting.points(0.8))
+        beside = float(np.nanmax([0.0, start, *line])), row
+        shift, size = (plotting.points(3), 0.0), plotting.points(6.5)
+        text = f"{end - start:.1f}"
+        axes.annotate(text, beside, shift, textcoords="offset points", va="center", fontsize=size)
+    names = [name.removesuffix("_db").replace("_", " ") for name, *_ in bars]
+    axes.set_yticks(range(len(bars)), names)
+    axes.tick_params(axis="y", which="both", length=0)
+    axes.grid(visible=False, axis="y")
+    axes.invert_yaxis()
+    low, high = axes.dataLim.intervalx
+    axes.set_xlim(low - 0.05 * (high - low), high + 0.25 * (high - low))
+    axes.set_xlabel("SNR of a pulse [dB]")
+    axes.set_title(title, loc="right", fontsize=plotting.points(6.5), pad=plotting.points(2))

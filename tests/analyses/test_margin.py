@@ -1,0 +1,408 @@
+"""`detectors --p-d`: the SNR needed, the margin with its band, and the terms of the SNR.
+
+The oracles are arithmetic in decibels, integrals of SciPy's noncentral chi-square distribution over
+the fluctuation, and draws of the parameters; none of them calls the package.
+"""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import document, scenario, sheet_scenario, yaml_text
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from numpy.testing import assert_allclose
+from scipy.integrate import quad
+from scipy.optimize import brentq
+from scipy.spatial.transform import Rotation
+from scipy.special import ndtri
+from scipy.stats import betaprime, chi2, gamma, ncx2
+
+import radar_sense as rs
+from radar_sense.analyses.margin import snr_terms
+from radar_sense.errors import InputError
+
+pytestmark = pytest.mark.usefixtures("few_judge")
+
+ROOT = Path(__file__).parents[2]
+K, C = 1.380649e-23, 299792458.0
+#: Shape of the gamma distribution of the energy of N pulses, by Swerling's case.
+SHAPES = {"swerling1": lambda n: 1, "swerling2": lambda n: n, "swerling3": lambda n: 2,
+          "swerling4": lambda n: 2 * n}  # fmt: skip
+ONE_POSE = {"start": 0, "stop": 0, "step": 1}
+
+
+def db(ratio):
+    return 10 * math.log10(ratio)
+
+
+def needed_db(case, pulses, p_fa, p_d):
+    """SNR of a pulse [dB]: the energy of N pulses is noncentral chi-square, mixed over a gamma."""
+    threshold = chi2.isf(p_fa, 2 * pulses)
+
+    def detected(snr):
+        if case == "marcum":
+            return ncx2.sf(threshold, 2 * pulses, 2 * pulses * snr)
+        shape = SHAPES[case](pulses)
+        energy = gamma(shape, scale=pulses * snr / shape)
+        # over quantiles of the energy, whose integrand is bounded
+        return quad(lambda q: ncx2.sf(threshold, 2 * pulses, 2 * energy.ppf(q)), 0, 1, limit=200)[0]
+
+    return 10 * brentq(lambda x: detected(10**x) - p_d, -3, 6, xtol=1e-9)
+
+
+def tracking(level=None, rcs=None, uncertain=None, **radar):
+    """A tracking radar of known numbers, 30 km away."""
+    sheet = {"peak_power_kw": 250, "gain_dbi": 40, "frequency_ghz": 9.4, "pulse_width_us": 0.8,
+             "noise_figure_db": 4, "losses_db": {"line": 2, "beam_shape": 1.6}}  # fmt: skip
+    given = {"position_m": [0, 0, 0], "tracking": sheet, "p_fa": 1e-6, "detector": "swerling1"}
+    parts = {"gain_dbi": 0.5, "noise_figure_db": 0.3, "losses_db": {"line": 0.4}}
+    position = {"position_m": 0, "attitude_deg": 0}
+    return rs.parse_scenario(
+        yaml_text(
+            document(
+                radar=given | radar,
+                aircraft__rcs=rcs or {"model": "constant", "rcs_m2": 0.2},
+                geometry__range_km=30,
+                geometry__azimuth_deg=ONE_POSE,
+                uncertainty={
+                    "aircraft": position | (uncertain or {}),
+                    "radar": {"sheet": {"position_m": 0, "constant": parts, **(level or {})}},
+                },
+                analysis={"level": "sheet", "runs": 500, "seed": 1},
+            )
+        )
+    )
+
+
+# The SNR needed.
+
+
+@pytest.mark.parametrize(("pulses", "p_d"), [(1, 0.5), (24, 0.9), (10, 0.99)])
+def test_needed_of_every_fluctuation(pulses, p_d):
+    s = scenario(geometry__azimuth_deg=ONE_POSE)
+    found = rs.analyses.detectors(s, p_d=p_d, pulses=pulses).summary["needed_db_by_fluctuation"]
+    more = f", {pulses} pulses" if pulses > 1 else ""
+    assert set(found) == {f"{case}{more}" for case in ("marcum", *SHAPES)}
+    for case in ("marcum", *SHAPES):
+        expected = needed_db(case, pulses, 1.7e-4, p_d)
+        assert found[f"{case}{more}"] == pytest.approx(expected, abs=2e-6), case
+
+
+def test_steps_from_a_steady_target_to_the_radar():
+    """MATLAB's radarbudgetplot has the same steps: one pulse, integration, fluctuation, CFAR."""
+    s = rs.load_scenario(ROOT / "configs/airport_surveillance.yaml").at_poses(slice(0, 1))
+    result = rs.analyses.detectors(s, p_d=0.9, method="linear")
+    after = result.summary["needed_db_after"]
+    names = ["steady target, 1 pulse", "18 pulses", "swerling3", "cell_averaging 16"]
+    assert list(after) == names
+    cases = [("marcum", 1), ("marcum", 18), ("swerling3", 18)]
+    expected = [needed_db(case, n, 1e-6, 0.9) for case, n in cases]
+    assert_allclose([after[name] for name in names[:3]], expected, atol=2e-6)
+    # cells add a loss: P_D at that SNR is 0.9, by draws of cells and pulses
+    rng, runs, snr = np.random.default_rng(1), 400_000, 10 ** (after["cell_averaging 16"] / 10)
+    cells = rng.gamma(16 * 18, size=runs)
+    energy = rng.gamma(18 + rng.poisson(18 * snr * rng.gamma(2, 0.5, size=runs)))
+    # P_fa of a ratio of gamma variables is a beta distribution
+    factor = betaprime.isf(1e-6, 18, 16 * 18)
+    assert np.mean(energy > factor * cells) == pytest.approx(0.9, abs=4 * 0.3 / math.sqrt(runs))
+    assert "  needed                      8.21" in result.report
+    assert "  cell_averaging 16           0.34" in result.report
+
+
+@pytest.mark.parametrize(
+    ("detector", "steps"),
+    [
+        ("marcum", []),
+        ("north", ["north"]),
+        ("swerling1", ["swerling1"]),
+        ({"model": "swerling4", "pulses": 4, "binary": {"m": 3, "n": 5}},
+         ["4 pulses", "swerling4", "3 of 5"]),
+        ({"model": "marcum", "pulses": 4, "cfar": {"type": "cell_averaging", "cells": 8},
+          "binary": {"m": 2, "n": 3}}, ["4 pulses", "cell_averaging 8", "2 of 3"]),
+        ({"model": "swerling1",
+          "cfar": {"type": "ordered_statistics", "cells": 24, "rank": 18}},
+         ["swerling1", "ordered_statistics 24"]),
+    ],
+)  # fmt: skip
+def test_steps_of_detectors(detector, steps):
+    s = scenario(radar__detector=detector, geometry__azimuth_deg=ONE_POSE)
+    summary = rs.analyses.detectors(s, p_d=0.8).summary
+    after = summary["needed_db_after"]
+    assert list(after) == ["steady target, 1 pulse", *steps]
+    *_, needed = after.values()
+    (radar,) = s.model.models
+    assert radar.detector.p_d(np.array(10 ** (needed / 10)), 1.7e-4) == pytest.approx(0.8)
+
+
+# The margin and its band.
+
+
+@pytest.mark.parametrize("method", ["linear", "probit", "form", "automatic"])
+def test_tolerances_in_decibels_give_a_normal_margin(method):
+    """All terms with a tolerance are in dB: the margin is normal, and its band exact."""
+    result = rs.analyses.detectors(tracking(), p_d=0.9, method=method)
+    distance = math.hypot(30e3, 3e3)
+    snr = db(250e3) + 2 * 40 + 2 * db(C / 9.4e9) + db(0.2) - 3 * db(4 * math.pi)
+    snr -= db(K * 290 / 0.8e-6) + 4 + 2 + 1.6 + 4 * db(distance)
+    # Swerling 1: P_D = P_fa^(1/(1 + S))
+    expected = snr - db(math.log(1e-6) / math.log(0.9) - 1)
+    std = math.sqrt((2 * 0.5) ** 2 + 0.3**2 + 0.4**2)
+    (margin,), (lower,), (upper,) = (
+        result.table[f"{end}margin_db"] for end in ("", "lower_3sigma_", "upper_3sigma_")
+    )
+    assert margin == pytest.approx(expected, abs=1e-9)
+    accuracy = 0.05 * std if method == "automatic" else 1e-6
+    assert lower == pytest.approx(expected - 3 * std, abs=accuracy)
+    assert upper == pytest.approx(expected + 3 * std, abs=accuracy)
+    assert result.report[0] == (
+        f"least margin for P_D 0.9: {margin:.2f} dB at 0 deg, between {lower:.2f} and "
+        f"{upper:.2f} (3 sigma)"
+    )
+
+
+@pytest.mark.parametrize("method", ["form", "automatic", "montecarlo"])
+def test_band_against_draws(method):
+    """With an uncertain attenuation, aspect and c_r the margin is skewed."""
+    s = tracking(
+        level={"attenuation_db_per_km": 0.03, "position_m": 200},
+        rcs={"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21},
+        uncertain={"attitude_deg": [2, 2, 8], "rcs_db": 0.7},
+        attenuation_db_per_km=0.1,
+    )
+    result = rs.analyses.detectors(s, p_d=0.9, method=method, runs=20_000)
+    rng, runs = np.random.default_rng(3), 1_000_000
+    parts = 0.5**2 * 4 + 0.3**2 + 0.4**2 + 0.7**2
+    decibels = math.sqrt(parts) * rng.standard_normal(runs)
+    radar = 200 * rng.standard_normal((3, runs))
+    line = np.array([0.0, 30e3, -3e3])[:, np.newaxis] - radar  # azimuth 0 is east
+    angles = np.array([90, 0, 0]) + rng.standard_normal((runs, 3)) * [8, 2, 2]
+    to_ned = Rotation.from_euler("ZYX", angles, degrees=True)
+    x, y, z = to_ned.inv().apply(-line.T).T
+    a, b, c = 0.15, 0.13, 0.21
+    lam, phi = np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+    shape = (a * np.sin(lam) * np.cos(phi)) ** 2 + (b * np.sin(lam) * np.sin(phi)) ** 2
+    sigma = math.pi * (a * b * c) ** 2 / (shape + (c * np.cos(lam)) ** 2) ** 2
+    distance = np.linalg.norm(line, axis=0)
+    path = 2 * 0.1e-3 * np.exp(0.3 * rng.standard_normal(runs)) * distance
+    snr = db(250e3) + 80 + 2 * db(C / 9.4e9) - 3 * db(4 * math.pi) - db(K * 290 / 0.8e-6) - 7.6
+    snr = snr + 10 * np.log10(sigma) - 40 * np.log10(distance) - path + decibels
+    left = snr - db(math.log(1e-6) / math.log(0.9) - 1)
+    low, high = np.quantile(left, [0.00135, 0.99865])
+    accuracy = 0.6 if method == "montecarlo" else 0.12
+    assert result.table["lower_3sigma_margin_db"][0] == pytest.approx(low, abs=accuracy)
+    assert result.table["upper_3sigma_margin_db"][0] == pytest.approx(high, abs=accuracy)
+
+
+def test_a_band_that_is_off_is_warned_of():
+    """At a peak of the cross section first order sees no effect of the aspect."""
+    s = tracking(rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 1, "floor_m2": 0.001},
+                 uncertain={"attitude_deg": [0, 0, 6]})  # fmt: skip
+    (text,) = rs.analyses.detectors(s, p_d=0.9, method="linear").warnings
+    assert text == ("the band of the margin is off by over 0.25 dB by linear at 0 deg [band-off]")
+
+
+# The terms.
+
+
+def test_terms_of_a_tracking_radar():
+    """Each term by arithmetic from the data sheet, and its tolerance."""
+    s = tracking(
+        level={"attenuation_db_per_km": 0.03, "position_m": 200},
+        uncertain={"position_m": 100, "rcs_db": 0.7},
+        attenuation_db_per_km=0.1,
+    )
+    distance = math.hypot(30e3, 3e3)
+    # 10 dB of 4.34 log: range enters as 1/R^4, and along the way with 0.2 dB/km
+    std_range = math.hypot(100, 200) * (40 / math.log(10) / distance + 2 * 0.1e-3)
+    path = 2 * 0.1e-3 * distance
+    expected = {
+        "peak_power_kw": (db(250e3), 0),
+        "gain_dbi": (2 * 40, 2 * 0.5),
+        "frequency_ghz": (2 * db(C / 9.4e9), 0),
+        "pulse_width_us": (-db(1 / 0.8e-6), 0),
+        "temperature_k": (-db(290), 0),
+        "noise_figure_db": (-4, 0.3),
+        "coherent_pulses": (0, 0),
+        "line_db": (-2, 0.4),
+        "beam_shape_db": (-1.6, 0),
+        "rest_of_constant": (-3 * db(4 * math.pi), 0),
+        "boltzmann": (-db(K), 0),
+        "range": (-4 * db(distance), std_range),
+        "attenuation": (-path, path * 0.3),
+        "aircraft_rcs": (db(0.2), 0.7),
+    }
+    terms = snr_terms(s)
+    assert set(terms) == {*expected, "snr"}
+    for name, (value, std) in expected.items():
+        assert terms[name][0][0] == pytest.approx(value, abs=1e-9), name
+        assert terms[name][1][0] == pytest.approx(std, rel=1e-9, abs=1e-12), name
+    value, std = (sum(x) for x in zip(*((v, d**2) for v, d in expected.values()), strict=True))
+    assert terms["snr"][0][0] == pytest.approx(value, abs=1e-9)
+    assert terms["snr"][1][0] == pytest.approx(math.sqrt(std), rel=1e-9)
+    report = rs.analyses.detectors(s, p_d=0.9, method="linear").report
+    assert any(line.split() == ["gain_dbi", "80.00", "1.00"] for line in report)
+    assert not any("coherent" in line for line in report)
+
+
+@pytest.mark.parametrize("level", ["sheet", "number"])
+def test_terms_of_a_surveillance_radar(level):
+    """A deviation of c_r as a whole is of what is left of c_r."""
+    s = sheet_scenario("surveillance", level=level)
+    terms = snr_terms(s)
+    whole = 10 / math.log(10) * 0.1 / s.radar[3]
+    expected = {
+        "average_power_kw": (db(10e3), 10 / math.log(10) * 0.5 / 10),
+        "aperture_m2": (db(15), 0),
+        "temperature_k": (-db(290), 0),
+        "rotation_rpm": (db(6), 0),
+        "search_volume_sr": (-db(2), 0),
+        "loss_db": (-8, 1),
+        "noise_figure_db": (-3, 0.5),
+        "rest_of_constant": (-db(16), 0),
+    }
+    for name, (value, std) in expected.items():
+        if level == "number":
+            std = whole if name == "rest_of_constant" else 0
+        assert_allclose(terms[name][0], value, atol=1e-9, err_msg=name)
+        assert_allclose(terms[name][1], std, rtol=1e-9, err_msg=name)
+
+
+def test_terms_of_a_constant():
+    """Without a data sheet, or with another c_r than its own, c_r is one term."""
+    other = sheet_scenario("tracking", level="number")
+    radar = other.radar * [1, 1, 1, 2]
+    for s, constant, std in (
+        (scenario(), 167, 5),
+        (dataclasses.replace(other, radar=radar), 2 * other.radar[3], 0.1),
+    ):
+        terms = snr_terms(s)
+        assert list(terms) == ["radar_constant", "boltzmann", "range", "aircraft_rcs", "snr"]
+        assert_allclose(terms["radar_constant"][0], db(constant))
+        assert_allclose(terms["radar_constant"][1], 10 / math.log(10) * std / constant)
+        assert_allclose(terms["snr"][0], 10 * np.log10(s.model.snr(s.aircraft, s.radar)[:, 0]))
+
+
+# The command.
+
+
+def test_without_the_options_nothing_changes(tool):
+    assert tool("detectors", "--no-plot").code == 0
+    record = json.loads(Path("figures/paper_detectors.json").read_text())
+    assert set(record["summary"]) == {
+        "largest_error_of_north", "error_of_north_at_poses", "required_snr"
+    }  # fmt: skip
+
+
+def test_answer_and_files(tool):
+    code, out, err = tool("detectors", "--p-d", "0.9", "--pulses", "24")
+    assert (code, err) == (0, "")
+    first, second, *_ = out.splitlines()
+    assert first.startswith("least margin for P_D 0.9: 5.75 dB at 0, 180 deg, between 5.36 and")
+    assert second.startswith("largest margin for P_D 0.9: 11.59 dB at 90 deg, between 11.20 and")
+    record = json.loads(Path("figures/paper_detectors.json").read_text())
+    assert record["summary"]["detector"] == "marcum, 24 pulses"
+    assert record["summary"]["least_margin_db"]["theta_r_deg"] == [0, 180]
+    table = np.genfromtxt("figures/paper_detectors.csv", delimiter=",", names=True)
+    assert len(table) == 361
+    total = sum(table[n] for n in table.dtype.names if n.startswith("term_") and n != "term_snr")
+    assert_allclose(total, table["term_snr"], atol=1e-6)
+    needed = needed_db("marcum", 24, 1.7e-4, 0.9)
+    assert_allclose(table["margin_db"], table["term_snr"] - needed, atol=2e-6)
+    assert Path("figures/paper_detectors.png").stat().st_size > 10_000
+
+
+def test_poses_beyond_a_limit_have_no_margin():
+    s = rs.load_scenario(ROOT / "configs/corridor.yaml").at_poses(slice(0, None, 100))
+    result = rs.analyses.detectors(s, p_d=0.9, radar="north", method="linear")
+    seen = s.model.visible(s.aircraft, s.radar)[:, list(s.model.names).index("north")]
+    assert 0 < seen.sum() < len(seen)
+    for name in ("margin_db", "lower_3sigma_margin_db", "upper_3sigma_margin_db"):
+        assert (np.isfinite(result.table[name]) == seen).all()
+    assert any(line.startswith("no margin at ") for line in result.report)
+    hidden = scenario(radar__max_range_km=100, geometry__azimuth_deg=ONE_POSE)
+    result = rs.analyses.detectors(hidden, p_d=0.9)
+    assert result.report[0] == "no margin at 0 deg: beyond a limit"
+    FigureCanvasAgg(result.plot()).draw()
+
+
+@pytest.mark.parametrize(
+    ("changes", "options", "problem"),
+    [
+        ({}, {"pulses": 4}, "pulses needs p_d"),
+        ({}, {"p_d": 1.7e-4}, "p_d must be above 0.0007715, P_D without a signal; got 0.00017"),
+        ({"radar__detector": "marcum"}, {"p_d": 1.7e-4},
+         "p_d must be above 0.00017, P_D without a signal; got 0.00017"),
+        ({}, {"p_d": 1.0}, "p_d must be a number greater than 0 and less than 1, got 1.0"),
+        ({}, {"p_d": 0.9, "pulses": 0}, "pulses must be a whole number not less than 1 and"),
+        ({"radar__detector": {"model": "swerling1", "cfar":
+          {"type": "ordered_statistics", "cells": 24, "rank": 18}}}, {"p_d": 0.9, "pulses": 4},
+         "cfar ordered_statistics is for swerling1 and swerling2 with one pulse"),
+    ],
+)  # fmt: skip
+def test_refused(changes, options, problem):
+    s = scenario(geometry__azimuth_deg=ONE_POSE, **changes)
+    with pytest.raises(InputError, match=problem.replace("(", r"\(")):
+        rs.analyses.detectors(s, **options)
+
+
+@pytest.mark.parametrize(
+    ("args", "problem"),
+    [
+        (["network.yaml", "--p-d", "0.9"], "p_d needs one radar: search, ridge or mobile"),
+        (["surveillance.yaml", "--p-d", "0.9", "--pulses", "2"],
+         "pulses must be 1 with surveillance, a pulse a scan; got 2"),
+        (["paper.yaml", "--p-d", "2"], "'--p-d': must be a number greater than 0 and less than 1"),
+        (["paper.yaml", "--pulses", "2"], "pulses needs p_d"),
+    ],
+)  # fmt: skip
+def test_refused_in_one_line(tool, args, problem):
+    config, *options = args
+    code, out, err = tool("detectors", str(ROOT / "configs" / config), *options)
+    assert (code, out) == (2, "")
+    assert problem in err
+    assert err.count("\n") == 1
+    assert not Path("figures").exists()
+
+
+class Own:
+    """A detector of one's own, P_D = S/(1 + S) but for noise."""
+
+    def p_d(self, snr, p_fa):
+        return (snr + p_fa) / (1 + snr)
+
+    def linearize_probit(self, snr, p_fa):
+        z = ndtri(self.p_d(snr, p_fa))
+        return z, (1 - p_fa) / (1 + snr) ** 2 * math.sqrt(2 * math.pi) * np.exp(z * z / 2)
+
+
+def test_a_detector_of_ones_own():
+    model = dataclasses.replace(scenario().model.models[0], detector=Own())
+    s = dataclasses.replace(scenario(geometry__azimuth_deg=ONE_POSE), model=model)
+    after = rs.analyses.detectors(s, p_d=0.9).summary["needed_db_after"]
+    assert list(after.values())[-1] == pytest.approx(db((0.9 - 1.7e-4) / 0.1))
+    with pytest.raises(InputError, match="pulses needs a detector that integrates, got <"):
+        rs.analyses.detectors(s, p_d=0.9, pulses=4)
+
+
+@pytest.mark.parametrize("p_d", [0.9, 1 - 1e-12])
+def test_figure(p_d):
+    """Every bar has its name and its number, and the numbers are inside the axes."""
+    s = rs.load_scenario(ROOT / "configs/rainy_day.yaml").at_poses(slice(0, 1))
+    figure = rs.analyses.detectors(s, p_d=p_d, method="linear").plot()
+    FigureCanvasAgg(figure).draw()
+    (axes,) = figure.axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == ["SNR without losses", "loss", "noise figure", "attenuation", "SNR",
+                     "steady target, 1 pulse", "swerling1", "SNR needed", "margin"]  # fmt: skip
+    assert len(axes.patches) == len(axes.texts) == len(names)
+    inside = axes.get_window_extent()
+    for text in axes.texts:
+        box = text.get_window_extent()
+        assert inside.x0 < box.x0 < box.x1 < inside.x1
+    ends = {n: bar.get_x() + bar.get_width() for n, bar in zip(names, axes.patches, strict=True)}
+    assert ends["attenuation"] == pytest.approx(ends["SNR"])
+    assert ends["swerling1"] == pytest.approx(ends["SNR needed"])
+    assert ends["margin"] == pytest.approx(ends["SNR"])
