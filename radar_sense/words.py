@@ -418,14 +418,18 @@ def method_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[
     )
 
 
-def margin_warnings(off: NDArray[np.bool_], axis: Axis, method: str) -> tuple[str, ...]:
-    """Return a warning where (n,) the bounds of a margin by a method are off, or not precise."""
-    if not off.any():
-        return ()
-    by_draws = method in (AUTOMATIC, MONTE_CARLO)
-    what = "not precise, to 0.25 dB," if by_draws else f"off by over 0.25 dB by {method}"
-    text = f"the band of the margin is {what} {describe_poses(off, axis)}"
-    return (warning("band-imprecise" if by_draws else "band-off", text),)
+def margin_warnings(
+    missing: NDArray[np.bool_], off: NDArray[np.bool_], axis: Axis, method: str
+) -> tuple[str, ...]:
+    """Return where (n,) a method has no band of the margin, or one that is off or not precise."""
+    imprecise = method in (AUTOMATIC, MONTE_CARLO)
+    name = "band-imprecise" if imprecise else "band-off"
+    problem = "is not precise to 0.25 dB" if imprecise else "is off by over 0.25 dB"
+    texts = {"no-value": "has no value", name: problem}
+    return tuple(
+        warning(name, f"the {method} band of the margin {texts[name]} {place}")
+        for name, place in places({"no-value": missing, name: off & ~missing}, axis).items()
+    )
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:

@@ -106,14 +106,14 @@ def margin(
     count = int(getattr(detector, "pulses", 1))
     others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in compared)}
     terms = snr_terms(scenario)
-    left, lower, upper = _add_margin(result, needed)
+    left, lower, upper = _add_margin(result, terms["snr"][0], needed)
     meaning = "A term of the SNR in SI units, such as gain_dbi; snr is their sum."
     for name, (decibels, std) in terms.items():
         result.table.add(f"term_{name}", decibels, meaning, "dB")
         result.table.add(f"sigma_term_{name}", std, "Its standard deviation, first order.", "dB")
     result.summary |= {"p_d": p_d, "p_fa": p_fa, "detector": words.describe_detector(detector)}
     result.summary |= {"needed_db_after": after, "needed_db_by_fluctuation": others}
-    seen, pose = np.isfinite(left), 0
+    seen, pose = ~np.isnan(left), 0
     for name, sign in (("largest", 1.0), ("least", -1.0)) if seen.any() else ():
         mask = reached(sign * left)
         pose = int(np.argmax(mask))
@@ -171,7 +171,7 @@ def _steps(detector: Detector) -> dict[str, Detector]:
     return steps
 
 
-def _add_margin(result: Result, needed_db: float) -> list[FloatArray]:
+def _add_margin(result: Result, snr_db: FloatArray, needed_db: float) -> list[FloatArray]:
     """Add the margin with its bounds (n,), by the scenario's method, and return the three."""
     scenario = result.scenario
     (radar,) = scenario.model.radars
@@ -179,16 +179,19 @@ def _add_margin(result: Result, needed_db: float) -> list[FloatArray]:
     free = dataclasses.replace(scenario, model=NetworkModel((Radar(model),)))
     method = "probit" if scenario.method == "linear" else scenario.method
     moments = propagate_scenario(free, method=method)
+    off = unreliable_in_scenario(free, moments, method=method)
+    lower, upper = (SPAN * ndtri(p) for p in (moments.lower, moments.upper))
+    no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
-    off = unreliable_in_scenario(free, moments, method=method) & seen
-    result.warnings += words.margin_warnings(off, scenario.axis, scenario.method)
     words.add_axis(result.table, scenario.axis)
-    for name, p, meaning in (
-        ("margin_db", moments.p_d, "SNR less the SNR that P_D needs; NaN beyond a limit."),
-        ("lower_3sigma_margin_db", moments.lower, "Lower 3-sigma bound of the margin."),
-        ("upper_3sigma_margin_db", moments.upper, "Upper 3-sigma bound of the margin."),
+    for name, values, meaning in (
+        ("", snr_db - needed_db, "SNR less the SNR that P_D needs; NaN beyond a limit."),
+        ("lower_3sigma_", np.where(no_signal, -np.inf, lower), "Its lower 3-sigma bound."),
+        ("upper_3sigma_", upper, "Its upper 3-sigma bound."),
     ):
-        result.table.add(name, np.where(seen, SPAN * ndtri(p), np.nan), meaning, "dB")
+        result.table.add(f"{name}margin_db", np.where(seen, values, np.nan), meaning, "dB")
+    masks = seen & ~np.isfinite(moments.std), seen & off
+    result.warnings += words.margin_warnings(*masks, scenario.axis, scenario.method)
     return list(result.table.values())[1:]
 
 
@@ -211,9 +214,10 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     ones = np.ones(len(scenario.aircraft))
     terms = {name: (value * ones, std.get(name, 0.0) * ones) for name, value in parts.items()}
 
-    z, *partials = dataclasses.replace(radar.model, detector=Margin()).linearize_probit(
+    _, *partials = dataclasses.replace(radar.model, detector=Margin()).linearize_probit(
         scenario.aircraft, scenario.shared
     )
+    snr_db = words.decibels(radar.model.snr(scenario.aircraft, scenario.shared))
     states = dict(zip(("aircraft", "radar"), partials, strict=True))
     covariances = dict(zip(states, scenario.states().covariances, strict=True))
     variances = dict.fromkeys((*TERMS.values(), "radar_constant"), 0.0 * ones)
@@ -226,10 +230,10 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     values = {"range": -40.0 * np.log10(distance)}
     if radar.model.attenuation:
         values["attenuation"] = -2.0 * radar.model.attenuation * distance
-    values["aircraft_rcs"] = SPAN * z - sum(parts.values()) - sum(values.values())
+    values["aircraft_rcs"] = snr_db - sum(parts.values()) - sum(values.values())
     terms |= {name: (value, SPAN * np.sqrt(variances[name])) for name, value in values.items()}
     total = sum(variance_along(by, covariances[state]) for state, by in states.items())
-    return terms | {"snr": (SPAN * z, SPAN * np.sqrt(total))}
+    return terms | {"snr": (snr_db, SPAN * np.sqrt(total))}
 
 
 def _draw(

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import document, scenario, sheet_scenario, yaml_text
+from helpers import OVERHEAD, document, scenario, sheet_scenario, yaml_text
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -201,7 +201,38 @@ def test_a_band_that_is_off_is_warned_of():
     s = tracking(rcs={"model": "spikeball", "lobes": 8, "amplitude_m2": 1, "floor_m2": 0.001},
                  uncertain={"attitude_deg": [0, 0, 6]})  # fmt: skip
     (text,) = rs.analyses.detectors(s, p_d=0.9, method="linear").warnings
-    assert text == ("the band of the margin is off by over 0.25 dB by linear at 0 deg [band-off]")
+    assert text == ("the linear band of the margin is off by over 0.25 dB at 0 deg [band-off]")
+
+
+@pytest.mark.parametrize("method", ["linear", "form"])
+def test_a_margin_without_a_band(method):
+    """Straight below the aircraft the aspect has no gradient: draws have a band there."""
+    s = scenario(**OVERHEAD)
+    result = rs.analyses.detectors(s, p_d=0.9, method=method)
+    assert result.report[0].endswith("59.03 dB at 0 deg, between nan and nan (3 sigma)")
+    assert result.warnings == (f"the {method} band of the margin has no value at 0 deg [no-value]",)
+    table = rs.analyses.detectors(s, p_d=0.9, method="automatic").table
+    assert 58 < table["lower_3sigma_margin_db"][0] < 59.03 < table["upper_3sigma_margin_db"][0] < 70
+
+
+def test_a_radar_constant_that_may_be_zero():
+    """The margin is then below every number: no SNR."""
+    level = {"medium": {"position_m": 0, "constant": 160}}
+    s = scenario(uncertainty__radar=level, geometry__azimuth_deg=ONE_POSE)
+    table = rs.analyses.detectors(s, p_d=0.9, method="automatic").table
+    assert table["lower_3sigma_margin_db"][0] == -math.inf
+    upper = table["margin_db"][0] + db(1 + 3 * 160 / 167)
+    assert table["upper_3sigma_margin_db"][0] == pytest.approx(upper, abs=0.1)
+    no_rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.1, "floor_m2": 0}
+    s = scenario(aircraft__rcs=no_rcs, geometry__azimuth_deg={"start": 45, "stop": 90, "step": 45})
+    for constant in (167.0, 1e20):
+        radar = s.radar * [1, 1, 1, constant / 167]
+        other = dataclasses.replace(s, radar=radar)
+        result = rs.analyses.detectors(other, p_d=0.9, method="linear")
+        snr = 10 * np.log10(s.model.snr(s.aircraft, radar)[:, 0])
+        assert_allclose(result.table["term_snr"], snr)
+        assert np.isfinite(result.table["margin_db"]).all()
+        FigureCanvasAgg(result.plot()).draw()
 
 
 # The terms.
@@ -215,7 +246,7 @@ def test_terms_of_a_tracking_radar():
         attenuation_db_per_km=0.1,
     )
     distance = math.hypot(30e3, 3e3)
-    # 10 dB of 4.34 log: range enters as 1/R^4, and along the way with 0.2 dB/km
+    # 1/R^4, and 0.2 dB/km along the way there and back
     std_range = math.hypot(100, 200) * (40 / math.log(10) / distance + 2 * 0.1e-3)
     path = 2 * 0.1e-3 * distance
     expected = {
