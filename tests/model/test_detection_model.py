@@ -2,7 +2,7 @@
 
 References, in order of independence: `oracle` (fifty digits, the formulas as the corrected paper
 has them), `chain_rule` (the paper's derivation of the gradient by λ and φ), SciPy's rotations,
-central differences, pinned numbers, and published numbers.
+central differences, and pinned numbers. `test_published` has the numbers of other tools.
 """
 
 import chain_rule
@@ -370,16 +370,6 @@ def test_moving_both_changes_nothing():
     assert_array_equal(lin.jac_aircraft[:, :3], -lin.jac_radar[:, :3])
 
 
-# Published numbers.
-
-
-def test_north_as_stone_soup_has_it():
-    """Stone Soup's test_radar.py: 0.688, which is 0.68786 to five digits."""
-    p_d = North().p_d(16.01, 1e-6)
-    assert p_d == pytest.approx(0.688, abs=0.0005)
-    assert p_d == pytest.approx(0.68786, abs=0.000005)
-
-
 DEGREE = np.radians(1.0)
 AIRCRAFT_COVARIANCE = np.diag([10.0**2] * 3 + [DEGREE**2] * 3)
 
@@ -398,27 +388,6 @@ def test_radar_constant_summed_in_decibels():
     # Eight terms, each good to half of its last digit.
     assert 10 * np.log10(radar.constant()) == pytest.approx(-10.6755, abs=8 * 0.00005)
     assert radar.constant() == pytest.approx(0.0855957, abs=5e-8)  # 20000 / (18560 · 10^1.1)
-
-
-def test_power_aperture_product_as_the_radar_toolbox_has_it():
-    """MATLAB's radareqsearchpap example: 2.3689e4 W m², with 4π where Mahafza's c_r has 16.
-
-    The reference table does not give the target's RCS; 1 m² reproduces all five digits.
-    """
-    per_unit = SurveillanceRadar(
-        average_power=1.0,
-        aperture=1.0,
-        temperature=487.0,
-        scan_time=4.8,
-        search_volume=2 * np.pi * np.sin(np.pi / 4),  # all round, from the horizon up to 45°
-        loss_db=20.0,
-        noise_figure_db=0.0,
-    )
-    model = DetectionModel(ConstantRCS(1.0), p_fa=1e-6)
-    snr = model.snr(np.zeros(6), [111e3, 0, 0, per_unit.constant()])
-    power_aperture = 10**1.3 / snr
-    assert power_aperture * 4 * np.pi / 16 == pytest.approx(2.3689e4, abs=0.5)
-    assert 10 * np.log10(16 / (4 * np.pi)) == pytest.approx(1.05, abs=0.005)
 
 
 # Broadcasting: states of any shapes that fit, with results as if pose by pose.
