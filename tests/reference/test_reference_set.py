@@ -1,6 +1,7 @@
 """The package against the reference set, whose numbers are from programs without its code."""
 
 import numpy as np
+import oracle
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from reference import draws, reading
@@ -68,6 +69,25 @@ def test_probabilities_of_exceeding_a_limit(method):
         for i in range(0, len(c["p_d"]), 7):
             found = METHODS[method](s.states().at(np.array([i]))).exceedance(c["p_max"][i])[0]
             assert abs(found - c["exceedance"][i]) < 0.02
+
+
+@pytest.mark.parametrize("number", [0, 1, 2, 3, 6, 38, 39])
+def test_fifty_digits_have_the_exact_numbers_of_the_set(number):
+    """A third program: P_D of one pulse, and the ten partials with North's detector."""
+    block, c = SET[number]
+    assert not block["attenuation_db_per_m"]
+    (name,) = block["detector"].values()
+    rcs, radar, p_fa = tuple(block["rcs"].values()), block["radar"], block["p_fa"]
+    for i in (3, 11, 19):
+        states = [float(c[name][i]) for name in reading.STATE]
+        states = states, [*radar["position_m"], radar["constant"]], rcs
+        p_d = getattr(oracle, name)(oracle.snr(*states), p_fa)
+        expected = float(p_d if name == "north" else p_d[0])
+        assert c["p_d"][i] == pytest.approx(expected, rel=3e-16)
+        if name == "north":
+            found = [c[slope][i] for slope in (*reading.OF_AIRCRAFT, *reading.OF_RADAR[:4])]
+            slopes = [float(slope) for slope in oracle.partials(*states, p_fa)]
+            assert_allclose(found, slopes, rtol=3e-16, atol=1e-23)
 
 
 def test_the_set_is_not_at_odds_with_itself():
