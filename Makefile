@@ -63,6 +63,7 @@ fuzz: $(VENV)/installed-dev
 # OUT=docs/figures renews the pictures of docs/reference_data.md.
 study: $(VENV)/installed-dev
 	@mkdir -p $(OUT)
+	PYTHONPATH=tests $(BIN)/python tests/studies/calibration.py --out $(OUT)
 	PYTHONPATH=tests $(BIN)/python tests/studies/reference_errors.py --out $(OUT)
 	PYTHONPATH=tests/studies $(BIN)/python -m bands $(STUDY)
 	$(BIN)/python tests/studies/mission_bounds.py
