@@ -43,6 +43,8 @@ MAX_PEAKS = 500
 RELATIVE_TOLERANCE, TOLERANCE = 0.01, 0.002
 #: Decimals of the places of closest points and crossings.
 DECIMALS = 6
+#: Differences below this part of the greatest value are rounding, and no maximum is searched there.
+ROUNDING = 1e-12
 #: Steps of a search for a closest point or a crossing: a bracket shrinks to 2⁻⁴⁰ of itself.
 SEARCH = 40
 _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
@@ -265,8 +267,11 @@ def _maxima(
 
     The greatest value may lie beside the first or the last place, too.
     """
-    values = np.pad(value(along(scenario, place)), 1, constant_values=-np.inf)
-    top = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:]))
+    values = value(along(scenario, place))
+    before, after = np.insert(values[:-1], 0, values[0]), np.append(values[1:], values[-1])
+    # along a circle about a radar all distances are equal but for rounding
+    flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max()
+    top = np.flatnonzero((values >= before) & (values >= after) & ~flat)
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
     for _ in range(SEARCH):
         left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
