@@ -7,7 +7,10 @@ the first use of a name. The command line can therefore answer `--help` without 
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # typing takes milliseconds, in which Ctrl-C would print a traceback
+    from typing import Any
 
 __version__ = "0.2.0"
 

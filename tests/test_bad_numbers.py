@@ -77,6 +77,37 @@ def test_aircraft_and_radar_coincide_where_the_fourth_power_underflows(call):
     assert np.isnan(p_d).tolist() == [pose == 3 for pose in range(POSES)]
 
 
+class Cube:
+    """An RCS from outside whose values are given by a function of the shape (...)."""
+
+    isotropic = False
+
+    def __init__(self, values):
+        self.values = values
+
+    def cross_section(self, body_vector):
+        return self.values(body_vector.shape[:-1])
+
+    def linearize(self, body_vector):
+        return self.cross_section(body_vector), np.zeros(body_vector.shape)
+
+
+NO_RCS = {
+    "must be finite and not negative, got nan": lambda shape: np.full(shape, NAN),
+    "must be finite and not negative, got inf": lambda shape: np.full(shape, INF),
+    "must be finite and not negative, got -1": lambda shape: np.full(shape, -1.0),
+    r"must return shape \(2, 13\) .*, got \(3,\)": lambda shape: np.ones(3),
+    "must be an array of real numbers, got complex128": lambda shape: np.full(shape, 1j),
+}
+
+
+@pytest.mark.parametrize("message", NO_RCS)
+def test_an_rcs_from_outside_is_named_with_what_it_returns(message):
+    assert rs.DetectionModel(Cube(np.ones), 1e-6).p_d(*states()).shape == (POSES,)
+    with pytest.raises(rs.InputError, match=rf"^Cube\.cross_section {message}$"):
+        rs.DetectionModel(Cube(NO_RCS[message]), 1e-6)
+
+
 NOT_REAL = {
     "text": (["1", "2", "3", "4"], "radar states must be an array of real numbers, got <U1"),
     "complex": (np.array([0, 0, 0, 1j]), "real numbers, got complex128"),

@@ -22,7 +22,7 @@ from radar_sense.limits import NOT_NEGATIVE, Limit, check_number
 from radar_sense.model.detectors import Detector, North, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
-from radar_sense.model.rcs import RCS, linearize_with_error, with_error
+from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
     AIRCRAFT,
     ATTENUATION_ERROR,
@@ -114,8 +114,7 @@ class DetectionModel:
         object.__setattr__(self, "p_fa", p_fa)
         attenuation = check_number("attenuation", self.attenuation, NOT_NEGATIVE)
         object.__setattr__(self, "attenuation", attenuation)
-        if not hasattr(self.rcs, "cross_section") or isinstance(self.rcs, type):
-            raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {self.rcs!r}")
+        check_rcs(self.rcs)
         if not hasattr(self.detector, "linearize_probit") or isinstance(self.detector, type):
             raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
 

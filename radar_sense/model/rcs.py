@@ -26,11 +26,11 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 import numpy as np
 
-from radar_sense.errors import InputError
+from radar_sense.errors import InputError, describe
 from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_parameters, parameter
 from radar_sense.model.geometry import Turn, join, split
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS
-from radar_sense.states import FloatArray
+from radar_sense.states import FloatArray, real_array
 
 _LOBES = Limit(at_least=1, at_most=1e6, whole=True)
 
@@ -68,6 +68,32 @@ class RCS(Protocol):
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m]."""
         ...
+
+
+def check_rcs(rcs: Any) -> None:
+    """Raise InputError unless an RCS returns cross sections of the right shape, finite and >= 0.
+
+    A model of this package does. Any other is asked in 26 directions around the aircraft.
+    """
+    if isinstance(rcs, type) or not all(hasattr(rcs, n) for n in ("cross_section", "linearize")):
+        raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {describe(rcs)}")
+    if type(rcs) in RCS_MODELS.values():
+        return
+    around = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
+    vectors = 1e5 * around[around.any(axis=1)].reshape(2, 13, 3)
+    sigma, gradient = rcs.linearize(vectors)
+    name = type(rcs).__name__
+    for what, values, shape in (
+        (f"{name}.cross_section", rcs.cross_section(vectors), (2, 13)),
+        (f"{name}.linearize", sigma, (2, 13)),
+        (f"the gradient of {name}.linearize", gradient, (2, 13, 3)),
+    ):
+        array = real_array(what, values)
+        if array.shape != shape:
+            raise InputError(f"{what} must return shape {shape} for (2, 13, 3), got {array.shape}")
+        wrong = array[~((array >= 0) & (array < math.inf))]
+        if len(shape) == 2 and wrong.size:
+            raise InputError(f"{what} must be finite and not negative, got {wrong[0]:g}")
 
 
 def with_error(rcs: RCS, body_vector: FloatArray, error: FloatArray) -> FloatArray:
