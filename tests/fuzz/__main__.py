@@ -7,14 +7,14 @@ import signal
 import sys
 import time
 from collections import Counter
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn
 
 sys.path.insert(0, str(Path(__file__).parent.parent))
 
-import hypothesis
-from fuzz.drawing import FAST, FEW, SLOW, Case, broken, calls, checked, commands
+from fuzz.drawing import FAST, SLOW, Case, broken, calls, checked, commands, each
 from fuzz.properties import BrokenError, check, check_call, reproducer
 
 from radar_sense.montecarlo import adaptive
@@ -49,7 +49,7 @@ def _end_of(case: Any) -> str:
         signal.setitimer(timer, seconds)
     try:
         if isinstance(case, Case):
-            return ENDS[check(case, again=case.args[0] != "check").code]
+            return ENDS[check(case, again=case.args[0] in FAST).code]
         return ENDS[0 if check_call(*case) else 2]
     except BrokenError as error:
         print(f"---\n{error}\n{reproducer(case) if isinstance(case, Case) else ''}", flush=True)
@@ -57,21 +57,6 @@ def _end_of(case: Any) -> str:
     finally:
         for timer in TOO_LONG:
             signal.setitimer(timer, 0)
-
-
-def run(kind: str, seed: int, end: float) -> Counter[tuple[str, str]]:
-    """Run some cases of a kind until a time, and count how they ended."""
-    counts = Counter[tuple[str, str]]()
-
-    @hypothesis.seed(seed)
-    @hypothesis.settings(FEW, derandomize=False, max_examples=50)
-    @hypothesis.given(KINDS[kind])
-    def batch(case: Any) -> None:
-        if time.monotonic() < end:
-            counts[kind, _end_of(case)] += 1
-
-    batch()
-    return counts
 
 
 def main() -> int:
@@ -85,9 +70,14 @@ def main() -> int:
     signal.signal(signal.SIGPROF, _hangs)
     _draw_few()
     end, seed, counts = time.monotonic() + given.seconds, given.seed, Counter[tuple[str, str]]()
+
+    def count(case: Any, kind: str) -> None:
+        if time.monotonic() < end:
+            counts[kind, _end_of(case)] += 1
+
     while time.monotonic() < end:
         for kind in given.kind or KINDS:
-            counts += run(kind, seed, end)
+            each(KINDS[kind], seed, partial(count, kind=kind))
         seed += 1
     for (kind, how), number in sorted(counts.items()):
         print(f"{number:8,} {kind}: {how}")

@@ -11,16 +11,17 @@ import inspect
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 from typing import Any
 
 import click
+import hypothesis
 import numpy as np
 import yaml
 from helpers import dump_yaml
-from hypothesis import HealthCheck, Phase, settings
 from hypothesis import strategies as st
 from hypothesis_jsonschema import from_schema
 
@@ -32,14 +33,6 @@ from radar_sense.scenario_file import declare
 from radar_sense.scenario_file.load import default_text
 from radar_sense.scenario_file.sections import schema_text
 
-#: A few cases, the same in every run. They are not made smaller, which would run many more.
-FEW = settings(
-    derandomize=True,
-    database=None,
-    deadline=None,
-    phases=[Phase.generate],
-    suppress_health_check=list(HealthCheck),
-)
 #: The scenario file of a case, and the files that a scenario may name.
 CONFIG, ROUTE, GPX, RCS = "my.yaml", "route.csv", "route.gpx", "rcs.csv"
 EXAMPLES = Path(__file__).parents[2] / "configs"
@@ -51,6 +44,9 @@ SLOW = {"compare", "convergence", "detectors", "report", "validate"}
 FAST = tuple(name for name in command_line.commands() if name not in SLOW)
 #: Options that are always given, because their defaults take long.
 WORK = {"runs", "digits", "step_km", "step_deg", "north_km", "east_km"}
+#: Options that need each other, and a number that is 0 one time in four.
+TOGETHER = (("k", "threshold"), ("at", "threshold"), ("m", "n"), ("n", "m"))
+ONE_OF_FOUR = st.integers(0, 3)
 #: Options that reach beyond the folder and the process of the test.
 BEYOND = {"dask", "workers", "help", "version"}
 #: Numbers of all sizes.
@@ -99,6 +95,28 @@ def _ordinary() -> dict[str, tuple[float, float]]:
         for key, number in _numbers(yaml.safe_load(path.read_text(encoding="utf-8"))):
             given.setdefault(key, []).append(number)
     return {key: (min(numbers), max(numbers)) for key, numbers in given.items()} | SMALL
+
+
+def each(strategy: st.SearchStrategy[Any], seed: int, function: Callable[[Any], object]) -> None:
+    """Call a function with ten cases, the same for the same seed.
+
+    More cases of one seed would be much like each other. A failing case is not made smaller, which
+    would run many others.
+    """
+
+    @hypothesis.seed(seed)
+    @hypothesis.settings(
+        max_examples=10,
+        database=None,
+        deadline=None,
+        phases=[hypothesis.Phase.generate],
+        suppress_health_check=list(hypothesis.HealthCheck),
+    )
+    @hypothesis.given(strategy)
+    def one(case: Any) -> None:
+        function(case)
+
+    one()
 
 
 # --- values that the schema accepts ---------------------------------------------------------------
@@ -320,11 +338,12 @@ def broken(draw: Any, ending: str) -> Case:
     name = draw(st.sampled_from([name for name in case.files if name.endswith(ending)]))
     pieces = re.split(rb"([\s:,<>={}\[\]\"]+)", case.files[name])
     for _ in range(draw(st.integers(1, 2))):
-        at, count = draw(st.integers(0, len(pieces) - 1)), draw(st.integers(0, 3))
+        at = draw(st.integers(0, len(pieces) - 1))
         word = draw(st.sampled_from(WORDS)).encode("utf-8", "surrogatepass")
         other, junk = draw(st.sampled_from(pieces)), draw(st.binary(max_size=3))
-        some = draw(st.sampled_from(([word], [other], [pieces[at], junk], pieces[at - count : at])))
-        pieces[at : at + count] = some
+        twice = pieces[at : at + draw(st.integers(1, 20))]
+        changed = ([word], [other], [pieces[at], junk], [*twice, pieces[at]], [])
+        pieces[at : at + 1] = draw(st.sampled_from(changed))
     ends = draw(st.sampled_from((b"\n", b"\n", b"\n", b"\r\n", b"\r")))
     content = b"".join(pieces).replace(b"\n", ends)
     content = draw(st.sampled_from((b"", b"", b"", b"\xef\xbb\xbf"))) + content
@@ -337,18 +356,21 @@ def commands(draw: Any, names: tuple[str, ...], figures: bool = False) -> Case:
     document, files = draw(scenarios())
     values, args = Values(draw), [draw(st.sampled_from(names))]
     # one of four command lines has values that are not allowed
-    wrong = st.sampled_from(WORDS) if draw(st.integers(0, 3)) == 0 else st.nothing()
-    radars = [radar["name"] for radar in document.get("radars", [{"name": "r"}])]
+    wrong = st.nothing() if draw(ONE_OF_FOUR) else st.sampled_from(WORDS)
+    radars = [radar["name"] for radar in document.get("radars", ())]
     words = {"level": LEVELS, "radar": radars, "method": METHODS}
     context = click.Context(command_line.cli)
-    for option in command_line.cli.get_command(context, args[0]).params:
+    options = command_line.cli.get_command(context, args[0]).params
+    chosen = {option.name for option in options if option.name in WORK or not draw(ONE_OF_FOUR)}
+    chosen |= {other for name, other in TOGETHER if name in chosen}
+    chosen -= {"target"} if "threshold" in chosen else set()
+    chosen -= BEYOND if radars else {*BEYOND, "radar"}
+    for option in options:
         if option.name == "out":
             args += ["--out", "out"]
         elif option.name == "no_plot" and not figures:
             args.append("--no-plot")
-        elif isinstance(option, click.Option) and option.name not in BEYOND:
-            if option.name not in WORK and draw(st.integers(0, 3)):
-                continue
+        elif isinstance(option, click.Option) and option.name in chosen:
             args.append(option.opts[-1])
             for _ in range(0 if option.is_flag else option.nargs):
                 if isinstance(option.type, command_line.Number):

@@ -113,11 +113,30 @@ FAR_BELOW = ORBIT.format(
     std="1e-3",
 )
 
+#: No bearing has an upper bound, and the figure had a radius of NaN.
+NO_UPPER_BOUND = """\
+name: found
+radar: {position_m: [7000, 51000, 155000], constant: 158, p_fa: 2.5e-5}
+aircraft:
+  attitude_deg: [34.1, 50.1, 45.1]
+  rcs: {model: ellipsoid, a_m: 0.63, b_m: 0.272, c_m: 1.49}
+geometry:
+  type: orbit
+  range_km: 182
+  down_km: -5.12
+  azimuth_deg: {start: -16.4, stop: 359, step: 53.6}
+uncertainty:
+  aircraft: {position_m: 79000, attitude_deg: 71.1}
+  radar: {low: {position_m: 500, constant: 0.1}}
+analysis: {level: low}
+"""
+
 FOUND = {
     "no answer between": (NO_ANSWER_BETWEEN, ["budget", "--threshold", "0.999999"]),
     "tiny variance": (TINY_VARIANCE, ["sensitivity"]),
     "huge tolerance": (HUGE_TOLERANCE, ["sensitivity", "--method", "form"]),
     "far below": (FAR_BELOW, ["range", "--step-deg", "30"]),
+    "no upper bound": (NO_UPPER_BOUND, ["range", "--step-deg", "81", "--format", "png"]),
     "NaN of a position": (NAN_OF_A_POSITION, ["budget", "--method", "form"]),
 }
 
@@ -126,4 +145,5 @@ FOUND = {
 def test_found(name):
     text, args = FOUND[name]
     files = {CONFIG: text.encode(), "route.csv": ROUTE.encode()}
-    assert check(Case(files, (*args, "--no-plot", "--out", "out", CONFIG))).code == 0
+    plot = () if "--format" in args else ("--no-plot",)
+    assert check(Case(files, (*args, *plot, "--out", "out", CONFIG))).code == 0
