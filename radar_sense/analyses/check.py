@@ -9,10 +9,11 @@ from radar_sense.command import Result, command
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
+from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import describe
 from radar_sense.scenario import Scenario
 from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
-from radar_sense.words import decibels
+from radar_sense.words import decibels, describe_poses
 
 #: A smaller number of a summary is rounding, and stands as 0.
 ROUNDING = 1e-9
@@ -35,7 +36,8 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
     """Return the radar constants, the flight, and range and SNR of each radar, in lines.
 
     The flight has duration, length, speed, height and bank. The speed is the mean from pose to
-    pose. Ranges and SNR are without the limits of a radar.
+    pose. Ranges and SNR are without the limits of a radar. A radar whose horizon is not asked for
+    has a line where the aircraft is beyond it.
     """
     height, bank = _height_and_bank(scenario)
     lines = _constants(scenario)
@@ -50,12 +52,21 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         )
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
     lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
-    radars = scenario.radar.reshape(-1, len(RADAR))
+    states = scenario.radar.reshape(-1, len(RADAR))
     names = scenario.model.names or ("radar",)
-    for name, model, radar in zip(names, scenario.model.models, radars, strict=True):
-        distance = slant_range(scenario.aircraft, radar)
-        snr_db = decibels(model.snr(scenario.aircraft, radar))
+    for name, radar, state in zip(names, scenario.model.radars, states, strict=True):
+        distance = slant_range(scenario.aircraft, state)
+        snr_db = decibels(radar.model.snr(scenario.aircraft, state))
         lines.append(f"{name}: range {_span(distance / 1e3)} km, SNR {_span(snr_db)} dB")
+        horizon = Horizon(scenario.origin).range(scenario.aircraft, state)
+        # a height of 0 is a plane, not the ground
+        beyond = (distance > horizon) & (distance <= radar.max_range) & (horizon > 0)
+        if radar.horizon is None and beyond.any():
+            place = describe_poses(beyond, scenario.axis)
+            lines.append(
+                f"{name}: beyond the horizon, {_span(horizon[beyond] / 1e3)} km, {place}; "
+                "horizon: true hides the aircraft there"
+            )
     return tuple(lines)
 
 

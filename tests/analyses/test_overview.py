@@ -1,16 +1,18 @@
 """The summary lines of `check`, against plain loops over the poses."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from helpers import write_path
+from helpers import scenario, write_path
 
 import radar_sense as rs
 from radar_sense.analyses.check import overview
 from radar_sense.model.geodesy import geodetic_from_ned
 
+ROOT = Path(__file__).parents[2]
 #: A quarter of a circle of 20 km to the right at 200 m/s, climbing at 5 m/s.
 SPEED, RADIUS = 200.0, 20e3
 TIMES = np.arange(0.0, 158.0, 2.0)
@@ -76,3 +78,36 @@ def test_an_orbit_has_no_times(tool):
     assert overview(rs.load_scenario())[1] == "height 3000 m above the origin, bank 0 deg"
     text = yaml.safe_load(tool("check").out)
     assert text["geometry"]["down_km"] == -3
+
+
+def test_an_aircraft_beyond_the_horizon(tool):
+    """The paper's radar sees 500 km far at 3 km height: √(2 · 4/3 · 6371 km · 3 km) = 225.8 km."""
+    line = (
+        "radar: beyond the horizon, 225.8 km, at all 361 poses; horizon: true hides the aircraft "
+        "there"
+    )
+    assert pytest.approx(math.sqrt(2 * 4 / 3 * 6371 * 3), abs=0.05) == 225.8
+    assert overview(rs.load_scenario())[-1] == line
+    code, out, err = tool("check")
+    assert (code, err, out.count("horizon")) == (0, "", 2)
+    assert f"# {line}" in out.splitlines()
+    near, raised, limited = (
+        scenario(**{"geometry__azimuth_deg": {"start": 0, "stop": 1, "step": 1}, **changes})
+        for changes in (
+            {"geometry__range_km": 225},
+            {"radar__position_m": [0, 0, -4500]},  # 276 km more
+            {"radar__max_range_km": 225},
+        )
+    )
+    for seen in (near, raised, limited, scenario(geometry__down_km=0)):
+        assert "horizon" not in " ".join(overview(seen))
+    with_horizon = scenario(radar__horizon=True)
+    assert "horizon" not in " ".join(overview(with_horizon))
+
+
+def test_poses_beyond_the_horizon_of_a_path():
+    s = rs.load_scenario(ROOT / "configs/mission.yaml")
+    height, distance = -s.aircraft[:, 2], np.linalg.norm(s.aircraft[:, :3] - s.radar[:3], axis=1)
+    beyond = distance > np.sqrt(2 * 4 / 3 * 6371e3 * height)
+    first, last = s.time_s[np.flatnonzero(beyond)[[0, -1]]]
+    assert f"at {first:g} to {last:g} s; horizon: true" in overview(s)[-1]
