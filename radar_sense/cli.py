@@ -9,6 +9,7 @@ import ast
 import logging
 import math
 import os
+import re
 import signal
 import sys
 import time
@@ -22,7 +23,14 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from radar_sense import __version__
-from radar_sense.errors import ComputationError, FigureError, InputError, did_you_mean, printable
+from radar_sense.errors import (
+    ComputationError,
+    FigureError,
+    InputError,
+    describe,
+    did_you_mean,
+    printable,
+)
 from radar_sense.limits import FORMATS, STYLES, Limit
 
 if TYPE_CHECKING:
@@ -44,6 +52,8 @@ STUDY = "Study"
 MOST_THREADS = 8
 #: Seconds before a computation shows its progress, and between two displays.
 PATIENCE, INTERVAL = 1.0, 0.1
+#: A word of the command line that an error quotes in part.
+_LONG_WORD = re.compile(r"(\S{1000})\S+")
 #: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 
@@ -181,8 +191,9 @@ class OneCommand(click.Command):
 
 def _complain(message: str) -> None:
     """Print one line on standard error, if standard error is open."""
+    line = _LONG_WORD.sub(r"\1...", printable(" ".join(message.split())))
     with suppress(OSError, ValueError):
-        click.echo(printable(" ".join(message.split())), err=True)
+        click.echo(line, err=True)
 
 
 class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
@@ -205,7 +216,7 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         if not self.limit.allows(number):
             hint = "; write a point, as in 0.5" if "," in text else ""
             hint = "; write 0.1 for 10%" if text.endswith("%") else hint
-            self.fail(f"must be {self.limit}, got {value!r}{hint}", param, ctx)
+            self.fail(f"must be {self.limit}, got {describe(value)}{hint}", param, ctx)
         return int(number) if self.limit.whole else number
 
 

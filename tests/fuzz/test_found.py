@@ -141,6 +141,13 @@ FOUND = {
 }
 
 
+@pytest.mark.parametrize("option", ["--runs", "--format", "--level", "--seed", "--nonsense"])
+def test_errors_quote_a_part_of_a_long_value(option):
+    files = {CONFIG: HUGE_TOLERANCE.encode()}
+    args = ("montecarlo", option, "9" * 5000, "--out", "out", CONFIG)
+    assert check(Case(files, args)).code == 2
+
+
 @pytest.mark.parametrize("name", FOUND)
 def test_found(name):
     text, args = FOUND[name]
