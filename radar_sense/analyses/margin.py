@@ -113,33 +113,42 @@ def margin(
         result.table.add(f"sigma_term_{name}", std, "Its standard deviation, first order.", "dB")
     result.summary |= {"p_d": p_d, "p_fa": p_fa, "detector": words.describe_detector(detector)}
     result.summary |= {"needed_db_after": after, "needed_db_by_fluctuation": others}
-    seen, pose = ~np.isnan(left), 0
-    for name, sign in (("largest", 1.0), ("least", -1.0)) if seen.any() else ():
-        mask = reached(sign * left)
-        pose = int(np.argmax(mask))
-        value, *ends = (float(values[pose]) for values in (left, lower, upper))
-        place = {axis.key: axis.values[mask].tolist()}
-        result.summary[f"{name}_margin_db"] = {"value": value, "band": ends, **place}
-        line = f"{value:.2f} dB {words.describe_poses(mask, axis)}"
-        line += ", between {:.2f} and {:.2f} (3 sigma)".format(*ends)
-        result.report.insert(0, f"{name} margin for P_D {p_d:.12g}: {line}")
-    if not seen.all():
-        result.report += [f"no margin {words.describe_poses(~seen, axis)}: beyond a limit"]
-    changes = dict(zip(after, np.diff([0.0, *after.values()]), strict=True))
-    for title, numbers in (
-        (f"SNR that a pulse needs at P_fa {p_fa:g} [dB]:", {**changes, "needed": needed}),
-        ("by fluctuation, with a fixed threshold [dB]:", others),
-    ):
-        result.report += [title, *words.rows({n: f"{db:8.2f}" for n, db in numbers.items()})]
-    at_pose = {name: (float(dbs[pose]), float(std[pose])) for name, (dbs, std) in terms.items()}
-    result.report += [
-        f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:",
-        *words.rows({n: f"{db:8.2f} {std:6.2f}" for n, (db, std) in at_pose.items() if db or std}),
-    ]
+    pose = _report_margin(result, left, (lower, upper))
+    changes = dict(zip(after, np.diff([0.0, *after.values()]).tolist(), strict=True))
+    numbers = {name: f"{db:8.2f}" for name, db in (*changes.items(), ("needed", needed))}
+    result.report += [f"SNR that a pulse needs at P_fa {p_fa:g} [dB]:", *words.rows(numbers)]
+    numbers = {name: f"{db:8.2f}" for name, db in others.items()}
+    result.report += ["by fluctuation, with a fixed threshold [dB]:", *words.rows(numbers)]
+    at_pose = {
+        name: (round(float(dbs[pose]), 9) + 0.0, float(std[pose]))  # + 0.0 makes -0 a 0
+        for name, (dbs, std) in terms.items()
+    }
+    numbers = {n: f"{db:8.2f} {std:6.2f}" for n, (db, std) in at_pose.items() if db or std}
+    result.report += [f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:", *words.rows(numbers)]
     title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: $3\\,\\sigma$"
     bounds = float(lower[pose]), float(upper[pose])
     result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, title=title)
     return result
+
+
+def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray]) -> int:
+    """Report the least and the largest margin over the poses (n,). Return the pose of the least."""
+    axis, p_d = result.scenario.axis, result.summary["p_d"]
+    seen = ~np.isnan(left)
+    masks = {"least": reached(-left), "largest": reached(left)} if seen.any() else {}
+    for name, mask in masks.items():
+        value, lower, upper = (float(values[mask][0]) for values in (left, *bounds))
+        place = {axis.key: axis.values[mask].tolist()}
+        result.summary[f"{name}_margin_db"] = {"value": value, "band": [lower, upper], **place}
+        if name == "largest" and mask.sum() == seen.sum():
+            continue  # the least, too
+        result.report.append(
+            f"{name} margin for P_D {p_d:.12g}: {value:.2f} dB {words.describe_poses(mask, axis)}, "
+            f"between {lower:.2f} and {upper:.2f} (3 sigma)"
+        )
+    if not seen.all():
+        result.report.append(f"no margin {words.describe_poses(~seen, axis)}: beyond a limit")
+    return int(np.argmax(masks["least"])) if masks else 0
 
 
 def _integrating(radar: Radar, pulses: int | None) -> Detector:

@@ -276,6 +276,9 @@ def test_terms_of_a_tracking_radar():
     report = rs.analyses.detectors(s, p_d=0.9, method="linear").report
     assert any(line.split() == ["gain_dbi", "80.00", "1.00"] for line in report)
     assert not any("coherent" in line for line in report)
+    assert [line for line in report if "margin" in line] == [report[0]]  # one pose, one margin
+    one = rs.analyses.detectors(tracking(rcs={"model": "constant", "rcs_m2": 1}), p_d=0.9)
+    assert not any("-0.00" in line for line in one.report)
 
 
 @pytest.mark.parametrize("level", ["sheet", "number"])
