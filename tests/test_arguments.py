@@ -50,7 +50,7 @@ WRONG = {
     ),
     "binary must be BinaryIntegration or None, got (2, 3)": lambda: rs.Marcum(binary=(2, 3)),
     "lobes must be a whole number": lambda: rs.SpikeballRCS(lobes=2.5, amplitude=1, floor=1),
-    "azimuth must be an array of numbers": lambda: rs.TableRCS("a", [1, 2]),
+    "azimuth must be an array of real numbers": lambda: rs.TableRCS("a", [1, 2]),
     "envelope must be a number": lambda: rs.TableRCS(ANGLES, np.ones(36), envelope="1"),
     "peak_power must be a number": lambda: rs.TrackingRadar("a", 1, 1, 1, 1, 1, 0),
     "origin must be latitude and longitude": lambda: rs.Horizon((1, 2)),

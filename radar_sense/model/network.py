@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,7 +78,7 @@ class Radar:
     horizon: Horizon | None = None
     scan_period: float | None = None
     min_range: float = 0.0
-    sheet: DataSheet | None = None
+    sheet: DataSheet | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, DetectionModel):
