@@ -53,6 +53,8 @@ EXAMPLES = {
     "rcs_m2": 0.2,
     "envelope_deg": 3,
     "altitude_above": "sea",
+    "down_km": -0.5,
+    "altitude_m": 300,
     "geoid_height_m": 47.5,
     "speed_m_s": 200,
     "icao24": "4b1812",
@@ -236,6 +238,12 @@ RUNS: Mapping[str, Sequence[tuple[str, Mapping[str, Any]]]] = {
     "range": [("paper", {"step_deg": 90}), ("paper", {"step_deg": 90, "by": "aspect"})],
     "rcs": [("table", {})],
     "detectors": [("paper", {}), ("airport_surveillance", {"p_d": 0.9, "method": "linear"})],
+    "sweep": [
+        (
+            "paper",
+            {"key": "radar.constant", "start": 100, "stop": 100, "step": 1, "threshold": 0.9},
+        )
+    ],
 }
 #: Poses of a run; two looks of a mission need more.
 POSES = 40
@@ -268,11 +276,12 @@ def commands_page() -> str:
         "the scenario of the paper is used.\n\n"
         "Each analysis writes `<scenario>_<command>.csv` (`map`: `.npz`). The first row has the "
         "names of the columns; all other rows are numbers. The columns depend on the scenario and "
-        "the options: the poses are in `theta_r_deg` on an orbit, `time_s` or `distance_m` on a "
-        "path, and `pose` for states of Python; in a network, most columns are there for each "
-        "radar too, with its name at the end. A word in angle brackets stands for a name of the "
-        "scenario. The JSON record beside the table has unit and meaning of each column, and the "
-        "SHA-256 digest of each file: a table or a figure with another digest is of another run.\n"
+        "the options: the poses are in `theta_r_deg` on an orbit, `range_km` on a radial, `time_s` "
+        "or `distance_m` on a path, and `pose` for states of Python; in a network, most columns "
+        "are there for each radar too, with its name at the end. A word in angle brackets stands "
+        "for a name of the scenario. The JSON record beside the table has unit and meaning of each "
+        "column, and the SHA-256 digest of each file: a table or a figure with another digest is "
+        "of another run.\n"
     )
     context = click.Context(cli.cli, info_name="radar-sense")
     for name in cli.cli.list_commands(context):
@@ -280,7 +289,8 @@ def commands_page() -> str:
         assert command is not None
         about, _, examples = inspect.cleandoc(command.help or "").partition("\b\nExamples:")
         arguments = [p for p in command.params if isinstance(p, click.Argument)]
-        usage = " ".join([name, "[OPTIONS]", *(f"[{p.name.upper()}]" for p in arguments)])
+        places = (p.metavar or f"[{str(p.name).upper()}]" for p in arguments)
+        usage = " ".join([name, "[OPTIONS]", *places])
         text += f"\n## `{name}`\n\n{about.strip()}\n\n```text\nradar-sense {usage}\n```\n\n"
         options = [p for p in command.params if isinstance(p, click.Option)]
         if options:
@@ -298,7 +308,8 @@ def _columns(command: str) -> str:
     rows: dict[str, list[str]] = {}
     for config, options in RUNS.get(command, [("paper", {})]):
         scenario = radar_sense.load_scenario(ROOT / f"configs/{config}.yaml")
-        scenario = scenario.at_poses(slice(0, POSES if command == "mission" else 3))
+        if command != "sweep":  # which reads the file again
+            scenario = scenario.at_poses(slice(0, POSES if command == "mission" else 3))
         result = cli.load(command)(scenario, **options)
         for column, (unit, meaning) in result.columns.items():
             column, meaning = _with_placeholders(scenario, column, meaning)

@@ -1,4 +1,4 @@
-"""The axis of the poses: azimuth on an orbit, time or distance on a path."""
+"""The axis of the poses: azimuth on an orbit, range on a radial, time or distance on a path."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.errors import InputError
 from radar_sense.states import FloatArray
 
 
@@ -77,6 +78,24 @@ def runs_of(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     return [(first, end - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
+def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
+    """Return numbers (n,) from start to stop, which is one of them if the step leads to it.
+
+    Raises:
+        InputError: If the step does not lead to stop, or there are more than `most` numbers.
+    """
+    if step == 0 or (stop - start) * step < 0:
+        raise InputError(
+            f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}"
+        )
+    # Rounding must not lose the last number, as in (180 − 0)/0.1 = 1799.9999999999998.
+    count = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9) + 1
+    if count > most:
+        raise InputError(f"makes {count:,} values, allowed are {most:,}")
+    # Rounding to 1e-12 turns 3 · 0.1 = 0.30000000000000004 into 0.3.
+    return np.round(start + step * np.arange(count), 12)
+
+
 def azimuth(values: FloatArray) -> Axis:
     """Return the axis of azimuth θ_r [deg], for an orbit."""
     return Axis("theta_r_deg", "azimuth", "deg", values, "g", 1e-9)
@@ -85,6 +104,11 @@ def azimuth(values: FloatArray) -> Axis:
 def time(values: FloatArray) -> Axis:
     """Return the axis of time [s], for a path."""
     return Axis("time_s", "time", "s", values, ".13g", 1e-3)
+
+
+def ground_range(values: FloatArray) -> Axis:
+    """Return the axis of the ground range from the origin [km], for a radial line."""
+    return Axis("range_km", "range", "km", values, "g", 1e-6)
 
 
 def distance(values: FloatArray) -> Axis:

@@ -52,8 +52,12 @@ STUDY = "Study"
 MOST_THREADS = 8
 #: Seconds before a computation shows its progress, and between two displays.
 PATIENCE, INTERVAL = 1.0, 0.1
+<<<<<<< HEAD
 #: A word of the command line that an error quotes in part.
 _LONG_WORD = re.compile(r"(\S{1000})\S+")
+=======
+_NEGATIVE = re.compile(r"-\.?[0-9].*")
+>>>>>>> 2358889 (P_D against range, another value for any key, and a sweep of one: radial, --set, sweep)
 #: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 
@@ -175,6 +179,9 @@ class OneCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Check the options before click takes the last of two values."""
+        if any(option.name == "values" for option in self.params):
+            # a space before a negative number, which is no option then
+            args = [f" {word}" if _NEGATIVE.fullmatch(word) else word for word in args]
         try:
             _, _, given = self.make_parser(ctx).parse_args(list(args))
         except click.NoSuchOption as error:
@@ -242,7 +249,12 @@ def command_of(analysis: Command) -> click.Command:
     return OneCommand(
         analysis.name,
         callback=click.pass_obj(lambda run, **options: _run(analysis, run, **options)),
-        params=[_config(), *map(_option, analysis.options), *_output(analysis)],
+        params=[
+            _config(analysis),
+            *(_option(option) for option in analysis.options if not option.positional),
+            _set(),
+            *_output(analysis),
+        ],
         help=f"{analysis.help}\n\n\b\nExamples:{examples}",
     )
 
@@ -264,8 +276,44 @@ def _option(option: Option) -> click.Option:
     )
 
 
-def _config() -> click.Argument:
+def _config(analysis: Command) -> click.Argument:
+    """Return the argument CONFIG, and with it the values that have no name."""
+    places = [option.metavar for option in analysis.options if option.positional]
+    if places:
+        return click.Argument(["values"], nargs=-1, metavar=" ".join(["[CONFIG]", *places]))
     return click.Argument(["config"], required=False, type=click.Path(path_type=Path))
+
+
+def _by_place(
+    analysis: Command, values: tuple[str, ...]
+) -> tuple[Path | None, dict[str, str | float]]:
+    """Return CONFIG and the options that have no name."""
+    options = [option for option in analysis.options if option.positional]
+    if len(values) not in (len(options), len(options) + 1):
+        wanted = " ".join(option.metavar for option in options)
+        raise BadInput(
+            f"{analysis.name} needs [CONFIG] {wanted}, got {' '.join(values) or 'nothing'}"
+        )
+    config = Path(values[0]) if len(values) > len(options) else None
+    chosen: dict[str, str | float] = {}
+    for option, text in zip(options, values[-len(options) :], strict=True):
+        try:
+            chosen[option.name] = (
+                text if option.limit is None else Number(option.limit).convert(text, None, None)
+            )
+        except click.BadParameter as error:
+            raise BadInput(f"{option.metavar} {error.message}") from error
+    return config, chosen
+
+
+def _set() -> click.Option:
+    return click.Option(
+        ["--set", "changes"],
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Another value of a key of CONFIG, such as radar.p_fa=1e-8; may be given several "
+        "times.",
+    )
 
 
 def _quiet() -> click.Option:
@@ -313,8 +361,10 @@ def _run(
     analysis: Command,
     run: Run,
     *,
-    config: Path | None,
     quiet: bool,
+    config: Path | None = None,
+    values: tuple[str, ...] | None = None,
+    changes: tuple[str, ...] = (),
     out: Path = Path(),
     formats: tuple[str, ...] = (),
     style: str = STYLES[0],
@@ -327,9 +377,12 @@ def _run(
     """Read the scenario, compute, write all files, and print the report and the file names."""
     logging.getLogger("radar_sense").setLevel(logging.ERROR if quiet else logging.WARNING)
     chosen = {name: value for name, value in options.items() if value not in (None, ())}
+    if values is not None:
+        config, by_place = _by_place(analysis, values)
+        chosen |= by_place
     formats = () if no_plot else tuple(dict.fromkeys(formats))
     with _refusals():
-        scenario = _scenario(config)
+        scenario = _scenario(config, changes)
         selected = analysis.selected(scenario, **chosen)
     if scenario.origin is None and set(formats) - set(FORMATS):
         raise BadInput(
@@ -485,10 +538,18 @@ def schema() -> None:
     click.echo(schema_text(), nl=False)
 
 
-def _scenario(config: Path | None) -> Scenario:
+def _scenario(config: Path | None, changes: tuple[str, ...]) -> Scenario:
+    """Return the scenario of a file with the values of --set."""
     from radar_sense.scenario_file.load import load_scenario
 
-    return load_scenario(config)
+    values = {}
+    for text in changes:
+        key, equals, value = text.partition("=")
+        if not equals or key in values:
+            problem = "is given twice; give it once" if equals else "must be KEY=VALUE"
+            raise BadInput(f"--set {text}: {problem}")
+        values[key] = value
+    return load_scenario(config, values)
 
 
 @contextmanager

@@ -65,6 +65,7 @@ class Option:
         also: Words allowed besides the choices.
         flag: Whether the option takes no value.
         multiple: Whether the option may be given several times.
+        positional: Whether the command line has the value without the name, after CONFIG.
     """
 
     name: str
@@ -78,6 +79,7 @@ class Option:
     also: tuple[str, ...] = ()
     flag: bool = False
     multiple: bool = False
+    positional: bool = False
 
     @property
     def words(self) -> tuple[str, ...]:

@@ -1,8 +1,8 @@
-"""The poses of the aircraft, and the flight between them: an orbit, a path, or states alone.
+"""The poses of the aircraft, and the flight between them: orbit, radial, path, or states alone.
 
 geometry = scenario.geometry
 if geometry.continuous:
-    between = geometry.at(times)      # azimuths on an orbit
+    between = geometry.at(times)      # azimuths on an orbit, ranges on a radial
     finer = scenario.along(between)
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,10 @@ class Geometry:
     axis: Axis
     aircraft: FloatArray = field(repr=False)
     covariance: FloatArray | None = field(repr=False, default=None)
+    #: Step of the coordinate that is not halved further, because P_D jumps at a horizon.
+    shortest: ClassVar[float] = 0.0
+    #: The key with which a user chooses the steps.
+    steps: ClassVar[str] = ""
 
     @property
     def continuous(self) -> bool:
@@ -43,7 +48,7 @@ class Geometry:
 
     @property
     def coordinate(self) -> FloatArray:
-        """Coordinate of each pose (n,) for `at`: azimuth [deg] on an orbit, time [s] on a path."""
+        """Coordinate of each pose (n,) for `at`: azimuth [deg], ground range [km] or time [s]."""
         return self.axis.values
 
     def at(self, coordinate: FloatArray) -> Geometry:
@@ -77,6 +82,8 @@ class Orbit(Geometry):
     radius: float = 0.0
     down: float = 0.0
     azimuth_from: str = "east"
+    shortest = 0.01
+    steps = "geometry.azimuth_deg"
 
     @classmethod
     def of(
@@ -113,6 +120,56 @@ class Orbit(Geometry):
 
 
 @dataclass(frozen=True, eq=False)
+class Radial(Geometry):
+    """A level straight line away from the origin, at one attitude.
+
+    Attributes:
+        azimuth: Azimuth of the line [deg].
+        down: Down coordinate [m].
+        azimuth_from: Direction of azimuth 0, "east" or "north".
+    """
+
+    azimuth: float = 0.0
+    down: float = 0.0
+    azimuth_from: str = "east"
+    shortest = 1e-3
+    steps = "geometry.range_km"
+
+    @classmethod
+    def of(
+        cls,
+        range_km: FloatArray,
+        attitude: FloatArray,
+        *,
+        azimuth: float,
+        down: float,
+        azimuth_from: str,
+    ) -> Radial:
+        """Return the line at ground ranges (n,) [km] with an attitude (3,) [rad]."""
+        angle = np.full(range_km.shape, np.deg2rad(azimuth))
+        position = orbit(angle, radius=1e3 * range_km, down=down, azimuth_from=azimuth_from)
+        aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
+        aircraft.flags.writeable = False
+        along = axes.ground_range(range_km)
+        return cls(along, aircraft, azimuth=azimuth, down=down, azimuth_from=azimuth_from)
+
+    @property
+    def continuous(self) -> bool:
+        """Whether there are poses between the poses: with two ranges or more."""
+        return len(self.axis) > 1 and self.covariance is None
+
+    def at(self, coordinate: FloatArray) -> Radial:
+        """Return the line at other ground ranges (k,) [km]."""
+        return Radial.of(
+            coordinate,
+            self.aircraft[0, POSITION.stop :],
+            azimuth=self.azimuth,
+            down=self.down,
+            azimuth_from=self.azimuth_from,
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Path(Geometry):
     """A path: rows with times, and a straight flight from row to row.
 
@@ -130,6 +187,8 @@ class Path(Geometry):
     time_s: FloatArray = field(repr=False, kw_only=True)
     origin: tuple[float, float, float] | None = None
     step_s: float | None = None
+    shortest = 0.2
+    steps = "geometry.interpolate"
 
     @property
     def continuous(self) -> bool:

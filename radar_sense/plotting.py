@@ -397,7 +397,11 @@ def display_unit(axis: Axis) -> DisplayUnit:
         return DisplayUnit(f"Distance flown [{name}]", unit, _TENS)
     if axis.key == "pose":
         return DisplayUnit("Number of the pose", 1.0, _TENS)
-    return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
+    if axis.key == "theta_r_deg":
+        return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
+    if axis.key == "range_km":
+        return DisplayUnit("Ground range [km]", 1.0, _TENS)
+    return DisplayUnit(key_in_words(axis.name), 1.0, _TENS)
 
 
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any
@@ -45,6 +45,8 @@ _BY_LEVEL = {
 }
 
 
+#: Fields that are numbers of the file.
+_OF_FILE = ("aircraft", "cov_aircraft", "radar", *_BY_LEVEL, "model", "rcs_db", "correlation_s")
 #: Most numbers of an array that a record has as they are: a covariance of two radars.
 _FEW = 64
 _NO_POSES = States(axes.pose_number(0), np.zeros((0, len(AIRCRAFT))))
@@ -57,10 +59,12 @@ class Source:
     Attributes:
         file: The file, a `scenario_file.sections.File`.
         made: Fields of the scenario as they were made from the file.
+        again: Reads the file again with other values of some keys.
     """
 
     file: Any
     made: Mapping[str, Any] = field(repr=False)
+    again: Callable[[Mapping[str, Any]], Scenario] = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -400,13 +404,36 @@ class Scenario:
             axis=geometry.axis, time_s=time_s, geometry=geometry, source=source, **poses
         )
 
-    def of_file(self, file: Any) -> Scenario:
+    def of_file(self, file: Any, again: Callable[[Mapping[str, Any]], Scenario]) -> Scenario:
         """Return the scenario with the file that it was made of.
 
         Args:
             file: A `scenario_file.sections.File`.
+            again: Reads the file again with other values of some keys.
         """
-        return self._with(source=Source(file, {**self.__getstate__(), "rcs": self.rcs}))
+        return self._with(source=Source(file, {**self.__getstate__(), "rcs": self.rcs}, again))
+
+    def with_keys(self, changes: Mapping[str, Any]) -> Scenario:
+        """Return the scenario of the same file with other values of some keys.
+
+        Level, method, runs and seed are those of this scenario.
+
+        Args:
+            changes: Values by path of keys, such as {"radar.constant": 200}.
+
+        Raises:
+            InputError: If the scenario is not as its file made it, or a value is not allowed.
+        """
+        source = self.source
+        if source is None or not all(map(self._is_of_file, _OF_FILE)):
+            raise InputError("keys can be changed of a scenario that is as its file made it")
+        changed = source.again(changes).with_analysis(
+            level=self.level, runs=self.runs, seed=self.seed, method=self.method
+        )
+        chosen = self.model.names
+        if len(chosen) < len(changed.model.names):
+            return for_radar(changed, *chosen)
+        return changed
 
     def resolved(self) -> dict[str, Any]:
         """Return the scenario as in its file: keys and numbers as typed, defaults filled in.
@@ -513,7 +540,7 @@ def single_radar_scenarios(scenario: Scenario) -> dict[str, Scenario]:
         own = None
         if source is not None and source.file.radars and len(source.file.radars) > i:
             file = dataclasses.replace(source.file, radars=(source.file.radars[i],))
-            own = Source(file, {**source.made, **_of_radar(source.made, i)})
+            own = Source(file, {**source.made, **_of_radar(source.made, i)}, source.again)
         found[radar.name] = scenario._with(**_of_radar(vars(scenario), i), source=own)
     return found
 

@@ -152,7 +152,7 @@ def describe_extreme(extreme: Mapping[str, Any], axis: Axis) -> str:
     if len(places) > 3:
         place = f"{len(places)} {axis.places}"
     else:
-        place = f"{listed(map(axis.number, places))} {axis.unit}"
+        place = f"{listed(map(axis.number, places))} {axis.unit}".strip()
     return f"{probability(extreme['value'])} at {place}"
 
 
@@ -182,9 +182,10 @@ def describe_poses(mask: NDArray[np.bool_], axis: Axis) -> str:
     spans = [(axis.number(axis.values[a]), axis.number(axis.values[b])) for a, b in runs_of(mask)]
     if len(spans) > 4:
         first, last = spans[0][0], spans[-1][1]
-        return f"at {count} of {mask.size} {axis.places} between {first} and {last} {axis.unit}"
+        spanned = f"between {first} and {last} {axis.unit}".strip()
+        return f"at {count} of {mask.size} {axis.places} {spanned}"
     words = (a if a == b else f"{a} to {b}" for a, b in spans)
-    return f"at {', '.join(words)} {axis.unit}"
+    return f"at {', '.join(words)} {axis.unit}".strip()
 
 
 def decibels(ratio: FloatArray) -> FloatArray:
@@ -283,6 +284,7 @@ def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
 #: Unit and meaning of the axes of poses.
 AXES = {
     "theta_r_deg": ("Azimuth of the pose on an orbit.", "°"),
+    "range_km": ("Ground range of the pose from the origin, on a radial line.", "km"),
     "time_s": ("Time of the pose on a path.", "s"),
     "distance_m": ("Distance flown to the pose on a path.", "m"),
     "pose": ("Number of the pose, from 0, of states given in Python.", ""),

@@ -1,10 +1,11 @@
-"""Poses added between the rows of a path, or on an orbit, until P_D and its bound are resolved.
+"""Poses added between the poses of a flight, until P_D and its bound are resolved.
 
 Between two rows the position is on a straight line. The line is in latitude and longitude if the
 path follows the curve of the earth. The attitude turns the short way at a constant rate. The
 covariance is interpolated linearly. A mission has the same states between rows.
 
-Between two azimuths of an orbit the position is on the circle, and the attitude is constant.
+Between two azimuths of an orbit the position is on the circle, and between two ranges of a radial
+on the line. The attitude is constant.
 
 P_D of the nominal states is computed at steps that no lobe fits between, and where a radar is
 closest or comes into sight. All of these are poses of the test if P_D is greatest there.
@@ -30,9 +31,7 @@ from radar_sense.states import POSITION, RADAR, FloatArray
 LARGEST_TURN, HALF = np.deg2rad(5.0), 0.5
 #: Largest distance between two poses, as a part of the range of each radar.
 LARGEST_MOVE = 0.1
-#: Shorter steps of a path [s] and of an orbit [deg] are not halved, because P_D jumps at a horizon.
-SHORTEST, SHORTEST_ARC = 0.2, 0.01
-#: Shortest step of a scan, as a part of these.
+#: Shortest step of a scan, as a part of `Geometry.shortest`.
 SCANNED = 1e-3
 #: Most poses of a scan, and of a refined path.
 MAX_SCAN, MAX_POSES = 2_000_000, 20_000
@@ -52,12 +51,12 @@ _GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 @dataclass(frozen=True, eq=False)
 class Refined:
-    """A path or an orbit with added poses.
+    """A flight with added poses.
 
     Attributes:
         scenario: The scenario of n poses.
         moments: The moments of P_D (n,).
-        rows: Numbers (m,) of the poses that are rows of the path, or azimuths of the orbit.
+        rows: Numbers (m,) of the poses that were given.
         resolved: Whether the poses resolve P_D.
         tolerance: Tolerance of P_D and its bound between poses; None if no poses can be added.
     """
@@ -77,7 +76,7 @@ class Refined:
 def can_refine(scenario: Scenario) -> bool:
     """Return whether poses can be added between the poses of a scenario.
 
-    A path of two rows or more can be refined, and an orbit of two azimuths or more. With
+    A path, orbit or radial of two poses or more can be refined. With
     `geometry.interpolate` the user has chosen all poses.
     """
     return scenario.geometry.continuous
@@ -112,9 +111,8 @@ def unrefined(scenario: Scenario, moments: Moments) -> Refined:
 
 def unresolved(path: Refined) -> str:
     """Return the message about poses that do not resolve P_D, with the remedy."""
-    scenario = path.scenario
-    key = "geometry.azimuth_deg" if scenario.time_s is None else "geometry.interpolate"
-    return f"P_D is not resolved by {len(scenario.axis)} poses: choose steps with {key}"
+    geometry = path.scenario.geometry
+    return f"P_D is not resolved by {len(geometry.axis)} poses: choose steps with {geometry.steps}"
 
 
 def refined(
@@ -131,14 +129,13 @@ def refined(
     lines. Second differences estimate the distance. Two standard errors of a bound are no bend.
 
     Args:
-        scenario: The scenario of a path or an orbit, see `can_refine`.
+        scenario: The scenario of a flight, see `can_refine`.
         moments: Moments of P_D at the poses of the scenario.
         propagate: Returns the moments of a scenario.
         tolerance: Largest distance of P_D and its bound from straight lines.
     """
     place = scenario.geometry.coordinate
-    shortest = SHORTEST_ARC if scenario.time_s is None else SHORTEST
-    n = len(place)
+    shortest, n = scenario.geometry.shortest, len(place)
     peaks, scanned = scan(scenario)
     place = np.union1d(place, peaks)
     if scenario.time_s is None and scenario.axis.values[0] > scenario.axis.values[-1]:
@@ -169,7 +166,7 @@ def refined(
 
 
 def along(scenario: Scenario, place: FloatArray) -> Scenario:
-    """Return the scenario at other times (k,) [s] of the path, or azimuths [deg] of the orbit."""
+    """Return the scenario at other coordinates (k,) of its flight."""
     return scenario.along(scenario.geometry.at(place))
 
 
@@ -201,7 +198,7 @@ def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
     place = scenario.geometry.coordinate
     if place[0] > place[-1]:
         place = place[::-1]
-    shortest = SCANNED * (SHORTEST_ARC if scenario.time_s is None else SHORTEST)
+    shortest = SCANNED * scenario.geometry.shortest
     largest = min(LARGEST_TURN, HALF * scenario.model.rcs.detail)
     place, _ = _divided(
         scenario, place, np.zeros(len(place), dtype=int), largest, shortest, MAX_SCAN

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import words
-from radar_sense.analyses.verdict import require_threshold
+from radar_sense.analyses.verdict import THRESHOLD, K, require_threshold
 from radar_sense.axis import reached
-from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Option, Result, Table, command
-from radar_sense.limits import SIGMAS, THRESHOLD
+from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
+from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.propagation import Moments, propagate_scenario
@@ -22,22 +22,13 @@ from radar_sense.states import POSITION
 if TYPE_CHECKING:
     from radar_sense.plotting import Axes, Figure
 
-_THRESHOLD = Option(
-    "threshold",
-    "Test P_D + K sigma <= P_MAX at every pose, on a path between poses too; exit code 3 if the "
-    "test is violated or not known.",
-    THRESHOLD,
-    metavar="P_MAX",
-)
-_K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
-
 
 @command(
     LEVEL,
     ONE_RADAR,
     METHOD,
-    _THRESHOLD,
-    _K,
+    THRESHOLD,
+    K,
     examples=(
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",
@@ -186,7 +177,8 @@ def _draw(
     """Draw P_D, its band, P_D by each radar, and the threshold."""
     from radar_sense import plotting
 
-    (axes,), x = plotting.pose_panels(figure, 1, scenario.axis)
+    by_range = isinstance(scenario.geometry, Radial)
+    (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
     plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$")
     radar_lines = []
     for name, style in zip(by_radar, plotting.styles(plotting.BAND), strict=False):
@@ -201,6 +193,12 @@ def _draw(
     if threshold is not None:
         _draw_threshold(axes, x, threshold, violated)
     axes.set_ylabel(r"Probability of detection $P_D$")
+    for snr_axes in others:
+        snr = words.decibels(scenario.model.snr(scenario.aircraft, scenario.radar))
+        styles = plotting.styles(plotting.BAND) if by_radar else [("black", "-")]
+        for values, style in zip(snr.reshape(len(x), -1).T, styles, strict=False):
+            plotting.draw_line(snr_axes, x, values, style)
+        snr_axes.set_ylabel("SNR [dB]")
     plotting.draw_legend(figure, axes, on_lines=radar_lines)
 
 

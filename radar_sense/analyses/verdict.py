@@ -8,11 +8,22 @@ import numpy as np
 
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
-from radar_sense.command import Result
+from radar_sense.command import Option, Result
 from radar_sense.flight import Path
+from radar_sense.limits import SIGMAS
+from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Moments
 from radar_sense.scenario import Scenario
 from radar_sense.words import describe_band, describe_poses
+
+THRESHOLD = Option(
+    "threshold",
+    "Test P_D + K sigma <= P_MAX at every pose, on a path between poses too; exit code 3 if the "
+    "test is violated or not known.",
+    P_MAX,
+    metavar="P_MAX",
+)
+K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
 
 
 def require_threshold(result: Result, p_max: float, k: float, moments: Moments) -> None:
@@ -185,7 +196,7 @@ def _probability_lines(tested: PathTest) -> list[str]:
     if len(axis) == 1:
         return [line]
     if runs.anywhere is None:
-        return [line, "P anywhere on an orbit with correlated errors needs times: use a path"]
+        return [line, "P anywhere with correlated errors needs times: use a path"]
     line += (
         f"; {_number(runs.anywhere / runs.runs)} +/- {runs.error(runs.anywhere):.1g} anywhere "
         f"({runs.runs:,} runs, {_correlation(tested.path.scenario)})"
@@ -214,7 +225,9 @@ def _trust(tested: PathTest, method: str) -> list[str]:
     if tested.test.passed:
         line += f'; a false "holds" has a probability of {2 * CHANCE:.1%} at most'
     if path.tolerance is not None:
-        given = "the azimuths given" if scenario.time_s is None else "the rows of the path"
+        given = "the rows of the path"
+        if scenario.time_s is None:
+            given = f"the {scenario.axis.name}s given"
         return [line, f"{path.added} of the poses are between {given}"]
     geometry = scenario.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:

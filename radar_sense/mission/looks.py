@@ -95,7 +95,7 @@ class Looks:
         flight = scenario.geometry
         if not isinstance(flight, Path):
             raise InputError(
-                "a mission needs times, which an orbit does not have: "
+                "a mission needs times, which only a path has: "
                 "give a path, geometry: {type: path, file: my_route.csv}"
             )
         schedule = schedule_looks(scenario.model, flight.route)

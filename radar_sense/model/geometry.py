@@ -161,7 +161,7 @@ def slant_range(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
 
 
 def orbit(
-    azimuth: FloatArray, *, radius: float, down: float, azimuth_from: str = "east"
+    azimuth: FloatArray, *, radius: float | FloatArray, down: float, azimuth_from: str = "east"
 ) -> FloatArray:
     """Return positions on a level circle about the origin of the north-east-down frame.
 
@@ -170,7 +170,7 @@ def orbit(
 
     Args:
         azimuth: θ_r (...) [rad].
-        radius: Horizontal radius R [m].
+        radius: Horizontal radius R [m], of all positions or of each (...).
         down: Down coordinate p_ad [m].
         azimuth_from: "east" or "north".
 

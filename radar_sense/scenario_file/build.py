@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
@@ -14,7 +14,7 @@ from scipy.constants import speed_of_light
 
 from radar_sense import axis, covariance
 from radar_sense.errors import InputError, did_you_mean
-from radar_sense.flight import Geometry, Orbit, Path
+from radar_sense.flight import Geometry, Orbit, Path, Radial
 from radar_sense.limits import DEG, LARGEST, MIN_RANGE, NOT_NEGATIVE, SMALLEST
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Detector, PulseDetector
@@ -46,7 +46,10 @@ from radar_sense.states import POSITION, FloatArray
 
 _KM, _PER_KM = 1e3, 1e-3
 #: Keys of a path that the reader of routes takes as they are.
-_OF_ROUTE = ("max_gap_s", "altitude_above", "geoid_height_m", "speed_m_s", "icao24", "sha256")
+_OF_ROUTE = (
+    *("max_gap_s", "altitude_above", "geoid_height_m", "down_km", "altitude_m"),
+    *("speed_m_s", "icao24", "sha256"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +76,15 @@ class BuiltRadar:
     levels: Mapping[str, Level]
 
 
-def build(file: sections.File, place: Place) -> Scenario:
+def build(
+    file: sections.File, place: Place, again: Callable[[Mapping[str, Any]], Scenario]
+) -> Scenario:
     """Return the scenario of a file.
 
     Args:
         file: The file.
         place: Root of the file, for errors.
+        again: Reads the file again with other values of some keys.
 
     Raises:
         InputError: If sections contradict each other, or a file that is named is not allowed.
@@ -129,7 +135,8 @@ def build(file: sections.File, place: Place) -> Scenario:
         geometry=geometry,
     )
     aircraft = dataclasses.replace(file.aircraft, rcs=rcs_section)
-    return scenario.of_file(dataclasses.replace(file, aircraft=aircraft, geometry=flight_section))
+    file = dataclasses.replace(file, aircraft=aircraft, geometry=flight_section)
+    return scenario.of_file(file, again)
 
 
 def _origin(geometry: Geometry) -> tuple[float, float, float] | None:
@@ -178,31 +185,26 @@ def _geometry(file: sections.File, place: Place) -> tuple[Geometry, Any]:
             )
         return _path(file.geometry, place["geometry"])
     if attitude is None:
-        raise place["aircraft"].error("missing key 'attitude_deg', required on an orbit")
-    circle = file.geometry
-    orbit = Orbit.of(
-        _azimuths(circle.azimuth_deg, place["geometry"]["azimuth_deg"]["step"]),
-        np.array(attitude) * DEG,
-        radius=circle.range_km * _KM,
-        down=circle.down_km * _KM,
-        azimuth_from=circle.azimuth_from,
-    )
-    return orbit, circle
+        kind = "a radial" if isinstance(file.geometry, sections.Radial) else "an orbit"
+        raise place["aircraft"].error(f"missing key 'attitude_deg', required on {kind}")
+    stated, level = file.geometry, np.array(attitude) * DEG
+    of_both: dict[str, Any] = {
+        "down": stated.down_km * _KM,
+        "azimuth_from": stated.azimuth_from,
+    }
+    if isinstance(stated, sections.Radial):
+        ranges = _steps(stated.range_km, place["geometry"]["range_km"]["step"])
+        return Radial.of(ranges, level, azimuth=float(stated.azimuth_deg), **of_both), stated
+    azimuths = _steps(stated.azimuth_deg, place["geometry"]["azimuth_deg"]["step"])
+    return Orbit.of(azimuths, level, radius=stated.range_km * _KM, **of_both), stated
 
 
-def _azimuths(sweep: sections.Sweep, place: Place) -> FloatArray:
-    """Return azimuths (n,) [deg]."""
-    start, stop, step = float(sweep.start), float(sweep.stop), float(sweep.step)
-    if step == 0 or (stop - start) * step < 0:
-        raise place.error(
-            f"must be a step other than 0 that leads from {start:g} to {stop:g}, got {step:g}"
-        )
-    # Rounding must not lose the last pose, as in (180 − 0)/0.1 = 1799.9999999999998.
-    steps = math.floor((stop - start) / step * (1 + 1e-12) + 1e-9)
-    if steps >= MAX_ROWS:
-        raise place.error(f"makes {steps + 1:,} poses, allowed are {MAX_ROWS:,}")
-    # Rounding to 1e-12 degrees turns 3 · 0.1 = 0.30000000000000004 into 0.3.
-    return np.round(start + step * np.arange(steps + 1), 12)
+def _steps(stated: sections.Sweep | sections.Ranges, place: Place) -> FloatArray:
+    """Return azimuths (n,) [deg] or ground ranges (n,) [km]."""
+    try:
+        return axis.steps(float(stated.start), float(stated.stop), float(stated.step), MAX_ROWS)
+    except InputError as error:
+        raise place.error(f"{error}") from error
 
 
 def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Mapping
+from functools import partial
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from radar_sense.errors import InputError, describe
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import declare, sections
 from radar_sense.scenario_file.build import build
+from radar_sense.scenario_file.changes import change
 from radar_sense.scenario_file.place import parse
 from radar_sense.scenario_file.text_file import decoded, open_text
 
@@ -21,26 +26,36 @@ def default_text() -> str:
     return resources.files("radar_sense").joinpath("paper.yaml").read_text(encoding="utf-8")
 
 
-def load_scenario(path: str | Path | None = None) -> Scenario:
+def load_scenario(
+    path: str | Path | None = None, changes: Mapping[str, Any] | None = None
+) -> Scenario:
     """Read and check a scenario file, or the scenario of the paper if no path is given.
+
+    Args:
+        path: The file.
+        changes: Values in place of those of the file by path of keys, such as
+            {"radar.constant": 200}. "" takes a key away.
 
     Raises:
         InputError: If the file cannot be read or anything in the file is not allowed.
     """
     if path is None:
-        return parse_scenario(default_text(), "paper.yaml")
+        return parse_scenario(default_text(), "paper.yaml", changes)
     with open_text(path, "a scenario file", MAX_BYTES) as file:
         data = file.read(MAX_BYTES + 1)
-    return parse_scenario(decoded(data, str(path)).removeprefix("\ufeff"), str(path))
+    return parse_scenario(decoded(data, str(path)).removeprefix("\ufeff"), str(path), changes)
 
 
-def parse_scenario(text: str, source: str = "scenario") -> Scenario:
+def parse_scenario(
+    text: str, source: str = "scenario", changes: Mapping[str, Any] | None = None
+) -> Scenario:
     """Check the text of a scenario.
 
     Args:
         text: YAML.
         source: Name of the text in errors. Files that the scenario names are looked for from the
             folder of this name.
+        changes: As in `load_scenario`.
 
     Raises:
         InputError: If anything in the text is not allowed.
@@ -48,4 +63,15 @@ def parse_scenario(text: str, source: str = "scenario") -> Scenario:
     if not isinstance(text, str):
         raise InputError(f"text must be YAML as text, got {describe(text)}")
     root = parse(text, source)
-    return build(declare.read(root, sections.File), root)
+    for key, value in (changes or {}).items():
+        words = value if isinstance(value, str) else json.dumps(value, default=str)
+        change(root.node, str(key), words)
+    again = partial(_again, text, source, dict(changes or {}))
+    return build(declare.read(root, sections.File), root, again)
+
+
+def _again(
+    text: str, source: str, before: Mapping[str, Any], changes: Mapping[str, Any]
+) -> Scenario:
+    """Return the scenario of a text with further changes."""
+    return parse_scenario(text, source, {**before, **changes})

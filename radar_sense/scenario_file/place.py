@@ -36,7 +36,8 @@ class Place:
 
     def error(self, message: str) -> InputError:
         """Return the error to raise about this value."""
-        place = f"{self.file}:{self.node.start_mark.line + 1}"
+        mark = self.node.start_mark  # a value of `--set` has the option as its name
+        place = f"{self.file}:{mark.line + 1}" if mark.name == self.file else mark.name
         return InputError(": ".join(filter(None, (place, self.path, message))))
 
     def wrong(self, allowed: object, hint: str = "") -> InputError:
@@ -112,13 +113,24 @@ class Place:
 
 
 def parse(text: str, file: str) -> Place:
-    """Return the root of one YAML document.
+    """Return the root of one YAML document, see `compose`."""
+    return Place(compose(text, file), "", file)
+
+
+def compose(text: str, file: str) -> yaml.Node:
+    """Return the node of one YAML document.
+
+    Args:
+        text: The document.
+        file: Its name in errors.
 
     Raises:
         InputError: If it is empty or not valid YAML.
     """
     try:
-        node = yaml.compose(text, Loader=yaml.BaseLoader)
+        loader = yaml.BaseLoader(text)
+        loader.name = file
+        node: yaml.Node | None = loader.get_single_node()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         problem = f"is not valid YAML: {error.problem}"
@@ -134,4 +146,4 @@ def parse(text: str, file: str) -> Place:
         raise InputError(f"{file}: is nested too deeply for a scenario") from error
     if node is None:
         raise InputError(f"{file}: is empty; `radar-sense init` writes one to start from")
-    return Place(node, "", file)
+    return node

@@ -180,6 +180,8 @@ def read_route(
     max_gap_s: float | None = None,
     altitude_above: str | None = None,
     geoid_height_m: float | None = None,
+    down_km: float = 0.0,
+    altitude_m: float = 0.0,
     speed_m_s: float | None = None,
     icao24: str | None = None,
     sha256: str | None = None,
@@ -187,7 +189,9 @@ def read_route(
     """Read a route file as `load_route` does, and return the SHA-256 of its bytes too.
 
     The arguments other than the path are checked by the caller. They are those of `load_route`, and
-    `sha256`, the digest that the file must have; None allows any.
+    `down_km`, a shift down of a whole route in north, east, down [km], `altitude_m`, a shift up of
+    a whole route in latitude and longitude [m], and `sha256`, the digest that the file must have;
+    None allows any.
     """
     track, digest = _read(path, altitude_above, icao24, sha256)
     if track.altitudes:
@@ -196,7 +200,9 @@ def read_route(
                 "latitude and longitude need the origin of the north-east-down frame, "
                 "geometry.origin in a scenario"
             )
-        track.place[:, 2] += _above_ellipsoid(track, altitude_above, geoid_height_m)
+        if down_km:
+            raise track.error("down_km shifts north, east, down; here altitude_m shifts the route")
+        track.place[:, 2] += _above_ellipsoid(track, altitude_above, geoid_height_m) + altitude_m
     elif origin is not None:
         raise track.error(
             "north, east and down have an origin already, "
@@ -207,6 +213,10 @@ def read_route(
             "altitude_above and geoid_height_m are for altitudes, "
             "and are not used with north, east and down"
         )
+    elif altitude_m:
+        raise track.error("altitude_m shifts latitude and longitude; here down_km shifts the route")
+    else:
+        track.place[:, 2] += 1e3 * down_km
     if track.attitude is None and len(track.place) < 2:
         raise InputError(
             f"{path}: has {len(track.place)} row; attitude from the track needs 2 or more, or the "

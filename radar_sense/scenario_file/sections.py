@@ -301,7 +301,7 @@ class Aircraft:
 
     rcs: Any = key("Radar cross section.", by_word("model", _RCS))
     attitude_deg: tuple[float, float, float] | None = key(
-        "Roll, pitch, yaw on an orbit; required on an orbit, not allowed on a path.",
+        "Roll, pitch, yaw on an orbit or a radial, where it is required; not allowed on a path.",
         numbers(3, _ANGLE),
         default=None,
     )
@@ -323,6 +323,29 @@ class Orbit:
     range_km: float = key("Horizontal radius of the orbit.", NOT_NEGATIVE)
     down_km: float = key("Down coordinate of the orbit.", ANY)
     azimuth_deg: Sweep = key("Azimuths of the poses.", Sweep)
+    azimuth_from: str = key(
+        "Direction of azimuth 0: east as in the paper, or north as on a compass.",
+        words("east", "north"),
+        default="east",
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ranges:
+    """Ground ranges of the poses."""
+
+    start: float = key("First ground range [km].", NOT_NEGATIVE)
+    stop: float = key("Last ground range [km].", NOT_NEGATIVE)
+    step: float = key("Step of ground range [km].", ANY)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Radial:
+    """A level straight line away from the origin."""
+
+    range_km: Ranges = key("Ground ranges of the poses from the origin.", Ranges)
+    azimuth_deg: float = key("Azimuth of the line.", _AZIMUTH)
+    down_km: float = key("Down coordinate of the line.", ANY)
     azimuth_from: str = key(
         "Direction of azimuth 0: east as in the paper, or north as on a compass.",
         words("east", "north"),
@@ -366,6 +389,12 @@ class Path:
         GEOID_HEIGHT,
         default=None,
     )
+    down_km: float = key(
+        "Shift of a whole route in north, east, down; negative is up.", ANY, default=0.0
+    )
+    altitude_m: float = key(
+        "Shift up of a whole route in latitude and longitude.", ANY, default=0.0
+    )
     speed_m_s: float | None = key(
         "Speed along the legs between waypoints, for a file without times.", SPEED, default=None
     )
@@ -404,9 +433,9 @@ class File:
         one_of="radars",
     )
     aircraft: Aircraft = key("RCS and attitude of the aircraft.", Aircraft)
-    geometry: Orbit | Path = key(
-        "The poses of the aircraft: an orbit or a path.",
-        by_word("type", {"orbit": Orbit, "path": Path}),
+    geometry: Orbit | Radial | Path = key(
+        "The poses of the aircraft: an orbit, a line of ranges or a path.",
+        by_word("type", {"orbit": Orbit, "radial": Radial, "path": Path}),
     )
     uncertainty: Uncertainty = key("Covariances of the states.", Uncertainty)
     analysis: Analysis = key("Choices for the analyses.", Analysis)

@@ -51,6 +51,7 @@ SHORT = {
     "map": {"step_km": 200},
     "range": {"step_deg": 30},
     "mission": {"m": 2, "n": 3},
+    "sweep": {"key": "analysis.seed", "start": 1, "stop": 2, "step": 1},
 }
 FEW = {"start": 40, "stop": 60, "step": 20}
 
@@ -112,7 +113,11 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
 def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
     small_batches(monkeypatch)
     few_draws(monkeypatch)
-    options = [f"--{key.replace('_', '-')}={v}" for key, v in SHORT.get(name, {}).items()]
+    by_place = [option.name for option in ALL[name].options if option.positional]
+    options = [
+        f"{v}" if key in by_place else f"--{key.replace('_', '-')}={v}"
+        for key, v in SHORT.get(name, {}).items()
+    ]
     for content in documents(name):
         Path("my.yaml").write_text(yaml_text(content), encoding="utf-8")
         code = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code

@@ -21,6 +21,8 @@ CASES = {
     for option in (*SHARED, *command.options)
     if option.name != "dask"
 }
+#: What is required besides.
+REQUIRED = {"sweep": {"key": "name", "start": 1, "stop": 2, "step": 1}}
 
 
 def beyond(limit):
@@ -43,7 +45,8 @@ def wrong_values(option):
     if option.flag:
         yield from ("yes", 1, [True], None)
     elif option.limit is None:
-        yield from ("nonsense", 3, b"linear", ["linear"], np.array(["linear", "form"]))
+        yield from ("nonsense",) * (not option.positional)
+        yield from (3, b"linear", ["linear"], np.array(["linear", "form"]))
     elif option.count > 1:
         yield from (5, (1.0,) * (option.count + 1))
         yield from ((0.5,) * (option.count - 1) + (number,) for number in beyond(option.limit))
@@ -59,7 +62,7 @@ def test_a_wrong_option_is_refused_before_anything_is_computed(case):
     command, option = CASES[case]
     for value in wrong_values(option):
         with no_physics(), pytest.raises(rs.InputError) as error:
-            command(NETWORK, **{option.name: value})
+            command(NETWORK, **{**REQUIRED.get(command.name, {}), option.name: value})
         message = str(error.value)
         assert message.startswith(f"{option.name} must be "), message
         assert len(message) < 200

@@ -456,7 +456,11 @@ REFUSED = [
         {"uncertainty": {"radar": {"medium": {"position_m": 1, "constant": 1}}}},
         "uncertainty: missing key 'aircraft'",
     ),
-    (ROUTE, {"geometry__type": "paths"}, "geometry.type: must be one of orbit, path, got 'paths'"),
+    (
+        ROUTE,
+        {"geometry__type": "paths"},
+        "geometry.type: must be one of orbit, radial, path, got 'paths'",
+    ),
     (ROUTE, {"geometry__range_km": 500}, "geometry: unknown key 'range_km', allowed: type, file"),
     (ROUTE, {"geometry": {"type": "path"}}, "geometry: missing key 'file'"),
     (ROUTE, {"geometry__file": "rout.csv"}, "geometry.file: .*rout.csv: cannot be read: No such"),

@@ -92,7 +92,7 @@ NOT_EXPRESSED = {
     "numbers that depend on each other": (
         r"is not symmetric|is not positive semidefinite|has a negative variance"
         r"|makes the radar constant|must be at most the attenuation|hides the target within"
-        r"|1/6 of the parameter|must be a step other than 0|poses, allowed are|on top of"
+        r"|1/6 of the parameter|must be a step other than 0|values, allowed are|on top of"
         r"|must not both be 0|hides the target within"
     ),
     "names that depend on each other": (

@@ -1,0 +1,183 @@
+"""Largest P_D, its band and the verdict of a threshold, by the value of one key of the scenario."""
+
+from __future__ import annotations
+
+import re
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from radar_sense import words
+from radar_sense.acceptance.threshold import PathTest, path_test
+from radar_sense.analyses.verdict import THRESHOLD, K
+from radar_sense.axis import Axis, steps
+from radar_sense.command import LEVEL, METHOD, Option, Result, command
+from radar_sense.errors import InputError
+from radar_sense.limits import ANY
+from radar_sense.propagation import propagate_scenario
+from radar_sense.scenario import Scenario
+from radar_sense.units import unit_name
+
+if TYPE_CHECKING:
+    from radar_sense.plotting import Figure
+    from radar_sense.states import FloatArray
+
+#: Most values, and most of them that the terminal shows.
+MAX_VALUES, SHOWN = 1000, 40
+
+
+@command(
+    Option("key", "Key of the scenario file.", metavar="KEY", positional=True),
+    Option("start", "First value.", ANY, metavar="START", positional=True),
+    Option("stop", "Last value.", ANY, metavar="STOP", positional=True),
+    Option("step", "Step from value to value.", ANY, metavar="STEP", positional=True),
+    LEVEL,
+    METHOD,
+    THRESHOLD,
+    K,
+    examples=(
+        "radar-sense sweep radar.constant 50 250 25",
+        "radar-sense sweep my.yaml geometry.down_km -12 -1 0.5 --threshold 0.1",
+        "radar-sense sweep network.yaml radars.ridge.p_fa 1e-8 1e-6 1e-7",
+    ),
+)
+def sweep(
+    scenario: Scenario,
+    *,
+    key: str,
+    start: float,
+    stop: float,
+    step: float,
+    threshold: float | None = None,
+    k: float | None = None,
+) -> Result:
+    """Largest P_D and its band by the value of one key of the scenario.
+
+    KEY is the path of a number in the scenario file, such as radar.constant, geometry.range_km,
+    uncertainty.radar.medium.position_m or radars.NAME.p_fa. With a threshold the answer is where
+    the test P_D + K sigma <= P_MAX holds. Exit code 3 means that it holds at none of the values.
+
+    Args:
+        scenario: The scenario, as `load_scenario` returns.
+        key: Path of keys.
+        start: First value.
+        stop: Last value.
+        step: Step from value to value.
+        threshold: P_max of the threshold test; None for no test.
+        k: Number of σ of the band, 3 by default.
+
+    Raises:
+        InputError: If an option is not allowed, or the scenario refuses a value.
+    """
+    try:
+        values = steps(start, stop, step, MAX_VALUES)
+    except InputError as error:
+        raise InputError(f"step {error}") from error
+    k, method = 3.0 if k is None else k, scenario.method
+    unit = {"°": "deg"}.get(unit_name(key), unit_name(key))
+    column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
+    axis = Axis(column, key, unit, values, "g", 0.0, "values")
+    # all values are read before any is computed
+    scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
+
+    result = Result(scenario, method)
+    highest, tests, found = [], [], dict[str, list[tuple[int, str]]]()
+    for number, one in enumerate(scenarios):
+        moments = propagate_scenario(one, method=method, beta=k)
+        pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
+        ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
+        highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
+        if threshold is not None:
+            tests.append(path_test(one, method, threshold, k, moments))
+        for text in words.method_warnings(one, moments, method):
+            found.setdefault(text.rpartition(" [")[2], []).append((number, text))
+    p_d, lower, upper, bound, three_sigma = np.array(highest).T
+
+    result.table.add(column, values, f"Value of {key}.", unit)
+    for name, numbers, meaning in (
+        ("highest_p_d", p_d, "Largest P_D of all poses."),
+        ("lower", lower, f"Lower bound of the largest P_D at {k:g} sigma."),
+        ("upper", upper, f"Upper bound of the largest P_D at {k:g} sigma."),
+        ("highest_upper", bound, f"Largest upper bound of P_D at {k:g} sigma, at any pose."),
+        ("largest_three_sigma", three_sigma, "Largest 3 sigma of P_D of all poses."),
+    ):
+        result.table.add(name, numbers, meaning)
+    result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
+    band = [words.describe_band(*ends[:3], k) for ends in highest]
+    if threshold is not None:
+        band = _add_tests(result, axis, threshold, k, tests, band)
+    else:
+        low, high = words.trough(p_d, axis), words.peak(p_d, axis)
+        result.summary |= {"lowest_p_d": low, "highest_p_d": high}
+        result.report.append(f"by {key} the largest {words.describe_span(low, high, axis)}")
+    if len(values) <= SHOWN:
+        result.report += words.rows(dict(zip(map(axis.format, values), band, strict=True)))
+    for texts in found.values():  # of one name: where, and the first text
+        first, text = texts[0]
+        place = words.describe_poses(np.isin(np.arange(len(values)), [n for n, _ in texts]), axis)
+        of_first = "" if len(texts) == 1 else f", as {axis.at(first)} has"
+        result.warnings.append(f"{place}{of_first}: {text}")
+    result.draw = partial(
+        _draw, axis=axis, lines=(p_d, lower, upper, bound), threshold=threshold, k=k
+    )
+    return result
+
+
+def _add_tests(
+    result: Result, axis: Axis, threshold: float, k: float, tests: list[PathTest], band: list[str]
+) -> list[str]:
+    """Add the verdicts, and return the lines of the values with theirs."""
+    verdicts = np.array([tested.test.verdict for tested in tests])
+    holds, violated = verdicts == "holds", verdicts == "violated"
+    runs = [tested.decision.runs for tested in tests]
+    for name, numbers, meaning in (
+        ("margin", [t.test.margin[t.test.worst] for t in tests], "P_MAX minus the largest bound."),
+        ("violated", violated, "1 where the test is violated at a pose, else 0."),
+        ("not_known", ~holds & ~violated, "1 where the test has no answer, else 0."),
+        (
+            "probability_above",
+            [r.probability.max() for r in runs],
+            "P(P_D > P_MAX) at the pose where it is highest, in runs of the path.",
+        ),
+    ):
+        result.table.add(name, np.array(numbers, dtype=float), meaning)
+    places = words.places(
+        {"holds": holds, "VIOLATED": violated, "NOT KNOWN": ~holds & ~violated}, axis
+    )
+    result.report += [f"P_D + {k:g} sigma <= {threshold:g} by {axis.name}:"]
+    result.report += [f"{verdict} {place}" for verdict, place in places.items()]
+    result.summary["threshold"] = {
+        "p_max": threshold,
+        "k": k,
+        **{
+            name: axis.values[mask].tolist()
+            for name, mask in {"holds": holds, "violated": violated}.items()
+        },
+    }
+    result.passed = bool(holds.any())
+    return [f"{line}  {verdict}" for line, verdict in zip(band, verdicts, strict=True)]
+
+
+def _draw(
+    figure: Figure,
+    axis: Axis,
+    lines: tuple[FloatArray, ...],
+    threshold: float | None,
+    k: float,
+) -> None:
+    """Draw the largest P_D, its band, the largest bound of any pose, and the threshold."""
+    from radar_sense import plotting
+
+    p_d, lower, upper, bound = lines
+    (axes,), x = plotting.pose_panels(figure, 1, axis)
+    plotting.draw_line(axes, x, p_d, ("black", "-"), label=r"largest $P_D$")
+    plotting.draw_fill(axes, x, lower, upper, color=plotting.BAND[0], alpha=0.18, lw=0)
+    plotting.draw_band(axes, x, lower, upper, rf"its band of ${k:g}\,\sigma$")
+    if np.any(bound > upper):
+        plotting.draw_line(axes, x, bound, ("black", ":"), label="largest bound")
+    if threshold is not None:
+        label = f"threshold {threshold:g}"
+        axes.axhline(threshold, color="black", lw=plotting.points(0.8), ls="--", label=label)
+    axes.set_ylabel(r"Probability of detection $P_D$")
+    plotting.draw_legend(figure, axes)

@@ -1,0 +1,143 @@
+"""`sweep`: what `variance` says of each value, in one table."""
+
+import numpy as np
+import pytest
+from helpers import read_record, read_table
+from numpy.testing import assert_allclose
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.errors import InputError
+
+pytestmark = pytest.mark.usefixtures("quick")
+
+VALUES = (100.0, 150.0, 200.0)
+SWEPT = {"key": "radar.constant", "start": 100, "stop": 200, "step": 50}
+
+
+@pytest.mark.parametrize("method", ["linear", "form", "automatic"])
+def test_each_row_is_what_variance_says_of_the_value(method):
+    found = analyses.sweep(rs.load_scenario(), method=method, **SWEPT).table
+    assert found["radar_constant"].tolist() == list(VALUES)
+    for row, value in enumerate(VALUES):
+        one = analyses.variance(rs.load_scenario(changes={"radar.constant": value}), method=method)
+        pose = int(np.argmax(one.table["p_d"]))
+        for name, column in (
+            ("highest_p_d", "p_d"),
+            ("lower", "lower_3sigma"),
+            ("upper", "upper_3sigma"),
+        ):
+            assert found[name][row] == one.table[column][pose]
+        assert found["highest_upper"][row] == one.table["upper_3sigma"].max()
+        assert found["largest_three_sigma"][row] == 3 * one.table["sigma_pd"].max()
+
+
+def test_the_largest_p_d_of_the_papers_formula():
+    """North's approximation with S proportional to the constant, in arithmetic of its own."""
+    from math import erfc, log, sqrt
+
+    table = analyses.sweep(rs.load_scenario(), **SWEPT).table
+    s = rs.load_scenario()
+    snr = float(np.max(s.model.snr(s.aircraft, s.radar))) / 167
+    expected = [0.5 * erfc(sqrt(-log(1.7e-4)) - sqrt(value * snr + 0.5)) for value in VALUES]
+    assert_allclose(table["highest_p_d"], expected, rtol=1e-12)
+
+
+def test_the_answer_of_a_threshold_is_where_it_holds():
+    result = analyses.sweep(rs.load_scenario(), threshold=0.7, **SWEPT)
+    heading = "P_D + 3 sigma <= 0.7 by radar.constant:"
+    assert list(result.report[:2]) == [heading, "VIOLATED at all 3 values"]
+    assert result.report[2].startswith("  100  P_D 0.8010, between ")
+    assert not result.passed
+    low = analyses.sweep(
+        rs.load_scenario(), key="radar.constant", start=20, stop=200, step=90, threshold=0.9
+    )
+    assert low.passed
+    assert low.table["violated"].tolist() == [0, 1, 1]
+    assert low.summary["threshold"]["holds"] == [20.0]
+    assert list(low.report[1:3]) == ["holds at 20", "VIOLATED at 110 to 200"]
+    for row, value in enumerate((20.0, 110.0)):
+        s = rs.load_scenario(changes={"radar.constant": value})
+        own = analyses.variance(s, threshold=0.9)
+        assert low.table["violated"][row] == own.table["violated"].max()
+        worst = own.summary["threshold"]["worst_margin"]["value"]
+        assert low.table["margin"][row] == worst
+
+
+def test_a_route_is_lifted_as_a_whole(tmp_path):
+    rows = "\n".join(f"{t},{-20e3 + 40 * t},60000,-3000" for t in range(0, 1001, 100))
+    (tmp_path / "route.csv").write_text(f"time_s,north_m,east_m,down_m\n{rows}\n")
+    changes = {
+        "geometry": {"type": "path", "file": str(tmp_path / "route.csv")},
+        "aircraft.attitude_deg": "",
+        "radar.horizon": True,
+        "radar.position_m": [0, 0, -10],
+    }
+    s = rs.load_scenario(changes=changes)
+    found = analyses.sweep(s, key="geometry.down_km", start=-1, stop=2.9, step=1.3, method="form")
+    lifted = [s.with_keys({"geometry.down_km": d}).aircraft[:, 2] for d in (-1, 0.3, 1.6, 2.9)]
+    for down, shift in zip(lifted, (-1, 0.3, 1.6, 2.9), strict=True):
+        assert_allclose(down, -3000 + 1e3 * shift, rtol=1e-12)
+    # 10 m and 100 m high: the horizon is at 54 km, before the route at 60 km
+    assert found.table["highest_p_d"][3] == 0
+    assert found.table["highest_p_d"][0] > 0.99
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"key": "radar.constnt"}, "unknown key 'constnt'"),
+        ({"key": "radar.constant", "start": 0}, "--set radar.constant=0: radar.constant: must be"),
+        ({"step": 0}, "step must be a step other than 0 that leads from 100 to 200, got 0"),
+        ({"step": 0.01}, "step makes 10,001 values, allowed are 1,000"),
+        ({"key": 3}, "key must be text, got 3"),
+        ({"k": 0}, "k must be a number greater than 0"),
+    ],
+)
+def test_a_wrong_option_is_refused(changes, message):
+    with pytest.raises(InputError, match=message.replace("(", "\\(")):
+        analyses.sweep(rs.load_scenario(), **{**SWEPT, **changes})
+
+
+def test_the_command_line(tool):
+    args = ["sweep", "radar.position_m[3]", "-100", "-20", "40", "--method", "automatic"]
+    code, out, err = tool(*args)
+    assert (code, err) == (0, "")
+    assert "by radar.position_m[3] the largest P_D" in out
+    table = read_table("figures/paper_sweep.csv")
+    assert table["radar_position_m_3"].tolist() == [-100, -60, -20]
+    record = read_record("figures/paper_sweep.json")
+    assert record["command"] == ["radar-sense", *args]
+    assert tool("sweep", "radar.constant", "5").err == (
+        "Error: sweep needs [CONFIG] KEY START STOP STEP, got radar.constant 5\n"
+    )
+    assert (
+        tool("sweep", "radar.constant", "a", "5", "1").err
+        == "Error: START must be a number, got 'a'\n"
+    )
+    assert tool("sweep", "radar.constant", "1", "5", "1", "--stepp", "3").code == 2
+
+
+def test_set_on_the_command_line(tool):
+    assert tool("variance", "--set", "radar.constant=1.50e2", "--no-plot").code == 0
+    record = read_record("figures/paper_variance.json")
+    assert record["scenario"]["radar"]["constant"] == 150
+    assert record["command"] == [
+        "radar-sense",
+        "variance",
+        "--set",
+        "radar.constant=1.50e2",
+        "--no-plot",
+    ]
+    for text, message in (
+        ("radar.constant", "Error: --set radar.constant: must be KEY=VALUE\n"),
+        (
+            "radar.constant=x",
+            "Error: --set radar.constant=x: radar.constant: must be a number greater than 0, "
+            "got 'x'\n",
+        ),
+    ):
+        code, _, err = tool("variance", "--set", text)
+        assert (code, err) == (2, message)
+    twice = tool("variance", "--set", "name=a", "--set", "name=b")
+    assert twice.err == "Error: --set name=b: is given twice; give it once\n"

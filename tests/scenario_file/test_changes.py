@@ -1,0 +1,122 @@
+"""Values by path of keys in place of those of the file."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from helpers import document, dump_yaml
+from numpy.testing import assert_array_equal
+
+import radar_sense as rs
+from radar_sense.errors import InputError
+from radar_sense.scenario import for_radar
+from radar_sense.scenario_file.load import parse_scenario
+
+CONFIGS = Path(__file__).parents[2] / "configs"
+NETWORK = CONFIGS / "network.yaml"
+
+
+def assert_same(found, expected):
+    assert found.resolved() == expected.resolved()
+    for name in ("aircraft", "radar", "cov_aircraft"):
+        assert_array_equal(getattr(found, name), getattr(expected, name))
+    for level, matrix in expected.cov_radar.items():
+        assert_array_equal(found.cov_radar[level], matrix)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("name", "other"),
+        ("radar.constant", 200),
+        ("radar.constant", 1.5e2),
+        ("radar.position_m", [1000, 0, -30]),
+        ("radar.horizon", True),
+        ("radar.detector", "swerling1"),
+        ("radar.detector", {"model": "swerling3", "pulses": 10}),
+        ("geometry.azimuth_deg.step", 30),
+        ("uncertainty.radar.medium.constant", 3),
+        ("uncertainty.aircraft.attitude_deg", [1, 2, 3]),
+        ("analysis.level", "high"),
+        ("analysis.seed", 7),
+    ],
+)
+def test_a_change_is_the_file_with_another_value(key, value):
+    expected = parse_scenario(dump_yaml(document(**{key.replace(".", "__"): value})), "paper.yaml")
+    assert_same(rs.load_scenario(changes={key: value}), expected)
+    assert_same(rs.load_scenario(changes={key: json.dumps(value)}), expected)
+    if not key.startswith("analysis."):  # which stays as it was chosen
+        assert_same(rs.load_scenario().with_keys({key: value}), expected)
+
+
+def test_places_of_lists_and_radars_by_name():
+    text = yaml.load(NETWORK.read_text(), yaml.BaseLoader)
+    names = [radar["name"] for radar in text["radars"]]
+    changes = {f"radars.{names[1]}.p_fa": 1e-5, "radars[3].position_m[2]": 123}
+    s = rs.load_scenario(NETWORK, changes)
+    before = rs.load_scenario(NETWORK)
+    assert s.model.models[1].p_fa == 1e-5
+    assert s.model.models[0].p_fa == before.model.models[0].p_fa
+    assert np.flatnonzero(s.radar != before.radar).tolist() == [9]
+    assert s.radar[9] == 123
+
+
+def test_no_text_takes_a_key_away():
+    changes = {"radar.constant": "", "radar.tracking": json.dumps(tracking())}
+    assert rs.load_scenario(changes=changes).radar[3] > 0
+    with pytest.raises(InputError, match=r"paper.yaml:\d+: radar: missing key 'p_fa'"):
+        rs.load_scenario(changes={"radar.p_fa": ""})
+
+
+def tracking():
+    return {
+        "peak_power_kw": 100,
+        "gain_dbi": 36,
+        "frequency_ghz": 9.4,
+        "pulse_width_us": 0.8,
+        "temperature_k": 290,
+        "noise_figure_db": 4,
+        "loss_db": 3,
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"radar.constant": -1}, "--set radar.constant=-1: radar.constant: must be a number "),
+        ({"radar.constnt": 3}, "--set radar.constnt=3: radar: unknown key 'constnt', allowed: "),
+        ({"rader.p_fa": 1}, "--set rader.p_fa=1: unknown key 'rader', allowed: "),
+        ({"radar.p_fa": "[1"}, "--set radar.p_fa=[1: is not valid YAML"),
+        ({"radar.p_fa.x": 1}, "--set radar.p_fa.x=1: '1.7e-4' has no key 'x'"),
+        ({"radar.position_m[4]": 1}, "the list has no entry [4], it has [1], [2], [3]"),
+        ({"radar.position_m[0]": 1}, "the list has no entry [0], it has [1], [2], [3]"),
+        ({"radar.horizon": ""}, "--set radar.horizon=: there is no radar.horizon to take away"),
+        ({"": 1}, "write a key before the ="),
+        ({"radar.constant": True}, "radar.constant: must be a number greater than 0, got 'true'"),
+        ({"radar.tracking": {}}, "--set radar.tracking={}: radar.tracking: "),
+        ({"analysis.level": "hi"}, "must be one of low, medium, high, got 'hi'"),
+    ],
+)
+def test_a_wrong_change_is_refused_in_one_line(changes, message):
+    with pytest.raises(InputError) as error:
+        rs.load_scenario(changes=changes)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_keys_of_a_scenario_that_is_not_of_its_file_cannot_be_changed():
+    paper = rs.load_scenario()
+    for s in (paper.at_poses(slice(3)), paper.at_states(paper.aircraft[0])):
+        with pytest.raises(InputError, match="as its file made it"):
+            s.with_keys({"radar.constant": 3})
+
+
+def test_choices_and_the_radar_stay():
+    s = rs.load_scenario(NETWORK).with_analysis(level="low", seed=5, runs=7, method="linear")
+    changed = s.with_keys({"radars.ridge.p_fa": 1e-5})
+    assert (changed.level, changed.seed, changed.runs, changed.method) == ("low", 5, 7, "linear")
+    alone = for_radar(s, "ridge").with_keys({"radars.ridge.p_fa": 1e-5})
+    assert alone.model.names == ("ridge",)
+    assert alone.model.models[0].p_fa == 1e-5

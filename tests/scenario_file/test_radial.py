@@ -1,0 +1,177 @@
+"""A line of ranges: `geometry: {type: radial}`, against arithmetic of its own."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import dump_yaml, read_table
+from numpy.testing import assert_allclose
+
+import radar_sense as rs
+from radar_sense import analyses
+from radar_sense.errors import InputError
+from radar_sense.scenario_file.load import parse_scenario
+
+BOLTZMANN = 1.380649e-23
+CONFIG = Path(__file__).parents[2] / "configs/radial.yaml"
+
+
+def radial(changes=(), **geometry):
+    """A radar of Swerling 1 that sees 0.1 m^2, on a line of ranges."""
+    document = {
+        "name": "line",
+        "radar": {"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 100, "detector": "swerling1"},
+        "aircraft": {"rcs": {"model": "constant", "rcs_m2": 0.1}, "attitude_deg": [0, 0, 0]},
+        "geometry": {
+            "type": "radial",
+            "range_km": {"start": 50, "stop": 400, "step": 50},
+            "azimuth_deg": 30,
+            "down_km": -9,
+            **geometry,
+        },
+        "uncertainty": {
+            "aircraft": {"position_m": 100, "attitude_deg": 1},
+            "radar": {"medium": {"position_m": 50, "constant": 5}},
+        },
+        "analysis": {"level": "medium"},
+    }
+    for path, value in dict(changes).items():
+        *parents, key = path.split(".")
+        where = document
+        for parent in parents:
+            where = where[parent]
+        where[key] = value
+    return parse_scenario(dump_yaml(document))
+
+
+def swerling(ranges_m, constant=100, rcs=0.1, p_fa=1e-6):
+    """P_D of Swerling 1 by hand: P_fa^(1/(1 + S)), S = c_r sigma/(k R^4)."""
+    snr = constant * rcs / (BOLTZMANN * ranges_m**4)
+    return p_fa ** (1 / (1 + snr)), snr
+
+
+@pytest.mark.parametrize(("origin", "direction"), [("east", (0.25, 0.75)), ("north", (0.75, 0.25))])
+def test_positions_are_on_the_line(origin, direction):
+    s = radial(azimuth_from=origin)
+    ranges = np.arange(50.0, 401.0, 50.0)
+    assert s.axis.values.tolist() == ranges.tolist()
+    assert_allclose(s.aircraft[:, :2], 1e3 * ranges[:, None] * np.sqrt(direction), rtol=1e-14)
+    assert np.all(s.aircraft[:, 2] == -9000)
+    assert np.all(s.aircraft[:, 3:] == 0)
+
+
+def test_p_d_and_snr_along_the_line():
+    table = analyses.variance(radial(), method="linear").table
+    ranges = np.hypot(1e3 * table["range_km"], 9000)
+    p_d, snr = swerling(ranges)
+    assert_allclose(table["range_m"], ranges, rtol=1e-14)
+    assert_allclose(table["p_d"], p_d, rtol=1e-11)
+    assert_allclose(table["snr_db"], 10 * np.log10(snr), rtol=1e-11)
+
+
+def test_the_band_along_the_line():
+    """P_D rises with c_r and falls with range; both are Gaussian, and the rest hardly matters."""
+    changes = {"uncertainty.aircraft": {"position_m": 0, "attitude_deg": 0}}
+    changes["uncertainty.radar"] = {"medium": {"position_m": 0, "constant": 10}}
+    table = analyses.variance(radial(changes), method="automatic").table
+    for end, constant in (("lower", 70), ("upper", 130)):
+        exact, _ = swerling(np.hypot(1e3 * table["range_km"], 9000), constant)
+        assert_allclose(table[f"{end}_3sigma"], exact, atol=1e-5)
+
+
+def test_the_greatest_p_d_between_two_ranges_is_found():
+    """The line passes a radar of 5 km between the ranges of 100 and 150 km."""
+    changes = {
+        "radar.position_m": [62_500, 108_253, -9_000],
+        "radar.max_range_km": 2.0,
+    }
+    s = radial(changes)
+    assert analyses.variance(s).table["p_d"].max() == 0
+    result = analyses.variance(s, threshold=0.5)
+    assert result.report[0].startswith("VIOLATED at 12")
+    test = result.summary["threshold"]
+    assert test["verdict"] == "violated"
+    more = 3 * math.hypot(0.1, 0.05)  # the bound reaches 3 sigma of the range farther
+    assert test["above_km"] == pytest.approx(4.0 + 2 * more, abs=0.05)
+
+
+def test_the_horizon_on_the_line():
+    """Without the horizon P_D is known; beyond sqrt(2 a h) + sqrt(2 a h') it is 0."""
+    s = radial({"radar.horizon": True, "radar.position_m": [0, 0, -20]}, down_km=-1)
+    table = analyses.variance(s, method="linear").table
+    reach = math.sqrt(2 * 4 / 3 * 6371e3) * (math.sqrt(20) + math.sqrt(1000))
+    seen = table["range_m"] <= reach
+    assert seen.tolist() == [True] * 2 + [False] * 6
+    assert np.all((table["p_d"] > 0) == seen)
+
+
+@pytest.mark.parametrize(
+    ("geometry", "message"),
+    [
+        ({"range_km": {"start": 5, "stop": 1, "step": 1}}, "range_km.step: must be a step other"),
+        (
+            {"range_km": {"start": -5, "stop": 1, "step": 1}},
+            "start: must be a number not less than",
+        ),
+        ({"range_km": {"start": 0, "stop": 9e9, "step": 1}}, "values, allowed are"),
+        ({"range_km": 5}, "geometry.range_km: must be a mapping"),
+        ({"azimuth_deg": {"start": 0, "stop": 1, "step": 1}}, "azimuth_deg: must be a number"),
+        ({"file": "x.csv"}, "unknown key 'file'"),
+        ({"down_km": 0, "range_km": {"start": 0, "stop": 1, "step": 1}}, "on top of the radar"),
+    ],
+)
+def test_a_wrong_line_is_refused_in_one_line(geometry, message):
+    with pytest.raises(InputError) as error:
+        radial(**geometry)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_what_needs_times_or_an_attitude_says_so():
+    with pytest.raises(InputError, match="a mission needs times, which only a path has"):
+        analyses.mission(radial())
+    with pytest.raises(InputError, match="missing key 'attitude_deg', required on a radial"):
+        radial({"aircraft": {"rcs": {"model": "constant", "rcs_m2": 0.1}}})
+
+
+def test_the_figure_has_p_d_and_snr(tool):
+    assert tool("variance", CONFIG, "--set", "geometry.range_km.step=10").code == 0
+    table = read_table("figures/radial_variance.csv")
+    assert table["range_km"].tolist() == list(range(2, 61, 10))
+    s = rs.load_scenario(CONFIG, {"geometry.range_km.step": 10})
+    upper, lower = analyses.variance(s, method="form").plot().axes
+    assert lower.get_xlabel() == "Ground range [km]"
+    assert lower.get_ylabel() == "SNR [dB]"
+    assert_allclose(lower.lines[0].get_ydata(), table["snr_db"])
+    assert upper.get_ylabel().startswith("Probability")
+
+
+def test_a_route_is_shifted_as_a_whole(tmp_path):
+    (tmp_path / "ned.csv").write_text(
+        "time_s,north_m,east_m,down_m\n0,0,9e4,-3000\n60,9e3,9e4,-4000\n"
+    )
+    (tmp_path / "geo.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m\n0,45,11,3000\n60,45.1,11,4000\n"
+    )
+    place = {"latitude_deg": 45, "longitude_deg": 10, "altitude_m": 0}
+
+    def path(name, **keys):
+        geometry = {"type": "path", "file": str(tmp_path / name), **keys}
+        changes = {"geometry": geometry, "aircraft.attitude_deg": ""}
+        return rs.load_scenario(changes=changes)
+
+    lifted, before = path("ned.csv", down_km=-0.5), path("ned.csv")
+    assert_allclose(lifted.aircraft[:, 2], before.aircraft[:, 2] - 500, rtol=1e-12)
+    assert_allclose(lifted.aircraft[:, :2], before.aircraft[:, :2], rtol=1e-12)
+    (tmp_path / "high.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m\n0,45,11,3500\n60,45.1,11,4500\n"
+    )
+    lifted, high = path("geo.csv", origin=place, altitude_m=500), path("high.csv", origin=place)
+    assert_allclose(lifted.aircraft, high.aircraft, rtol=1e-9, atol=1e-9)
+    for name, keys, message in (
+        ("ned.csv", {"altitude_m": 5}, "altitude_m shifts latitude and longitude; here down_km"),
+        ("geo.csv", {"down_km": 5, "origin": place}, "down_km shifts north, east, down; here alt"),
+    ):
+        with pytest.raises(InputError, match=message):
+            path(name, **keys)
