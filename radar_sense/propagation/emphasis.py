@@ -7,9 +7,11 @@ The mixture (A. Owen and Y. Zhou, "Safe and effective importance sampling", J. A
 - a density for each radar that is wider in the few directions in which its signal depends on the
   errors: the line of sight in body axes, the gain, and heights where there is a horizon. It reaches
   lobes, limits and horizons.
-- densities about centres: the greatest and the least z of the network within β, the greatest z of
+- densities about centres that raise P_D: the greatest z of the network within β, the greatest z of
   each radar alone, the errors that bring the aircraft closest to each radar, and those that raise
   both ends above a horizon.
+- densities about centres that lower P_D: the least z of the network, and the errors that lead out
+  of sight, below a horizon, beyond the maximum range or within the minimum range.
 
 Centres and directions only choose where to draw. The weights, natural density over density of the
 mixture, are exact for any choice.
@@ -17,8 +19,10 @@ mixture, are exact for any choice.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,9 +44,9 @@ from radar_sense.uncertain_states import UncertainStates
 #: deviation of a wide density. The errors of the bounds hardly depend on them: shares from 0.1 to
 #: 0.5 and widths from 1.6 to 3 were tried on 400 random poses of four populations.
 NATURAL, WIDE, WIDTH = 0.2, 0.3, 2.0
-#: Share of the draws about centres that the least z gets, and P_D that counts at least at another
-#: centre, as a part of the greatest: a lobe or limit beside a centre may have more.
-LEAST_Z, LEAST_PART = 0.25, 0.1
+#: Share of the draws about centres that lower P_D, of those about any centre. And what a change of
+#: P_D counts at least, as a part of the greatest: a lobe or limit beside a centre may change more.
+FALLING, LEAST_PART = 0.25, 0.1
 #: Steps to an extreme. It need not be found exactly.
 STEPS = 6
 #: Least c_r on the way to an extreme, as a part of its nominal value.
@@ -61,32 +65,35 @@ class Mixture:
 
     Attributes:
         bases: Orthonormal directions (k, d, q) of each wide density, 0 where they are fewer.
-        centres: Centres (k, c, d) of the other densities.
+        centres: Centres (k, c, d) of the other densities, those that raise P_D first.
         shares: Share of each centre of the draws about centres (k, c).
+        falling: Number of the first centre that lowers P_D.
     """
 
     bases: tuple[FloatArray, ...]
     centres: FloatArray
     shares: FloatArray
+    falling: int
 
     @classmethod
     def of(cls, states: UncertainStates, beta: float) -> Mixture:
         """Return the mixture for the tails at Φ(−β) and Φ(β)."""
-        radars = range(len(states.model.radars))
-        centres = np.stack([*_centres(states, beta)], axis=1)
-        return cls(tuple(_directions(states, i) for i in radars), centres, _shares(states, centres))
+        bases = tuple(_directions(states, i) for i in range(len(states.model.radars)))
+        rising, falling = _centres(states, beta)
+        centres = np.stack([*rising, *falling], axis=1)
+        return cls(bases, centres, _shares(states, centres, len(rising)), len(rising))
 
     def at(self, rows: slice) -> Mixture:
         """Return the mixture at some poses."""
-        return Mixture(
-            tuple(basis[rows] for basis in self.bases), self.centres[rows], self.shares[rows]
-        )
+        bases = tuple(basis[rows] for basis in self.bases)
+        return replace(self, bases=bases, centres=self.centres[rows], shares=self.shares[rows])
 
     def draw(self, normals: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
         """Return unit normals u (k, d, n) of the mixture, and their weights (k, n).
 
-        Also returned is which of them are beyond the planes through the first two centres, normal
-        to the centre (2, k, n). The probability of each is Φ(−β); no draw is beyond a centre 0.
+        Also returned is which of them are beyond the planes through the first centre that raises
+        and the first that lowers P_D, normal to the centre (2, k, n). The probability of each is
+        Φ(−β); no draw is beyond a centre 0.
 
         Args:
             normals: Independent unit normals (d, n), the same at all poses.
@@ -114,7 +121,8 @@ class Mixture:
             density += wide / n * np.exp(np.minimum(exponent - q * np.log(WIDTH), MOST))
         exponents = self.centres @ u
         squares = np.sum(self.centres**2, axis=-1)[..., np.newaxis]
-        beyond = (exponents[:, :2] >= squares[:, :2]) & (squares[:, :2] > 0.0)
+        planes = [0, self.falling]
+        beyond = (exponents[:, planes] >= squares[:, planes]) & (squares[:, planes] > 0.0)
         exponents -= 0.5 * squares
         np.minimum(exponents, MOST, out=exponents)
         np.exp(exponents, out=exponents)
@@ -124,32 +132,48 @@ class Mixture:
         return u, 1.0 / density, np.moveaxis(beyond, 1, 0)
 
 
-def _centres(states: UncertainStates, beta: float) -> Iterator[FloatArray]:
-    """Yield centres (k, d)."""
-    count = len(states.model.radars)
-    for sign in (1.0, -1.0):
-        yield _extreme(states, sign * beta, _of_network)
-    for i in range(count):
-        if count > 1:
-            yield _extreme(states, beta, lambda s, a, r, i=i: _of_radar(s, a, r, i))  # type: ignore[misc]
-        yield _approach(states, beta, i)
-        if states.model.radars[i].horizon is not None:
-            yield _extreme(states, beta, lambda s, a, r, i=i: _of_horizon(s, a, r, i))  # type: ignore[misc]
+def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Return the centres (k, d) that raise P_D, and those that lower it."""
+    rising = [_extreme(states, beta, _of_network)]
+    falling = [_extreme(states, -beta, _of_network)]
+    for i, radar in enumerate(states.model.radars):
+        if len(states.model.radars) > 1:
+            rising.append(_extreme(states, beta, partial(_of_radar, number=i)))
+        rising.append(_approach(states, beta, i))
+        if radar.min_range > 0:
+            falling.append(rising[-1])
+        if radar.max_range < math.inf:
+            falling.append(_approach(states, -beta, i))
+        if radar.horizon is not None:
+            of_horizon = partial(_of_horizon, number=i)
+            rising.append(_extreme(states, beta, of_horizon))
+            falling.append(_extreme(states, -beta, of_horizon))
+    return rising, falling
 
 
-def _shares(states: UncertainStates, centres: FloatArray) -> FloatArray:
+def _shares(states: UncertainStates, centres: FloatArray, falling: int) -> FloatArray:
     """Return the share (k, c) of each centre of the draws about centres.
 
-    The upper tail of P_D is about the centres with the greatest P_D, the lower tail about the
-    second centre.
+    The tails of P_D are about the centres with the greatest and the least P_D.
+
+    Args:
+        states: The uncertain states of k poses.
+        centres: The centres (k, c, d).
+        falling: Number of the first centre that lowers P_D.
     """
-    p_d = states.model.p_d(*states.at_normals(centres.swapaxes(1, 2)))
-    upper = np.delete(p_d, 1, axis=1)
-    most = np.max(upper, axis=1, keepdims=True)
-    part = np.divide(upper, most, out=np.ones_like(upper), where=most > 0)
-    upper = np.maximum(part, LEAST_PART)
-    upper *= (1.0 - LEAST_Z) / np.sum(upper, axis=1, keepdims=True)
-    return np.insert(upper, 1, LEAST_Z, axis=1)
+    nominal = np.zeros_like(centres[:, :1])
+    points = np.concatenate([nominal, centres], axis=1).swapaxes(1, 2)
+    p_d = states.model.p_d(*states.at_normals(points))
+    shares = []
+    for change, share in (
+        (p_d[:, 1 : 1 + falling], 1.0 - FALLING),
+        (p_d[:, :1] - p_d[:, 1 + falling :], FALLING),
+    ):
+        most = np.max(change, axis=1, keepdims=True)
+        part = np.divide(change, most, out=np.ones_like(change), where=most > 0)
+        part = np.maximum(part, LEAST_PART)
+        shares.append(share * part / np.sum(part, axis=1, keepdims=True))
+    return np.concatenate(shares, axis=1)
 
 
 def _extreme(
@@ -213,7 +237,10 @@ def _of_horizon(
 
 
 def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
-    """Return u (k, d) that brings aircraft and radar together, or as close as β allows."""
+    """Return u (k, d) that brings aircraft and radar together, or as close as β allows.
+
+    A negative β brings them apart.
+    """
     position = slice(len(RADAR) * number, len(RADAR) * number + 3)
     way = states.radar[:, position] - states.aircraft[:, POSITION]
     distance = np.sqrt(np.sum(way * way, axis=1, keepdims=True))
