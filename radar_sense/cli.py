@@ -52,12 +52,10 @@ STUDY = "Study"
 MOST_THREADS = 8
 #: Seconds before a computation shows its progress, and between two displays.
 PATIENCE, INTERVAL = 1.0, 0.1
-<<<<<<< HEAD
 #: A word of the command line that an error quotes in part.
 _LONG_WORD = re.compile(r"(\S{1000})\S+")
-=======
+#: A word that is a number, and no option.
 _NEGATIVE = re.compile(r"-\.?[0-9].*")
->>>>>>> 2358889 (P_D against range, another value for any key, and a sweep of one: radial, --set, sweep)
 #: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 

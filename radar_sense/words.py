@@ -374,7 +374,7 @@ def validity_warnings(
     """
     off = unreliable_in_scenario(scenario, moments, method=method)
     undefined = ~np.isfinite(moments.std)
-    by_draws = np.full(off.shape, method in (AUTOMATIC, MONTE_CARLO))
+    by_draws = np.full(off.shape, method == AUTOMATIC)
     remedy = remedy or f"use --method {AUTOMATIC}"
     outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
     problems = (

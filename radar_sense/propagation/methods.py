@@ -231,7 +231,7 @@ def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
 def _unreliable(
     states: UncertainStates, moments: Moments, method: str, beta: float
 ) -> NDArray[np.bool_]:
-    if method in (AUTOMATIC, MONTE_CARLO):
+    if method == AUTOMATIC:
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, FIRST)
     first = first_look(states, beta)

@@ -234,6 +234,7 @@ def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[s
         "uncertainty.aircraft": not with_errors,
         "aircraft.attitude_deg": not flight,
         "geometry.orbit": not flight,
+        "geometry.radial": not flight,
         "geometry.path": flight != "",
         "geometry.origin": on_earth,
         "geometry.geoid_height_m": flight == GPX,
@@ -250,7 +251,7 @@ def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[s
         geometry["file"] = GPX if flight == GPX else ROUTE
         files[geometry["file"]] = draw(routes(flight, with_errors))
     else:
-        sweep = geometry["azimuth_deg"]
+        sweep = geometry["azimuth_deg" if geometry["type"] == "orbit" else "range_km"]
         sweep["step"] = (sweep["stop"] - sweep["start"]) / 7 or 1
     if "file" in rcs:
         rcs["file"] = RCS
@@ -381,7 +382,9 @@ def commands(draw: Any, names: tuple[str, ...], figures: bool = False) -> Case:
                     value = st.sampled_from(known or words.get(option.name, WORDS))
                 args.append(draw(value | wrong))
     text = dump_yaml(document, allow_unicode=True)
-    return Case({**files, CONFIG: text.encode()}, (*args, CONFIG))
+    by_place = ["analysis.seed", "1", "2", draw(st.sampled_from(("1", "2", "0", "-1", "x")))]
+    has_places = any(option.name == "values" for option in options)
+    return Case({**files, CONFIG: text.encode()}, (*args, CONFIG, *by_place * has_places))
 
 
 # --- calls from Python ----------------------------------------------------------------------------

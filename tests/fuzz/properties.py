@@ -105,9 +105,11 @@ def run(case: Case) -> Outcome:
     """Run a case in the working folder; every Python warning is an error."""
     read: list[rs.Scenario] = []
 
-    def scenario(path: Path | None) -> rs.Scenario:
-        read.append(rs.load_scenario(path))
+    def scenario(path: Path | None, changes: tuple[str, ...]) -> rs.Scenario:
+        read.append(original(path, changes))
         return read[-1]
+
+    original = command_line._scenario
 
     with warnings.catch_warnings(), mock.patch.object(command_line, "_scenario", scenario):
         warnings.simplefilter("error")

@@ -136,11 +136,11 @@ def test_the_first_look_of_automatic_has_1024_draws(radars, centres, count):
     cov_radar = {"low": s.cov_radar["low"] / 100}
     s = dataclasses.replace(s, cov_aircraft=s.cov_aircraft / 100, cov_radar=cov_radar)
     gradients, values = count(lambda s: propagate_scenario(s, method="automatic"), s)
-    assert values == 1 + centres + 1024
+    assert values == 1 + 1 + centres + 1024  # P_D itself for the judgement, and for the shares
     assert gradients <= EXPANSION + NINE_EXTREMES + EMPHASIS
     moments = propagate_scenario(s, method="form")
     gradients, values = count(lambda s: unreliable_in_scenario(s, moments, method="form"), s)
-    assert values == centres + 1024
+    assert values == 1 + centres + 1024
     assert gradients <= EMPHASIS
 
 
