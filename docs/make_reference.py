@@ -55,6 +55,7 @@ EXAMPLES = {
     "altitude_above": "sea",
     "down_km": -0.5,
     "altitude_m": 300,
+    "half_width": 1,
     "geoid_height_m": 47.5,
     "speed_m_s": 200,
     "icao24": "4b1812",

@@ -8,7 +8,7 @@ is log-normal. The factors give σ of c_r to first order, its draws, and its mom
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 
@@ -29,7 +29,10 @@ _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
 
 @dataclass(frozen=True)
 class Tolerance:
-    """The tolerance of a parameter of a radar constant, Gaussian in the unit of its key.
+    """The tolerance of a parameter of a radar constant, in the unit of its key.
+
+    The parameter is Gaussian, or rectangular: any value within limits, as a data sheet gives them,
+    is as likely as another (JCGM 101:2008, 6.4.2).
 
     Attributes:
         key: Key of the parameter in a scenario file; `losses_db.NAME` for a loss by name.
@@ -38,6 +41,7 @@ class Tolerance:
         power: c_r is proportional to this power of the parameter, or to 10^(power · value/10) for a
             parameter in decibels.
         decibels: Whether the parameter is in decibels.
+        rectangular: Whether it is rectangular, with the half width √3 · std.
     """
 
     key: str
@@ -45,6 +49,7 @@ class Tolerance:
     std: float
     power: int
     decibels: bool
+    rectangular: bool = False
 
     @property
     def name(self) -> str:
@@ -53,12 +58,13 @@ class Tolerance:
 
     @property
     def slope(self) -> float:
-        """Contribution to σ of c_r over c_r: ∂ ln c_r/∂u of value + std · u at u = 0."""
+        """Contribution to σ of c_r over c_r: ∂ ln c_r/∂x of value + std · x at x = 0."""
         return self.power * self.std * (NEPERS if self.decibels else 1.0 / self.value)
 
     def factor(self, normals: FloatArray) -> FloatArray:
         """Return the factor of c_r (...) where the parameter is value + std · normals.
 
+        Unit normals become rectangular numbers of the same variance where the parameter is.
         The parameter is limited from below: to 0 where c_r is proportional to it, and to
         `LOWEST_DIVISOR` standard deviations where c_r is divided by it. A standard deviation above
         `MAX_DIVISOR_STD`, of a search for factors, has the limit of `MAX_DIVISOR_STD`.
@@ -66,6 +72,8 @@ class Tolerance:
         Args:
             normals: Unit normals (...).
         """
+        if self.rectangular:
+            normals = math.sqrt(3.0) * (2.0 * ndtr(normals) - 1.0)
         if self.decibels:
             return np.exp(np.minimum(self.slope * normals, MOST_NEPERS))
         relative_std = min(self.std / self.value, MAX_DIVISOR_STD)
@@ -77,12 +85,13 @@ class Tolerance:
     def moment(self, order: int) -> float:
         """Return the mean of the factor raised to an order.
 
-        The mean has a closed form for decibels. For other units it is a quadrature.
+        The mean has a closed form for Gaussian decibels. Otherwise it is a quadrature.
         """
-        if self.decibels:
+        if self.decibels and not self.rectangular:
             return _log_normal_moment(order, self.slope)
-        relative = self.std / self.value
+        relative = 0.1 if self.decibels else self.std / self.value
         lowest = LOWEST_DIVISOR if self.power < 0 else -1.0 / max(relative, 0.1)
+        lowest = -10.0 if self.rectangular else lowest
         points, weights = _legendre(200)
         u = lowest + 0.5 * (10.0 - lowest) * (1.0 + points)
         density = np.exp(-0.5 * u * u) / math.sqrt(2.0 * math.pi)
@@ -105,8 +114,15 @@ class DataSheet:
     constant: float
     values: Mapping[str, float]
 
-    def tolerances(self, std: Mapping[str, float]) -> tuple[Tolerance, ...]:
-        """Return the tolerances of parameters, from their standard deviations by key."""
+    def tolerances(
+        self, std: Mapping[str, float], rectangular: Collection[str] = ()
+    ) -> tuple[Tolerance, ...]:
+        """Return the tolerances of parameters.
+
+        Args:
+            std: Their standard deviations by key.
+            rectangular: The keys of those that are rectangular.
+        """
         declared = tuple(
             Tolerance(
                 key,
@@ -114,13 +130,14 @@ class DataSheet:
                 std[key],
                 f.metadata["power"] * unit.power,
                 f.metadata["decibels"],
+                key in rectangular,
             )
             for f in fields(RADARS[self.kind])
             for key, unit in f.metadata.get("units", {}).items()
             if key in std
         )
         return declared + tuple(
-            Tolerance(key, self.values[key], std[key], -1, decibels=True)
+            Tolerance(key, self.values[key], std[key], -1, True, key in rectangular)
             for key in self.values
             if key.startswith(_LOSS) and key in std
         )

@@ -535,8 +535,11 @@ def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tol
             f"{' or '.join(f'radar.{kind}' for kind in RADARS)} in place of radar.constant"
         )
     given = {k.name: v for k in keys_of(type(stated)) if (v := getattr(stated, k.name)) is not None}
-    losses: dict[str, float] = given.pop(LOSSES_KEY, {})
-    std = {**given, **{loss_key(name): loss for name, loss in losses.items()}}
+    losses = given.pop(LOSSES_KEY, {})
+    stds = {**given, **{loss_key(name): loss for name, loss in losses.items()}}
+    limits = {name: v.half_width for name, v in stds.items() if hasattr(v, "half_width")}
+    # JCGM 101:2008, 6.4.2
+    std = {name: limits[name] / math.sqrt(3.0) if name in limits else stds[name] for name in stds}
     allowed = [name for name in sheet.values if name != "coherent_pulses"]
     if not std:
         raise place.error(f"needs at least one of the keys {', '.join(allowed)}")
@@ -554,7 +557,7 @@ def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tol
                 f"must be a number not less than 0 and not greater than {most:g}, 1/6 of the "
                 f"parameter because c_r is divided by this parameter; got {value:g}"
             )
-    return sheet.tolerances(std)
+    return sheet.tolerances(std, limits)
 
 
 # Checks of the radars against the poses.

@@ -91,6 +91,13 @@ def _section(name: str, doc: str, keys: Mapping[str, Any]) -> type:
 # The uncertainty.
 
 
+@dataclass(frozen=True, kw_only=True)
+class HalfWidth:
+    """A rectangular distribution: limits in place of a standard deviation."""
+
+    half_width: float = key("Half width, in the unit of the parameter.", NOT_NEGATIVE)
+
+
 def _tolerances() -> type:
     """Return the section of standard deviations by parameter of a data sheet."""
     limits = {
@@ -101,10 +108,10 @@ def _tolerances() -> type:
         if f.default is dataclasses.MISSING
     }
     keys: dict[str, Any] = {
-        name: key(f"Standard deviation of {name}.", limit, default=None)
+        name: key(f"Standard deviation of {name}.", number_or(limit, HalfWidth), default=None)
         for name, limit in limits.items()
     }
-    losses = named(_LOSS, number(TOLERANCE_DB), "loss")
+    losses = named(_LOSS, number_or(TOLERANCE_DB, HalfWidth), "loss")
     keys[LOSSES_KEY] = key("Standard deviations of the losses by name.", losses, default=None)
     return _section("Tolerances", "Standard deviations by parameter of a data sheet.", keys)
 

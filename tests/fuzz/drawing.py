@@ -218,6 +218,10 @@ def _covariance(rows: list[list[float]]) -> list[list[float]]:
 # --- scenarios and their files --------------------------------------------------------------------
 
 
+#: Keys of a path that fit some route files only.
+_OF_FILES = ("speed_m_s", "max_gap_s", "altitude_above", "down_km", "altitude_m")
+
+
 @st.composite
 def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[str, bytes]]:
     """Return a scenario as a document, and the files that it names.
@@ -242,7 +246,7 @@ def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[s
         **{f"{radar}.position_geodetic": on_earth for radar in ("radar", "radars")},
         # these say something of the content of a file
         **dict.fromkeys(("geometry.sha256", "geometry.icao24", "aircraft.rcs.sha256"), False),
-        **{f"geometry.{key}": False for key in ("speed_m_s", "max_gap_s", "altitude_above")},
+        **{f"geometry.{key}": False for key in _OF_FILES},
     }
     need = {path for path in given if given[path]}
     document = Values(draw, need, given.keys() - need).of(json.loads(schema_text()), "")
