@@ -198,7 +198,7 @@ def refused(words, *args, **options):
 
 
 def test_refusals(tmp_path):
-    refused("needs times, which an orbit does not have", scenario(radar__scan_period_s=3))
+    refused("needs times, which only a path has", scenario(radar__scan_period_s=3))
     s = load(tmp_path)
     refused("m must be a whole number", s, m_of_n=(0, 3))
     refused("n must be a whole number", s, m_of_n=(1, 13))
@@ -449,7 +449,7 @@ def test_options_that_are_refused(tool, options, words):
 def test_an_orbit_is_refused(tool):
     code, out, err = tool("mission")
     assert (code, out) == (2, "")
-    assert err.startswith("Error: a mission needs times, which an orbit does not have")
+    assert err.startswith("Error: a mission needs times, which only a path has")
     assert len(err.splitlines()) == 1
 
 

@@ -431,10 +431,9 @@ def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, 
 
 
 @pytest.mark.parametrize("method", ["montecarlo", "automatic"])
-def test_draws_are_unreliable_where_their_bounds_are_not_precise(method):
+def test_500_plain_draws_are_unreliable(method):
+    """The bound at 3 sigma is beyond the greatest of 500 draws."""
     states = MODEL, AIRCRAFT[::40], RADAR, COV_AIRCRAFT, COV_RADAR["high"]
-    found = propagate(*states, method=method)
-    assert_array_equal(unreliable(*states, method=method), found.error > 0.005)
     assert unreliable(*states, method=method).any() == (method == "montecarlo")
 
 

@@ -88,8 +88,8 @@ def test_huge_tolerances_overflow_nothing(method):
     s = mixed_network(mixed_radars({"loss_db": 20}, {"gain_dbi": 20}))
     found = propagate_scenario(s, method=method)
     warned = unreliable_in_scenario(s, found, method=method)
-    assert warned.all() == (method != "automatic")  # the 500 plain draws are too few
     assert warned.any() == (method != "automatic")
+    assert warned.all() == (method not in ("automatic", "montecarlo"))
     if method == "automatic":
         mc = monte_carlo(s, runs=1 << 18, sampler="sobol")
         assert np.all(mc.upper - mc.lower > 0.4)
