@@ -56,6 +56,8 @@ PATIENCE, INTERVAL = 1.0, 0.1
 _LONG_WORD = re.compile(r"(\S{1000})\S+")
 #: A word that is a number, and no option.
 _NEGATIVE = re.compile(r"-\.?[0-9].*")
+#: Largest record that is read [bytes].
+MOST_RECORD = 2**26
 #: Exit code of a complete run with a failed test.
 ANSWER_IS_NO = 3
 
@@ -521,6 +523,31 @@ def init(file: Path, name: str | None, quiet: bool, **kinds: bool) -> None:
         folder = f"; the folder {file.parent} is new" if new_folder else ""
         click.echo(printable(f"{first} written{beside}{folder}"))
         click.echo(printable(f"next: radar-sense check {first}"))
+
+
+@cli.command(cls=OneCommand)
+@click.argument("first", type=click.Path(path_type=Path))
+@click.argument("second", type=click.Path(path_type=Path))
+def diff(first: Path, second: Path) -> None:
+    """Compare two records: what changed in the scenario, and what it did to the numbers.
+
+    FIRST and SECOND are JSON records of one command.
+
+    \b
+    Examples:
+      radar-sense diff before/my_budget.json after/my_budget.json
+    """
+    from radar_sense import differences
+    from radar_sense.scenario_file.text_file import decoded, open_text
+
+    with _refusals():
+        records = []
+        for path in (first, second):
+            with open_text(path, "a record", MOST_RECORD) as file:
+                text = decoded(file.read(MOST_RECORD + 1), str(path))
+            records.append(differences.parsed(text, str(path)))
+        for line in differences.compared(*records):
+            click.echo(printable(line))
 
 
 @cli.command(cls=OneCommand)

@@ -150,6 +150,8 @@ COURSE_DEG = Option(
     "DEG",
     default_text="the first pose's",
 )
+#: Version of the keys of the JSON record, see docs/questions/use.md.
+RECORD = 1
 _OF_SCENARIO = {
     option.name: option for option in (LEVEL, ONE_RADAR, METHOD, NUMBER_OF_RUNS, SEED_OF_DRAWS)
 }
@@ -316,6 +318,7 @@ class Result:
     def record(self, command: Sequence[str] = ()) -> dict[str, Any]:
         """Return the inputs, the warnings, the summary and the columns, for the JSON record."""
         return {
+            "record": RECORD,
             "analysis": self.analysis,
             "command": list(command),
             "seed": self.scenario.seed,

@@ -27,7 +27,7 @@ STOREYS = (
     ("uncertain_states",),
     ("model",),
     ("axis", "covariance"),
-    ("states", "limits", "units", "streams", "cost"),
+    ("states", "limits", "units", "streams", "cost", "differences"),
     ("errors", "progress"),
 )
 STOREY = {name: i for i, names in enumerate(STOREYS) for name in names}

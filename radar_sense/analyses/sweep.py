@@ -13,6 +13,7 @@ from radar_sense.acceptance.threshold import PathTest, path_test
 from radar_sense.analyses.verdict import THRESHOLD, K
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, Option, Result, command
+from radar_sense.cost import foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 
 #: Most values, and most of them that the terminal shows.
 MAX_VALUES, SHOWN = 1000, 40
+#: Draws of each radar at a pose, in the time of one value without and with a threshold (corridor).
+DRAWS, DRAWS_TESTED = 4096.0, 14_000.0
 
 
 @command(
@@ -78,6 +81,9 @@ def sweep(
     unit = {"°": "deg"}.get(unit_name(key), unit_name(key))
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, unit, values, "g", 0.0, "values")
+    draws = DRAWS if threshold is None else DRAWS_TESTED
+    evaluations = len(values) * len(scenario.axis) * len(scenario.model.radars) * draws
+    foresee(f"{len(values)} values x {len(scenario.axis)} poses", evaluations, less="a larger STEP")
     # all values are read before any is computed
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 

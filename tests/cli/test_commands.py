@@ -37,8 +37,8 @@ CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 ROUTE = ROOT / "configs/path_route.csv"
 COMMANDS = cli.list_commands(None)
 #: Commands that are not tested here as analyses are. `validate` draws for long, `mission` needs a
-#: path, and `report` gathers analyses: each has its own tests.
-OTHERS = ("check", "init", "mission", "report", "schema", "validate")
+#: path, `report` gathers analyses, and `diff` compares records: each has its own tests.
+OTHERS = ("check", "diff", "init", "mission", "report", "schema", "validate")
 ANALYSES = [c for c in COMMANDS if c not in OTHERS]
 
 #: The first columns of each table. Their names and order are fixed, because others read them.
@@ -119,12 +119,15 @@ def test_every_command_has_examples_that_run(tool, monkeypatch, command):
         Path("my.yaml").write_text(Path("my.yaml").read_text().replace("step: 0.5", "step: 30"))
         text = (ROOT / "configs/network.yaml").read_text()
         Path("network.yaml").write_text(text.replace("step: 0.5", "step: 60"))
+    if command == "diff":
+        for folder in ("before", "after"):
+            assert tool("budget", "my.yaml", "--no-plot", "--out", folder).code == 0
     for line in lines:
         short = re.sub(r"--runs \S+", "--runs 64", line)
         words = shlex.split(short)[1:]
         if command in ("map", "range") and few(command)[0] not in words:
             words += few(command)
-        if command not in ("check", "init", "report", "schema"):
+        if command not in ("check", "diff", "init", "report", "schema"):
             words.append("--no-plot")  # the tests of the contract draw every figure
         codes = (3 if "--threshold 0.1" in line else 0,)
         if command == "validate":  # few draws may leave open whether a method agrees

@@ -81,7 +81,7 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
         args = shlex.split(line.partition(" > ")[0])[1:]
         # a figure takes longer than most analyses
         figure = any(".png" in row for row in shown)
-        if args[0] not in ("init", "check", "schema") and not figure:
+        if args[0] not in ("init", "check", "diff", "schema") and not figure:
             args.append("--no-plot")
         result = CliRunner().invoke(cli, args)
         answer_is_no = "--threshold" in line and "sweep" not in line  # which holds at a value

@@ -1,0 +1,85 @@
+"""What two records say differently: of the scenario, of the numbers, and of the warnings."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from radar_sense.errors import InputError, shorten
+
+#: Most lines of a section.
+MOST_LINES = 60
+#: What a record must have, see docs/questions/use.md.
+SECTIONS = {"scenario": Mapping, "summary": Mapping, "warnings": list, "analysis": str}
+
+
+def parsed(text: str, source: str) -> dict[str, Any]:
+    """Return a record.
+
+    Args:
+        text: JSON.
+        source: Name of the file in errors.
+
+    Raises:
+        InputError: If it is no record of an analysis.
+    """
+    try:
+        record = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"{source}: is not JSON: {error}") from error
+    if not isinstance(record, dict) or not all(
+        isinstance(record.get(name), kind) for name, kind in SECTIONS.items()
+    ):
+        raise InputError(f"{source}: is not the JSON record of an analysis")
+    return record
+
+
+def compared(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
+    """Return what changed from a record to another, in lines; the scenario first.
+
+    Raises:
+        InputError: If the records are of different analyses.
+    """
+    if old["analysis"] != new["analysis"]:
+        raise InputError(
+            f"records of {old['analysis']} and {new['analysis']} have no common numbers"
+        )
+    lines = []
+    for title, name in (("scenario", "scenario"), ("numbers", "summary"), ("versions", "versions")):
+        changes = [
+            f"  {path}: {_shown(one)} -> {_shown(other)}{_by(one, other)}"
+            for path, one, other in _changes(old.get(name), new.get(name))
+        ]
+        more = len(changes) - MOST_LINES
+        lines += [f"{title}:", *changes[:MOST_LINES]] if changes else []
+        lines += [f"  and {more} more"] if more > 0 else []
+    warnings = [f"  gone: {text}" for text in old["warnings"] if text not in new["warnings"]]
+    warnings += [f"  new: {text}" for text in new["warnings"] if text not in old["warnings"]]
+    lines += ["warnings:", *warnings] if warnings else []
+    return lines or [f"the two records of {old['analysis']} say the same"]
+
+
+def _changes(old: Any, new: Any, path: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Yield path, old and new value of what differs; None where there is none."""
+    if isinstance(old, Mapping) and isinstance(new, Mapping):
+        for key in dict.fromkeys([*old, *new]):
+            yield from _changes(old.get(key), new.get(key), f"{path}.{key}".lstrip("."))
+    elif isinstance(old, list) and isinstance(new, list) and len(old) == len(new):
+        for i, (one, other) in enumerate(zip(old, new, strict=True), start=1):
+            yield from _changes(one, other, f"{path}[{i}]")
+    elif old != new:
+        yield path, old, new
+
+
+def _shown(value: Any) -> str:
+    """Return a value in a few letters."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "nothing" if value is None else shorten(json.dumps(value)).strip("'")
+
+
+def _by(old: Any, new: Any) -> str:
+    """Return the difference of two numbers."""
+    numbers = all(isinstance(x, (int, float)) and not isinstance(x, bool) for x in (old, new))
+    return f" ({new - old:+.3g})" if numbers else ""
