@@ -435,11 +435,18 @@ def margin_warnings(
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    """Return one line "a, b and c: text" for all labels with the same text."""
-    labels: dict[str, list[str]] = {}
+    """Return one line "a, b and c: text" for all labels with a warning of one name.
+
+    Where the texts differ, the text is that of the first label, which is named.
+    """
+    by_name: dict[str, dict[str, str]] = {}
     for label, text in labelled:
-        labels.setdefault(text, []).append(label)
-    return tuple(f"{_few(names)}: {text}" for text, names in labels.items())
+        by_name.setdefault(text.rpartition(" [")[2], {})[label] = text
+    lines = []
+    for texts in by_name.values():
+        (first, text), differ = next(iter(texts.items())), len(set(texts.values())) > 1
+        lines.append(f"{_few(list(texts))}{f', here {first}' if differ else ''}: {text}")
+    return tuple(lines)
 
 
 def _few(names: Sequence[str]) -> str:

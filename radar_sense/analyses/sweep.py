@@ -88,8 +88,8 @@ def sweep(
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 
     result = Result(scenario, method)
-    highest, tests, found = [], [], dict[str, list[tuple[int, str]]]()
-    for number, one in enumerate(scenarios):
+    highest, tests, found = [], [], []
+    for one, value in zip(scenarios, values, strict=True):
         moments = propagate_scenario(one, method=method, beta=k)
         pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
@@ -97,7 +97,7 @@ def sweep(
         if threshold is not None:
             tests.append(path_test(one, method, threshold, k, moments))
         for text in words.method_warnings(one, moments, method):
-            found.setdefault(text.rpartition(" [")[2], []).append((number, text))
+            found.append((axis.format(value), text))
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
     result.table.add(column, values, f"Value of {key}.", unit)
@@ -119,11 +119,7 @@ def sweep(
         result.report.append(f"by {key} the largest {words.describe_span(low, high, axis)}")
     if len(values) <= SHOWN:
         result.report += words.rows(dict(zip(map(axis.format, values), band, strict=True)))
-    for texts in found.values():  # of one name: where, and the first text
-        first, text = texts[0]
-        place = words.describe_poses(np.isin(np.arange(len(values)), [n for n, _ in texts]), axis)
-        of_first = "" if len(texts) == 1 else f", as {axis.at(first)} has"
-        result.warnings.append(f"{place}{of_first}: {text}")
+    result.warnings += words.gathered(found)
     result.draw = partial(
         _draw, axis=axis, lines=(p_d, lower, upper, bound), threshold=threshold, k=k
     )
