@@ -70,18 +70,45 @@ class States(Geometry):
 
 
 @dataclass(frozen=True, eq=False)
-class Orbit(Geometry):
-    """A level circle about the origin, at one attitude.
+class _Level(Geometry):
+    """A level line about the origin or away from it, at one attitude.
 
     Attributes:
-        radius: Horizontal radius [m].
         down: Down coordinate [m].
         azimuth_from: Direction of azimuth 0, "east" or "north".
     """
 
-    radius: float = 0.0
     down: float = 0.0
     azimuth_from: str = "east"
+
+    @property
+    def continuous(self) -> bool:
+        """Whether there are poses between the poses: with two poses or more."""
+        return len(self.axis) > 1 and self.covariance is None
+
+    @property
+    def attitude(self) -> FloatArray:
+        """Roll, pitch and yaw (3,) [rad] at all poses."""
+        attitude: FloatArray = self.aircraft[0, POSITION.stop :]
+        return attitude
+
+
+def _level_states(position: FloatArray, attitude: FloatArray) -> FloatArray:
+    """Return states (n, 6), read-only, at positions (n, 3) with one attitude (3,)."""
+    aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
+    aircraft.flags.writeable = False
+    return aircraft
+
+
+@dataclass(frozen=True, eq=False)
+class Orbit(_Level):
+    """A level circle about the origin.
+
+    Attributes:
+        radius: Horizontal radius [m].
+    """
+
+    radius: float = 0.0
     shortest = 0.01
     steps = "geometry.azimuth_deg"
 
@@ -97,22 +124,16 @@ class Orbit(Geometry):
     ) -> Orbit:
         """Return the orbit at azimuths (n,) [deg] with an attitude (3,) [rad]."""
         position = orbit(np.deg2rad(azimuth), radius=radius, down=down, azimuth_from=azimuth_from)
-        aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
-        aircraft.flags.writeable = False
+        aircraft = _level_states(position, attitude)
         return cls(
             axes.azimuth(azimuth), aircraft, radius=radius, down=down, azimuth_from=azimuth_from
         )
-
-    @property
-    def continuous(self) -> bool:
-        """Whether there are poses between the poses: with two azimuths or more."""
-        return len(self.axis) > 1 and self.covariance is None
 
     def at(self, coordinate: FloatArray) -> Orbit:
         """Return the orbit at other azimuths (k,) [deg]."""
         return Orbit.of(
             coordinate,
-            self.aircraft[0, POSITION.stop :],
+            self.attitude,
             radius=self.radius,
             down=self.down,
             azimuth_from=self.azimuth_from,
@@ -120,18 +141,14 @@ class Orbit(Geometry):
 
 
 @dataclass(frozen=True, eq=False)
-class Radial(Geometry):
-    """A level straight line away from the origin, at one attitude.
+class Radial(_Level):
+    """A level straight line away from the origin.
 
     Attributes:
         azimuth: Azimuth of the line [deg].
-        down: Down coordinate [m].
-        azimuth_from: Direction of azimuth 0, "east" or "north".
     """
 
     azimuth: float = 0.0
-    down: float = 0.0
-    azimuth_from: str = "east"
     shortest = 1e-3
     steps = "geometry.range_km"
 
@@ -148,21 +165,14 @@ class Radial(Geometry):
         """Return the line at ground ranges (n,) [km] with an attitude (3,) [rad]."""
         angle = np.full(range_km.shape, np.deg2rad(azimuth))
         position = orbit(angle, radius=1e3 * range_km, down=down, azimuth_from=azimuth_from)
-        aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
-        aircraft.flags.writeable = False
-        along = axes.ground_range(range_km)
+        aircraft, along = _level_states(position, attitude), axes.ground_range(range_km)
         return cls(along, aircraft, azimuth=azimuth, down=down, azimuth_from=azimuth_from)
-
-    @property
-    def continuous(self) -> bool:
-        """Whether there are poses between the poses: with two ranges or more."""
-        return len(self.axis) > 1 and self.covariance is None
 
     def at(self, coordinate: FloatArray) -> Radial:
         """Return the line at other ground ranges (k,) [km]."""
         return Radial.of(
             coordinate,
-            self.aircraft[0, POSITION.stop :],
+            self.attitude,
             azimuth=self.azimuth,
             down=self.down,
             azimuth_from=self.azimuth_from,

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from radar_sense.axis import Axis, runs_of
 from radar_sense.limits import STYLES as STYLE_NAMES
 from radar_sense.states import FloatArray
+from radar_sense.units import ascii_unit, without_unit
 
 
 class Style(NamedTuple):
@@ -361,15 +362,10 @@ def pose_lines(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray], labe
     draw_legend(figure, axes, on_lines=axes.lines)
 
 
-_UNITS = {"db": "dB", "dbi": "dBi", "kw": "kW", "w": "W", "k": "K", "m": "m", "deg": "deg"}
-_UNITS |= {"ghz": "GHz", "mhz": "MHz", "us": "us", "rpm": "1/min", "m2": "m^2"}
-
-
 def key_in_words(key: str) -> str:
     """Return the name of a key or a source in words, with its unit if the name ends with one."""
-    stem, _, last = key.rpartition("_")
-    unit = _UNITS.get(last) if stem else None
-    return key.replace("_", " ") if unit is None else f"{stem.replace('_', ' ')} [{unit}]"
+    unit = ascii_unit(key)
+    return without_unit(key).replace("_", " ") + (f" [{unit}]" if unit else "")
 
 
 class DisplayUnit(NamedTuple):

@@ -30,3 +30,18 @@ def unit_name(name: str) -> str:
     if stem.endswith("_per"):
         return f"{unit_name(stem.removesuffix('_per'))}/{UNITS.get(unit, unit)}"
     return UNITS.get(unit, "") if stem else ""
+
+
+def ascii_unit(name: str) -> str:
+    """Return the unit at the end of a name in ASCII, for terminals and figures: `deg`, `m^2`."""
+    return unit_name(name).translate({ord("°"): "deg", ord("µ"): "u", ord("²"): "^2"})
+
+
+def without_unit(name: str) -> str:
+    """Return a name without the unit at its end."""
+    if not unit_name(name):
+        return name
+    if name.endswith("_m_s"):
+        return name.removesuffix("_m_s")
+    stem = name.rpartition("_")[0]
+    return without_unit(stem.removesuffix("_per")) if stem.endswith("_per") else stem

@@ -162,7 +162,8 @@ def describe_span(low: Mapping[str, Any], high: Mapping[str, Any], axis: Axis) -
         return f"P_D runs from {describe_extreme(low, axis)} to {describe_extreme(high, axis)}"
     if len(axis) == 1:
         return f"P_D is {describe_extreme(high, axis)}"
-    known = "at every pose" if len(high[axis.key]) == len(axis) else "wherever it has a value"
+    known = f"at every {axis.places.removesuffix('s')}"
+    known = known if len(high[axis.key]) == len(axis) else "wherever it has a value"
     return f"P_D is {probability(high['value'])} {known}"
 
 

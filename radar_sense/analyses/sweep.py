@@ -18,7 +18,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.units import unit_name
+from radar_sense.units import ascii_unit, unit_name
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -78,9 +78,8 @@ def sweep(
     except InputError as error:
         raise InputError(f"step {error}") from error
     k, method = 3.0 if k is None else k, scenario.method
-    unit = {"°": "deg"}.get(unit_name(key), unit_name(key))
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
-    axis = Axis(column, key, unit, values, "g", 0.0, "values")
+    axis = Axis(column, key, ascii_unit(key), values, "g", 0.0, "values")
     draws = DRAWS if threshold is None else DRAWS_TESTED
     evaluations = len(values) * len(scenario.axis) * len(scenario.model.radars) * draws
     foresee(f"{len(values)} values x {len(scenario.axis)} poses", evaluations, less="a larger STEP")
@@ -100,7 +99,7 @@ def sweep(
             found.append((axis.format(value), text))
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
-    result.table.add(column, values, f"Value of {key}.", unit)
+    result.table.add(column, values, f"Value of {key}.", unit_name(key))
     for name, numbers, meaning in (
         ("highest_p_d", p_d, "Largest P_D of all poses."),
         ("lower", lower, f"Lower bound of the largest P_D at {k:g} sigma."),

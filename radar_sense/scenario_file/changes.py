@@ -11,7 +11,7 @@ import re
 import yaml
 
 from radar_sense.errors import InputError, shorten
-from radar_sense.scenario_file.place import compose
+from radar_sense.scenario_file.place import NO_TAG, compose
 
 _PART = re.compile(r"[^.\[\]]+|\[[0-9]{1,4}\]")
 
@@ -45,17 +45,14 @@ def change(root: yaml.Node, path: str, value: str) -> None:
         if ends and not value and not found:
             raise InputError(f"{option}: there is no {path} to take away")
         if ends or not found:
-            below = new if ends else yaml.MappingNode(_MAPPING, [], new.start_mark)
-            key = yaml.ScalarNode(_TEXT, part, new.start_mark)
+            below = new if ends else yaml.MappingNode(NO_TAG[yaml.MappingNode], [], new.start_mark)
+            key = yaml.ScalarNode(NO_TAG[yaml.ScalarNode], part, new.start_mark)
             pair = below if isinstance(node, yaml.SequenceNode) else (key, below)
             node.value[place : place + 1] = [] if ends and not value else [pair]
             found = [pair]
         node = found[0] if isinstance(node, yaml.SequenceNode) else found[0][1]
     if not parts:
         raise InputError(f"{option}: write a key before the =, such as radar.p_fa=1e-6")
-
-
-_MAPPING, _TEXT = "tag:yaml.org,2002:map", "tag:yaml.org,2002:str"
 
 
 def _entry(node: yaml.SequenceNode, part: str, option: str) -> int:

@@ -15,7 +15,7 @@ from radar_sense.errors import InputError, shorten
 from radar_sense.scenario_file.text_file import NUMBER
 
 #: Tags of values without a tag in the file. `BaseLoader` gives no others.
-_NO_TAG = {
+NO_TAG = {
     yaml.ScalarNode: "tag:yaml.org,2002:str",
     yaml.SequenceNode: "tag:yaml.org,2002:seq",
     yaml.MappingNode: "tag:yaml.org,2002:map",
@@ -31,7 +31,7 @@ class Place:
     file: str
 
     def __post_init__(self) -> None:
-        if self.node.tag != _NO_TAG[type(self.node)]:
+        if self.node.tag != NO_TAG[type(self.node)]:
             raise self.error(f"tags are not supported, got {shorten(self.node.tag)}")
 
     def error(self, message: str) -> InputError:

@@ -1,5 +1,7 @@
 """`sweep`: what `variance` says of each value, in one table."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from helpers import read_record, read_table
@@ -11,6 +13,7 @@ from radar_sense.errors import InputError
 
 pytestmark = pytest.mark.usefixtures("quick")
 
+CONFIG = Path(__file__).parents[2] / "configs/radial.yaml"
 VALUES = (100.0, 150.0, 200.0)
 SWEPT = {"key": "radar.constant", "start": 100, "stop": 200, "step": 50}
 
@@ -116,6 +119,28 @@ def test_the_command_line(tool):
         == "Error: START must be a number, got 'a'\n"
     )
     assert tool("sweep", "radar.constant", "1", "5", "1", "--stepp", "3").code == 2
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "unit", "label"),
+    [
+        ("radar.tracking.pulse_width_us", "0.6", "us", "radar.tracking.pulse width [us]"),
+        ("geometry.down_km", "-0.3", "km", "geometry.down [km]"),
+        ("aircraft.rcs.rcs_m2", "0.01", "m^2", "aircraft.rcs.rcs [m^2]"),
+        ("radar.attenuation_db_per_km", "0.01", "dB/km", "radar.attenuation [dB/km]"),
+        ("radar.p_fa", "1e-6", "", "radar.p fa"),
+    ],
+)
+def test_units_are_plain_on_the_terminal_and_in_the_figure(tool, key, value, unit, label):
+    few = ["--set", "geometry.range_km.step=20", "--no-plot"]
+    code, out, _ = tool("sweep", CONFIG, key, value, value, "1", *few)
+    assert code == 0
+    assert out.isascii()
+    assert f"{float(value):g} {unit}".strip() in out
+    s = rs.load_scenario(CONFIG, {"geometry.range_km.step": 20})
+    end = float(value)
+    figure = analyses.sweep(s, key=key, start=end, stop=end, step=1, method="linear").plot()
+    assert figure.axes[0].get_xlabel() == label
 
 
 def test_set_on_the_command_line(tool):
