@@ -10,6 +10,7 @@ from radar_sense.command import Result as Result
 from radar_sense.errors import ComputationError as ComputationError
 from radar_sense.errors import FigureError as FigureError
 from radar_sense.errors import InputError as InputError
+from radar_sense.flight import States as States
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization
 from radar_sense.model.detectors import BinaryIntegration as BinaryIntegration
@@ -23,7 +24,8 @@ from radar_sense.model.detectors import Swerling3 as Swerling3
 from radar_sense.model.detectors import Swerling4 as Swerling4
 from radar_sense.model.horizon import Horizon as Horizon
 from radar_sense.model.network import NetworkModel as NetworkModel
-from radar_sense.model.network import Radar as Radar
+from radar_sense.model.radar import Level as Level
+from radar_sense.model.radar import Radar as Radar
 from radar_sense.model.radar_constant import Tolerance as Tolerance
 from radar_sense.model.radar_equation import SurveillanceRadar as SurveillanceRadar
 from radar_sense.model.radar_equation import TrackingRadar as TrackingRadar
@@ -56,4 +58,3 @@ from radar_sense.analyses import sensitivity as sensitivity
 from radar_sense.analyses import validate as validate
 from radar_sense.analyses import variance as variance
 from radar_sense.errors import ScenarioError as ScenarioError
-from radar_sense.model.network import Station as Station

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -138,10 +137,10 @@ def _first_wrong_in_block(matrices: FloatArray) -> tuple[int, str] | None:
     return first_problem(matrices)
 
 
-def scale_std(covariance: FloatArray, components: slice | list[int], factor: float) -> FloatArray:
+def scale_std(covariance: FloatArray, components: Sequence[int], factor: float) -> FloatArray:
     """Return the covariance (..., n, n) with some standard deviations multiplied by a factor."""
     scale = np.ones(covariance.shape[-1])
-    scale[components] = factor
+    scale[list(components)] = factor
     return covariance * np.outer(scale, scale)
 
 
@@ -154,19 +153,11 @@ def block_diagonal(covariances: Sequence[FloatArray]) -> FloatArray:
     return total
 
 
-def keep_components(covariance: FloatArray, components: slice | list[int]) -> FloatArray:
+def keep_components(covariance: FloatArray, components: Sequence[int]) -> FloatArray:
     """Return the covariance (..., n, n) with zeros for all but some components."""
-    masked = np.zeros_like(covariance)
-    block = block_of(components)
-    masked[block] = covariance[block]
-    return masked
-
-
-def block_of(components: slice | list[int]) -> tuple[Any, ...]:
-    """Return the index of the covariance of some components in a covariance (..., n, n)."""
-    if isinstance(components, slice):
-        return ..., components, components
-    return ..., np.array(components)[:, np.newaxis], np.array(components)
+    kept = np.zeros(covariance.shape[-1])
+    kept[list(components)] = 1.0
+    return covariance * np.outer(kept, kept)
 
 
 def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
@@ -231,23 +222,25 @@ def square_root(covariance: FloatArray) -> FloatArray:
         return diagonal
     eigenvalues, eigenvectors = np.linalg.eigh(_correlation(covariance))
     coupled: FloatArray = std[..., np.newaxis] * eigenvectors
-    coupled *= np.sqrt(np.maximum(eigenvalues, 0.0))[..., np.newaxis, :]
+    rounding = 1e-14 * std.shape[-1]  # the root of which would be a deviation
+    coupled *= np.sqrt(np.where(eigenvalues > rounding, eigenvalues, 0.0))[..., np.newaxis, :]
     return np.where(independent[..., np.newaxis, np.newaxis], diagonal, coupled)
 
 
-def block_square_root(covariance: FloatArray, independent: Sequence[int]) -> FloatArray:
-    """Return F (n, n) with F Fᵀ = C, with a separate unit normal for some components.
+def block_square_root(covariance: FloatArray) -> FloatArray:
+    """Return F (n, n) with F Fᵀ = C, block by block of components that are independent of the rest.
 
-    The columns of `square_root` are in the order of eigenvalues. Column i of this F belongs to an
-    independent component i.
-
-    Args:
-        covariance: C (n, n).
-        independent: Indices of components that are independent of all others.
+    A column of F belongs to one block. Columns without variance are 0: the error that two
+    components share, for example, has one column.
     """
-    others = np.setdiff1d(np.arange(len(covariance)), independent)
-    sqrt_cov = np.diag(np.sqrt(np.diagonal(covariance)))
-    sqrt_cov[np.ix_(others, others)] = square_root(covariance[np.ix_(others, others)])
+    left, sqrt_cov = set(range(len(covariance))), np.zeros_like(covariance)
+    while left:
+        block = {left.pop()}
+        while more := set(np.flatnonzero(covariance[list(block)].any(axis=0)).tolist()) - block:
+            block |= more
+        left -= block
+        places = sorted(block)
+        sqrt_cov[np.ix_(places, places)] = square_root(covariance[np.ix_(places, places)])
     return sqrt_cov
 
 
@@ -271,36 +264,33 @@ def symmetric_square_root(covariance: FloatArray) -> FloatArray:
 def draws(
     mean: FloatArray, sqrt_cov: FloatArray, normals: FloatArray, *, overwrite: bool = False
 ) -> FloatArray:
-    """Return draws (..., n) with covariance F Fᵀ from independent unit normals (..., n).
+    """Return draws (..., n) with covariance F Fᵀ from independent unit normals (..., r).
 
     The sums are explicit, because the rounding of a matrix product depends on the BLAS library and
     on the number of draws.
 
     Args:
         mean: Mean of the draws, which broadcasts with the draws.
-        sqrt_cov: F (n, n), or (k, n, n) with one F for each of k poses of draws (..., k, n).
-        normals: Independent unit normals (..., n).
+        sqrt_cov: F (n, r), or (k, n, r) with one F for each of k poses of draws (..., k, r).
+        normals: Independent unit normals (..., r).
         overwrite: Whether to overwrite the unit normals, to save memory.
     """
+    n, r = sqrt_cov.shape[-2:]
     present = np.any(sqrt_cov, axis=tuple(range(sqrt_cov.ndim - 2)))
-    coupled = np.argwhere(present & ~np.eye(len(present), dtype=bool)).tolist()
-    std, components = np.diagonal(sqrt_cov, axis1=-2, axis2=-1), np.moveaxis(normals, -1, 0)
-    drawn = np.multiply(
-        components,
-        _by_component(std, normals.ndim),
-        out=components if overwrite and not coupled else None,
-        order="C",
-    )
-    for i, j in coupled:
-        drawn[i] += sqrt_cov[..., i, j] * components[j]
-    drawn += _by_component(mean, normals.ndim)
+    entries = np.moveaxis(sqrt_cov, (-2, -1), (0, 1))
+    means, components = (np.moveaxis(a, -1, 0) for a in (mean, normals))
+    in_place = overwrite and n == r and not np.any(present & ~np.eye(n, dtype=bool))
+    drawn = components if in_place else np.empty((n, *normals.shape[:-1]))
+    for i, out in enumerate(drawn):
+        columns = np.flatnonzero(present[i]).tolist()
+        if not columns:
+            out[:] = means[i]
+            continue
+        np.multiply(components[columns[0]], entries[i, columns[0]], out=out)
+        for j in columns[1:]:
+            out += entries[i, j] * components[j]
+        out += means[i]
     return np.moveaxis(drawn, 0, -1)
-
-
-def _by_component(vectors: FloatArray, ndim: int) -> FloatArray:
-    """View vectors (..., n) as (n, 1, ..., ...) with `ndim` dimensions."""
-    first = np.moveaxis(vectors, -1, 0)
-    return first.reshape(first.shape[0], *(1,) * (ndim - first.ndim), *first.shape[1:])
 
 
 def component_first(matrices: FloatArray) -> FloatArray:

@@ -10,17 +10,21 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radar_sense import axis as axes
 from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
 from radar_sense.model.trajectory import Route, interpolate
-from radar_sense.states import POSITION, FloatArray
+from radar_sense.states import POSITION, FloatArray, real_array
+
+#: C_aa of an aircraft whose poses are certain.
+CERTAIN = np.zeros((6, 6))
+CERTAIN.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,12 +34,12 @@ class Geometry:
     Attributes:
         axis: Axis of the poses (n,).
         aircraft: States (n, 6).
-        covariance: C_aa of each pose (n, 6, 6), or None if it is the same at all poses.
+        covariance: C_aa (6, 6), or one for each pose (n, 6, 6).
     """
 
     axis: Axis
     aircraft: FloatArray = field(repr=False)
-    covariance: FloatArray | None = field(repr=False, default=None)
+    covariance: FloatArray = field(repr=False, default_factory=lambda: CERTAIN)
     #: Step of the coordinate that is not halved further, because P_D jumps at a horizon.
     shortest: ClassVar[float] = 0.0
     #: The key with which a user chooses the steps.
@@ -61,12 +65,20 @@ class Geometry:
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Geometry:
         """Return some of the poses."""
-        covariance = None if self.covariance is None else self.covariance[poses]
-        return States(self.axis.at_poses(poses), self.aircraft[poses], covariance)
+        return States(self.axis.at_poses(poses), self.aircraft[poses], self._covariance_at(poses))
+
+    def _covariance_at(self, poses: slice | NDArray[np.intp]) -> FloatArray:
+        return self.covariance if self.covariance.ndim == 2 else self.covariance[poses]
 
 
 class States(Geometry):
     """Poses without a flight between them."""
+
+    @classmethod
+    def of(cls, aircraft: ArrayLike, covariance: ArrayLike = CERTAIN) -> States:
+        """Return poses by number from states (n, 6) or (6,), and C_aa (6, 6) or (n, 6, 6)."""
+        states = np.atleast_2d(real_array("aircraft", aircraft))
+        return cls(axes.pose_number(len(states)), states, real_array("covariance", covariance))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +96,7 @@ class _Level(Geometry):
     @property
     def continuous(self) -> bool:
         """Whether there are poses between the poses: with two poses or more."""
-        return len(self.axis) > 1 and self.covariance is None
+        return len(self.axis) > 1 and self.covariance.ndim == 2
 
     @property
     def attitude(self) -> FloatArray:
@@ -131,13 +143,9 @@ class Orbit(_Level):
 
     def at(self, coordinate: FloatArray) -> Orbit:
         """Return the orbit at other azimuths (k,) [deg]."""
-        return Orbit.of(
-            coordinate,
-            self.attitude,
-            radius=self.radius,
-            down=self.down,
-            azimuth_from=self.azimuth_from,
-        )
+        level: dict[str, Any] = {"down": self.down, "azimuth_from": self.azimuth_from}
+        other = Orbit.of(coordinate, self.attitude, radius=self.radius, **level)
+        return dataclasses.replace(other, covariance=self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -170,13 +178,9 @@ class Radial(_Level):
 
     def at(self, coordinate: FloatArray) -> Radial:
         """Return the line at other ground ranges (k,) [km]."""
-        return Radial.of(
-            coordinate,
-            self.attitude,
-            azimuth=self.azimuth,
-            down=self.down,
-            azimuth_from=self.azimuth_from,
-        )
+        level: dict[str, Any] = {"down": self.down, "azimuth_from": self.azimuth_from}
+        other = Radial.of(coordinate, self.attitude, azimuth=self.azimuth, **level)
+        return dataclasses.replace(other, covariance=self.covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,7 +218,8 @@ class Path(Geometry):
     def route(self) -> Route:
         """The path as a route, to interpolate between its poses."""
         # the attitude is interpolated, and not derived from the track again
-        return Route(self.time_s, self.aircraft, self.covariance, True, self.origin)
+        each = self.covariance if self.covariance.ndim == 3 else None
+        return Route(self.time_s, self.aircraft, each, True, self.origin)
 
     def at(self, coordinate: FloatArray) -> Path:
         """Return the path at other times (k,) [s] within its own."""
@@ -224,7 +229,7 @@ class Path(Geometry):
             self,
             axis=dataclasses.replace(self.axis, values=values),
             aircraft=poses.aircraft,
-            covariance=poses.covariance,
+            covariance=self.covariance if poses.covariance is None else poses.covariance,
             time_s=coordinate,
         )
 
@@ -234,6 +239,6 @@ class Path(Geometry):
             self,
             axis=self.axis.at_poses(poses),
             aircraft=self.aircraft[poses],
-            covariance=None if self.covariance is None else self.covariance[poses],
+            covariance=self._covariance_at(poses),
             time_s=self.time_s[poses],
         )

@@ -120,7 +120,7 @@ def below_ground(scenario: Scenario, down_km: float | None) -> tuple[str, ...]:
 
 def _lowest_down(scenario: Scenario) -> float:
     """Return the down coordinate [m] of the lowest of origin and radars."""
-    return max(0.0, float(scenario.radar.reshape(-1, len(RADAR))[:, DOWN].max()))
+    return max(0.0, float(scenario.radar_states[:, DOWN].max()))
 
 
 def _range(scenario: Scenario) -> tuple[str, ...]:
@@ -142,7 +142,7 @@ def _swapped(scenario: Scenario) -> bool:
     if scenario.origin is None:
         return False
     aircraft = scenario.aircraft[:, POSITION]
-    radars = scenario.radar.reshape(-1, len(RADAR))
+    radars = scenario.radar_states
     nearest = _ranges(aircraft, scenario.radar).min(axis=1)
     moved_radars = radars.copy()
     moved_radars[:, POSITION] = _with_swapped_place(radars[:, POSITION], scenario.origin)
@@ -184,15 +184,14 @@ def _floor(scenario: Scenario) -> tuple[str, ...]:
 
 def _elevation(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning if a table without elevations is used far above or below the aircraft."""
-    rcs = scenario.model.rcs
-    if not isinstance(rcs, TableRCS) or rcs.elevation is not None:
+    level = [isinstance(m.rcs, TableRCS) and m.rcs.elevation is None for m in scenario.model.models]
+    if not any(level):
         return ()
-    radars = scenario.radar.reshape(-1, len(RADAR))
-    towards = np.stack([body_vector(scenario.aircraft, radar) for radar in radars])
+    towards = np.stack([body_vector(scenario.aircraft, radar) for radar in scenario.radar_states])
     x, y, z = np.moveaxis(towards, -1, 0)
     elevation = np.abs(np.arctan2(z, np.hypot(x, y)))
-    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
-    highest = np.max(elevation, axis=0, where=visible.T, initial=0.0)
+    used = scenario.model.visible(scenario.aircraft, scenario.radar) & level
+    highest = np.max(elevation, axis=0, where=used.T, initial=0.0)
     far = highest > MAX_ELEVATION
     if not far.any():
         return ()
@@ -255,11 +254,11 @@ def _frequency(scenario: Scenario) -> tuple[str, ...]:
 
 def _constant(scenario: Scenario) -> tuple[str, ...]:
     """Return a warning if sigma of a radar constant is above the constant itself."""
-    constant = scenario.radar.reshape(-1, len(RADAR))[:, CONSTANT]
-    variance = np.diagonal(scenario.cov_radar[scenario.level])[: scenario.radar.size]
-    std = np.sqrt(variance.reshape(-1, len(RADAR))[:, CONSTANT])
+    constant = scenario.radar_states[:, CONSTANT]
+    variance = np.diagonal(scenario.cov_radar).reshape(-1, len(RADAR))
+    std = np.sqrt(variance[:, CONSTANT])
     worst = int(np.argmax(std / constant))
-    if std[worst] <= constant[worst] or scenario.tolerances_at_level[worst]:
+    if std[worst] <= constant[worst] or scenario.tolerances[worst]:
         return ()
     text = (
         f"sigma of c_r, {std[worst]:.4g}, is above c_r itself, {constant[worst]:.4g}, at the level "

@@ -1,7 +1,7 @@
 """Contributions of the sources to the uncertainty of P_D, and the accuracy required of them.
 
-A source of the budget is a block of a state's covariance, see `states.sources`. A radar constant
-with tolerances has parts, one for each parameter with a tolerance.
+A source of the budget is a block of a state's covariance, see `source_names`. A radar constant with
+tolerances has parts, one for each parameter with a tolerance.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from radar_sense import covariance
 from radar_sense.axis import reached
 from radar_sense.errors import InputError
-from radar_sense.model.radar_constant import Tolerance, relative_std
-from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, components_with_parts
+from radar_sense.model.radar_constant import Tolerance
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
 from radar_sense.propagation import (
@@ -34,16 +33,15 @@ from radar_sense.propagation import (
 from radar_sense.propagation.automatic import Automatic
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
-from radar_sense.states import (
-    AIRCRAFT,
-    CONSTANT,
-    RADAR,
-    FloatArray,
+from radar_sense.source_names import (
+    AIRCRAFT_RCS,
     Source,
     constant_names,
     finer_sources,
     sources,
+    type_name,
 )
+from radar_sense.states import AIRCRAFT, ATTITUDE, CONSTANT, POSITION, FloatArray, component
 from radar_sense.uncertain_states import UncertainStates
 
 #: Draws at a pose that verify a factor of 3σ.
@@ -134,11 +132,15 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
 
 def sources_of(scenario: Scenario) -> dict[str, Source]:
     """Return the sources of the error budget of a scenario by name."""
-    return sources(
+    found = sources(
         scenario.model.names,
-        rcs=scenario.rcs_std > 0,
+        scenario.bands,
+        scenario.types,
         attenuation=scenario.attenuation_uncertain,
     )
+    return {
+        n: s for n, s in found.items() if scenario.rcs_std.any() or not n.startswith(AIRCRAFT_RCS)
+    }
 
 
 @dataclass(frozen=True)
@@ -148,8 +150,9 @@ class ConstantPart:
     Attributes:
         tolerance: The tolerance of one parameter of the radar constant.
         radar: Number of the radar, from 0.
-        source: Name of the source that has the part, from `states.sources`.
-        constant: Name of the radar constant, from `states.finer_sources` in a network.
+        source: Name of the source that has the part, from `sources_of`.
+        constant: Name of the radar constant, of `finer_sources` in a network; the name of the
+            source for a part that radars share.
     """
 
     tolerance: Tolerance
@@ -159,20 +162,24 @@ class ConstantPart:
 
     @property
     def name(self) -> str:
-        """Name of the part in a budget; `network.name_problem` keeps the name unique."""
+        """Name of the part in a budget; `name_problem` keeps the name unique."""
         return f"{self.constant}_{self.tolerance.name}"
 
 
 def parts_of(scenario: Scenario) -> dict[str, ConstantPart]:
     """Return the parts of all radar constants at the scenario's level, by their names."""
-    names = scenario.model.names
+    names, several = scenario.model.names, len(scenario.radars) > 1
     constants = constant_names(names)
-    members = [
-        ConstantPart(tolerance, i, names[i] if len(names) > 1 else constants[i], constants[i])
-        for i, tolerances in enumerate(scenario.tolerances_at_level)
-        for tolerance in tolerances
-    ]
-    return {part.name: part for part in members}
+    found: dict[str, ConstantPart] = {}
+    for i, tolerances in enumerate(scenario.tolerances):
+        for tolerance in tolerances:
+            constant = constants[i]
+            source = names[i] if several else constant
+            if several and tolerance.shared:
+                source = constant = type_name(tolerance.shared)
+            part = ConstantPart(tolerance, i, source, constant)
+            found.setdefault(part.name, part)
+    return found
 
 
 @dataclass(frozen=True)
@@ -419,114 +426,104 @@ def only_at(scenario: Scenario, at: float) -> Scenario:
 
 def _alone(scenario: Scenario, name: str) -> UncertainStates:
     """Return the states with one source or one part of a radar constant, the others certain."""
-    parts = parts_of(scenario)
-    owner, components = _source(scenario, parts[name].constant if name in parts else name)
-    others = parts.keys() - {name} if name in parts else ()
-    states = _scaled(scenario, others, 0.0)
-    kept = {"aircraft": states.cov_aircraft, "radar": states.cov_radar}
+    states, parts = scenario.states(), parts_of(scenario)
+    source = Source("radar", ()) if name in parts else _source(scenario, name)
+    kept = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     for whose, matrix in kept.items():
-        if whose != owner:  # one matrix of zeros for all poses
+        if whose != source.owner:  # one matrix of zeros for all poses
             kept[whose] = np.zeros(matrix.shape[-2:])
         else:
-            kept[whose] = covariance.keep_components(matrix, components)
-    size = len(scenario.shared)
-    which = np.arange(size)[components].tolist() if owner == "radar" else []
-    tolerances = tuple(
-        own if constant in which else ()
-        for constant, own in zip(range(CONSTANT, size, len(RADAR)), states.tolerances, strict=False)
-    )
+            kept[whose] = covariance.keep_components(matrix, source.components)
+    tolerances = _chosen(scenario, lambda names: 1.0 if name in names else 0.0)
     return states.with_covariances(kept["aircraft"], kept["radar"], tolerances)
-
-
-def _source(scenario: Scenario, name: str) -> Source:
-    names = scenario.model.names
-    finer = finer_sources(names, attenuation=scenario.attenuation_uncertain)
-    return {**sources_of(scenario), **finer}[name]
 
 
 def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> UncertainStates:
     """Return the states with the standard deviations of some sources and parts multiplied."""
-    covariances = {"aircraft": scenario.cov_aircraft, "radar": scenario.cov_shared}
+    covariances = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     parts = parts_of(scenario)
-    scaled = [(_source(scenario, name), factor) for name in names if name not in parts]
-    changed = [part for name, part in parts.items() if name in names]
-    for radar, constant in dict.fromkeys((part.radar, part.constant) for part in changed):
-        tolerances = scenario.tolerances_at_level[radar]
-        scaled_parts = [part.tolerance for part in changed if part.radar == radar]
-        whole = relative_std(tolerances)
-        others = relative_std([t for t in tolerances if t not in scaled_parts])
-        residual = np.hypot(others, factor * relative_std(scaled_parts))
-        scaled.append((_source(scenario, constant), residual / whole if whole else 1.0))
-    for (whose, components), by in scaled:
-        covariances[whose] = covariance.scale_std(covariances[whose], components, by)
-    by_radar: list[list[Tolerance]] = [[] for _ in scenario.tolerances_at_level]
-    for name, part in parts.items():
-        by = factor if {name, part.source, part.constant} & {*names} else 1.0
-        if by:
-            by_radar[part.radar].append(
-                dataclasses.replace(part.tolerance, std=by * part.tolerance.std)
+    for name in names:
+        if name not in parts:
+            source = _source(scenario, name)
+            covariances[source.owner] = covariance.scale_std(
+                covariances[source.owner], source.components, factor
             )
+    tolerances = _chosen(scenario, lambda own: factor if {*own} & {*names} else 1.0)
     return scenario.states().with_covariances(
-        covariances["aircraft"], covariances["radar"], tuple(map(tuple, by_radar))
+        covariances["aircraft"], covariances["radar"], tolerances
     )
+
+
+def _source(scenario: Scenario, name: str) -> Source:
+    finer = finer_sources(scenario.model.names, attenuation=scenario.attenuation_uncertain)
+    return {**sources_of(scenario), **finer}[name]
+
+
+def _without_tolerances(scenario: Scenario) -> FloatArray:
+    """Return C_rr (6m, 6m) without the variance of c_r that is of tolerances."""
+    matrix = scenario.states().cov_radar[0]
+    constants = np.arange(len(matrix))[component(CONSTANT, len(scenario.radars))]
+    others = np.setdiff1d(np.arange(len(matrix)), constants[scenario.states().log_constant])
+    return covariance.keep_components(matrix, others.tolist())
+
+
+def _chosen(
+    scenario: Scenario, factor: Callable[[tuple[str, ...]], float]
+) -> list[list[Tolerance]]:
+    """Return the tolerances of each radar (m,) with σ multiplied by a factor, without those of 0.
+
+    Args:
+        scenario: The scenario.
+        factor: Returns the factor of a tolerance by the names of its part, source and constant.
+    """
+    parts, chosen = parts_of(scenario), []
+    by_error = {(p.tolerance.shared or p.radar, p.tolerance.key): p for p in parts.values()}
+    for i, tolerances in enumerate(scenario.tolerances):
+        scaled = []
+        for tolerance in tolerances:
+            part = by_error[tolerance.shared or i, tolerance.key]
+            by = factor((part.name, part.source, part.constant))
+            if by:
+                scaled.append(dataclasses.replace(tolerance, std=by * tolerance.std))
+        chosen.append(scaled)
+    return chosen
 
 
 def _by_sobol_indices(scenario: Scenario) -> Budget:
-    sampler = Sampler.of(scenario)
-    parts, shown = parts_of(scenario), sources_of(scenario)
-    cov_radar = scenario.cov_shared
-    # Every input needs a group. With attenuations ε is an input, even if the RCS is certain.
-    rcs = len(cov_radar) > len(scenario.radar)
-    blocks_by_name = sources(
-        scenario.model.names, rcs=rcs, attenuation=scenario.attenuation_uncertain
-    )
-    for whose, matrix in (("aircraft", scenario.cov_aircraft), ("radar", cov_radar)):
-        blocks = [components for owner, components in blocks_by_name.values() if owner == whose]
-        apart = sum(covariance.keep_components(matrix, components) for components in blocks)
+    states, shown, parts = scenario.states(), sources_of(scenario), parts_of(scenario)
+    matrices = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
+    # with an attenuation in a network ε is an input too, even if the RCS is certain
+    for whose, matrix in matrices.items():
+        blocks = [s.components for s in shown.values() if s.owner == whose]
+        apart = sum(covariance.keep_components(matrix, block) for block in blocks)
         if not np.array_equal(matrix, apart):
             raise InputError(
                 f"level {scenario.level}: {whose} position and the rest of its state are "
                 "correlated; Sobol' indices need independent sources, use another method"
             )
-    sqrt_cov = {
-        "aircraft": np.zeros_like(scenario.cov_aircraft),
-        "radar": np.zeros_like(cov_radar),
-    }
-    for whose, components in blocks_by_name.values():
-        # One square root for each source, because Sobol' indices need separate inputs.
-        block = covariance.block_of(components)
-        if whose == "radar":
-            states = np.arange(len(cov_radar))[components].tolist()
-            independent = [
-                states.index(c)
-                for c in components_with_parts(scenario.tolerances_at_level)
-                if c in states
-            ]
-            sqrt_cov[whose][block] = covariance.block_square_root(cov_radar[block], independent)
-        else:
-            sqrt_cov[whose][block] = covariance.square_root(scenario.cov_aircraft[block])
-    sampler = dataclasses.replace(
-        sampler,
-        sqrt_cov_aircraft=sqrt_cov["aircraft"],
-        sqrt_cov_radar=sqrt_cov["radar"],
-    )
-    inputs = {
-        "aircraft": list(range(len(AIRCRAFT))),
-        "radar": list(range(len(AIRCRAFT), len(AIRCRAFT) + sampler.radar_normals)),
-    }
+    # One square root for each source, because Sobol' indices need separate inputs.
+    sqrt_cov = np.zeros_like(scenario.cov_aircraft)
+    for block in (POSITION, ATTITUDE):
+        sqrt_cov[..., block, block] = covariance.square_root(
+            scenario.cov_aircraft[..., block, block]
+        )
+    first, tolerances = len(AIRCRAFT), len(AIRCRAFT) + len(states.columns)
     groups = {
-        name: np.array(inputs[whose])[components].tolist()
-        for name, (whose, components) in blocks_by_name.items()
+        name: list(s.components)
+        if s.owner == "aircraft"
+        else (first + np.flatnonzero(np.isin(states.columns, s.components))).tolist()
+        for name, s in shown.items()
     }
-    part_columns = columns_of_normals(len(cov_radar), scenario.tolerances_at_level)
-    for part, column in zip(parts.values(), itertools.chain(*part_columns), strict=True):
-        # The group of a radar constant has the inputs of all its parts.
-        groups[part.name] = [inputs["radar"][column]]
-        groups[part.source] = list(dict.fromkeys(groups[part.source] + groups[part.name]))
+    for part in parts.values():
+        keys = [t.key for t in scenario.tolerances[part.radar]]
+        number = states.tolerance_normals[part.radar][keys.index(part.tolerance.key)]
+        # The group of a source has the inputs of all its parts.
+        groups[part.name] = [tolerances + number]
+        groups[part.source] = groups[part.source] + groups[part.name]
 
     def p_d(normals: FloatArray, poses: slice) -> FloatArray:
-        errors = _errors(sqrt_cov["aircraft"], normals[:, : len(AIRCRAFT)], poses)
-        radar, _ = sampler.draw_radar(normals[:, len(AIRCRAFT) :])
+        errors = _errors(sqrt_cov, normals[:, :first], poses)
+        radar = states.radars_at(normals[:, first:])
         return np.stack(
             [
                 scenario.model.p_d(pose + error, radar)
@@ -542,10 +539,10 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         seed=scenario.seed,
     )
     std = np.sqrt(indices.variance)
-    first = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
+    first_order = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
     error = dict(zip(groups, indices.first_error, strict=True))
     # The estimate of a small share can be negative.
-    alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first.items()}
+    alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first_order.items()}
     return Budget(
         mean=indices.mean,
         std=std,
@@ -553,7 +550,7 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         total_index={s: indices.total[i] for i, s in enumerate(groups) if s in shown},
         share_error={
             **{s: error[s] for s in shown},
-            "interaction": np.sqrt(np.sum(indices.first_error[: len(blocks_by_name)] ** 2, axis=0)),
+            "interaction": np.sqrt(np.sum(indices.first_error[: len(shown)] ** 2, axis=0)),
             **{name: error[name] for name in parts},
         },
         parts={name: alone[name] for name in parts},

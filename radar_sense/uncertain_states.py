@@ -4,13 +4,18 @@ A state is uncertain by a Gaussian error, with these exceptions:
 
 - c_r with tolerances is its nominal value times independent random factors, one for each
   tolerance. Methods that need one factor take c_r as log-normal with the same σ to first order.
+  Radars of one type may share a factor.
 - c_r below 0 counts as 0.
+
+Unit normals u of all states are 6 of the aircraft, then those of the radars (columns of F with
+F Fᵀ = C_rr that are not 0), then one for each tolerance.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -18,18 +23,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.covariance import block_square_root, checked, draws, square_root
+from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar_constant import Tolerance, factors
-from radar_sense.model.radar_equation import MOST_NEPERS
 from radar_sense.states import (
     AIRCRAFT,
     CONSTANT,
     RADAR,
+    RADAR_AND_ERRORS,
     FloatArray,
     check_finite,
-    components_of,
+    component,
+    of_radar,
     real_array,
+    with_errors,
 )
 
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
@@ -46,26 +54,60 @@ class UncertainStates:
     `Scenario.states` make and check them.
 
     Attributes:
-        model: The detection model, of a radar or of a network of m.
-        log_constant: Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr.
+        model: The network of m radars, or of one.
         aircraft: Nominal aircraft states (k, 6).
-        radar: Nominal radar states (k, 4m), or more with the errors of further parameters.
+        radar: Nominal radar states (k, 6m).
         cov_aircraft: C_aa (k, 6, 6).
-        cov_radar: C_rr (k, 4m, 4m), or more.
-        tolerances: Tolerances that make the c_r of each radar (m,) uncertain; () for none.
+        cov_radar: C_rr (k, 6m, 6m), with a c_r with tolerances to first order.
+        tolerances: Tolerances that make the c_r of each radar (m,) uncertain; () for a Gaussian
+            c_r.
+        columns: Columns (r,) of F that are not 0.
         seed: Seed of draws of these states.
         runs: Draws at each pose of the method `montecarlo`.
     """
 
     model: NetworkModel
-    log_constant: NDArray[np.bool_]
     aircraft: FloatArray
     radar: FloatArray
     cov_aircraft: FloatArray
     cov_radar: FloatArray
     tolerances: tuple[tuple[Tolerance, ...], ...]
+    columns: NDArray[np.intp]
     seed: int = 1
     runs: int = 500
+
+    @classmethod
+    def of(
+        cls,
+        model: NetworkModel,
+        nominal: tuple[FloatArray, FloatArray],
+        covariances: tuple[FloatArray, FloatArray],
+        tolerances: Sequence[Sequence[Tolerance]],
+        seed: int = 1,
+        runs: int = 500,
+    ) -> UncertainStates:
+        """Make uncertain states from arrays that have been checked.
+
+        Args:
+            model: The network of m radars.
+            nominal: States of the aircraft (k, 6) and of the radars (k, 6m).
+            covariances: C_aa (k, 6, 6) and C_rr (k, 6m, 6m). The variances of a c_r with tolerances
+                follow from the tolerances, and may have any value here.
+            tolerances: Tolerances of each radar (m,).
+            seed: Seed of draws.
+            runs: Draws at each pose of the method `montecarlo`.
+        """
+        by_radar = tuple(map(tuple, tolerances))
+        aircraft, radar = covariances
+        if any(by_radar):
+            radar = _with_tolerances(nominal[1], radar, by_radar)
+        if len(radar) == 1:
+            present = _root(radar, by_radar).any(axis=(0, 1))
+        else:  # the same columns at all poses, and a root where one is needed
+            rest = _without(radar, _places_of_constants(by_radar))
+            present = np.diagonal(rest, axis1=1, axis2=2).any(axis=0)
+        columns = np.flatnonzero(present)
+        return cls(model, *nominal, aircraft, radar, by_radar, columns, seed, runs)
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -77,6 +119,11 @@ class UncertainStates:
         """C_aa (6, 6) or (k, 6, 6), and C_rr alike."""
         aircraft, radar = (c[0] if len(c) == 1 else c for c in (self.cov_aircraft, self.cov_radar))
         return aircraft, radar
+
+    @cached_property
+    def log_constant(self) -> NDArray[np.bool_]:
+        """Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr."""
+        return np.array([bool(tolerances) for tolerances in self.tolerances])
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
         """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
@@ -95,47 +142,42 @@ class UncertainStates:
         self,
         cov_aircraft: FloatArray,
         cov_radar: FloatArray,
-        tolerances: tuple[tuple[Tolerance, ...], ...] | None = None,
+        tolerances: Sequence[Sequence[Tolerance]],
     ) -> UncertainStates:
         """Return the states with other covariances (n, n) or (k, n, n), and other tolerances."""
-        covariances = (c[np.newaxis] if c.ndim == 2 else c for c in (cov_aircraft, cov_radar))
-        changed = self._with(self.aircraft, self.radar, *covariances)
-        return changed if tolerances is None else replace(changed, tolerances=tolerances)
+        aircraft, radar = (c[np.newaxis] if c.ndim == 2 else c for c in (cov_aircraft, cov_radar))
+        nominal = self.aircraft, self.radar
+        return UncertainStates.of(
+            self.model, nominal, (aircraft, radar), tolerances, self.seed, self.runs
+        )
 
     def of_radar(self, number: int) -> UncertainStates:
         """Return the states of one radar alone."""
-        own = components_of([number], len(self.model.radars), self.radar.shape[-1])
-        return UncertainStates(
+        own = of_radar(number)
+        return UncertainStates.of(
             NetworkModel((self.model.radars[number],)),
-            self.log_constant[[number]],
-            self.aircraft,
-            self.radar[:, own],
-            self.cov_aircraft,
-            self.cov_radar[:, own][..., own],
+            (self.aircraft, self.radar[:, own]),
+            (self.cov_aircraft, self.cov_radar[:, own, own]),
             self.tolerances[number : number + 1],
             self.seed,
             self.runs,
         )
 
+    @cached_property
+    def tolerance_normals(self) -> list[list[int]]:
+        """Unit normals of the tolerances of each radar (m,), counted after the columns of F."""
+        return _numbered(self.tolerances)
+
+    @property
+    def radar_normals(self) -> int:
+        """Number of unit normals of the radar states."""
+        numbers = itertools.chain(*self.tolerance_normals)
+        return len(self.columns) + len(set(numbers))
+
     @property
     def normals(self) -> int:
         """Number d of unit normals of all states at a pose."""
-        more = sum(max(0, len(tolerances) - 1) for tolerances in self.tolerances)
-        return len(AIRCRAFT) + int(self.radar.shape[-1]) + more
-
-    @cached_property
-    def columns(self) -> list[list[int]]:
-        """The unit normals of the tolerances of each radar.
-
-        The first tolerance has the normal of c_r, the others follow the normals of all components.
-        """
-        first, columns = len(AIRCRAFT) + int(self.radar.shape[-1]), []
-        for i, tolerances in enumerate(self.tolerances):
-            after = first + max(0, len(tolerances) - 1)
-            own = [len(AIRCRAFT) + len(RADAR) * i + CONSTANT, *range(first, after)]
-            columns.append(own if tolerances else [])
-            first = after
-        return columns
+        return len(AIRCRAFT) + self.radar_normals
 
     @cached_property
     def sqrt_cov_aircraft(self) -> FloatArray:
@@ -144,36 +186,41 @@ class UncertainStates:
 
     @cached_property
     def sqrt_cov_radar(self) -> FloatArray:
-        """F (k, n, n) with F Fᵀ = C_rr. A c_r with tolerances has a column of its own."""
-        places = [len(RADAR) * i + CONSTANT for i, t in enumerate(self.tolerances) if t]
-        return np.stack([block_square_root(c, places) for c in self.cov_radar])
+        """F (k, 6m, r) with F Fᵀ = C_rr but for every c_r with tolerances."""
+        return _root(self.cov_radar, self.tolerances)[:, :, self.columns]
 
     def at_normals(self, u: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
-        """Return aircraft states (k, n, 6) and radar states (k, n, 4m or more) at unit normals.
+        """Return aircraft states (k, n, 6) and radar states (k, n, 6m) at unit normals.
 
         Args:
             u: Unit normals (k, d, n).
             rows: The k poses of the unit normals.
         """
-        a, size = len(AIRCRAFT), int(self.radar.shape[-1])
         normals = np.moveaxis(u, 1, -1)
+        of_aircraft, of_radars = np.split(normals, [len(AIRCRAFT)], axis=-1)
 
         def at(array: FloatArray) -> FloatArray:
             """Return an array of the poses (k, 1, ...), or of all of them (1, 1, ...)."""
             return (array if len(array) == 1 else array[rows])[:, np.newaxis]
 
-        aircraft = draws(at(self.aircraft), at(self.sqrt_cov_aircraft), normals[..., :a])
-        radar = draws(at(self.radar), at(self.sqrt_cov_radar), normals[..., a : a + size])
-        for i, (tolerances, columns) in enumerate(zip(self.tolerances, self.columns, strict=True)):
-            c = len(RADAR) * i + CONSTANT
-            constant, nominal = radar[..., c], at(self.radar)[..., c]
+        aircraft = draws(at(self.aircraft), at(self.sqrt_cov_aircraft), of_aircraft)
+        return aircraft, self._radars(at(self.radar), at(self.sqrt_cov_radar), of_radars)
+
+    def radars_at(self, normals: FloatArray) -> FloatArray:
+        """Return radar states (n, 6m) at unit normals (n, d − 6), for radars alike at all poses."""
+        return self._radars(self.radar[0], self.sqrt_cov_radar[0], normals)
+
+    def _radars(self, nominal: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatArray:
+        """Return radar states (..., 6m) at unit normals (..., d − 6)."""
+        first, of_tolerances = np.split(normals, [len(self.columns)], axis=-1)
+        radar = draws(nominal, sqrt_cov, first)
+        constants = radar[..., component(CONSTANT, len(self.tolerances))]  # a view
+        for i, tolerances in enumerate(self.tolerances):
             if tolerances:
-                constant[:] = nominal * factors(tolerances, normals[..., columns])
-            elif self.log_constant[i]:
-                constant[:] = nominal * np.exp(np.minimum(constant / nominal - 1.0, MOST_NEPERS))
-            else:
-                np.maximum(constant, 0.0, out=constant)
-        return aircraft, radar
+                own = of_tolerances[..., self.tolerance_normals[i]]
+                constants[..., i] *= factors(tolerances, own)
+        np.maximum(constants, 0.0, out=constants)
+        return radar
 
     def by_normals(
         self, by_aircraft: FloatArray, by_radar: FloatArray, radar: FloatArray
@@ -182,26 +229,19 @@ class UncertainStates:
 
         Args:
             by_aircraft: Its gradient by the aircraft state (k, 6).
-            by_radar: Its gradient by the radar states (k, 4m or more).
-            radar: The radar states (k, 4m or more) of the gradient.
+            by_radar: Its gradient by the radar states (k, 6m).
+            radar: The radar states (k, 6m) of the gradient.
         """
-        a, size = len(AIRCRAFT), int(self.radar.shape[-1])
-        gradient, by_radar = np.zeros((len(self), self.normals)), by_radar.copy()
-        for i, (tolerances, columns) in enumerate(zip(self.tolerances, self.columns, strict=True)):
-            c = len(RADAR) * i + CONSTANT
-            by_log = by_radar[:, c] * radar[:, c]
-            if tolerances:
-                by_radar[:, c] = 0.0
-                gradient[:, columns] = by_log[:, np.newaxis] * [t.slope for t in tolerances]
-            elif self.log_constant[i]:
-                by_radar[:, c] = by_log / self._constant(i)[:, 0]
-        gradient[:, :a] = (by_aircraft[:, np.newaxis] @ self.sqrt_cov_aircraft)[:, 0]
-        gradient[:, a : a + size] += (by_radar[:, np.newaxis] @ self.sqrt_cov_radar)[:, 0]
+        first = len(AIRCRAFT)
+        last = first + len(self.columns)
+        gradient = np.zeros((len(self), self.normals))
+        gradient[:, :first] = (by_aircraft[:, np.newaxis] @ self.sqrt_cov_aircraft)[:, 0]
+        gradient[:, first:last] = (by_radar[:, np.newaxis] @ self.sqrt_cov_radar)[:, 0]
+        by_log = (by_radar * radar)[:, component(CONSTANT, len(self.tolerances))]
+        for i, tolerances in enumerate(self.tolerances):
+            for tolerance, number in zip(tolerances, self.tolerance_normals[i], strict=True):
+                gradient[:, last + number] += by_log[:, i] * tolerance.slope
         return gradient
-
-    def _constant(self, number: int) -> FloatArray:
-        """Return the nominal c_r (k, 1) of a radar."""
-        return self.radar[:, len(RADAR) * number + CONSTANT, np.newaxis]
 
     def _with(self, *arrays: FloatArray) -> UncertainStates:
         aircraft, radar, cov_aircraft, cov_radar = arrays
@@ -218,24 +258,71 @@ class UncertainStates:
         return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
 
 
+def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:
+    """Return the number of the error of each tolerance; one number for what radars share."""
+    numbers: dict[tuple[str | int, str], int] = {}
+    return [
+        [numbers.setdefault((t.shared or i, t.key), len(numbers)) for t in own]
+        for i, own in enumerate(tolerances)
+    ]
+
+
+def _with_tolerances(
+    radar: FloatArray, covariance: FloatArray, tolerances: Sequence[Sequence[Tolerance]]
+) -> FloatArray:
+    """Return C_rr (k, n, n) with every c_r that has tolerances to first order.
+
+    Two c_r are correlated by the tolerances that they share.
+    """
+    numbered = _numbered(tolerances)
+    slopes = np.zeros((len(tolerances), 1 + max(itertools.chain(*numbered))))
+    for i, own in enumerate(tolerances):
+        slopes[i, numbered[i]] = [t.slope for t in own]
+    which = _places_of_constants(tolerances)
+    of_constants = radar[:, component(CONSTANT, len(tolerances)), np.newaxis] * slopes
+    of_constants = of_constants[:, [bool(own) for own in tolerances]]
+    covariance = _without(covariance, which)
+    if len(covariance) == 1 < len(radar):
+        covariance = np.repeat(covariance, len(radar), axis=0)
+    covariance[:, which[:, np.newaxis], which] = of_constants @ of_constants.swapaxes(1, 2)
+    return covariance
+
+
+def _root(covariance: FloatArray, tolerances: Sequence[Sequence[Tolerance]]) -> FloatArray:
+    """Return F (k, n, n) with F Fᵀ = C (k, n, n) but for every c_r with tolerances, which has 0."""
+    certain = _without(covariance, _places_of_constants(tolerances))
+    return np.stack([block_square_root(matrix) for matrix in certain])
+
+
+def _places_of_constants(tolerances: Sequence[Sequence[Tolerance]]) -> NDArray[np.intp]:
+    """Return where the radar states (6m,) have a c_r with tolerances."""
+    which = np.flatnonzero([bool(own) for own in tolerances])
+    return len(RADAR_AND_ERRORS) * which + CONSTANT
+
+
+def _without(covariance: FloatArray, places: NDArray[np.intp]) -> FloatArray:
+    """Return C (k, n, n) with some components certain."""
+    covariance = covariance.copy()
+    covariance[:, places] = 0.0
+    covariance[:, :, places] = 0.0
+    return covariance
+
+
 def uncertain_states(
     model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
     radar: ArrayLike,
     cov_aircraft: ArrayLike,
     cov_radar: ArrayLike,
-    *,
-    log_constant: ArrayLike = False,
 ) -> tuple[tuple[int, ...], UncertainStates]:
     """Broadcast states and covariances against each other, with all poses along one axis.
 
     Args:
         model: The detection model, of a radar or of a network of m.
         aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4m).
+        radar: Nominal radar states (..., 4m), or (..., 6m).
         cov_aircraft: C_aa (..., 6, 6).
-        cov_radar: C_rr (..., 4m, 4m).
-        log_constant: Whether ln c_r is Gaussian, of all radars or of each (m,).
+        cov_radar: C_rr (..., 4m, 4m), or (..., 6m, 6m).
 
     Returns:
         The shape (...) of all poses, and the states.
@@ -244,26 +331,29 @@ def uncertain_states(
         ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
     model = as_network(model)
+    radars = len(model.radars)
     radar = real_array("radar states", radar)
-    size = radar.shape[-1:]
-    radars = size[0] if size and size[0] in model.sizes else model.sizes[0]
+    full = len(RADAR_AND_ERRORS) * radars
+    size = full if radar.shape[-1:] == (full,) else len(RADAR) * radars
     arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
     wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
         ("aircraft states", aircraft, (len(AIRCRAFT),)),
-        ("radar states", radar, (radars,)),
+        ("radar states", radar, (size,)),
         ("aircraft covariance", cov_aircraft, 2 * (len(AIRCRAFT),)),
-        ("radar covariance", cov_radar, 2 * (radars,)),
+        ("radar covariance", cov_radar, 2 * (size,)),
     )
     for name, values, tail in wanted:
         array = real_array(name, values)
         if array.shape[-len(tail) :] != tail:
             expected = ", ".join(("...", *map(str, tail)))
-            raise ValueError(f"{name} must have shape ({expected}), got {array.shape}")
+            raise InputError(f"{name} must have shape ({expected}), got {array.shape}")
         whose = name.split()[0]
         if len(tail) == 1:
-            check_finite(whose, array, len(model.radars))
+            check_finite(whose, array, radars if whose == "radar" else 1)
         else:
             checked(whose, array)
+        if whose == "radar":
+            array, tail = with_errors(array, radars, len(tail)), len(tail) * (full,)
         arrays.append((array, tail))
     shape = np.broadcast_shapes(*(array.shape[: -len(tail)] for array, tail in arrays))
     rows = []
@@ -271,7 +361,5 @@ def uncertain_states(
         if math.prod(array.shape[: -len(tail)]) != 1:
             array = np.broadcast_to(array, shape + tail)
         rows.append(array.reshape(-1, *tail))
-    which = np.broadcast_to(np.asarray(log_constant, dtype=bool), len(model.models))
     x_a, x_r, c_aa, c_rr = rows
-    no_tolerances = ((),) * len(model.models)
-    return shape, UncertainStates(model, which, x_a, x_r, c_aa, c_rr, no_tolerances)
+    return shape, UncertainStates.of(model, (x_a, x_r), (c_aa, c_rr), ((),) * radars)

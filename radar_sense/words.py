@@ -478,16 +478,14 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
         scenario: The scenario, at its level.
         runs: Runs of Monte Carlo, for the expected number of draws beyond; None for no draws.
     """
-    table = scenario.model.rcs
-    if not isinstance(table, TableRCS) or table.elevation is None:
-        return ()
-    low, high = table.elevation[[0, -1]]
     outside, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
     sqrt_cov_aircraft = square_root(scenario.cov_aircraft)
-    for i in range(len(scenario.model.models)):
-        part = slice(i * len(RADAR), (i + 1) * len(RADAR))
-        radar = scenario.radar[part]
-        sqrt_cov_radar = square_root(scenario.cov_radar[scenario.level][part, part])
+    for one, radar in zip(scenario.radars, scenario.radar_states, strict=True):
+        table = one.model.rcs
+        if not isinstance(table, TableRCS) or table.elevation is None:
+            continue
+        low, high = table.elevation[[0, -1]]
+        sqrt_cov_radar = square_root(one.levels[scenario.level].covariance)
         steps: list[tuple[Any, Any]] = [
             (sqrt_cov_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))
         ]

@@ -15,10 +15,15 @@ import numpy as np
 import pytest
 import yaml
 
+from radar_sense import axis as axes
+from radar_sense.flight import Path as Flight
+from radar_sense.flight import States
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel, as_network
+from radar_sense.model.radar import Level, Radar
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
+from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
 from radar_sense.uncertain_states import uncertain_states
 
@@ -64,10 +69,7 @@ def scenario(**changes):
 @lru_cache(maxsize=32)
 def _parsed(text):
     """The scenario of a text that names no file: many tests have the same immutable scenario."""
-    parsed = parse_scenario(text)
-    for array in (parsed.aircraft, parsed.radar, parsed.cov_aircraft, *parsed.cov_radar.values()):
-        array.flags.writeable = False
-    return parsed
+    return parse_scenario(text)
 
 
 def write_path(folder, text, name="scenario.yaml", /, **changes):
@@ -285,6 +287,87 @@ def part_name(key):
     return f"radar_constant_{key}"
 
 
+# Scenarios from arrays.
+
+
+def scenario_of(
+    model,
+    radar,
+    aircraft,
+    cov_aircraft,
+    cov_radar,
+    *,
+    tolerances=None,
+    attenuation_std=None,
+    time_s=None,
+    origin=None,
+    axis=None,
+    **fields,
+):
+    """Make a scenario from arrays: states (4m,) and C_rr (4m, 4m) by level of all radars.
+
+    Tolerances and deviations of the attenuation are tuples over radars by level.
+    """
+    radars = []
+    for i, one in enumerate(as_network(model).radars):
+        own = slice(4 * i, 4 * i + 4)
+        levels = {
+            name: Level(
+                np.asarray(matrix)[own, own],
+                (tolerances or {}).get(name, {i: ()})[i],
+                (attenuation_std or {}).get(name, {i: 0.0})[i],
+            )
+            for name, matrix in cov_radar.items()
+        }
+        radars.append(dataclasses.replace(one, state=np.asarray(radar)[own], levels=levels))
+    geometry = States.of(aircraft, cov_aircraft)
+    if time_s is not None:
+        time_s = np.asarray(time_s, dtype=float)
+        arrays = axis or axes.time(time_s), geometry.aircraft, geometry.covariance
+        geometry = Flight(*arrays, time_s=time_s, origin=origin)
+    elif axis is not None:
+        geometry = dataclasses.replace(geometry, axis=axis)
+    return Scenario(radars=tuple(radars), geometry=geometry, **fields)
+
+
+def cov_by_level(scenario):
+    """Return C_rr (4m, 4m) of all radars by level."""
+    return {level: scenario.with_analysis(level=level).cov_radar for level in scenario.levels}
+
+
+def tolerances_by_level(scenario):
+    """Return the tolerances of all radars by level."""
+    return {level: scenario.with_analysis(level=level).tolerances for level in scenario.levels}
+
+
+def with_arrays(scenario, **arrays):
+    """Return a scenario with other arrays or fields, those of `scenario_of`."""
+    given = {
+        "model": scenario.model,
+        "radar": scenario.radar,
+        "aircraft": scenario.aircraft,
+        "cov_aircraft": scenario.cov_aircraft,
+        "cov_radar": cov_by_level(scenario),
+        "tolerances": tolerances_by_level(scenario),
+        "attenuation_std": {
+            level: tuple(radar.levels[level].attenuation_std for radar in scenario.radars)
+            for level in scenario.levels
+        },
+        "time_s": scenario.time_s,
+        "origin": scenario.origin,
+        "axis": scenario.axis,
+        **{
+            name: getattr(scenario, name)
+            for name in ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s")
+        },
+    } | arrays
+    if given["level"] not in given["cov_radar"]:
+        given["level"] = ""
+    if len(np.atleast_2d(given["aircraft"])) != len(given["axis"]):
+        given["axis"] = None
+    return scenario_of(**given)
+
+
 # Networks.
 
 
@@ -297,16 +380,16 @@ def paper_network(
     models = models or [single(paper)] * m
     cov_aircraft = paper.cov_aircraft.copy()
     cov_aircraft[3:, 3:] = np.eye(3) * np.radians(attitude_deg) ** 2
-    return dataclasses.replace(
-        paper,
+    return with_arrays(
+        paper.at_poses(poses),
         model=NetworkModel(
             tuple(Radar(model, f"r{i}", **limits) for i, model in enumerate(models))
         ),
-        axis=paper.axis.at_poses(poses),
-        aircraft=paper.aircraft[poses],
         radar=np.concatenate([[*p, c] for p, c in zip(positions, constants, strict=True)]),
         cov_aircraft=cov_aircraft,
-        cov_radar={name: np.kron(np.eye(m), c) for name, c in paper.cov_radar.items()},
+        cov_radar={n: np.kron(np.eye(m), c) for n, c in cov_by_level(paper).items()},
+        tolerances=None,
+        attenuation_std=None,
     )
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 from functools import partial
 
 import numpy as np
 import pytest
+from helpers import with_arrays
 
 import radar_sense as rs
 from radar_sense.covariance import checked
 from radar_sense.mission.looks import PoseProcess
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.propagation import METHODS
 
 POSES = 20
@@ -217,12 +218,12 @@ def test_a_matrix_that_is_no_covariance_makes_no_scenario():
             with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
                 made(*states(), cov, cov_radar)
             with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
-                dataclasses.replace(good, cov_aircraft=cov)
+                with_arrays(good, cov_aircraft=cov)
     for message, wrong in no_covariances(4):
         with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
             made(*states(), cov_aircraft, wrong)
         with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
-            dataclasses.replace(good, cov_radar={"medium": wrong})
+            with_arrays(good, cov_radar={"medium": wrong})
 
 
 def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():

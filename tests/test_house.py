@@ -23,7 +23,7 @@ STOREYS = (
     ("montecarlo",),
     ("propagation",),
     ("scenario",),
-    ("flight",),
+    ("flight", "source_names"),
     ("uncertain_states",),
     ("model",),
     ("axis", "covariance"),

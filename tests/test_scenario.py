@@ -1,6 +1,5 @@
 """A scenario made in Python, and its record."""
 
-import dataclasses
 import json
 import math
 import pickle
@@ -9,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import scenario
+from helpers import (
+    cov_by_level,
+    scenario,
+    with_arrays,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -110,7 +113,7 @@ def test_the_record_has_what_is_not_of_the_file():
     plain = s.resolved()
 
     def changed(**changes):
-        record = json.loads(json.dumps(dataclasses.replace(s, **changes).resolved()))
+        record = json.loads(json.dumps(with_arrays(s, **changes).resolved()))
         return {key: value for key, value in record.items() if value != plain[key]}
 
     assert changed() == {}
@@ -118,7 +121,7 @@ def test_the_record_has_what_is_not_of_the_file():
     doubled = changed(radar=s.radar * [1, 1, 1, 2])
     assert doubled["radar"]["type"] == "states"
     assert doubled["radar"]["radar"] == [0, 0, 0, 334]
-    moved = changed(cov_radar={"new": 4 * s.cov_radar["high"]}, level="new")["uncertainty"]
+    moved = changed(cov_radar={"new": 4 * cov_by_level(s)["high"]}, level="new")["uncertainty"]
     assert moved["cov_radar"]["new"][0][0] == 2000.0**2
     assert moved["cov_aircraft"] == s.cov_aircraft.tolist()
     other = rs.DetectionModel(rs.ConstantRCS(0.5), 1e-6, rs.Swerling1())
@@ -138,7 +141,7 @@ def test_a_network_whose_radars_moved_has_its_states_in_the_record(monkeypatch):
     s = rs.load_scenario("configs/corridor.yaml")
     moved = s.radar.copy()
     moved[4] += 1.0  # the second radar, northwards
-    record = dataclasses.replace(s, radar=moved).resolved()
+    record = with_arrays(s, radar=moved).resolved()
     assert record["radars"]["radar"] == moved.tolist()
     assert list(record["radars"]["cov_radar"]) == list(s.cov_radar)
     (entry,) = for_radar(s, "west").resolved()["radars"]
@@ -151,7 +154,7 @@ def test_a_scenario_made_in_python():
     assert s.axis.at(1) == "1"
     result = rs.variance(s, method="linear")
     assert result.table["pose"].tolist() == [0, 1]
-    std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, s.cov_radar["medium"])
+    std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, cov_by_level(s)["medium"])
     np.testing.assert_allclose(result.table["sigma_pd"], std, rtol=1e-12)
     record = json.loads(json.dumps(s.resolved()))
     assert record["radar"]["radar"][3] == 167
@@ -166,11 +169,11 @@ def test_arrays_are_copies_that_nobody_can_change():
     s = rs.Scenario(**{**ARGUMENTS, "aircraft": aircraft})
     aircraft[:] = 0
     assert s.aircraft[0, 1] == 500e3
-    for array in (s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"]):
+    for array in (s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["medium"]):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1
     with pytest.raises(TypeError):
-        s.cov_radar["new"] = np.eye(4)
+        cov_by_level(s)["new"] = np.eye(4)
 
 
 PER_POSE = np.stack([np.eye(6), np.eye(6)])
@@ -217,7 +220,7 @@ def test_wrong_arguments_fail_where_they_are_made(case):
         rs.Scenario(**{**ARGUMENTS, **changes})
     assert "\n" not in str(refused.value)
     with pytest.raises(InputError, match=words):
-        dataclasses.replace(rs.Scenario(**ARGUMENTS), **changes)
+        with_arrays(rs.Scenario(**ARGUMENTS), **changes)
 
 
 def test_a_scenario_in_a_notebook():

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.model.network import Radar
+from radar_sense.model.radar import Radar
 from radar_sense.propagation import Moments
 from radar_sense.scenario import Scenario
-from radar_sense.states import POSITION, RADAR, FloatArray
+from radar_sense.states import POSITION, FloatArray
 
 #: Largest turn of the aspect [rad] between two poses. In a scan of P_D of the nominal states the
 #: largest turn is also half the width of a lobe of the RCS, or of a cell of its table.
@@ -173,12 +173,12 @@ def along(scenario: Scenario, place: FloatArray) -> Scenario:
 def coarse_steps(path: Scenario, largest: float = LARGEST_TURN) -> NDArray[np.bool_]:
     """Return the steps (n − 1,) in which the aspect or the range of a radar changes much."""
     coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
-    for radar in path.radar.reshape(-1, len(RADAR)):
+    for model, radar in zip(path.model.models, path.radar_states, strict=True):
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
         coarse |= moved > LARGEST_MOVE * np.minimum(distance[1:], distance[:-1])
-        if path.model.rcs.isotropic:
+        if model.rcs.isotropic:
             continue
         x, y, z = body_vector(path.aircraft, radar).T
         across = np.hypot(x, y)
@@ -199,7 +199,7 @@ def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
     if place[0] > place[-1]:
         place = place[::-1]
     shortest = SCANNED * scenario.geometry.shortest
-    largest = min(LARGEST_TURN, HALF * scenario.model.rcs.detail)
+    largest = min(LARGEST_TURN, *(HALF * m.rcs.detail for m in scenario.model.models))
     place, _ = _divided(
         scenario, place, np.zeros(len(place), dtype=int), largest, shortest, MAX_SCAN
     )
@@ -238,8 +238,7 @@ def _divided(
 
 
 def _radar(scenario: Scenario, number: int) -> tuple[Radar, FloatArray]:
-    radar = scenario.radar[len(RADAR) * number : len(RADAR) * (number + 1)]
-    return scenario.model.radars[number], radar
+    return scenario.radars[number], scenario.radar_states[number]
 
 
 def _distance(poses: Scenario, number: int) -> FloatArray:
@@ -348,7 +347,7 @@ def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> 
     aircraft = geometry.aircraft.copy()
     aircraft[at_row] = scenario.aircraft[row[at_row]]
     covariance = geometry.covariance
-    if covariance is not None:
+    if covariance.ndim == 3:
         covariance = covariance.copy()
         covariance[at_row] = scenario.cov_aircraft[row[at_row]]
     return scenario.along(dataclasses.replace(geometry, aircraft=aircraft, covariance=covariance))

@@ -25,6 +25,7 @@ from radar_sense.command import (
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, Moments, unreliable_in_scenario
 from radar_sense.propagation.automatic import STD_ERROR
 from radar_sense.scenario import Scenario
+from radar_sense.source_names import AIRCRAFT_RCS, RADAR_ATTENUATION
 from radar_sense.sources import (
     Budget,
     Contribution,
@@ -32,7 +33,7 @@ from radar_sense.sources import (
     error_budget,
     value_function,
 )
-from radar_sense.states import AIRCRAFT_RCS, RADAR_ATTENUATION, FloatArray
+from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.axis import Axis

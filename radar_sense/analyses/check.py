@@ -12,7 +12,7 @@ from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar_constant import describe
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, CONSTANTS, DOWN, POSITION, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, CONSTANT, DOWN, POSITION, FloatArray
 from radar_sense.words import decibels, describe_poses
 
 #: A smaller number of a summary is rounding, and stands as 0.
@@ -52,7 +52,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
         )
     above = "the ellipsoid" if scenario.origin is not None else "the origin"
     lines.append(f"height {_span(height)} m above {above}, bank {_span(bank)} deg")
-    states = scenario.radar.reshape(-1, len(RADAR))
+    states = scenario.radar_states
     names = scenario.model.names or ("radar",)
     for name, radar, state in zip(names, scenario.model.radars, states, strict=True):
         distance = slant_range(scenario.aircraft, state)
@@ -72,7 +72,7 @@ def overview(scenario: Scenario) -> tuple[str, ...]:
 
 def _constants(scenario: Scenario) -> list[str]:
     """Return the number of poses, and the radar constants with their distributions."""
-    names, constants = scenario.model.names, scenario.radar[CONSTANTS]
+    names, constants = scenario.model.names, scenario.radar_states[:, CONSTANT]
     poses = f"{len(scenario.aircraft)} poses"
     if names:
         lines = [f"{poses}, {len(names)} radar{'s' if len(names) > 1 else ''}"]
@@ -83,7 +83,8 @@ def _constants(scenario: Scenario) -> list[str]:
     else:
         lines = [f"{poses}, c_r = {constants[0]:g} J m^2/K"]
     prefixes = [f"{name}, " for name in names] if len(names) > 1 else [""]
-    for level, tolerances in scenario.tolerances.items():
+    for level in scenario.levels:
+        tolerances = [radar.levels[level].tolerances for radar in scenario.radars]
         lines += [
             f"{prefix}{level}: {describe(constant, parts)}"
             for prefix, constant, parts in zip(prefixes, constants, tolerances, strict=True)

@@ -64,7 +64,7 @@ STATISTICS = {"mean": slice(0, 1), "std": slice(1, 2), "quantile": slice(2, 4)}
 
 def draw(sampler: Sampler, kind: str, seed: int, runs: int) -> FloatArray:
     """Draw P_D (runs, n)."""
-    source = SAMPLERS[kind](seed, min(runs, BLOCK), len(sampler.aircraft), sampler.radar_normals)
+    source = SAMPLERS[kind](seed, min(runs, BLOCK), sampler.poses, sampler.radar_normals)
     blocks = range(math.ceil(runs / source.runs))
     return np.concatenate([draw_block(sampler, source, block, runs)[0] for block in blocks])
 
@@ -126,7 +126,7 @@ def measure(
     """
     poses = np.unique(np.linspace(0, len(scenario.aircraft) - 1, POSES).round().astype(int))
     subset = scenario.at_poses(poses)
-    sampler = Sampler.of(subset)
+    sampler = Sampler(subset.states())
     sizes = [n for i in reversed(range(SIZES)) if (n := runs >> i) >= 2]
     generator = random_stream(scenario.seed, Stream.REPETITIONS)
     seeds = generator.integers(2**63, size=REFERENCES + repetitions)

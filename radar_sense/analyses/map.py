@@ -48,7 +48,7 @@ from radar_sense.propagation import (
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario
-from radar_sense.states import ATTITUDE, DOWN, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, DOWN, FloatArray
 from radar_sense.words import warning
 
 if TYPE_CHECKING:
@@ -253,22 +253,22 @@ def _warnings(
     if beyond:
         text = f"the {method} bound exceeds 1 in {beyond:,} of {shown.size:,} cells"
         lines.append(warning("band-outside", text))
-    rcs = scenario.model.rcs
-    if isinstance(rcs, TableRCS) and rcs.elevation is not None:
-        outside = 0
-        for block in blocks_of(cells):
-            aircraft = states_in(cells, block, pose, scenario.origin)
-            uncovered = [
-                rcs.uncovered(body_vector(aircraft, radar))
-                for radar in scenario.radar.reshape(-1, len(RADAR))
-            ]
-            outside += int(np.count_nonzero(np.any(uncovered, axis=0)))
-        if outside:
-            text = (
-                f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "
-                "elevations of the RCS table; there the outermost values of the table are used"
-            )
-            lines.append(warning("table-exceeded", text))
+    tables = [
+        (model.rcs, state)
+        for model, state in zip(scenario.model.models, scenario.radar_states, strict=True)
+        if isinstance(model.rcs, TableRCS) and model.rcs.elevation is not None
+    ]
+    outside = 0
+    for block in blocks_of(cells) if tables else ():
+        aircraft = states_in(cells, block, pose, scenario.origin)
+        uncovered = [table.uncovered(body_vector(aircraft, radar)) for table, radar in tables]
+        outside += int(np.count_nonzero(np.any(uncovered, axis=0)))
+    if outside:
+        text = (
+            f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "
+            "elevations of the RCS table; there the outermost values of the table are used"
+        )
+        lines.append(warning("table-exceeded", text))
     return tuple(lines)
 
 
@@ -352,7 +352,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
                 ms=plotting.points(4.0),
                 label=name,
             )
-    radars = scenario.radar.reshape(-1, len(RADAR)) / 1e3
+    radars = scenario.radar_states / 1e3
     axes.plot(
         radars[:, 1],
         radars[:, 0],

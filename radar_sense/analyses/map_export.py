@@ -16,7 +16,7 @@ from radar_sense.coverage.grid import places_at, pose_in_cells
 from radar_sense.errors import InputError
 from radar_sense.limits import DEG
 from radar_sense.model import geodesy
-from radar_sense.states import POSITION, RADAR, FloatArray
+from radar_sense.states import POSITION, FloatArray
 
 if TYPE_CHECKING:
     from radar_sense.command import Result
@@ -72,7 +72,7 @@ def _contours(result: Result, origin: tuple[float, float, float]) -> Iterator[Fe
 
 def _radars(result: Result, origin: tuple[float, float, float]) -> Iterator[Feature]:
     scenario = result.scenario
-    position = scenario.radar.reshape(-1, len(RADAR))[:, POSITION]
+    position = scenario.radar_states[:, POSITION]
     positions = _positions(geodesy.geodetic_from_ned(position, origin))
     for name, place in zip(scenario.model.names or ["radar"], positions, strict=True):
         yield _feature("radar", name, ("Point", place), "#000000", {})

@@ -22,7 +22,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import Limit
 from radar_sense.model.detectors import PULSES, Detector, Marcum, North, PulseDetector, required_snr
 from radar_sense.model.geometry import slant_range
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.radar import Radar
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario import Scenario
@@ -185,7 +185,8 @@ def _add_margin(result: Result, snr_db: FloatArray, needed_db: float) -> list[Fl
     scenario = result.scenario
     (radar,) = scenario.model.radars
     model = dataclasses.replace(radar.model, detector=Margin(needed_db))
-    free = dataclasses.replace(scenario, model=NetworkModel((Radar(model),)))
+    radars = (dataclasses.replace(radar.without_limits(), model=model),)
+    free = dataclasses.replace(scenario, radars=radars)
     method = "probit" if scenario.method == "linear" else scenario.method
     moments = propagate_scenario(free, method=method)
     off = unreliable_in_scenario(free, moments, method=method)
@@ -217,31 +218,33 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     parts = {} if sheet is None else sheet.terms()
     parts[rest] = 10.0 * math.log10(constant) - sum(parts.values())
     parts["boltzmann"] = -10.0 * math.log10(Boltzmann)
-    std = {t.name: abs(t.slope) / NEPERS for t in scenario.tolerances_at_level[0]}
+    std = {t.name: abs(t.slope) / NEPERS for t in scenario.tolerances[0]}
     if not std:
-        std[rest] = math.sqrt(scenario.cov_shared[CONSTANT, CONSTANT]) / (constant * NEPERS)
+        std[rest] = math.sqrt(scenario.cov_radar[CONSTANT, CONSTANT]) / (constant * NEPERS)
     ones = np.ones(len(scenario.aircraft))
     terms = {name: (value * ones, std.get(name, 0.0) * ones) for name, value in parts.items()}
 
+    states = scenario.states()
     _, *partials = dataclasses.replace(radar.model, detector=Margin()).linearize_probit(
-        scenario.aircraft, scenario.shared
+        states.aircraft, states.radar
     )
-    snr_db = words.decibels(radar.model.snr(scenario.aircraft, scenario.shared))
-    states = dict(zip(("aircraft", "radar"), partials, strict=True))
-    covariances = dict(zip(states, scenario.states().covariances, strict=True))
+    snr_db = words.decibels(radar.model.snr(states.aircraft, states.radar))
+    by_owner = dict(zip(("aircraft", "radar"), partials, strict=True))
+    covariances = dict(zip(by_owner, states.covariances, strict=True))
     variances = dict.fromkeys((*TERMS.values(), "radar_constant"), 0.0 * ones)
-    for source, (state, components) in sources_of(scenario).items():
-        own = np.zeros_like(states[state])
-        own[:, components] = states[state][:, components]
-        name = TERMS.get(source, source)
-        variances[name] = variances[name] + variance_along(own, covariances[state])
+    for name, source in sources_of(scenario).items():
+        partials_of, own = by_owner[source.owner], list(source.components)
+        chosen = np.zeros_like(partials_of)
+        chosen[:, own] = partials_of[:, own]
+        term = TERMS.get(name, name)
+        variances[term] = variances[term] + variance_along(chosen, covariances[source.owner])
     distance = slant_range(scenario.aircraft, scenario.radar)
     values = {"range": -40.0 * np.log10(distance)}
     if radar.model.attenuation:
         values["attenuation"] = -2.0 * radar.model.attenuation * distance
     values["aircraft_rcs"] = snr_db - sum(parts.values()) - sum(values.values())
     terms |= {name: (value, SPAN * np.sqrt(variances[name])) for name, value in values.items()}
-    total = sum(variance_along(by, covariances[state]) for state, by in states.items())
+    total = sum(variance_along(by, covariances[owner]) for owner, by in by_owner.items())
     return terms | {"snr": (snr_db, SPAN * np.sqrt(total))}
 
 

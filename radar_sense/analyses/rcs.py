@@ -13,7 +13,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
-from radar_sense.states import RADAR, FloatArray
+from radar_sense.states import FloatArray
 from radar_sense.words import decibels, table_warnings
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def aspects(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
 
 def _lines_of_sight(scenario: Scenario) -> FloatArray:
     """Return the vectors (mn, 3) from the aircraft to m radars in the body frame, at n poses."""
-    radars = scenario.radar.reshape(-1, len(RADAR))
+    radars = scenario.radar_states
     return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
@@ -55,7 +55,7 @@ def rcs(scenario: Scenario) -> Result:
 
     A scenario can use the written table, as `rcs: {model: table, file: ...}`.
     """
-    result, model = Result(scenario), scenario.model.rcs
+    result, model = Result(scenario), scenario.radars[0].model.rcs
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)
     # Straight above and below, a table needs one value for all azimuths.

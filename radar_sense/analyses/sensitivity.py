@@ -30,7 +30,7 @@ def sensitivity(scenario: Scenario) -> Result:
     """3 sigma of P_D for every level of radar uncertainty."""
     method = scenario.method
     axis, result = scenario.axis, Result(scenario, method)
-    at_level = {level: scenario.with_analysis(level=level) for level in scenario.cov_radar}
+    at_level = {level: scenario.with_analysis(level=level) for level in scenario.levels}
     moments = {level: propagate_scenario(s, method=method) for level, s in at_level.items()}
 
     words.add_axis(result.table, axis)

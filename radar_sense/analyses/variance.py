@@ -131,7 +131,7 @@ def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: st
     nominal = "P_D at the nominal states." if radar_name else words.NOMINAL
     if len(scenario.model.models) == 1:
         snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
-        sigma = scenario.model.rcs.cross_section(body_vector(aircraft, radar))
+        sigma = scenario.radars[0].model.rcs.cross_section(body_vector(aircraft, radar))
         table.add(
             f"range_m{ending}",
             slant_range(aircraft, radar),

@@ -27,7 +27,7 @@ from radar_sense.model.geometry import body_vector
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
-from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, RADAR, YAW, FloatArray
+from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
 
 #: Largest number of cells of a map, which take 100 MB in single precision.
 MAX_CELLS = 25_000_000
@@ -92,7 +92,7 @@ def grid(
         InputError: If the ends are not in order, a number is out of range or there are too many
             cells.
     """
-    radars = scenario.radar.reshape(-1, len(RADAR))[:, :DOWN]
+    radars = scenario.radar_states[:, :DOWN]
     centre = radars.mean(axis=0)
     positions = np.vstack([scenario.aircraft[:, :DOWN], radars])
     reach = 1.2 * max(float(np.max(abs(positions - centre))), 1e3)
@@ -238,8 +238,8 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     Raises:
         InputError: If the lobes are too narrow.
     """
-    rcs = scenario.model.rcs
-    if rcs.isotropic:
+    by_aspect = [m.rcs for m in scenario.model.models if not m.rcs.isotropic]
+    if not by_aspect:
         return 1
     elevations = np.deg2rad(np.arange(-30.0, 31.0, 10.0))[:, np.newaxis]
     states = np.zeros((len(elevations), CIRCLE, len(AIRCRAFT)))
@@ -248,7 +248,8 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     towards = np.concatenate(
         [np.cos(elevations), np.zeros_like(elevations), np.sin(elevations)], axis=-1
     )
-    sigma = rcs.cross_section(body_vector(states, towards[:, np.newaxis]))
+    body = body_vector(states, towards[:, np.newaxis])
+    sigma = np.concatenate([rcs.cross_section(body) for rcs in by_aspect])
 
     def finds_lobes(half_step: int) -> bool:
         neighbours = np.maximum(
@@ -259,7 +260,7 @@ def heading_count(scenario: Scenario, pose: FloatArray) -> int:
     # From short steps to long, because a step over several equal lobes seems to lose nothing.
     half_steps = list(itertools.takewhile(finds_lobes, HALF_STEPS))
     # The sampled circle cannot resolve more lobes than half its points.
-    if not half_steps or getattr(rcs, "lobes", 0) > CIRCLE // 2:
+    if not half_steps or any(getattr(rcs, "lobes", 0) > CIRCLE // 2 for rcs in by_aspect):
         raise InputError("the lobes of the RCS are too narrow for a search over headings")
     return math.ceil(CIRCLE / (2 * half_steps[-1]))
 

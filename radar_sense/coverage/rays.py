@@ -147,8 +147,8 @@ def rays(
         course: Yaw [rad]; the first pose's if None.
     """
     pose = pose_in_cells(scenario, down, course)
-    (radar,) = scenario.model.radars
-    without = dataclasses.replace(scenario, model=NetworkModel((radar.without_limits(),)))
+    (radar,) = scenario.radars
+    without = dataclasses.replace(scenario, radars=(radar.without_limits(),))
     bearing, yaw = angle, np.full(len(angle), pose[YAW])
     if by_aspect:
         first = _bearing(scenario)

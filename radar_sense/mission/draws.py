@@ -14,7 +14,7 @@ from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics
 from radar_sense.progress import report
-from radar_sense.states import AIRCRAFT
+from radar_sense.states import AIRCRAFT, of_each
 from radar_sense.streams import Stream, random_stream
 
 
@@ -47,7 +47,7 @@ def draw_missions(
         workers: Threads to compute with; the result does not depend on their number.
     """
     scenario, times = looks.scenario, len(looks.schedule.time)
-    sampler, runs = Sampler.of(scenario), scenario.runs
+    sampler, runs = Sampler(scenario.states()), scenario.runs
     runs_per_block = max(1, SAMPLES_PER_BLOCK // times)
 
     def draw(block: int) -> tuple[list[Statistics], int]:
@@ -58,7 +58,7 @@ def draw_missions(
         rows = slice(min(runs_per_block, runs - block * runs_per_block))
         radar, negative = sampler.draw_radar(radar_normals[rows])
         poses = looks.process.poses(normals[..., rows])
-        states = sampler.model.split(radar)
+        states = of_each(radar, len(scenario.radars))
         p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
         statistics = []
         for probability in event_probabilities(looks.schedule, p_d, m_of_n):

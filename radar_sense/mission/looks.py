@@ -21,7 +21,7 @@ from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.model.geometry import slant_range
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray, of_each
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class Looks:
         along = axis.time(schedule.time)
         scenario = scenario.along(replace(flight.at(schedule.time), axis=along))
         # The interpolated line may be nearer to a radar than any pose of the path.
-        for radar in scenario.radar.reshape(-1, len(RADAR)):
+        for radar in of_each(scenario.radar, len(scenario.radars)):
             distance = slant_range(scenario.aircraft, radar)
             nearest = int(np.argmin(distance))
             if distance[nearest] < MIN_RANGE:
@@ -126,9 +126,9 @@ class Looks:
         Args:
             radar: The radar, 0 to m − 1.
             poses: Aircraft states (K, paths, 6).
-            states: States of the radar (paths, draws, 4), and its further errors.
+            states: States of the radar (paths, draws, 4) or (paths, draws, 6).
         """
-        (station,) = self.radars[radar].model.radars
+        station = self.scenario.radars[radar]
         # the memory order of the states, component first
         components = np.moveaxis(poses, -1, 0)[:, self.times[radar], :, np.newaxis]
         visible = station.visible(np.moveaxis(components, 0, -1), states)
@@ -142,5 +142,5 @@ class Looks:
     def nominal_p_d(self) -> list[FloatArray]:
         """Return P_D (L, 1) of the looks of each radar (m,) with the nominal states."""
         poses = self.scenario.aircraft[:, np.newaxis]
-        states = self.scenario.model.split(self.scenario.shared)
+        states = of_each(self.scenario.radar, len(self.scenario.radars))
         return [self.p_d(i, poses, s[np.newaxis, np.newaxis]) for i, s in enumerate(states)]

@@ -45,7 +45,7 @@ from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.progress import report
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import AIRCRAFT, FloatArray, of_each
 from radar_sense.streams import Stream, random_stream
 
 #: Share of the widened candidates, of the draws in the tails, and of the combinations with an
@@ -160,12 +160,11 @@ class _Plan:
     def of(cls, looks: Looks, m_of_n: tuple[int, int] | None) -> _Plan:
         """Choose the numbers of draws, and the looks at which P_D of candidates is computed."""
         scenario = looks.scenario
-        covariance = scenario.cov_radar[scenario.level]
-        radars = [slice(i, i + len(RADAR)) for i in range(0, len(covariance), len(RADAR))]
-        independent = np.array_equal(covariance, block_diagonal([covariance[s, s] for s in radars]))
-        # an uncertain RCS is an error of all radars
-        apart = independent and not scenario.rcs_std
-        samplers = [Sampler.of(s) for s in (looks.radars if apart else [scenario])]
+        # an error that radars share, of the RCS or of their type, keeps them together
+        alone = [s.states() for s in looks.radars]
+        (whole,) = scenario.states().cov_radar
+        apart = np.array_equal(whole, block_diagonal([s.cov_radar[0] for s in alone]))
+        samplers = [Sampler(s) for s in (alone if apart else [scenario.states()])]
         screening = []
         for p_d, times in zip(looks.nominal_p_d(), looks.times, strict=True):
             total = np.cumsum(p_d)
@@ -222,11 +221,11 @@ class _Plan:
         """Draw the states of a sampler's radars, the first of which has this number.
 
         Returns:
-            States (draws, 4 to 6) of each radar, and weights (draws,).
+            States (draws, 6) of each radar, and weights (draws,).
         """
         draws = self.paths * self.draws
         normals, weight = widened_normals(generator, CANDIDATES * draws, sampler.radar_normals)
-        by_radar = sampler.model.split(sampler.draw_radar(normals)[0])
+        by_radar = of_each(sampler.draw_radar(normals)[0], len(sampler.model.radars))
         p_d = np.zeros(len(weight))
         for i, states in enumerate(by_radar, start=first):
             aircraft = self.looks.scenario.aircraft[self.screening[i], np.newaxis]

@@ -31,15 +31,15 @@ from radar_sense.states import (
     RCS_ERROR,
     FloatArray,
     check_finite,
+    of_each,
     real_array,
-    sizes_of,
 )
 
 #: Poses per block. Arrays of 128 kB stay in a second-level cache.
 BLOCK = 16_384
 #: R² [m²] at which aircraft and radar coincide. The square of this does not underflow.
 COINCIDE = 1e-100
-#: From S and P_fa to values of a detector, and the slope of the last value by S.
+#: From S and P_fa to a value of a detector, and its slope by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
 _ONE = np.ones(())
 # glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
@@ -91,10 +91,10 @@ class DetectionModel:
     """Probability that a radar detects an aircraft with a single pulse.
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
-    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. With a fifth component, the
-    error ε of the RCS, σ_r is multiplied by 10^(s ε/10); see `rcs`. With a sixth component, the
-    error of ln α, the attenuation α is multiplied by its exponential. The two states broadcast
-    against each other. All results are NaN where aircraft and radar coincide.
+    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. Two errors may follow: ε of the
+    RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), and the error of ln α multiplies the attenuation
+    α by its exponential. The two states broadcast against each other. All results are NaN where
+    aircraft and radar coincide.
 
     Attributes:
         rcs: Radar cross section by aspect.
@@ -117,6 +117,11 @@ class DetectionModel:
         check_rcs(self.rcs)
         if not hasattr(self.detector, "linearize_probit") or isinstance(self.detector, type):
             raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
+
+    @property
+    def has_spread(self) -> bool:
+        """Whether the RCS knows its own uncertainty by aspect, see `model.rcs`."""
+        return getattr(self.rcs, "spread", None) is not None
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the signal-to-noise ratio (...) at each pose, a ratio of powers.
@@ -156,19 +161,6 @@ class DetectionModel:
         _check_states(aircraft, radar)
         return Linearization(*self._partials(partial(linearize, self.detector), aircraft, radar))
 
-    def p_d_and_probit(self, aircraft: ArrayLike, radar: ArrayLike) -> tuple[FloatArray, ...]:
-        """Return P_D (...) and the values of `linearize_probit`, from one computation of S.
-
-        Raises:
-            ValueError: As `linearize_probit`.
-        """
-        _check_states(aircraft, radar)
-
-        def both(snr: FloatArray, p_fa: float) -> tuple[FloatArray, ...]:
-            return self.detector.p_d(snr, p_fa), *self.detector.linearize_probit(snr, p_fa)
-
-        return self._partials(both, aircraft, radar, values=2)
-
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -194,16 +186,16 @@ class DetectionModel:
         return value, by_aircraft, by_radar
 
     def _partials(
-        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike, values: int = 1
+        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike
     ) -> tuple[FloatArray, ...]:
-        """Return the values of a detector, and the partials of the last one by both states."""
-        tails = (*((),) * values, (len(AIRCRAFT),), np.shape(radar)[-1:])
+        """Return the value of a detector, and its partials by both states."""
+        tails = ((), (len(AIRCRAFT),), np.shape(radar)[-1:])
         return _in_blocks(lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK)
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
         body = line if self.rcs.isotropic else Attitude.from_state(aircraft).to_body(line)
-        if radar.shape[-1] > RCS_ERROR:
+        if radar.shape[-1] > len(RADAR):
             sigma = with_error(self.rcs, join(body), radar[..., RCS_ERROR])
         else:
             sigma = self.rcs.cross_section(join(body))
@@ -216,7 +208,7 @@ class DetectionModel:
 
     def _attenuation(self, radar: FloatArray) -> FloatArray:
         """Return the attenuation α (...) [dB/m] with its error."""
-        if radar.shape[-1] <= ATTENUATION_ERROR:
+        if radar.shape[-1] == len(RADAR):
             return np.asarray(self.attenuation)
         growth: FloatArray = np.exp(np.minimum(radar[..., ATTENUATION_ERROR], MOST_NEPERS))
         return self.attenuation * growth
@@ -228,8 +220,8 @@ class DetectionModel:
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
         range_squared = _range_squared(line)
-        by_error: FloatArray | None = None
-        if radar.shape[-1] > RCS_ERROR:
+        with_errors = radar.shape[-1] > len(RADAR)
+        if with_errors:
             sigma, sigma_gradient, by_error = linearize_with_error(
                 self.rcs, join(body), radar[..., RCS_ERROR]
             )
@@ -245,7 +237,7 @@ class DetectionModel:
             path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
             gain = np.exp(-path_loss)
             ratio, ds_dconstant = gain * ratio, gain * ds_dconstant
-        *values, by_snr = detector(ratio, self.p_fa)
+        value, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
         by_range = -4.0 * by_snr * ratio / range_squared
@@ -264,11 +256,10 @@ class DetectionModel:
             )
             by_position = Vector(*(g + p for g, p in zip(by_aspect, by_position, strict=True)))
         of_radar = [*by_position, by_snr * ds_dconstant]
-        if by_error is not None:
-            of_radar.append(by_snr * ratio * by_error)
-        if radar.shape[-1] > ATTENUATION_ERROR:
-            of_radar.append(-by_snr * ratio * path_loss)
-        return *values, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
+        if with_errors:
+            by_log = by_snr * ratio
+            of_radar += [by_log * by_error, -by_log * path_loss]
+        return value, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
 
 
 def _range_squared(line: Vector) -> FloatArray:
@@ -343,13 +334,14 @@ def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArra
 
 def _check_states(aircraft: ArrayLike, radar: ArrayLike) -> None:
     check_finite("aircraft", _states("aircraft", AIRCRAFT, aircraft))
-    check_finite("radar", _states("radar", RADAR, radar), 1)
+    check_finite("radar", _states("radar", RADAR, radar))
 
 
 def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
     states = real_array(f"{whose} states", values)
-    sizes = sizes_of(1) if components is RADAR else (len(components),)
-    if states.ndim == 0 or states.shape[-1] not in sizes:
+    if components is RADAR:
+        (states,) = of_each(states, 1)
+    elif states.ndim == 0 or states.shape[-1] != len(components):
         raise ValueError(
             f"{whose} states must have shape (..., {len(components)}) for "
             f"{', '.join(components)}, got {states.shape}"

@@ -42,6 +42,7 @@ class Tolerance:
             parameter in decibels.
         decibels: Whether the parameter is in decibels.
         rectangular: Whether it is rectangular, with the half width √3 · std.
+        shared: The type of radar whose radars have one error of this parameter; "" for one radar.
     """
 
     key: str
@@ -50,6 +51,7 @@ class Tolerance:
     power: int
     decibels: bool
     rectangular: bool = False
+    shared: str = ""
 
     @property
     def name(self) -> str:
@@ -189,11 +191,6 @@ def factors(tolerances: Sequence[Tolerance], normals: FloatArray) -> FloatArray:
     for i, tolerance in enumerate(tolerances[1:], start=1):
         product = np.minimum(product * tolerance.factor(normals[..., i]), most)
     return product
-
-
-def draw(constants: FloatArray, tolerances: Sequence[Tolerance], normals: FloatArray) -> FloatArray:
-    """Draw radar constants (...) from nominal ones (...) and unit normals (..., tolerances)."""
-    return constants * factors(tolerances, normals)
 
 
 def shape(tolerances: Sequence[Tolerance]) -> Shape:

@@ -101,6 +101,8 @@ def with_error(rcs: RCS, body_vector: FloatArray, error: FloatArray) -> FloatArr
 
     The spread is 1 dB unless the RCS has a `spread`, which is like an RCS with values in dB.
     """
+    if not error.any():
+        return rcs.cross_section(body_vector)
     spread: RCS | None = getattr(rcs, "spread", None)
     decibels = error if spread is None else error * spread.cross_section(body_vector)
     return rcs.cross_section(body_vector) * np.exp(np.minimum(NEPERS * decibels, MOST_NEPERS))

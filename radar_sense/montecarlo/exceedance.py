@@ -7,7 +7,6 @@ same runs, so that P at a pose ≤ P anywhere ≤ the sum over poses.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.covariance import component_first, symmetric_square_root
+from radar_sense.covariance import symmetric_square_root
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.progress import report
@@ -104,15 +103,11 @@ def _shares_of_time(scenario: Scenario) -> FloatArray | None:
 
 def _along_path(path: Scenario, runs: int) -> Iterator[FloatArray]:
     """Yield P_D (runs, n) with aircraft errors that are correlated along the path."""
-    poses = len(path.aircraft)
-    sampler = Sampler.of(path)
-    correlation = None
+    poses, correlation, sqrt_cov = len(path.aircraft), None, None
     if path.correlation_s and path.time_s is not None:
         correlation = successive_correlation(path.time_s, path.correlation_s)
-        sampler = dataclasses.replace(
-            sampler,
-            sqrt_cov_aircraft=component_first(symmetric_square_root(path.cov_aircraft)),
-        )
+        sqrt_cov = symmetric_square_root(path.cov_aircraft)
+    sampler = Sampler(path.states(), sqrt_cov)
     size = max(1, _BLOCK // (poses * len(path.model.radars)))
     for block, start in enumerate(range(0, runs, size)):
         count = min(size, runs - start)

@@ -32,7 +32,8 @@ from radar_sense.montecarlo.statistics import (
 from radar_sense.progress import report
 from radar_sense.propagation import Moments, propagate, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
-from radar_sense.states import RADAR, FloatArray, real_array
+from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import uncertain_states
 
 #: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
@@ -153,7 +154,7 @@ def monte_carlo(
     radars = len(scenario.model.radars)
     _require_possible(len(scenario.aircraft), scenario.runs, sampler, radars, workers, executor)
     return _compare(
-        Sampler.of(scenario),
+        Sampler(scenario.states()),
         propagate_scenario(scenario, method=method),
         runs=scenario.runs,
         seed=scenario.seed,
@@ -196,21 +197,18 @@ def monte_carlo_states(
         ValueError: If a shape does not fit or a number is out of range.
         ComputationError: If memory, threads or workers run out.
     """
-    aircraft = np.atleast_2d(real_array("aircraft states", aircraft))
-    radar = real_array("radar states", radar)
-    cov_aircraft = real_array("aircraft covariance", cov_aircraft)
-    cov_radar = real_array("radar covariance", cov_radar)
     for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
         check_number(name, value, limit)
-    if aircraft.ndim != 2 or radar.ndim != 1 or cov_radar.ndim != 2:
-        raise ValueError(
+    shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
+    if len(shape) > 1 or len(states.radar) > 1 or len(states.cov_radar) > 1:
+        raise InputError(
             "needs aircraft (n, 6), and one radar (4m,) with cov_radar (4m, 4m) for all poses; got "
-            f"shapes {aircraft.shape}, {radar.shape} and {cov_radar.shape}"
+            f"shapes {np.shape(aircraft)}, {np.shape(radar)} and {np.shape(cov_radar)}"
         )
-    radars = radar.size // len(RADAR)
-    _require_possible(len(aircraft), int(runs), sampler, radars, workers, executor)
+    poses, radars = len(states.aircraft), len(states.model.radars)
+    _require_possible(poses, int(runs), sampler, radars, workers, executor)
     return _compare(
-        Sampler.of_states(model, aircraft, radar, cov_aircraft, cov_radar),
+        Sampler(states),
         propagate(model, aircraft, radar, cov_aircraft, cov_radar, method=method),
         runs=int(runs),
         seed=int(seed),
@@ -244,7 +242,7 @@ def _compare(
     executor: Executor | None,
 ) -> MonteCarlo:
     """Draw states and compare P_D with a band."""
-    poses = len(states.aircraft)
+    poses = states.poses
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
     source = SAMPLERS[sampler](seed, runs_per_block, poses, states.radar_normals)

@@ -34,9 +34,10 @@ from radar_sense.states import (
     CONSTANT,
     DOWN,
     POSITION,
-    RADAR,
+    RADAR_AND_ERRORS,
     FloatArray,
-    components_of,
+    component,
+    of_radar,
 )
 from radar_sense.uncertain_states import UncertainStates
 
@@ -186,12 +187,11 @@ def _extreme(
     Each step goes to β times the unit vector of the gradient (R. Rackwitz and B. Fiessler,
     Computers & Structures 9(5), 1978), half of the way after the first step.
     """
-    u = np.zeros((len(states), states.normals))
+    u, which = np.zeros((len(states), states.normals)), component(CONSTANT, len(states.tolerances))
     for step in range(STEPS):
         aircraft, radar = (x[:, 0] for x in states.at_normals(u[..., np.newaxis]))
-        constants = radar[:, CONSTANT : len(RADAR) * len(states.log_constant) : len(RADAR)]
-        least = states.radar[:, CONSTANT : len(RADAR) * len(states.log_constant) : len(RADAR)]
-        np.maximum(constants, LEAST_CONSTANT * least, out=constants)
+        constants, nominal = radar[:, which], states.radar[:, which]
+        np.maximum(constants, LEAST_CONSTANT * nominal, out=constants)
         by_u = states.by_normals(*gradient(states, aircraft, radar), radar)
         length = np.sqrt(np.sum(by_u * by_u, axis=1, keepdims=True))
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -216,7 +216,7 @@ def _of_radar(
     states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient of z of one radar by all states, without its limits."""
-    own = components_of([number], len(states.model.radars), radar.shape[-1])
+    own = of_radar(number)
     _, by_aircraft, of_own = states.model.models[number].unchecked_probit(aircraft, radar[:, own])
     by_radar = np.zeros_like(radar)
     by_radar[:, own] = of_own
@@ -227,7 +227,7 @@ def _of_horizon(
     states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient of √h + √h', of the heights of the aircraft and of a radar."""
-    horizon, start = states.model.radars[number].horizon, len(RADAR) * number
+    horizon, start = states.model.radars[number].horizon, of_radar(number).start
     by_aircraft, by_radar = _zeros(states)
     if horizon is not None:
         for by, at, first in ((by_aircraft, aircraft, 0), (by_radar, radar, start)):
@@ -241,7 +241,7 @@ def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
 
     A negative β brings them apart.
     """
-    position = slice(len(RADAR) * number, len(RADAR) * number + 3)
+    position = of_radar(number, POSITION)
     way = states.radar[:, position] - states.aircraft[:, POSITION]
     distance = np.sqrt(np.sum(way * way, axis=1, keepdims=True))
     by_aircraft, by_radar = _zeros(states)
@@ -259,8 +259,7 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
 
     The directions span the gradients of what the signal depends on.
     """
-    radar, start = states.model.radars[number], len(RADAR) * number
-    position = slice(start, start + 3)
+    radar, position = states.model.radars[number], of_radar(number, POSITION)
     line = radar_from_aircraft(states.aircraft, states.radar[:, position])
     distance = np.sqrt(line.x**2 + line.y**2 + line.z**2)
     gradients = []
@@ -280,7 +279,7 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
             by_aircraft[:, POSITION] = -by_radar[:, position]
             by_aircraft[:, ATTITUDE] = np.stack(by_angles, axis=-1)
             gradients.append((by_aircraft, by_radar))
-    of_gain = components_of([number], len(states.model.radars), states.radar.shape[-1])[3:]
+    of_gain = of_radar(number, slice(CONSTANT, len(RADAR_AND_ERRORS)))
     _, by_all = _of_radar(states, states.aircraft, states.radar, number)
     nothing, by_gain = _zeros(states)
     by_gain[:, of_gain] = np.nan_to_num(by_all[:, of_gain])
@@ -290,7 +289,7 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
         by_aircraft[:, DOWN] = 1.0
         gradients.append((by_aircraft, by_radar))
         by_aircraft, by_radar = _zeros(states)
-        by_radar[:, start + DOWN] = 1.0
+        by_radar[:, position.start + DOWN] = 1.0
         gradients.append((by_aircraft, by_radar))
     by_u = [states.by_normals(*gradient, states.radar) for gradient in gradients]
     columns = np.nan_to_num(np.stack(by_u, axis=-1))
@@ -302,6 +301,6 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
 
 
 def _zeros(states: UncertainStates) -> tuple[FloatArray, FloatArray]:
-    """Return zero gradients by the aircraft (k, 6) and by the radars (k, 4m or more)."""
+    """Return zero gradients by the aircraft (k, 6) and by the radars (k, 6m)."""
     k = len(states)
     return np.zeros((k, len(AIRCRAFT))), np.zeros((k, states.radar.shape[-1]))

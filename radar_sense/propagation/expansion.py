@@ -1,10 +1,9 @@
 """z = Φ⁻¹(P_D) as a function of the errors of the states, and its second-order expansion.
 
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
-through the radars' positions relative to the aircraft. The relative states y are therefore the
-aircraft's attitude (3) and the states of the m radars (4m), with positions relative to the
-aircraft. They have 3 + 4m components instead of 6 + 4m. The radar states may end with the errors of
-further parameters, which are components too.
+through the radars' positions relative to the aircraft. The relative states are therefore the
+aircraft's attitude (3) and the states of the m radars (6m), with positions relative to the
+aircraft. y are those of the relative states that are uncertain.
 
 With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
 determined up to a rotation. The rotation chosen here makes the second derivatives of z by u a
@@ -26,16 +25,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.covariance import square_root
-from radar_sense.model.network import excess_hazard, linearize_fusion
+from radar_sense.model.fusion import excess_hazard, linearize_fusion
 from radar_sense.model.radar_equation import MOST_NEPERS
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
+    CONSTANT,
     POSITION,
-    RADAR,
+    RADAR_AND_ERRORS,
     FloatArray,
-    components_of,
-    constants_of,
+    component,
+    of_radar,
 )
 from radar_sense.uncertain_states import UncertainStates
 
@@ -52,22 +52,32 @@ _RADARS = slice(3, None)
 
 @dataclass(frozen=True, eq=False)
 class SecondOrder:
-    """z of k poses to second order in the relative states y, n components.
+    """z of k poses to second order in y, n components.
 
     Attributes:
+        components: The uncertain relative states (n,), of 3 + 6m.
         value: z at y = 0 (k,).
         gradient: Gradient of z (n, k).
         matrix: Second derivatives of z (n, n, k).
     """
 
+    components: NDArray[np.intp]
     value: FloatArray
     gradient: FloatArray
     matrix: FloatArray
 
+    def of(self, components: NDArray[np.intp]) -> SecondOrder:
+        """Return the expansion in some of the components, the others certain."""
+        if len(components) == len(self.components):
+            return self
+        own = np.searchsorted(self.components, components)
+        matrix = self.matrix[own[:, np.newaxis], own]
+        return SecondOrder(components, self.value, self.gradient[own], matrix)
+
 
 @dataclass(frozen=True, eq=False)
 class RelativeProbit:
-    """z of k poses as a function of the errors of the relative states y, n = 3 + 4m components.
+    """z of k poses as a function of the errors of the n uncertain relative states y.
 
     Components are the first axis of every array, so that each is contiguous.
 
@@ -76,6 +86,12 @@ class RelativeProbit:
     """
 
     states: UncertainStates
+
+    @cached_property
+    def components(self) -> NDArray[np.intp]:
+        """The uncertain relative states (n,), of 3 + 6m."""
+        variances = np.diagonal(self._all_covariance, axis1=1, axis2=2)
+        return np.flatnonzero(variances.any(axis=0))
 
     @cached_property
     def sqrt_cov(self) -> FloatArray:
@@ -87,9 +103,13 @@ class RelativeProbit:
     @cached_property
     def covariance(self) -> FloatArray:
         """Covariance of y (k, n, n), or (1, n, n) where it is the same at all poses."""
+        return self._all_covariance[:, self.components[:, np.newaxis], self.components]
+
+    @cached_property
+    def _all_covariance(self) -> FloatArray:
         states = self.states
         count = max(len(states.cov_aircraft), len(states.cov_radar)) if len(states) else 0
-        to_relative = _to_relative(len(states.log_constant), 3 + states.radar.shape[-1])
+        to_relative = _to_relative(len(states.model.radars))
         covariance = np.empty((count, len(to_relative), len(to_relative)))
         covariance[:] = to_relative @ states.cov_aircraft @ to_relative.T
         covariance[:, _RADARS, _RADARS] += states.cov_radar
@@ -134,9 +154,10 @@ class RelativeProbit:
         value, by_aircraft, by_radar = states.model.extrapolated_probit(
             aircraft, radar, visible.reshape(len(visible), -1).T
         )
-        gradient = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T)).reshape(error.shape)
+        by_all = np.concatenate((by_aircraft.T[ATTITUDE], by_radar.T))
         if growth is not None:
-            gradient[_RADARS][constants_of(len(growth))] *= growth
+            by_all[_RADARS][component(CONSTANT, len(growth))] *= growth.reshape(len(growth), -1)
+        gradient = by_all[self.components].reshape(error.shape)
         uncertain = self.std > 0
         if not uncertain.all():
             gradient = np.where(self._at(uncertain, error, pose), gradient, 0.0)
@@ -145,26 +166,26 @@ class RelativeProbit:
     def _shifted(
         self, error: FloatArray, pose: NDArray[np.intp] | None
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Return states (j, 6) and (j, 4m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
+        """Return states (j, 6) and (j, 6m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
 
         Without poses, errors are (n, s, k), j counts all of them, and ∂c_r/∂Δ is (m, s, k). The
         position of the aircraft stays nominal, and the radars have all errors of position.
         """
         states = self.states
         nominal = [self._at(a.T, error, pose) for a in (states.aircraft, states.radar)]
-        aircraft, radar = (np.empty((len(a), *error.shape[1:])) for a in nominal)
-        aircraft[POSITION] = nominal[0][POSITION]
-        np.add(nominal[0][ATTITUDE], error[_ATTITUDE], out=aircraft[ATTITUDE])
-        np.add(nominal[1], error[_RADARS], out=radar)
+        shifted = np.empty((len(AIRCRAFT) + len(nominal[1]), *error.shape[1:]))
+        aircraft, radar = np.split(shifted, [len(AIRCRAFT)])
+        aircraft[:], radar[:] = nominal
+        shifted[len(AIRCRAFT) - 3 + self.components] += error
         growth = None
         if states.log_constant.any():
-            constants = constants_of(len(states.log_constant))
-            which = np.arange(len(radar))[constants][states.log_constant]
-            constant = nominal[1][which]
-            growth = np.ones((len(states.log_constant), *error.shape[1:]))
-            relative = error[_RADARS][which] / constant
+            m = len(states.log_constant)
+            constants = radar[component(CONSTANT, m)]  # a view
+            of_nominal = nominal[1][component(CONSTANT, m)]
+            growth = np.ones((m, *error.shape[1:]))
+            relative = (constants / of_nominal - 1.0)[states.log_constant]
             growth[states.log_constant] = np.exp(np.minimum(relative, MOST_NEPERS))
-            radar[which] = constant * growth[states.log_constant]
+            constants[states.log_constant] = (of_nominal * growth)[states.log_constant]
         return aircraft.reshape(len(aircraft), -1).T, radar.reshape(len(radar), -1).T, growth
 
     @staticmethod
@@ -175,37 +196,41 @@ class RelativeProbit:
         return values.reshape(len(values), *(1,) * (error.ndim - 2), -1)
 
     def derivatives(self) -> SecondOrder:
-        """Return the expansion of z about y = 0."""
-        if len(self.states.log_constant) > 1:
-            return self._fused_derivatives()
-        k, n = len(self.states), len(self.std)
-        along = np.flatnonzero(np.any(self.std > 0, axis=1))
-        step = np.broadcast_to(self.std, (n, k))[along] * STEP
-        points = np.arange(1, 2 * len(along) + 1, 2)
-        error = np.zeros((n, 2 * len(along) + 1, k))
-        error[along, points] = step
-        error[along, points + 1] = -step
-        value, gradient = self(error)
-        second = np.zeros((n, n, k))
-        change = gradient[:, 1::2] - gradient[:, 2::2]
-        second[:, along] = 0.25 * change / np.where(step != 0, step, np.inf)  # half of each
-        return SecondOrder(value[0], gradient[:, 0], second + second.swapaxes(0, 1))
+        """Return the expansion of z about y = 0.
 
-    def _fused_derivatives(self) -> SecondOrder:
-        """Return `derivatives` of a network, from the derivatives of each radar's own z."""
-        states = self.states
-        m, size = len(states.log_constant), states.radar.shape[-1]
-        each = [RelativeProbit(states.of_radar(i)).derivatives() for i in range(m)]
+        Second derivatives of a network follow from those of each radar's own z.
+        """
+        m = len(self.states.model.radars)
+        if m == 1:  # what the loop below would do to one radar is to copy it
+            return self._differences()
+        each = [RelativeProbit(self.states.of_radar(i))._differences() for i in range(m)]
         value, weight = linearize_fusion(np.stack([z.value for z in each]))
-        gradient = np.zeros((3 + size, len(states)))
-        second = np.zeros((3 + size, *gradient.shape))
+        n = len(self.components)
+        gradient, second = np.zeros((n, len(value))), np.zeros((n, n, len(value)))
         for i, z in enumerate(each):
-            places = np.array([0, 1, 2, *(3 + np.array(components_of([i], m, size)))])
+            # the relative states of one radar are the attitude and its own
+            moved = np.where(z.components < 3, 0, of_radar(i).start)
+            places = np.searchsorted(self.components, z.components + moved)
             gradient[places] += weight[i] * z.gradient
             bend = (excess_hazard(z.value) * z.gradient)[:, np.newaxis] * z.gradient
             second[np.ix_(places, places)] += weight[i] * (z.matrix + bend)
         second -= (excess_hazard(value) * gradient)[:, np.newaxis] * gradient
-        return SecondOrder(value, gradient, second)
+        return SecondOrder(self.components, value, gradient, second)
+
+    def _differences(self) -> SecondOrder:
+        """Return the expansion of z by differences of its gradient."""
+        k, n = len(self.states), len(self.std)
+        step = np.broadcast_to(self.std, (n, k)) * STEP
+        own, points = np.arange(n), np.arange(1, 2 * n + 1, 2)
+        error = np.zeros((n, 2 * n + 1, k))
+        error[own, points] = step
+        error[own, points + 1] = -step
+        value, gradient = self(error)
+        change = gradient[:, 1::2] - gradient[:, 2::2]
+        second = 0.25 * change / np.where(step != 0, step, np.inf)  # half of each
+        return SecondOrder(
+            self.components, value[0], gradient[:, 0], second + second.swapaxes(0, 1)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,7 +254,7 @@ class StandardNormalSpace:
     @classmethod
     def expanded(cls, probit: RelativeProbit, z: SecondOrder) -> StandardNormalSpace:
         """Return the space for a given expansion of z in the relative states."""
-        sqrt_cov = probit.sqrt_cov
+        sqrt_cov, z = probit.sqrt_cov, z.of(probit.components)
         second = sqrt_cov.swapaxes(1, 2) @ np.moveaxis(z.matrix, 2, 0) @ sqrt_cov
         known = np.all(np.isfinite(second), axis=(1, 2))
         second[~known] = 0.0
@@ -254,11 +279,10 @@ class StandardNormalSpace:
 
 
 @cache
-def _to_relative(radars: int, n: int) -> FloatArray:
-    """Return the matrix (n, 6) from errors of the aircraft to errors of y for m radars."""
-    matrix = np.zeros((n, len(AIRCRAFT)))
+def _to_relative(radars: int) -> FloatArray:
+    """Return the matrix (3 + 6m, 6) from errors of the aircraft to errors of relative states."""
+    matrix = np.zeros((3 + len(RADAR_AND_ERRORS) * radars, len(AIRCRAFT)))
     matrix[_ATTITUDE, ATTITUDE] = np.eye(3)
     for i in range(radars):
-        first = 3 + len(RADAR) * i
-        matrix[first : first + 3, POSITION] = -np.eye(3)
+        matrix[_RADARS][of_radar(i, POSITION), POSITION] = -np.eye(3)
     return matrix

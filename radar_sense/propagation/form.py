@@ -107,7 +107,7 @@ class Form:
 
     @property
     def _blocks(self) -> Iterator[UncertainStates]:
-        n = 3 + int(self.states.radar.shape[-1])
+        n = 3 + self.states.radar.shape[-1]
         return self.states.blocks(n * max(n, len(NODES)))
 
     def _spaces(self) -> Iterator[StandardNormalSpace]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from radar_sense.progress import report
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.states import ATTITUDE, POSITION, RADAR, FloatArray
+from radar_sense.states import ATTITUDE, POSITION, FloatArray, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
 #: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
@@ -75,7 +75,7 @@ def lobed(states: UncertainStates) -> NDArray[np.bool_]:
     result = np.zeros(len(states), dtype=bool)
     attitude = _largest_variance(states.cov_aircraft, ATTITUDE)
     for i, radar in enumerate(states.model.radars):
-        position = slice(len(RADAR) * i, len(RADAR) * i + 3)
+        position = of_radar(i, POSITION)
         line = states.aircraft[:, POSITION] - states.radar[:, position]
         across = _largest_variance(states.cov_aircraft, POSITION)
         across = across + _largest_variance(states.cov_radar, position)

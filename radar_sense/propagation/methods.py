@@ -110,7 +110,6 @@ def propagate(
     *,
     method: str = AUTOMATIC,
     beta: float = 3.0,
-    log_constant: ArrayLike = False,
 ) -> Moments:
     """Return mean, standard deviation and bounds of P_D by a method named in `METHODS`.
 
@@ -126,17 +125,13 @@ def propagate(
             against each other.
         method: Name of the method.
         beta: β > 0; the bounds are at Φ(−β) and Φ(β).
-        log_constant: Whether ln c_r is Gaussian rather than c_r, of all radars or of each (m,). σ
-            of ln c_r is the relative deviation in C_rr. To first order both choices agree.
 
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
     """
     check_method(method)
     beta = check_number("beta", beta, POSITIVE)
-    shape, states = uncertain_states(
-        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
-    )
+    shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
     moments = _moments(states, method, beta)
     return Moments(*(getattr(moments, f.name).reshape(shape)[()] for f in fields(Moments)))
 
@@ -150,7 +145,6 @@ def unreliable(
     *,
     method: str = AUTOMATIC,
     beta: float = 3.0,
-    log_constant: ArrayLike = False,
 ) -> NDArray[np.bool_]:
     """Return where (...) draws say that mean, σ or a bound of a method is off, or not precise.
 
@@ -159,9 +153,7 @@ def unreliable(
     """
     check_method(method)
     beta = check_number("beta", beta, POSITIVE)
-    shape, states = uncertain_states(
-        model, aircraft, radar, cov_aircraft, cov_radar, log_constant=log_constant
-    )
+    shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
     moments = _moments(states, method, beta)
     result: NDArray[np.bool_] = _unreliable(states, moments, method, beta).reshape(shape)[()]
     return result

@@ -23,13 +23,14 @@ class Probit:
     def __init__(
         self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
     ) -> None:
-        self._gradient = gradient or states.model.p_d_and_probit(states.aircraft, states.radar)
-        p_d, z, by_aircraft, by_radar = self._gradient
+        self._gradient = gradient or states.model.linearize_probit(states.aircraft, states.radar)
+        z, by_aircraft, by_radar = self._gradient
         cov_aircraft, cov_radar = states.covariances
         self._s = np.sqrt(
             variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
         )
-        self._m, self.p_d = (np.broadcast_to(x, self._s.shape) for x in (z, p_d))
+        self._m = np.broadcast_to(z, self._s.shape)
+        self.p_d = np.asarray(ndtr(self._m))
 
     @property
     def mean(self) -> FloatArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -14,14 +13,14 @@ from scipy.constants import speed_of_light
 
 from radar_sense import axis, covariance
 from radar_sense.errors import InputError, did_you_mean
-from radar_sense.flight import Geometry, Orbit, Path, Radial
+from radar_sense.flight import CERTAIN, Geometry, Orbit, Path, Radial
 from radar_sense.limits import DEG, LARGEST, MIN_RANGE, NOT_NEGATIVE, SMALLEST
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.network import NetworkModel, Radar, name_problem
+from radar_sense.model.radar import Level, Radar
 from radar_sense.model.radar_constant import (
     MAX_DIVISOR_STD,
     DataSheet,
@@ -42,6 +41,7 @@ from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.rcs_file import read_rcs_table
 from radar_sense.scenario_file.route_file import read_route
 from radar_sense.scenario_file.text_file import DigestError, FileError, recorded
+from radar_sense.source_names import name_problem
 from radar_sense.states import POSITION, FloatArray
 
 _KM, _PER_KM = 1e3, 1e-3
@@ -50,30 +50,6 @@ _OF_ROUTE = (
     *("max_gap_s", "altitude_above", "geoid_height_m", "down_km", "altitude_m"),
     *("speed_m_s", "icao24", "sha256"),
 )
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """The uncertainty of a radar at one level.
-
-    Attributes:
-        covariance: C_rr (4, 4).
-        tolerances: Tolerances of c_r; () for a Gaussian c_r.
-        attenuation: Standard deviation of the attenuation [dB/m].
-    """
-
-    covariance: FloatArray
-    tolerances: tuple[Tolerance, ...]
-    attenuation: float
-
-
-@dataclass(frozen=True, eq=False)
-class BuiltRadar:
-    """A radar with its state (4,) and its levels of uncertainty by name."""
-
-    radar: Radar
-    state: FloatArray
-    levels: Mapping[str, Level]
 
 
 def build(
@@ -95,9 +71,7 @@ def build(
     for radar in radars:
         _refuse_collision(place["geometry"], geometry, radar)
         _refuse_uncovered(place["geometry"], rcs, geometry, radar)
-    cov_aircraft = _cov_aircraft(file.uncertainty, place["uncertainty"], geometry)
-    if cov_aircraft.ndim == 3:
-        geometry = dataclasses.replace(geometry, covariance=cov_aircraft)
+    geometry = _with_covariance(file.uncertainty, place["uncertainty"], geometry)
     levels, level = radars[0].levels, file.analysis.level
     if level not in levels:
         raise place["analysis"]["level"].error(
@@ -105,34 +79,14 @@ def build(
         )
     scenario = Scenario(
         name=file.name,
-        model=NetworkModel(tuple(radar.radar for radar in radars)),
-        axis=geometry.axis,
-        aircraft=geometry.aircraft,
-        radar=np.concatenate([radar.state for radar in radars]),
-        cov_aircraft=cov_aircraft,
-        cov_radar={
-            name: covariance.block_diagonal([radar.levels[name].covariance for radar in radars])
-            for name in levels
-        },
+        radars=tuple(radars),
+        geometry=geometry,
         level=level,
         runs=file.analysis.runs,
         seed=file.analysis.seed,
         method=file.analysis.method,
-        tolerances={
-            name: tuple(radar.levels[name].tolerances for radar in radars)
-            for name in levels
-            if any(radar.levels[name].tolerances for radar in radars)
-        },
-        time_s=geometry.time_s if isinstance(geometry, Path) else None,
         rcs_db=_rcs_db(file.uncertainty.aircraft, place["uncertainty"]["aircraft"], rcs),
-        attenuation_std={
-            name: tuple(radar.levels[name].attenuation for radar in radars)
-            for name in levels
-            if any(radar.levels[name].attenuation for radar in radars)
-        },
         correlation_s=float(file.uncertainty.aircraft_correlation_s),
-        origin=_origin(geometry),
-        geometry=geometry,
     )
     aircraft = dataclasses.replace(file.aircraft, rcs=rcs_section)
     file = dataclasses.replace(file, aircraft=aircraft, geometry=flight_section)
@@ -227,7 +181,7 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
     flight = Path(
         along,
         route.aircraft,
-        route.covariance,
+        CERTAIN if route.covariance is None else route.covariance,
         time_s=route.time_s,
         origin=route.origin,
         step_s=step_s,
@@ -235,26 +189,28 @@ def _path(stated: sections.Path, place: Place) -> tuple[Path, sections.Path]:
     return flight, dataclasses.replace(stated, file=recorded(path), sha256=sha256)
 
 
-def _cov_aircraft(stated: sections.Uncertainty, place: Place, geometry: Geometry) -> FloatArray:
-    """Return C_aa (6, 6), or C_aa of each pose (n, 6, 6)."""
+def _with_covariance(stated: sections.Uncertainty, place: Place, geometry: Geometry) -> Geometry:
+    """Return the poses with C_aa (6, 6), or with C_aa of each pose (n, 6, 6)."""
     own = stated.aircraft
-    if geometry.covariance is not None:
+    if geometry.covariance.ndim == 3:
         if own is not None and {*place["aircraft"].items()} != {"rcs_db"}:
             raise place["aircraft"].error(
                 "must be left out here, or the columns std_... and cov_... in the route file: "
                 "both state the uncertainty of the aircraft"
             )
-        return geometry.covariance
+        return geometry
     if own is None:
         raise place.error("missing key 'aircraft', required unless the route file has std_...")
     place = place["aircraft"]
     matrix = _covariance(own, place, {"position_m": (3, 1.0), "attitude_deg": (3, DEG)})
-    if not isinstance(geometry, Path) or geometry.origin is None:
-        return matrix
-    try:
-        return covariance_in_frame(matrix, geometry.time_s, geometry.aircraft, geometry.origin)
-    except InputError as error:
-        raise place.error(f"{error}") from error
+    if isinstance(geometry, Path) and geometry.origin is not None:
+        try:
+            matrix = covariance_in_frame(
+                matrix, geometry.time_s, geometry.aircraft, geometry.origin
+            )
+        except InputError as error:
+            raise place.error(f"{error}") from error
+    return dataclasses.replace(geometry, covariance=matrix)
 
 
 def _rcs_db(stated: sections.PoseUncertainty | None, place: Place, rcs: RCS) -> float:
@@ -311,7 +267,7 @@ def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
 # The radars.
 
 
-def _radars(file: sections.File, place: Place, rcs: RCS, geometry: Geometry) -> list[BuiltRadar]:
+def _radars(file: sections.File, place: Place, rcs: RCS, geometry: Geometry) -> list[Radar]:
     uncertainty = place["uncertainty"]
     if file.radar is not None:
         if file.uncertainty.radar is None:
@@ -367,7 +323,7 @@ def _radar(
     at_levels: Place,
     rcs: RCS,
     geometry: Geometry,
-) -> BuiltRadar:
+) -> Radar:
     """Return a radar.
 
     Args:
@@ -385,21 +341,19 @@ def _radar(
     position, turn = _position(stated, place, geometry)
     constant = stated.constant if sheet is None else sheet.constant
     period = stated.scan_period_s
-    return BuiltRadar(
-        Radar(
-            model,
-            name=getattr(stated, "name", ""),
-            max_range=math.inf if stated.max_range_km is None else stated.max_range_km * _KM,
-            min_range=_min_range(stated, sheet, place),
-            horizon=Horizon(_origin(geometry)) if stated.horizon else None,
-            scan_period=None if period is None else float(period),
-            sheet=sheet,
-        ),
-        np.array([*position, constant], dtype=float),
-        {
+    return Radar(
+        model,
+        name=getattr(stated, "name", ""),
+        state=np.array([*position, constant], dtype=float),
+        levels={
             name: _level(level, at_levels[name], sheet, attenuation, turn)
             for name, level in levels.items()
         },
+        max_range=math.inf if stated.max_range_km is None else stated.max_range_km * _KM,
+        min_range=_min_range(stated, sheet, place),
+        horizon=Horizon(_origin(geometry)) if stated.horizon else None,
+        scan_period=None if period is None else float(period),
+        sheet=sheet,
     )
 
 
@@ -563,8 +517,8 @@ def _tolerances(stated: Any, place: Place, sheet: DataSheet | None) -> tuple[Tol
 # Checks of the radars against the poses.
 
 
-def _refuse_collision(place: Place, geometry: Geometry, radar: BuiltRadar) -> None:
-    distance = slant_range(geometry.aircraft, radar.state)
+def _refuse_collision(place: Place, geometry: Geometry, radar: Radar) -> None:
+    distance = slant_range(geometry.aircraft, np.asarray(radar.state))
     nearest = int(np.argmin(distance))
     if distance[nearest] < MIN_RANGE:
         raise place.error(
@@ -574,10 +528,10 @@ def _refuse_collision(place: Place, geometry: Geometry, radar: BuiltRadar) -> No
         )
 
 
-def _refuse_uncovered(place: Place, rcs: RCS, geometry: Geometry, radar: BuiltRadar) -> None:
+def _refuse_uncovered(place: Place, rcs: RCS, geometry: Geometry, radar: Radar) -> None:
     if not isinstance(rcs, TableRCS) or rcs.elevation is None:
         return
-    body = body_vector(geometry.aircraft, radar.state)
+    body = body_vector(geometry.aircraft, np.asarray(radar.state))
     outside = np.flatnonzero(rcs.uncovered(body))
     if len(outside):
         x, y, z = body[outside[0]]
@@ -588,5 +542,5 @@ def _refuse_uncovered(place: Place, rcs: RCS, geometry: Geometry, radar: BuiltRa
         )
 
 
-def _called(radar: BuiltRadar) -> str:
-    return f"radar {radar.radar.name!r}" if radar.radar.name else "the radar"
+def _called(radar: Radar) -> str:
+    return f"radar {radar.name!r}" if radar.name else "the radar"

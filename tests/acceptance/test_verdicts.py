@@ -6,7 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import scenario, sheet_scenario, write_path
+from helpers import (
+    cov_by_level,
+    scenario,
+    sheet_scenario,
+    write_path,
+)
 from reference import reading
 
 import radar_sense as rs
@@ -38,7 +43,7 @@ def drawn_p_d(s, runs, seed=5):
     """P_D (runs, n) of Gaussian states with independent errors, one radar a run."""
     rng = np.random.default_rng(seed)
     pose = np.sqrt(np.diag(s.cov_aircraft))
-    radar = s.radar + np.sqrt(np.diag(s.cov_radar[s.level])) * rng.standard_normal((runs, 4))
+    radar = s.radar + np.sqrt(np.diag(s.cov_radar)) * rng.standard_normal((runs, 4))
     radar[:, 3] = np.maximum(radar[:, 3], 0.0)
     errors = pose * rng.standard_normal((runs, len(s.aircraft), 6))
     return s.model.p_d(s.aircraft + errors, radar[:, np.newaxis])
@@ -160,7 +165,7 @@ def test_the_probability_anywhere(tmp_path, tau):
     std = np.sqrt(np.diag(s.cov_aircraft))
     rho = math.exp(-250 / tau) if tau else 0.0
     runs = 20_000
-    radar = s.radar + np.sqrt(np.diag(s.cov_radar["medium"])) * rng.standard_normal((runs, 4))
+    radar = s.radar + np.sqrt(np.diag(cov_by_level(s)["medium"])) * rng.standard_normal((runs, 4))
     normals = rng.standard_normal((5, runs, 6))
     for i in range(1, 5):
         normals[i] = rho * normals[i - 1] + math.sqrt(1 - rho**2) * normals[i]
@@ -431,7 +436,7 @@ def test_how_small_a_source_must_be_for_the_bound(threshold):
             assert source != "all"
         elif math.isfinite(accuracy.factor):
             assert accuracy.residual == pytest.approx(threshold, abs=1e-6)
-    radar = s.cov_radar["medium"] * found["all"].factor ** 2
+    radar = cov_by_level(s)["medium"] * found["all"].factor ** 2
     scaled = rs.propagate(
         s.model,
         s.aircraft,

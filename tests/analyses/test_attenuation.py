@@ -7,7 +7,16 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import document, place, refusal, scenario, target_in_the_north, yaml_text
+from helpers import (
+    cov_by_level,
+    document,
+    place,
+    refusal,
+    scenario,
+    target_in_the_north,
+    with_arrays,
+    yaml_text,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import norm
 
@@ -15,7 +24,8 @@ import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.sources import error_budget
@@ -144,7 +154,7 @@ def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
     parts = [found.table[name] for name in (*fixed[:4], fixed[5])]
     assert_allclose(np.sqrt(np.sum(np.square(parts), axis=0)), found.table[fixed[4]], rtol=1e-12)
     # 0.001 dB/km on 500 km is 1 dB there and back, as one of the RCS
-    plain = dataclasses.replace(one, attenuation_std={}, rcs_db=1.0)
+    plain = with_arrays(one, attenuation_std={}, rcs_db=1.0)
     alone = error_budget(plain).alone["aircraft_rcs"]
     assert_allclose(error_budget(one).alone["radar_attenuation"], alone, rtol=2e-5)
     for rcs_db in (0.0, 1.0):
@@ -178,11 +188,9 @@ def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
 def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
     for rcs_db in (0.0, 0.2):
         s = parsed(names, rcs_db)
-        small = {"one": 0.04 * s.cov_radar["one"]}
+        small = {"one": 0.04 * cov_by_level(s)["one"]}
         std = {"one": tuple(0.2 * std for std in s.attenuation_std["one"])}
-        s = dataclasses.replace(
-            s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft, attenuation_std=std
-        )
+        s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft, attenuation_std=std)
         found, linear = error_budget(s, "montecarlo"), error_budget(s)
         assert list(found.alone) == list(linear.alone) == list(found.total_index)
         for name, share in found.shares().items():
@@ -286,7 +294,7 @@ def test_refusals_name_the_key(tool):
     with pytest.raises(ValueError, match="attenuation must be"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
     with pytest.raises(ValueError, match="attenuation_std"):
-        dataclasses.replace(parsed(("one",)), attenuation_std={"one": (1.0,)})
+        with_arrays(parsed(("one",)), attenuation_std={"one": (1.0,)})
     with pytest.raises(ValueError, match="got inf for the error of an attenuation"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(np.ones(6), np.array([0, 0, 0, 1, 0, np.inf]))
 
@@ -301,6 +309,6 @@ def test_the_detection_range_has_the_attenuation():
         snr = 0.04 * AREA * 10 ** (-2 * 0.05 * middle / 1e4) / (BOLTZMANN * middle**4)
         low, high = (middle, high) if snr > needed else (low, middle)
     assert_allclose(table["range_m_0.5"], low, rtol=1e-9)
-    certain = dataclasses.replace(s, rcs_db=0.0, attenuation_std={})
+    certain = with_arrays(s, rcs_db=0.0, attenuation_std={})
     narrow = analyses.detection_range(certain, p_d=(0.5,), step_deg=90).table
     assert np.all(narrow["sigma_range_m_0.5"] < 0.8 * table["sigma_range_m_0.5"])

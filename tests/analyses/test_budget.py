@@ -37,7 +37,7 @@ def test_shares_add_up_under_correlation():
     np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, rtol=1e-12)
     assert np.max(abs(shares["interaction"])) > 0.01
     linear = s.model.linearize(s.aircraft, s.radar)
-    cov = s.cov_radar[s.level]
+    cov = s.cov_radar
     # the only correlation that matters: north with c_r
     both = 2 * linear.jac_radar[:, 0] * linear.jac_radar[:, 3] * cov[0, 3]
     aircraft = linear.jac_aircraft
@@ -229,7 +229,7 @@ def test_required_accuracies_keep_correlations():
     found = required_accuracies(s, 0.15)
     factor = found["radar_constant"].factor
     scale = np.diag([1, 1, 1, factor])
-    cov = scale @ s.cov_radar[s.level] @ scale
+    cov = scale @ s.cov_radar @ scale
     linear = s.model.linearize(s.aircraft, s.radar)
     assert 3 * linear.std(s.cov_aircraft, cov).max() == pytest.approx(0.15, rel=1e-6)
 

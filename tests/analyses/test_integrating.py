@@ -6,7 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, scenario, yaml_text
+from helpers import (
+    document,
+    scenario,
+    with_arrays,
+    yaml_text,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
@@ -125,7 +130,7 @@ def test_networks_and_missions():
     model = radars[0].model
     ten = rs.DetectionModel(model.rcs, model.p_fa, rs.Swerling2(pulses=10))
     radars[0] = dataclasses.replace(radars[0], model=ten)
-    other = dataclasses.replace(plain, model=rs.NetworkModel(tuple(radars)))
+    other = with_arrays(plain, model=rs.NetworkModel(tuple(radars)))
     before, after = (rs.variance(s, method="form").table for s in (plain, other))
     names = plain.model.names
     for name in names[1:]:
@@ -143,7 +148,7 @@ def test_networks_and_missions():
     (radar,) = mission.model.radars
     four = rs.DetectionModel(radar.model.rcs, radar.model.p_fa, rs.Swerling2(pulses=4))
     network = rs.NetworkModel((dataclasses.replace(radar, model=four),))
-    flown = dataclasses.replace(mission, model=network).with_analysis(runs=64)
+    flown = with_arrays(mission, model=network).with_analysis(runs=64)
     looks = rs.analyses.mission(flown).table["p_d"]
     p_d = flown.model.p_d(flown.aircraft, flown.radar)
     assert len(looks) > 5

@@ -11,7 +11,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, document, scenario, sheet_scenario, yaml_text
+from helpers import (
+    OVERHEAD,
+    document,
+    scenario,
+    sheet_scenario,
+    with_arrays,
+    yaml_text,
+)
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from numpy.testing import assert_allclose
 from scipy.integrate import quad
@@ -227,7 +234,7 @@ def test_a_radar_constant_that_may_be_zero():
     s = scenario(aircraft__rcs=no_rcs, geometry__azimuth_deg={"start": 45, "stop": 90, "step": 45})
     for constant in (167.0, 1e20):
         radar = s.radar * [1, 1, 1, constant / 167]
-        other = dataclasses.replace(s, radar=radar)
+        other = with_arrays(s, radar=radar)
         result = rs.analyses.detectors(other, p_d=0.9, method="linear")
         snr = 10 * np.log10(s.model.snr(s.aircraft, radar)[:, 0])
         assert_allclose(result.table["term_snr"], snr)
@@ -310,7 +317,7 @@ def test_terms_of_a_constant():
     radar = other.radar * [1, 1, 1, 2]
     for s, constant, std in (
         (scenario(), 167, 5),
-        (dataclasses.replace(other, radar=radar), 2 * other.radar[3], 0.1),
+        (with_arrays(other, radar=radar), 2 * other.radar[3], 0.1),
     ):
         terms = snr_terms(s)
         assert list(terms) == ["radar_constant", "boltzmann", "range", "aircraft_rcs", "snr"]
@@ -414,7 +421,7 @@ class Own:
 
 def test_a_detector_of_ones_own():
     model = dataclasses.replace(scenario().model.models[0], detector=Own())
-    s = dataclasses.replace(scenario(geometry__azimuth_deg=ONE_POSE), model=model)
+    s = with_arrays(scenario(geometry__azimuth_deg=ONE_POSE), model=model)
     after = rs.analyses.detectors(s, p_d=0.9).summary["needed_db_after"]
     assert list(after.values())[-1] == pytest.approx(db((0.9 - 1.7e-4) / 0.1))
     with pytest.raises(InputError, match="pulses needs a detector that integrates, got <"):

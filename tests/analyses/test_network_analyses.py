@@ -4,7 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import nonlinear_by_its_own_moments, paper_network, parsed_network, radar_entry
+from helpers import (
+    nonlinear_by_its_own_moments,
+    paper_network,
+    parsed_network,
+    radar_entry,
+    with_arrays,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
@@ -70,7 +76,7 @@ def test_each_radar_by_itself():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
     # the second is twice as uncertain as the first
     worse = {level: np.kron(np.diag([1, 4]), c) for level, c in PAPER.cov_radar.items()}
-    scenario = dataclasses.replace(scenario, cov_radar=worse)
+    scenario = with_arrays(scenario, cov_radar=worse)
     parts = single_radar_scenarios(scenario)
     assert list(parts) == ["r0", "r1"]
     assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])

@@ -8,7 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, network_document, radar_entry, write, yaml_text
+from helpers import (
+    assert_refused,
+    cov_by_level,
+    network_document,
+    radar_entry,
+    write,
+    yaml_text,
+)
 from numpy.testing import assert_array_equal
 
 import radar_sense as rs
@@ -117,7 +124,7 @@ def test_the_map_of_a_network(tool, method):
     p_d = s.model.p_d(states, s.radar)
     assert_array_equal(found["p_d"], p_d.astype(np.float32))
     moments = rs.propagate(
-        s.model, states, s.radar, s.cov_aircraft, s.cov_radar["low"], method=method
+        s.model, states, s.radar, s.cov_aircraft, cov_by_level(s)["low"], method=method
     )
     np.testing.assert_allclose(found["upper_3sigma"], moments.upper, rtol=1e-6)
     seen = s.model.visible(states, s.radar)

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, scenario
+from helpers import (
+    document,
+    scenario,
+    with_arrays,
+)
 
 import radar_sense as rs
 from radar_sense.analyses.range import detection_range
@@ -56,7 +60,7 @@ def bands(s, p_d, bearing_deg, draws, seed):
     rng = np.random.default_rng(seed)
     pose, radar, model = s.aircraft[0], s.radar, s.model
     aircraft_errors = rng.multivariate_normal(np.zeros(6), s.cov_aircraft, draws)
-    radars = radar + rng.multivariate_normal(np.zeros(4), s.cov_radar[s.level], draws)
+    radars = radar + rng.multivariate_normal(np.zeros(4), s.cov_radar, draws)
     b = math.radians(bearing_deg)
     low, high = np.full(draws, 10e3), np.full(draws, 3e6)
     for _ in range(34):
@@ -275,7 +279,7 @@ def test_p_d_is_above_p_fa_of_every_radar():
     s = rs.load_scenario("configs/network.yaml")
     first, *others = s.model.radars
     noisy = dataclasses.replace(first, model=dataclasses.replace(first.model, p_fa=1e-3))
-    s = dataclasses.replace(s, model=rs.NetworkModel((noisy, *others)))
+    s = with_arrays(s, model=rs.NetworkModel((noisy, *others)))
     with pytest.raises(rs.InputError, match=r"greater than p_fa, 0.001, .* got 0.0005"):
         detection_range(s, p_d=5e-4, **QUICK)
 

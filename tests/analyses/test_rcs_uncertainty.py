@@ -10,7 +10,13 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import document, target_in_the_north, yaml_text
+from helpers import (
+    cov_by_level,
+    document,
+    target_in_the_north,
+    with_arrays,
+    yaml_text,
+)
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
@@ -138,7 +144,7 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns():
     assert list(found.table) == fixed
     parts = [found.table[name] for name in fixed[1:5] + fixed[6:]]
     assert_allclose(np.sqrt(np.sum(np.square(parts), axis=0)), found.table[fixed[5]], rtol=1e-12)
-    only = dataclasses.replace(
+    only = with_arrays(
         one, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": np.zeros((4, 4))}, level="medium"
     )
     for method in ("linear", "probit", "form"):
@@ -155,8 +161,8 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns():
 
 def test_indices_are_linear_shares_where_p_d_is_nearly_linear():
     s = parsed(decibels=0.3)
-    small = {"one": 0.04 * s.cov_radar["one"]}
-    s = dataclasses.replace(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft)
+    small = {"one": 0.04 * cov_by_level(s)["one"]}
+    s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft)
     found, linear = error_budget(s, "montecarlo"), error_budget(s)
     assert list(found.alone) == list(linear.alone)
     for name, share in found.shares().items():

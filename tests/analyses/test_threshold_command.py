@@ -4,7 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import lay_out, read_record, read_table, scenario, write_path
+from helpers import (
+    cov_by_level,
+    lay_out,
+    read_record,
+    read_table,
+    scenario,
+    write_path,
+)
 from scipy.special import erfc
 
 import radar_sense as rs
@@ -47,7 +54,13 @@ def test_threshold_columns(tool, method, k):
         np.testing.assert_array_equal(found[column], values)
     s = rs.load_scenario("my.yaml")
     moments = rs.propagate(
-        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"], method=method, beta=k
+        s.model,
+        s.aircraft,
+        s.radar,
+        s.cov_aircraft,
+        cov_by_level(s)["medium"],
+        method=method,
+        beta=k,
     )
     np.testing.assert_allclose(found[bound], moments.upper, rtol=1e-13)
     if method == "linear":

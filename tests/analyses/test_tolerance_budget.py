@@ -44,12 +44,12 @@ def test_every_analysis_warns_of_a_band_by_first_order(analyse):
 def test_parts_add_up_in_quadrature(kind):
     s = sheet_scenario(kind)
     found = error_budget(s)
-    assert list(found.parts) == [part_name(part.key) for part in s.tolerances_at_level[0]]
-    assert {part.key for part in s.tolerances_at_level[0]} == set(TOLERANCES[kind])
+    assert list(found.parts) == [part_name(part.key) for part in s.tolerances[0]]
+    assert {part.key for part in s.tolerances[0]} == set(TOLERANCES[kind])
     together = np.sqrt(np.sum([std**2 for std in found.parts.values()], axis=0))
     np.testing.assert_allclose(together, found.alone["radar_constant"], rtol=1e-12)
     by_c = s.model.linearize(s.aircraft, s.radar).jac_radar[:, 3]
-    for part in s.tolerances_at_level[0]:
+    for part in s.tolerances[0]:
         expected = abs(by_c * s.radar[3] * part.slope)
         np.testing.assert_allclose(found.parts[part_name(part.key)], expected, rtol=1e-10)
     assert list(found.shares()) == [*SOURCES, "interaction"]
@@ -104,10 +104,7 @@ def test_budget_shows_the_parts(tool):
         "theta_r_deg",
         *(f"three_sigma_{source}" for source in SOURCES),
         "three_sigma_total",
-        *(
-            f"three_sigma_radar_constant_{part.key}"
-            for part in result.scenario.tolerances_at_level[0]
-        ),
+        *(f"three_sigma_radar_constant_{part.key}" for part in result.scenario.tolerances[0]),
     ]
     summary = json.loads((Path("out") / "paper_budget.json").read_text())["summary"]
     at_largest = summary["radar_constant_parts_at_largest"]
@@ -149,7 +146,7 @@ def test_how_much_a_part_must_be_reduced(method):
     three_sigma = 3 * propagate_scenario(half, method=method).std
     target, worst = three_sigma.max(), half.axis.values[three_sigma.argmax()]
     allowed = required_accuracies(s, target, method=method)
-    parts = [part_name(part.key) for part in s.tolerances_at_level[0]]
+    parts = [part_name(part.key) for part in s.tolerances[0]]
     assert list(allowed) == [*SOURCES, *parts, "all"]
     assert allowed["radar_constant_loss_db"].factor == pytest.approx(0.5, rel=1e-6)
     assert allowed["radar_constant_average_power_kw"].factor is None

@@ -1,6 +1,5 @@
 """The map: cells against the model, bounds against propagate, the files and the figure."""
 
-import dataclasses
 import io
 import json
 import math
@@ -10,7 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, lay_out, scenario
+from helpers import (
+    document,
+    lay_out,
+    scenario,
+    with_arrays,
+)
 from matplotlib.collections import LineCollection
 
 import radar_sense as rs
@@ -83,7 +87,7 @@ def test_bound_knows_of_log_normal_constants(method):
             states,
             s.radar,
             s.cov_aircraft,
-            s.cov_radar[s.level],
+            s.cov_radar,
             method=method,
             log_constant=log,
         )
@@ -199,7 +203,7 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
         off = np.median(brute_force(s, cells, count=1000)) - 0.6
         if abs(off) < 0.1:
             break
-        s = dataclasses.replace(s, radar=s.radar * [1, 1, 1, 0.6 if off > 0 else 1.5])
+        s = with_arrays(s, radar=s.radar * [1, 1, 1, 0.6 if off > 0 else 1.5])
     largest, heading = area.worst_p_d_in_cells(s, cells)
     expected = brute_force(s, cells)
     found = np.array([largest[cell] for cell in TRIED])

@@ -94,7 +94,7 @@ def test_geojson_has_contours_radars_and_route(saved):
                 scenario.radar,
                 scenario.cov_aircraft[0] if scenario.cov_aircraft.ndim == 3
                 else scenario.cov_aircraft,
-                scenario.cov_radar[scenario.level],
+                scenario.cov_radar,
                 method=scenario.method,
             ).upper
         )  # fmt: skip

@@ -237,7 +237,7 @@ def brute_force(s, runs, seed):
     assert not (covariance - np.eye(6) * covariance).any()
     std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     errors = np.einsum("kj,rjc->rkc", root, rng.standard_normal((runs, looks, 6))) * std
-    radar = rng.multivariate_normal(s.radar, s.cov_radar[s.level], size=runs)
+    radar = rng.multivariate_normal(s.radar, s.cov_radar, size=runs)
     p = s.model.p_d(s.aircraft + errors, radar[:, None])
     # A track: coins for every look, and three heads in five in a row.
     hits = rng.random(p.shape) < p

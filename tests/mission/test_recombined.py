@@ -8,7 +8,11 @@ import math
 import numpy as np
 import pytest
 import yaml
-from helpers import document, mission
+from helpers import (
+    document,
+    mission,
+    with_arrays,
+)
 from scipy.special import ndtr
 
 import radar_sense as rs
@@ -167,7 +171,7 @@ def test_bounds_by_each_of_many_looks(tmp_path):
     model = dataclasses.replace(scenario.model, radars=tuple(fast))
     constants = scenario.radar.copy()
     constants[3::4] *= 0.5
-    scenario = dataclasses.replace(scenario, model=model, radar=constants)
+    scenario = with_arrays(scenario, model=model, radar=constants)
     looks = Looks.of(scenario)
     assert len(looks.schedule.time) == 241
     (event,) = recombined_missions(looks)[0]
@@ -231,7 +235,7 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
     cov = {level: 0.0 * c for level, c in s.cov_radar.items()}
     parts = dict.fromkeys(cov, ((),) * 2)
-    s = dataclasses.replace(s, cov_radar=cov, tolerances=parts)
+    s = with_arrays(s, cov_radar=cov, tolerances=parts)
     for event in recombined_missions(Looks.of(s), (2, 3))[0]:
         for values in (event.mean, event.lower, event.upper):
             np.testing.assert_array_equal(values, event.p)
@@ -247,9 +251,9 @@ def test_correlated_radars_are_drawn_together(tmp_path):
     same = np.kron(np.ones((2, 2)), np.eye(4)) * np.outer(std, std)
     apart = np.diag(std**2)
     together, independent = (
-        recombined_missions(
-            Looks.of(dataclasses.replace(s, cov_radar={"one": cov}, tolerances=parts))
-        )[0][0]
+        recombined_missions(Looks.of(with_arrays(s, cov_radar={"one": cov}, tolerances=parts)))[0][
+            0
+        ]
         for cov in (same, apart)
     )
     rng = np.random.default_rng(3)

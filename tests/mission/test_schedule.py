@@ -14,7 +14,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, few_draws, lay_out, legend_off_data, mission
+from helpers import (
+    cov_by_level,
+    document,
+    few_draws,
+    lay_out,
+    legend_off_data,
+    mission,
+)
 
 import radar_sense as rs
 from radar_sense.errors import InputError
@@ -442,7 +449,7 @@ def test_the_numbers_of_the_corridor_example(monkeypatch):
     time = s.time_s
     assert np.sum(np.hypot(*np.diff(s.aircraft[:, :2], axis=0).T)) > 1.04e6
     lin = s.model.linearize(s.aircraft, s.radar)
-    cov = s.cov_radar["medium"]
+    cov = cov_by_level(s)["medium"]
     upper = lin.p_d + 3 * lin.std(s.cov_aircraft, cov)
     assert time[[lin.p_d.argmax(), upper.argmax()]].tolist() == [4140, 2976]
     assert lin.p_d.max() == pytest.approx(0.072, abs=5e-4)
@@ -457,7 +464,7 @@ def test_the_numbers_of_the_corridor_example(monkeypatch):
         np.sum(along[p] ** 2 * np.diag(cov)[mobile][p]) / total for p in (slice(3), slice(3, 4))
     ]
     assert shares == pytest.approx([0.40, 0.53], abs=0.005)
-    low = np.diag(s.cov_radar["low"])[mobile]
+    low = np.diag(cov_by_level(s)["low"])[mobile]
     for part, bound in ((slice(20, 23), 0.1006), (slice(23, 24), 0.0976)):
         known = cov.copy()
         known[part, part] = np.diag(low[part.start - 20 : part.stop - 20])

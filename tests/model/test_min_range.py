@@ -7,12 +7,20 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import TRACKING, document, paper_network, place, refusal
+from helpers import (
+    TRACKING,
+    document,
+    paper_network,
+    place,
+    refusal,
+    with_arrays,
+)
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
 from radar_sense.mission.looks import Looks
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.propagation import METHODS, propagate_scenario, unreliable_in_scenario
 
@@ -66,7 +74,7 @@ def test_nothing_is_seen_within_the_minimum_range():
 def test_a_blind_radar_leaves_the_network_to_the_others():
     near = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
     far, other = near.model.radars
-    blind = dataclasses.replace(far, min_range=1e6)
+    blind = with_arrays(far, min_range=1e6)
     both = dataclasses.replace(near, model=NetworkModel((blind, other)))
     alone = other.model.p_d(near.aircraft, near.radar[4:])
     assert_allclose(both.model.p_d(both.aircraft, both.radar), alone, rtol=1e-14)
@@ -78,7 +86,7 @@ def test_a_blind_radar_leaves_the_network_to_the_others():
 def test_draws_depend_on_the_minimum_range_and_methods_warn_of_it(offset):
     reach = float(np.hypot(500e3, 3e3))
     edge = paper_network([(0, 0, 0)], [100], min_range=reach + offset)
-    edge = dataclasses.replace(edge, cov_aircraft=np.diag([10.0**2] * 3 + [1e-20] * 3), runs=4000)
+    edge = with_arrays(edge, cov_aircraft=np.diag([10.0**2] * 3 + [1e-20] * 3), runs=4000)
     free = edge.model.models[0].p_d(edge.aircraft, edge.radar)
     assert_allclose(rs.monte_carlo(edge).mean / free, 0.5, atol=0.05)
     for method in METHODS:

@@ -5,7 +5,12 @@ import dataclasses
 import numpy as np
 import oracle
 import pytest
-from helpers import nonlinear_by_its_own_moments, p_d_each, paper_network
+from helpers import (
+    nonlinear_by_its_own_moments,
+    p_d_each,
+    paper_network,
+    with_arrays,
+)
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -284,7 +289,7 @@ def test_a_budget_does_not_warn_of_a_radar_that_does_not_see():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(None, None, 20))
     near = Radar(RADAR_MODEL, "near", max_range=4.5e5)
     far, _ = scenario.model.radars
-    scenario = dataclasses.replace(scenario, model=NetworkModel((far, near)))
+    scenario = with_arrays(scenario, model=NetworkModel((far, near)))
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 1]
     assert 3 < seen.sum() < len(seen) - 3
     assert not [w for w in analyses.budget(scenario).warnings if "near vanishes" in w]
@@ -338,9 +343,7 @@ def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
     reach = float(np.hypot(500e3, 3e3))
     nowhere = {"cov_aircraft": np.diag([10.0**2] * 3 + [1e-20] * 3), "runs": 4000}
     for offset in (1.0, -1.0):
-        edge = dataclasses.replace(
-            paper_network([(0, 0, 0)], [100], max_range=reach + offset), **nowhere
-        )
+        edge = with_arrays(paper_network([(0, 0, 0)], [100], max_range=reach + offset), **nowhere)
         seen = offset > 0
         mc = monte_carlo(edge)
         full = RADAR_MODEL.p_d(edge.aircraft, edge.radar)
@@ -354,7 +357,7 @@ def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
                 assert np.all(found.error > 0)
             else:  # the 500 plain draws are too few
                 assert nonlinear_by_its_own_moments(edge, method).all() or method == "montecarlo"
-    far = dataclasses.replace(paper_network([(0, 0, 0)], [100], max_range=reach + 2000), **nowhere)
+    far = with_arrays(paper_network([(0, 0, 0)], [100], max_range=reach + 2000), **nowhere)
     assert_array_equal(
         nonlinear_by_its_own_moments(far, "form"),
         unreliable(

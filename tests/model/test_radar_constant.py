@@ -7,6 +7,7 @@ import pytest
 from helpers import (
     SURVEILLANCE,
     TOLERANCES,
+    cov_by_level,
     sheet_document,
     sheet_scenario,
     standard_normal_space,
@@ -183,12 +184,12 @@ def test_derivatives_are_those_of_the_formula(kind):
 @pytest.mark.parametrize("kind", KEYS)
 def test_covariance_is_that_of_first_order(kind):
     s = sheet_scenario(kind)
-    assert s.cov_radar["sheet"][3, 3] == pytest.approx(
-        (s.radar[3] * relative_std(s.tolerances_at_level[0])) ** 2, rel=1e-14
+    assert cov_by_level(s)["sheet"][3, 3] == pytest.approx(
+        (s.radar[3] * relative_std(s.tolerances[0])) ** 2, rel=1e-14
     )
-    assert s.cov_radar["number"][3, 3] == pytest.approx(0.01, rel=1e-14)
-    assert s.with_analysis(level="number").tolerances_at_level == ((),)
-    off = s.cov_radar["sheet"] - np.diag(np.diag(s.cov_radar["sheet"]))
+    assert cov_by_level(s)["number"][3, 3] == pytest.approx(0.01, rel=1e-14)
+    assert s.with_analysis(level="number").tolerances == ((),)
+    off = cov_by_level(s)["sheet"] - np.diag(np.diag(cov_by_level(s)["sheet"]))
     assert not off.any()
 
 
@@ -248,12 +249,12 @@ def test_moments_of_a_factor_by_quadrature(part):
 @pytest.mark.parametrize("kind", KEYS)
 def test_draws_have_the_moments(kind):
     s = sheet_scenario(kind)
-    sampler = Sampler.of(s)
+    sampler = Sampler(s.states())
     runs = 400_000
     normals = np.random.default_rng(3).standard_normal((runs, sampler.radar_normals))
     assert sampler.radar_normals == 3 + len(TOLERANCES[kind])
     radar, zero = sampler.draw_radar(normals)
-    drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances_at_level[0])
+    drawn, exact = radar[:, 3] / s.radar[3], shape(s.tolerances[0])
     assert not zero.any()
     # 4.5 standard errors: of the mean, of the deviation (by the fourth moment), of the skewness
     assert drawn.mean() == pytest.approx(exact.mean, abs=4.5 * exact.std / math.sqrt(runs))
@@ -262,7 +263,7 @@ def test_draws_have_the_moments(kind):
     assert drawn.std() == pytest.approx(exact.std, rel=4.5 * error)
     assert np.mean(centred**3) == pytest.approx(exact.skewness, abs=0.05)
     # and they are far from the first order, which would not pass
-    assert exact.std / relative_std(s.tolerances_at_level[0]) - 1 > 3 * 4.5 * error
+    assert exact.std / relative_std(s.tolerances[0]) - 1 > 3 * 4.5 * error
     np.testing.assert_allclose(radar[:, :3].std(axis=0), 100, rtol=0.01)
     assert np.max(abs(np.corrcoef(radar.T) - np.eye(4))) < 0.01
 
@@ -323,7 +324,7 @@ def test_monte_carlo_draws_the_true_distribution(sampler):
 
 def test_only_form_depends_on_the_shape_of_the_constants_distribution():
     s = sheet_scenario()
-    cov = s.cov_aircraft, s.cov_radar["sheet"]
+    cov = s.cov_aircraft, cov_by_level(s)["sheet"]
     linear = s.model.linearize(s.aircraft, s.radar).std(*cov)
     first_order = propagate_scenario(s, method="linear")
     np.testing.assert_allclose(first_order.std, linear, rtol=1e-14)
@@ -337,7 +338,7 @@ def test_only_form_depends_on_the_shape_of_the_constants_distribution():
 
 def test_gradient_of_z_where_ln_c_is_gaussian():
     s = sheet_scenario()
-    states = s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["sheet"]
+    states = s.model, s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["sheet"]
     z = standard_normal_space(*states, log_constant=True)
     pose = np.arange(len(s.aircraft))
     u = np.random.default_rng(2).standard_normal(z.gradient.shape)

@@ -10,11 +10,13 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import (
+    cov_by_level,
     document,
     place,
     refusal,
     scenario,
     sheet_document,
+    with_arrays,
     write,
     write_path,
     yaml_text,
@@ -22,7 +24,8 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
@@ -159,7 +162,7 @@ def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     for s in (of_loss, of_rcs):
         (radar,) = s.model.radars
         network = NetworkModel((Radar(radar.model, **limits),))
-        pair.append(dataclasses.replace(s, model=network))
+        pair.append(with_arrays(s, model=network))
     one, other = (propagate_scenario(s, method=method) for s in pair)
     for field in ("p_d", "mean", "std", "lower", "upper"):
         assert_allclose(getattr(one, field), getattr(other, field), rtol=1e-5, atol=1e-9)
@@ -187,7 +190,7 @@ def test_a_limit_matters_where_the_error_makes_the_radar_see():
         model = rs.DetectionModel(ConstantRCS(area), 1e-6)
         network = NetworkModel((Radar(model, max_range=220.3e3),))
         one, other = (
-            dataclasses.replace(s, model=network) for s in (of_loss.at_poses(slice(0, 1)), of_rcs)
+            with_arrays(s, model=network) for s in (of_loss.at_poses(slice(0, 1)), of_rcs)
         )
         assert warns(one) == warns(other)
         warned.append(warns(other))
@@ -210,7 +213,7 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
     for s in (absent, zero):
         assert s.rcs_std == 0
         assert s.shared is s.radar
-        assert s.cov_shared is s.cov_radar["medium"]
+        assert s.cov_shared is cov_by_level(s)["medium"]
         assert s.resolved()["uncertainty"]["aircraft"] == plain
     text = "time_s,north_m,east_m,down_m," + ",".join(
         f"std_{x}" for x in ("north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg")

@@ -10,7 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, lay_out, scenario
+from helpers import (
+    cov_by_level,
+    document,
+    lay_out,
+    scenario,
+)
 from scipy.interpolate import CubicSpline
 from scipy.special import ndtr
 
@@ -501,7 +506,7 @@ def test_the_chain_of_partials(here):
 def test_monte_carlo_agrees_with_form(here):
     s = smooth(here)
     form = rs.propagate(
-        s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar["medium"], method="form"
+        s.model, s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["medium"], method="form"
     )
     mc = rs.monte_carlo(s, runs=4000)
     error = form.std / np.sqrt(mc.runs)
@@ -634,7 +639,7 @@ def share_beyond(pose, s, low, high):
         step = 1e-4 * std * np.eye(6)[i]
         slope = elevation(pose + step, s.radar) - elevation(pose - step, s.radar)
         variance += (slope / 2e-4) ** 2
-    for i, std in enumerate(np.sqrt(np.diag(s.cov_radar[s.level]))):
+    for i, std in enumerate(np.sqrt(np.diag(s.cov_radar))):
         step = 1e-4 * std * np.eye(4)[i]
         slope = elevation(pose, s.radar + step) - elevation(pose, s.radar - step)
         variance += (slope / 2e-4) ** 2

@@ -9,7 +9,10 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from helpers import scenario
+from helpers import (
+    scenario,
+    with_arrays,
+)
 
 from radar_sense import cost
 from radar_sense.axis import azimuth
@@ -46,7 +49,7 @@ def gaussian(std=0.03, shared=0.0, poses=4, exaggerate=1.0, seed=1):
     """P_D is Gaussian around 0.5. The radar error is common to all poses."""
     paper = scenario(analysis={"level": "medium", "seed": seed})
     slope = std * np.array([np.sqrt(1 - shared), np.sqrt(shared)])
-    return dataclasses.replace(
+    return with_arrays(
         paper,
         model=LinearModel(paper.model.radars, *slope, exaggerate),
         axis=azimuth(np.arange(float(poses))),

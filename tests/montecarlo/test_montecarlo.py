@@ -11,7 +11,11 @@ import tracemalloc
 import chain_rule
 import numpy as np
 import pytest
-from helpers import scenario, single
+from helpers import (
+    cov_by_level,
+    scenario,
+    single,
+)
 from scipy.special import ndtr
 from scipy.stats import binom
 
@@ -247,7 +251,7 @@ def test_statistics_are_those_of_all_draws(monkeypatch, workers):
     with listening(lambda *steps: shown.append(steps)):
         mc = monte_carlo(s, runs=runs, seed=5, workers=workers)
     assert shown[1:] == [("runs", min(8 * (i + 1), runs), runs) for i in range(151)]
-    sampler = montecarlo.Sampler.of(s)
+    sampler = montecarlo.Sampler(s.states())
     source = SAMPLERS["random"](5, 8, 13, sampler.radar_normals)
     draws, clipped = [], []
     for block in range(-(-runs // 8)):
@@ -293,7 +297,7 @@ def test_memory_does_not_grow_with_the_runs(sampler):
 
 def test_states_and_covariances_give_the_bytes_of_the_scenario():
     s = load_scenario("configs/covariance.yaml")
-    states = (s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar[s.level])
+    states = (s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar)
     for sampler in SAMPLERS:
         mc = monte_carlo_states(*states, runs=40, seed=9, method="probit", sampler=sampler)
         expected = monte_carlo(s, runs=40, seed=9, method="probit", sampler=sampler)
@@ -320,7 +324,7 @@ def test_states_that_do_not_fit_are_refused(wrong, says):
     s = scenario(geometry__azimuth_deg=FEW)
     right = {"aircraft": s.aircraft, "radar": s.radar, "cov_aircraft": s.cov_aircraft}
     with pytest.raises(ValueError, match=says):
-        monte_carlo_states(s.model, **{**right, "cov_radar": s.cov_radar["medium"], **wrong})
+        monte_carlo_states(s.model, **{**right, "cov_radar": cov_by_level(s)["medium"], **wrong})
 
 
 def test_more_than_fits_into_memory_is_refused_before_anything_is_computed(monkeypatch):

@@ -11,6 +11,7 @@ from helpers import (
     MIXED_P_FA,
     MIXED_POSITIONS,
     MIXED_RANGE,
+    cov_by_level,
     mission,
     mixed_document,
     mixed_network,
@@ -105,16 +106,16 @@ def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
 
 def test_every_part_has_a_unit_normal_of_its_own():
     s = mixed_network()
-    inputs = columns_of_normals(12, s.tolerances_at_level)
+    inputs = columns_of_normals(12, s.tolerances)
     assert inputs == [[3, 12, 13], [7, 14, 15], []]
-    assert count_normals(12, s.tolerances_at_level) == Sampler.of(s).radar_normals == 16
+    assert count_normals(12, s.tolerances) == Sampler(s.states()).radar_normals == 16
     # as ever for a single radar
-    assert columns_of_normals(4, s.tolerances_at_level[:1]) == [[3, 4, 5]]
+    assert columns_of_normals(4, s.tolerances[:1]) == [[3, 4, 5]]
     assert columns_of_normals(12, ()) == [] == columns_of_normals(12, ((), (), ()))[0]
-    sampler = Sampler.of(s)
+    sampler = Sampler(s.states())
     at_rest = sampler.draw_radar(np.zeros((1, 16)))[0][0]
     assert_array_equal(at_rest, s.radar)
-    for i, (parts, own) in enumerate(zip(s.tolerances_at_level, inputs, strict=True)):
+    for i, (parts, own) in enumerate(zip(s.tolerances, inputs, strict=True)):
         for part, column in zip(parts, own, strict=True):
             drawn, negative = sampler.draw_radar(np.eye(16)[[column]])
             changed = np.flatnonzero(drawn[0] != s.radar)
@@ -139,16 +140,16 @@ def test_a_part_moves_its_constant_and_nothing_else():
     several[2]["uncertainty"]["sheet"] = {"covariance": whole.tolist()}
     for radar in (several, several[1:], several[:1]):
         s = mixed_network(radar)
-        sampler = Sampler.of(s)
+        sampler = Sampler(s.states())
         moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - s.radar
-        own = columns_of_normals(len(s.radar), s.tolerances_at_level)
+        own = columns_of_normals(len(s.radar), s.tolerances)
         for i, of_radar in enumerate(own):
             assert np.all(moved[of_radar, 4 * i + 3])
             assert_array_equal(np.delete(moved[of_radar], 4 * i + 3, axis=1), 0.0)
             others = np.setdiff1d(np.arange(len(moved)), of_radar) if of_radar else []
             assert_array_equal(moved[others, 4 * i + 3], 0.0)
         root = sampler.sqrt_cov_radar
-        assert_allclose(root @ root.T, s.cov_radar["sheet"], rtol=1e-12, atol=1e-10)
+        assert_allclose(root @ root.T, cov_by_level(s)["sheet"], rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("several", [1, 3])
@@ -170,7 +171,7 @@ def test_a_power_below_zero_is_counted_once_a_run():
     errors[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
     errors[[0, 2], 3] = -3.5
     errors[[0, 1], 7] = -5.5
-    radar, negative = Sampler.of(s).draw_radar(errors)
+    radar, negative = Sampler(s.states()).draw_radar(errors)
     assert_array_equal(negative, [True, True, True, False, False])
     assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
     assert_array_equal(radar[:, 7] == 0, [True, True, False, False, False])

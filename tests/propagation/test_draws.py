@@ -16,7 +16,8 @@ from scipy.special import chndtr, erfc, ndtr
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.propagation import METHODS, propagate, propagate_scenario

@@ -5,10 +5,15 @@ import math
 
 import numpy as np
 import pytest
-from helpers import scenario
+from helpers import (
+    cov_by_level,
+    scenario,
+    with_arrays,
+)
 
 from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
     METHODS,
@@ -36,9 +41,9 @@ def problem(radars, step_deg=30, level="medium"):
     state = np.tile(s.radar, radars)
     state[0::4] += 2e4 * np.arange(radars)
     state[3::4] *= 0.4
-    cov = np.kron(np.eye(radars), s.cov_radar[s.level])
+    cov = np.kron(np.eye(radars), s.cov_radar)
     model = NetworkModel(tuple(Radar(s.model.radars[0].model, name=f"r{i}") for i in range(radars)))
-    return dataclasses.replace(s, model=model, radar=state, cov_radar={s.level: cov})
+    return with_arrays(s, model=model, radar=state, cov_radar={s.level: cov})
 
 
 @pytest.fixture
@@ -77,7 +82,7 @@ def half_blind():
     away = np.hypot(*(s.aircraft[:, i, None] - s.radar[i::4] for i in (0, 1)))
     limits = [math.inf, *np.median(away, axis=0)[1:3], *[1.0] * 3]
     radars = zip(s.model.radars, limits, strict=True)
-    return dataclasses.replace(
+    return with_arrays(
         s,
         model=NetworkModel(tuple(dataclasses.replace(r, max_range=limit) for r, limit in radars)),
     )
@@ -133,8 +138,8 @@ def test_evaluations_grow_in_proportion_to_poses_and_radars(method, count):
 def test_the_first_look_of_automatic_has_1024_draws(radars, centres, count):
     """More are not needed where the errors are a tenth of those of level low."""
     s = problem(radars, level="low")
-    cov_radar = {"low": s.cov_radar["low"] / 100}
-    s = dataclasses.replace(s, cov_aircraft=s.cov_aircraft / 100, cov_radar=cov_radar)
+    cov_radar = {"low": cov_by_level(s)["low"] / 100}
+    s = with_arrays(s, cov_aircraft=s.cov_aircraft / 100, cov_radar=cov_radar)
     gradients, values = count(lambda s: propagate_scenario(s, method="automatic"), s)
     assert values == 1 + 1 + centres + 1024  # P_D itself for the judgement, and for the shares
     assert gradients <= EXPANSION + NINE_EXTREMES + EMPHASIS
@@ -164,11 +169,11 @@ def test_form_of_the_radars_that_see_a_pose(half_blind):
     moments, above = propagate_scenario(s, method="form"), found.exceedance(0.3)
     for i, seen in enumerate(s.model.visible(s.aircraft, s.radar)):
         places = np.flatnonzero(np.repeat(seen, 4))
-        alone = dataclasses.replace(
+        alone = with_arrays(
             s.at_poses(np.array([i])),
             model=NetworkModel(tuple(np.array(s.model.radars, dtype=object)[seen])),
             radar=s.radar[places],
-            cov_radar={s.level: s.cov_radar[s.level][np.ix_(places, places)]},
+            cov_radar={s.level: s.cov_radar[np.ix_(places, places)]},
         )
         expected = propagate_scenario(alone, method="form")
         for name in ("p_d", "mean", "std", "lower", "upper"):
@@ -193,7 +198,7 @@ def test_a_distribution_for_other_covariances(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_no_poses_give_no_moments(method, half_blind):
     s = half_blind
-    states = s.model, s.aircraft[:0], s.radar, s.cov_aircraft, s.cov_radar[s.level]
+    states = s.model, s.aircraft[:0], s.radar, s.cov_aircraft, s.cov_radar
     assert propagate(*states, method=method).std.shape == (0,)
     assert unreliable(*states, method=method).shape == (0,)
     no_covariances = s.model, s.aircraft[:0], s.radar, s.cov_aircraft[np.newaxis][:0], states[-1]

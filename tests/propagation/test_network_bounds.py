@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import (
+    cov_by_level,
     nonlinear_by_its_own_moments,
     p_d_each,
     paper_network,
     standard_normal_space,
+    with_arrays,
 )
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import ndtr
@@ -16,7 +18,8 @@ from scipy.special import ndtr
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS
 from radar_sense.montecarlo.adaptive import judge
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -47,7 +50,7 @@ def test_two_radars_at_one_place_with_independent_constants_against_quadrature(s
     scenario = paper_network([(0, 0, 0)] * 2, [80, 80])
     cov = np.zeros((8, 8))
     cov[3, 3] = cov[7, 7] = std**2
-    scenario = dataclasses.replace(
+    scenario = with_arrays(
         scenario, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": cov}, runs=100_000
     )
     where = scenario.aircraft
@@ -95,27 +98,25 @@ def test_independence_understates_the_variance(attitude_deg, factor):
         attitude_deg=attitude_deg,
     )
     cov = np.diag([10.0**2] * 3 + [2.14**2])
-    scenario = dataclasses.replace(
-        scenario, cov_radar={"medium": np.kron(np.eye(3), cov)}, runs=200_000
-    )
+    scenario = with_arrays(scenario, cov_radar={"medium": np.kron(np.eye(3), cov)}, runs=200_000)
     lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
-    joint = lin.std(scenario.cov_aircraft, scenario.cov_radar["medium"]) ** 2
+    joint = lin.std(scenario.cov_aircraft, cov_by_level(scenario)["medium"]) ** 2
     # independence: an aircraft of its own for each radar
     each = p_d_each(scenario.model, scenario.aircraft, scenario.radar)
-    apart = variance_along(lin.jac_radar, scenario.cov_radar["medium"])
+    apart = variance_along(lin.jac_radar, cov_by_level(scenario)["medium"])
     for i, model in enumerate(scenario.model.models):
         single = model.linearize(scenario.aircraft, scenario.radar[4 * i : 4 * i + 4])
         others = np.prod(np.delete(1 - each, i, axis=1), axis=1)
         apart = apart + others**2 * variance_along(single.jac_aircraft, scenario.cov_aircraft)
     # the same by draws: the aircraft drawn once for all radars, and once for each
     mc = monte_carlo(scenario, sampler="sobol")
-    sampler = Sampler.of(scenario)
+    sampler = Sampler(scenario.states())
     rng = np.random.default_rng(1)
     radar, _ = sampler.draw_radar(rng.standard_normal((scenario.runs, 12)))
     miss = 1.0
     for i, s in enumerate(single_radar_scenarios(scenario).values()):
         normals = rng.standard_normal((scenario.runs, 1, 6))
-        drawn = Sampler.of(s).draw_p_d(normals, radar[:, 4 * i : 4 * i + 4])[:, 0]
+        drawn = Sampler(s.states()).draw_p_d(normals, radar[:, 4 * i : 4 * i + 4])[:, 0]
         miss = miss * (1 - drawn)
     assert_allclose(joint / apart, factor, rtol=0.02)
     assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
@@ -158,7 +159,7 @@ def test_form_agrees_for_a_network_and_no_method_but_linear_leaves_0_to_1():
 def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
     cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
-    sampler = Sampler.of(dataclasses.replace(scenario, cov_radar={"medium": cov}))
+    sampler = Sampler.of(with_arrays(scenario, cov_radar={"medium": cov}))
     normals = np.zeros((3, 8))
     normals[:, 7] = 0, -0.25, -1
     normals[2, 3] = -200
@@ -196,7 +197,7 @@ def test_fused_p_d_of_a_constant_below_zero_falls_by_less_than_the_noise():
 def test_draws_and_bounds_where_a_constant_may_be_zero():
     scenario = paper_network([(0, 0, 0)] * 2, [60, 60], poses=slice(60, 121, 30))
     cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 25**2])
-    scenario = dataclasses.replace(
+    scenario = with_arrays(
         scenario, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": cov}, runs=1 << 16
     )
     mc = monte_carlo(scenario, sampler="sobol")

@@ -22,7 +22,8 @@ from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.geometry import orbit
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.propagation import METHODS, Moments, form, propagate, unreliable

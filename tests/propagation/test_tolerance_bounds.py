@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import (
     MIXED_SEARCH_STD,
+    cov_by_level,
     mixed_document,
     mixed_network,
     mixed_radars,
@@ -33,7 +34,7 @@ from radar_sense.states import CONSTANTS
 @pytest.mark.parametrize("logarithmic", [(True, False), (False, True), (True, True)])
 def test_log_normal_constants_are_those_of_each_radar(logarithmic):
     s = alone_pair()
-    cov = 30 * s.cov_radar["sheet"]
+    cov = 30 * cov_by_level(s)["sheet"]
     states = s.model, s.aircraft, s.radar, s.cov_aircraft, cov
     z = standard_normal_space(*states, log_constant=logarithmic)
     pose = np.arange(len(s.aircraft))
@@ -62,7 +63,7 @@ def test_form_converges_where_one_radar_fades_and_the_others_do_not():
     """Only one c_r is uncertain. P_D grows with c_r, so its quantiles are known."""
     s = mixed_network()
     cov = np.zeros((12, 12))
-    cov[3, 3] = s.cov_radar["sheet"][3, 3]
+    cov[3, 3] = cov_by_level(s)["sheet"][3, 3]
     nothing = np.zeros((6, 6))
     found = propagate(
         s.model, s.aircraft, s.radar, nothing, cov, method="form", log_constant=s.log_constant
@@ -103,8 +104,8 @@ def test_which_constants_are_log_normal():
     s = mixed_network()
     assert list(s.log_constant) == [True, True, False]
     assert list(s.with_analysis(level="plain").log_constant) == [False, False, False]
-    assert s.with_analysis(level="plain").tolerances_at_level == ((), (), ())
-    assert [[part.key for part in parts] for parts in s.tolerances_at_level] == [
+    assert s.with_analysis(level="plain").tolerances == ((), (), ())
+    assert [[part.key for part in parts] for parts in s.tolerances] == [
         ["average_power_kw", "temperature_k", "loss_db"],
         ["gain_dbi", "frequency_ghz", "loss_db"],
         [],
@@ -116,8 +117,8 @@ def test_each_radar_by_itself_has_its_parts():
     s = mixed_network()
     parts = single_radar_scenarios(s)
     for i, (name, one) in enumerate(parts.items()):
-        assert one.tolerances_at_level == (s.tolerances_at_level[i],)
-        assert one.with_analysis(level="plain").tolerances_at_level == ((),)
+        assert one.tolerances == (s.tolerances[i],)
+        assert one.with_analysis(level="plain").tolerances == ((),)
         given = next(r for r in mixed_radars() if r["name"] == name)
         del given["name"]
         single = mixed_document()

@@ -10,7 +10,8 @@ import numpy as np
 import radar_sense as rs
 from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 

@@ -40,7 +40,7 @@ def test_resolved_scenario_reads_back(tool, kind, level):
     for name, cov in first.cov_radar.items():
         np.testing.assert_array_equal(again.cov_radar[name], cov)
     assert again.tolerances == first.tolerances
-    assert again.tolerances_at_level == (first.tolerances["sheet"] if level == "sheet" else ((),))
+    assert again.tolerances == (first.tolerances["sheet"] if level == "sheet" else ((),))
 
 
 @pytest.mark.parametrize("kind", TOLERANCES)
@@ -64,10 +64,10 @@ def test_check_shows_the_distribution(tool):
     Path("my.yaml").write_text(yaml_text(sheet_document()))
     _, out, _ = tool("check", "my.yaml")
     s = load_scenario("my.yaml")
-    exact, c = shape(s.tolerances_at_level[0]), s.radar[3]
+    exact, c = shape(s.tolerances[0]), s.radar[3]
     assert out.splitlines()[1] == (
         f"# sheet: c_r has mean {c * exact.mean:.4g}, standard deviation {c * exact.std:.4g} "
-        f"(first order {c * relative_std(s.tolerances_at_level[0]):.4g}), "
+        f"(first order {c * relative_std(s.tolerances[0]):.4g}), "
         f"skewness {exact.skewness:.2f}"
     )
     assert "# number" not in out
@@ -300,7 +300,7 @@ def test_configurations(name):
     assert 0.2 < p_d.min() < 0.6
     assert 0.9 < p_d.max() < 1
     for level in s.cov_radar:
-        assert s.with_analysis(level=level).tolerances_at_level[0]
+        assert s.with_analysis(level=level).tolerances[0]
 
 
 def test_s_band_configuration_is_as_published():

@@ -5,7 +5,15 @@ import re
 
 import numpy as np
 import pytest
-from helpers import assert_refused, document, scenario, single, write, yaml_text
+from helpers import (
+    assert_refused,
+    cov_by_level,
+    document,
+    scenario,
+    single,
+    write,
+    yaml_text,
+)
 from scipy.optimize import brentq
 
 import radar_sense as rs
@@ -128,7 +136,7 @@ def test_airport_surveillance():
     )
     sigma = [
         rs.DetectionModel(model.rcs, model.p_fa, detector).linearize(s.aircraft, radar).std(
-            np.zeros((6, 6)), factor**2 * s.cov_radar["data_sheet"]
+            np.zeros((6, 6)), factor**2 * cov_by_level(s)["data_sheet"]
         )
         for detector, factor in ((model.detector, 1.0), (Swerling1(), gain))
         for radar in [s.radar * [1, 1, 1, factor]]

@@ -18,7 +18,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import assert_refused, place, refusal, write
+from helpers import (
+    assert_refused,
+    cov_by_level,
+    place,
+    refusal,
+    write,
+)
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -629,7 +635,7 @@ def test_uncertainties_become_si(tool):
     scenario = accepted(tool, replaced({f"{AIRCRAFT}.attitude_deg": "[1, 2, 3]"}))
     variances = [100.0] * 3 + [math.radians(a) ** 2 for a in (1, 2, 3)]
     assert scenario.cov_aircraft == pytest.approx(np.diag(variances), rel=1e-15, abs=0)
-    assert (scenario.cov_radar["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()
+    assert (cov_by_level(scenario)["medium"] == np.diag([1e4, 1e4, 1e4, 25])).all()
     assert list(scenario.cov_radar) == ["low", "medium", "high"]
 
 
@@ -649,7 +655,7 @@ def test_full_covariances_are_in_the_units_of_their_keys(tool):
         for j in range(6):
             expected = aircraft[i, j] * unit[i] * unit[j]
             assert scenario.cov_aircraft[i, j] == pytest.approx(expected, rel=1e-15)
-    assert (scenario.cov_radar["medium"] == radar).all()
+    assert (cov_by_level(scenario)["medium"] == radar).all()
     # Blocks on the diagonal are the same as keys of their own.
     parts = np.zeros((6, 6))
     parts[:3, :3], parts[3:, 3:] = aircraft[:3, :3], aircraft[3:, 3:]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    cov_by_level,
     document,
     network_document,
     parsed_network,
@@ -65,10 +66,10 @@ def test_every_key_of_a_radar_is_read():
     assert west.model == rs.DetectionModel(s.model.rcs, 1e-6, rs.Swerling1())
     assert_array_equal(s.radar, [1e3, 2e3, -30, 160, -2e4, 0, 5, 90])
     assert list(s.cov_radar) == ["low", "high"]  # the order of the first
-    assert_array_equal(s.cov_radar["low"], np.diag([100.0, 100, 100, 1, 4, 5, 6, 4]))
-    assert_array_equal(s.cov_radar["high"], np.diag([1e4, 4e4, 100, 25, 1, 4, 9, 16]))
+    assert_array_equal(cov_by_level(s)["low"], np.diag([100.0, 100, 100, 1, 4, 5, 6, 4]))
+    assert_array_equal(cov_by_level(s)["high"], np.diag([1e4, 4e4, 100, 25, 1, 4, 9, 16]))
     assert not s.radar.flags.writeable
-    assert not s.cov_radar["low"].flags.writeable
+    assert not cov_by_level(s)["low"].flags.writeable
 
 
 def test_constants_are_made_of_what_a_radar_is_made_of():
@@ -317,7 +318,7 @@ def made_radar(name: str) -> dict:
 
 def test_parts_of_a_radar_constant_are_those_of_each_radar(tool):
     two = parsed_network(radar_entry("a"), made_radar("b")).with_analysis(level="high")
-    assert [[part.key for part in parts] for parts in two.tolerances_at_level] == [
+    assert [[part.key for part in parts] for parts in two.tolerances] == [
         [],
         ["loss_db", "noise_figure_db"],
     ]

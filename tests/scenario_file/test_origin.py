@@ -3,12 +3,12 @@
 The oracle has its own WGS-84 formulas and plain loops. Its earth-fixed coordinates have no origin.
 """
 
-import dataclasses
 import math
 
 import numpy as np
 import pytest
 import yaml
+from helpers import with_arrays
 
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells
@@ -171,7 +171,7 @@ def test_monte_carlo_draws_have_the_same_horizon(tmp_path):
         s = written(
             tmp_path, [radar], rows, origin, aircraft={"position_m": 200, "attitude_deg": 0}
         )
-        s = dataclasses.replace(s, cov_radar={"a": np.zeros((4, 4))})
+        s = with_arrays(s, cov_radar={"a": np.zeros((4, 4))})
         found = rs.monte_carlo(s, runs=2000, seed=3)
         clear = rs.DetectionModel(rcs=s.model.rcs, p_fa=1e-6).p_d(s.aircraft[0], s.radar)
         assert 0.4 < found.mean[0] / clear < 0.6

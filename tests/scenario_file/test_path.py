@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 from pathlib import Path
 
@@ -10,7 +9,13 @@ import mpmath
 import numpy as np
 import pytest
 import yaml
-from helpers import document, without_pixels, write_path
+from helpers import (
+    cov_by_level,
+    document,
+    with_arrays,
+    without_pixels,
+    write_path,
+)
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
@@ -127,7 +132,7 @@ def test_validate_gives_the_same_verdict_too(tmp_path):
 def single_pose(scenario, pose):
     """Return a scenario of one pose, with one covariance."""
     one = scenario.at_poses(slice(pose, pose + 1))
-    return dataclasses.replace(one, cov_aircraft=one.cov_aircraft[0])
+    return with_arrays(one, cov_aircraft=one.cov_aircraft[0])
 
 
 @pytest.mark.parametrize("text", [UNCERTAIN, correlated_route()], ids=["std", "cov"])
@@ -144,7 +149,7 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
             for source, std in error_budget(single_pose(s, pose), method).alone.items():
                 assert budget.alone[source][pose] == pytest.approx(std[0], rel=1e-9, abs=1e-15)
     stds = [propagate_scenario(single_pose(s, pose)).std[0] for pose in (0, 1, 2)]
-    swapped = dataclasses.replace(s, cov_aircraft=s.cov_aircraft[::-1])
+    swapped = with_arrays(s, cov_aircraft=s.cov_aircraft[::-1])
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
 
 
@@ -157,7 +162,7 @@ def test_standard_deviations_of_the_route_are_those_of_the_states(tmp_path):
 @pytest.mark.parametrize("text", [UNCERTAIN, correlated_route()], ids=["std", "cov"])
 def test_draws_have_the_covariance_of_their_pose(tmp_path, text):
     s = load(tmp_path, text)
-    sampler = Sampler.of(s)
+    sampler = Sampler(s.states())
     normals = np.random.default_rng(3).standard_normal((40_000, 4, 6))
     drawn = covariance.draws(s.aircraft, sampler.sqrt_cov_aircraft, normals)
     for pose in range(4):
@@ -329,9 +334,9 @@ def test_a_radar_may_be_in_latitude_and_longitude(tmp_path, several):
     if several:
         assert s.radar[:3].tolist() == [9, 8, 7]
         # metres of the frame where the place is in the frame, else metres north, east, down there
-        assert np.diag(s.cov_radar["medium"])[:3].tolist() == [100, 400, 900]
+        assert np.diag(cov_by_level(s)["medium"])[:3].tolist() == [100, 400, 900]
         north, east, down = local_axes(ALPS, ORIGIN)
-        of_alps = s.cov_radar["medium"][4:7, 4:7]
+        of_alps = cov_by_level(s)["medium"][4:7, 4:7]
         expected = [100 * np.outer(north, north), 400 * np.outer(east, east)]
         np.testing.assert_allclose(of_alps, sum(expected) + 900 * np.outer(down, down), atol=1e-5)
         assert abs(of_alps - np.diag([100, 400, 900])).max() > 1
@@ -609,7 +614,7 @@ LABELS = [
 @pytest.mark.parametrize(("kind", "span", "label", "unit"), LABELS)
 def test_figures_have_the_unit_that_fits(tmp_path, kind, span, label, unit):
     values = np.linspace(7.0, 7.0 + span, 4)
-    s = dataclasses.replace(load(tmp_path), axis=getattr(axis, kind)(values))
+    s = with_arrays(load(tmp_path), axis=getattr(axis, kind)(values))
     figure = analyses.variance(s).plot()
     (axes,) = figure.axes
     assert axes.get_xlabel() == label
@@ -668,8 +673,8 @@ def test_many_poses_go_through_in_parts(tmp_path):
     found = propagate_scenario(s, method="linear")
     model: DetectionModel = s.model
     linear = model.linearize(s.aircraft, s.radar)
-    expected = linear.std(s.cov_aircraft, s.cov_radar[s.level])
+    expected = linear.std(s.cov_aircraft, s.cov_radar)
     assert found.std == pytest.approx(expected, rel=1e-12)
-    assert Sampler.of(s).sqrt_cov_aircraft[17_001, 1, 1] == pytest.approx(
+    assert Sampler(s.states()).sqrt_cov_aircraft[17_001, 1, 1] == pytest.approx(
         10.0 + 17_001 % 8, rel=1e-15
     )

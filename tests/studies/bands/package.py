@@ -7,7 +7,8 @@ import numpy as np
 import radar_sense as rs
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.network import NetworkModel, Radar
+from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS

@@ -1,0 +1,191 @@
+"""One radar: what detects, where it stands and how far it sees, and how uncertain that is."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radar_sense import covariance
+from radar_sense.errors import InputError
+from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_number
+from radar_sense.model.detection_model import DetectionModel
+from radar_sense.model.geometry import slant_range
+from radar_sense.model.horizon import Horizon, horizon_range
+from radar_sense.model.radar_constant import DataSheet, Tolerance
+from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, real_array
+
+
+@dataclass(frozen=True, eq=False)
+class Level:
+    """The uncertainty of a radar at one level.
+
+    Attributes:
+        covariance: C_rr (4, 4). Of a c_r with tolerances it has the variance to first order.
+        tolerances: Tolerances that make c_r uncertain; () for a Gaussian c_r.
+        attenuation_std: Standard deviation of the attenuation [dB/m]. The attenuation is
+            log-normal, with the value of the model as its median.
+    """
+
+    covariance: FloatArray
+    tolerances: tuple[Tolerance, ...] = ()
+    attenuation_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        matrix = covariance.checked("radar", self.covariance).copy()
+        if matrix.shape != (len(RADAR),) * 2:
+            raise InputError(
+                f"radar covariance must have shape {(len(RADAR),) * 2}, got {matrix.shape}"
+            )
+        matrix.flags.writeable = False
+        object.__setattr__(self, "covariance", matrix)
+        if not isinstance(self.tolerances, tuple | list) or not all(
+            isinstance(tolerance, Tolerance) for tolerance in self.tolerances
+        ):
+            raise InputError(f"tolerances must be a tuple of Tolerance, got {self.tolerances!r}")
+        object.__setattr__(self, "tolerances", tuple(self.tolerances))
+        check_number("attenuation_std", self.attenuation_std, NOT_NEGATIVE)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Radar:
+    """One radar at every level of its uncertainty.
+
+    A radar without state and levels is physics alone, for a `NetworkModel`.
+
+    Attributes:
+        model: RCS, P_fa, detector and attenuation.
+        name: Name in tables and reports. A single radar needs none.
+        state: x_r (4,): north, east, down [m] and c_r [J m²/K]; None for physics alone.
+        levels: Its uncertainty by level.
+        max_range: Slant range beyond which P_D is 0 [m].
+        horizon: Horizon below which P_D is 0; None for a transparent earth, as in the paper.
+        scan_period: Time from one look to the next [s]; None if unknown.
+        min_range: Slant range within which P_D is 0 [m].
+        sheet: The data sheet that c_r was computed from, or None.
+        band: The frequency band. Radars of one band have one error of the RCS.
+    """
+
+    model: DetectionModel
+    name: str = ""
+    state: FloatArray | None = None
+    levels: Mapping[str, Level] = field(default_factory=dict)
+    max_range: float = math.inf
+    horizon: Horizon | None = None
+    scan_period: float | None = None
+    min_range: float = 0.0
+    sheet: DataSheet | None = None
+    band: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, DetectionModel):
+            raise InputError(f"model must be a DetectionModel, got {self.model!r}")
+        for name in ("name", "band"):
+            if not isinstance(getattr(self, name), str):
+                raise InputError(f"{name} must be text, got {getattr(self, name)!r}")
+        if self.state is not None:
+            object.__setattr__(self, "state", _checked_state(self.state))
+        self._check_levels()
+        if self.max_range != math.inf:
+            max_range = check_number("max_range", self.max_range, POSITIVE)
+            object.__setattr__(self, "max_range", max_range)
+        object.__setattr__(
+            self, "min_range", check_number("min_range", self.min_range, NOT_NEGATIVE)
+        )
+        if self.min_range >= self.max_range:
+            raise InputError(
+                f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
+            )
+        if not isinstance(self.horizon, Horizon | None):
+            raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
+        if self.scan_period is not None:
+            period = check_number("scan_period", self.scan_period, POSITIVE)
+            object.__setattr__(self, "scan_period", period)
+
+    def _check_levels(self) -> None:
+        if not isinstance(self.levels, Mapping):
+            raise InputError("levels must be a mapping, {'medium': Level(...)}")
+        for name, level in self.levels.items():
+            if not isinstance(name, str):
+                raise InputError(f"levels must have names, got {name!r}")
+            if not isinstance(level, Level):
+                raise InputError(f"levels[{name!r}] must be a Level, got {level!r}")
+            check_number(
+                f"levels[{name!r}].attenuation_std",
+                level.attenuation_std,
+                Limit(at_least=0, at_most=self.model.attenuation),
+            )
+        object.__setattr__(self, "levels", MappingProxyType(dict(self.levels)))
+
+    def __repr__(self) -> str:
+        limits = (
+            f", {name} {value!r}"
+            for name, value, default in (
+                ("max_range", self.max_range, math.inf),
+                ("min_range", self.min_range, 0.0),
+                ("horizon", self.horizon, None),
+                ("scan_period", self.scan_period, None),
+                ("band", self.band, ""),
+            )
+            if value != default
+        )
+        return f"<Radar {self.name!r}: {self.model!r}{''.join(limits)}>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**vars(self), "levels": dict(self.levels)}  # a mapping proxy cannot be pickled
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        vars(self)["levels"] = MappingProxyType(state["levels"])
+
+    def visible(
+        self, aircraft: ArrayLike, radar: ArrayLike, height: FloatArray | None = None
+    ) -> NDArray[np.bool_]:
+        """Return where (...) aircraft (..., 6) are within the limits of a radar (..., 4).
+
+        Args:
+            aircraft: States of the aircraft.
+            radar: States of the radar.
+            height: Heights (...) [m] of the aircraft for the horizon; computed if None.
+        """
+        aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
+        visible = np.ones(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]), dtype=bool)
+        if not self.limited:
+            return visible
+        distance = slant_range(aircraft, radar)
+        if self.max_range < math.inf:
+            visible &= distance <= self.max_range
+        if self.min_range > 0:
+            visible &= distance >= self.min_range
+        if self.horizon is not None:
+            height = self.horizon.height(aircraft) if height is None else height
+            visible &= distance <= horizon_range(self.horizon.height(radar), height)
+        return visible
+
+    def without_limits(self) -> Radar:
+        """Return the radar without minimum and maximum range and horizon."""
+        return replace(self, min_range=0.0, max_range=math.inf, horizon=None)
+
+    @property
+    def limited(self) -> bool:
+        """Whether the radar has a maximum range, a minimum range or a horizon."""
+        return self.max_range < math.inf or self.min_range > 0 or self.horizon is not None
+
+
+def _checked_state(values: ArrayLike) -> FloatArray:
+    """Return the state of a radar (4,), read-only."""
+    state = real_array("radar state", values).copy()
+    if state.shape != (len(RADAR),):
+        raise InputError(
+            f"radar state must have shape ({len(RADAR)},) for {', '.join(RADAR)}, got {state.shape}"
+        )
+    check_finite("radar", state)
+    if not state[CONSTANT] > 0:
+        raise InputError(f"radar constants must be greater than 0, got {state[CONSTANT]:g}")
+    state.flags.writeable = False
+    return state
