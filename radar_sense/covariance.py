@@ -54,7 +54,9 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
     Returns:
         Index and problem of the matrix, or None.
     """
-    if not _all_definite(covariances):  # semidefinite is enough
+    try:
+        np.linalg.cholesky(covariances)
+    except np.linalg.LinAlgError:  # not definite, and semidefinite is enough
         variances = np.diagonal(covariances, axis1=-2, axis2=-1)
         negative = np.any(variances < 0, axis=-1)
         certain = np.any((variances == 0)[..., np.newaxis] & (covariances != 0), axis=(-2, -1))
@@ -66,28 +68,6 @@ def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
             if text:
                 return int(index), text
     return None
-
-
-def _all_definite(covariances: FloatArray) -> bool:
-    """Return whether symmetric matrices (k, n, n) are all positive definite.
-
-    The elimination without pivoting treats all matrices at once, entry by entry. For small matrices
-    `numpy.linalg.cholesky` takes ten times as long.
-    """
-    if covariances.shape[-1] > MANY:
-        try:
-            np.linalg.cholesky(covariances)
-        except np.linalg.LinAlgError:
-            return False
-        return True
-    entries = np.moveaxis(covariances, 0, -1).copy()
-    for j in range(len(entries)):
-        if not np.all(entries[j, j] > 0):
-            return False
-        for i in range(j + 1, len(entries)):
-            factor = entries[i, j] / entries[j, j]
-            entries[i, j + 1 : i + 1] -= factor * entries[j + 1 : i + 1, j]
-    return True
 
 
 def checked(whose: str, covariance: ArrayLike) -> FloatArray:

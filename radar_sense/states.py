@@ -25,7 +25,7 @@ AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 RADAR = ("north", "east", "down", "constant")
 #: x_r, the error ε of the RCS at this radar (see `model.rcs`), and the error of ln α with the
 #: attenuation α.
-RADAR_AND_ERRORS = (*RADAR, "error of the RCS", "error of the attenuation")
+RADAR_AND_ERRORS = (*RADAR, "the error of the RCS", "the error of the attenuation")
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
 DOWN, YAW = 2, 5
@@ -99,6 +99,30 @@ def real_array(name: str, values: ArrayLike) -> FloatArray:
     if given.dtype.kind not in "iuf":
         raise InputError(f"{name} must be an array of real numbers, got {given.dtype}")
     return given.astype(float)
+
+
+def checked_states(
+    aircraft: ArrayLike, radar: ArrayLike, radars: int = 1
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Return states of the aircraft (..., 6), and of each radar (..., 4) or (..., 6), as arrays.
+
+    Raises:
+        ValueError: If a shape does not fit, a state is not finite or a radar constant is negative.
+    """
+    aircraft = real_array("aircraft states", aircraft)
+    if aircraft.shape[-1:] != (len(AIRCRAFT),):
+        raise ValueError(
+            f"aircraft states must have shape (..., {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
+            f"got {aircraft.shape}"
+        )
+    radar = real_array("radar states", radar)
+    states = of_each(radar, radars)
+    check_finite("aircraft", aircraft)
+    check_finite("radar", radar, radars)
+    constants = radar[..., CONSTANT :: radar.shape[-1] // radars]
+    if constants.min(initial=0.0) < 0:
+        raise ValueError(f"radar constant must not be negative, got {constants.min()}")
+    return aircraft, states
 
 
 def check_finite(whose: str, states: FloatArray, radars: int = 1) -> None:

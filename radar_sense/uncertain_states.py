@@ -61,9 +61,9 @@ class UncertainStates:
         cov_radar: C_rr (k, 6m, 6m), with a c_r with tolerances to first order.
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain; () for a Gaussian
             c_r.
-        columns: Columns (r,) of F that are not 0.
         seed: Seed of draws of these states.
         runs: Draws at each pose of the method `montecarlo`.
+        whole: The states that these are a part of; None if they are no part.
     """
 
     model: NetworkModel
@@ -72,9 +72,9 @@ class UncertainStates:
     cov_aircraft: FloatArray
     cov_radar: FloatArray
     tolerances: tuple[tuple[Tolerance, ...], ...]
-    columns: NDArray[np.intp]
     seed: int = 1
     runs: int = 500
+    whole: UncertainStates | None = None
 
     @classmethod
     def of(
@@ -101,13 +101,7 @@ class UncertainStates:
         aircraft, radar = covariances
         if any(by_radar):
             radar = _with_tolerances(nominal[1], radar, by_radar)
-        if len(radar) == 1:
-            present = _root(radar, by_radar).any(axis=(0, 1))
-        else:  # the same columns at all poses, and a root where one is needed
-            rest = _without(radar, _places_of_constants(by_radar))
-            present = np.diagonal(rest, axis1=1, axis2=2).any(axis=0)
-        columns = np.flatnonzero(present)
-        return cls(model, *nominal, aircraft, radar, by_radar, columns, seed, runs)
+        return cls(model, *nominal, aircraft, radar, by_radar, seed, runs)
 
     def __len__(self) -> int:
         """Number of poses."""
@@ -124,6 +118,16 @@ class UncertainStates:
     def log_constant(self) -> NDArray[np.bool_]:
         """Radars (m,) whose ln c_r is Gaussian: c_r = c̄_r exp(Δ/c̄_r), Δ of C_rr."""
         return np.array([bool(tolerances) for tolerances in self.tolerances])
+
+    @cached_property
+    def columns(self) -> NDArray[np.intp]:
+        """Columns (r,) of F that are not 0, the same at a pose whatever the other poses are."""
+        if self.whole is not None:
+            return self.whole.columns
+        if len(self.cov_radar) == 1:
+            return np.flatnonzero(_root(self.cov_radar, self.tolerances).any(axis=(0, 1)))
+        rest = _without(self.cov_radar, _places_of_constants(self.tolerances))
+        return np.flatnonzero(np.diagonal(rest, axis1=1, axis2=2).any(axis=0))
 
     def blocks(self, numbers: int) -> Iterator[UncertainStates]:
         """Yield blocks of poses for an algorithm that needs this many numbers a pose."""
@@ -251,6 +255,7 @@ class UncertainStates:
             radar=radar,
             cov_aircraft=cov_aircraft,
             cov_radar=cov_radar,
+            whole=self if self.whole is None else self.whole,
         )
 
     @property

@@ -368,6 +368,25 @@ def with_arrays(scenario, **arrays):
     return scenario_of(**given)
 
 
+def assert_same_scenario(found, expected):
+    """Insist on the same radars, levels, poses and choices, bit by bit."""
+    for own, other in zip(found.radars, expected.radars, strict=True):
+        assert (repr(own), own.model, own.sheet) == (repr(other), other.model, other.sheet)
+        np.testing.assert_array_equal(own.state, other.state)
+        assert list(own.levels) == list(other.levels)
+        for level, wanted in other.levels.items():
+            at = own.levels[level]
+            np.testing.assert_array_equal(at.covariance, wanted.covariance)
+            assert at.tolerances == wanted.tolerances
+            assert at.attenuation_std == wanted.attenuation_std
+    assert type(found.geometry) is type(expected.geometry)
+    for name in ("aircraft", "cov_aircraft", "time_s", "origin"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+    np.testing.assert_array_equal(found.axis.values, expected.axis.values)
+    for name in ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s"):
+        assert getattr(found, name) == getattr(expected, name), name
+
+
 # Networks.
 
 

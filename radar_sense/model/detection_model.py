@@ -30,9 +30,7 @@ from radar_sense.states import (
     RADAR,
     RCS_ERROR,
     FloatArray,
-    check_finite,
-    of_each,
-    real_array,
+    checked_states,
 )
 
 #: Poses per block. Arrays of 128 kB stay in a second-level cache.
@@ -130,9 +128,8 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        _check_states(aircraft, radar)
-        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar, BLOCK)
-        return snr
+        aircraft, (radar,) = checked_states(aircraft, radar)
+        return self.unchecked_snr(aircraft, radar)
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return P_D (...) at each pose.
@@ -141,15 +138,8 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        _check_states(aircraft, radar)
-        (p_d,) = _in_blocks(
-            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),),
-            ((),),
-            aircraft,
-            radar,
-            BLOCK,
-        )
-        return p_d
+        aircraft, (radar,) = checked_states(aircraft, radar)
+        return self.unchecked_p_d(aircraft, radar)
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D and its partials by all ten states.
@@ -158,7 +148,7 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        _check_states(aircraft, radar)
+        aircraft, (radar,) = checked_states(aircraft, radar)
         return Linearization(*self._partials(partial(linearize, self.detector), aircraft, radar))
 
     def linearize_probit(
@@ -173,23 +163,39 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        _check_states(aircraft, radar)
+        aircraft, (radar,) = checked_states(aircraft, radar)
         return self.unchecked_probit(aircraft, radar)
 
+    def unchecked_snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+        """Return `snr` of states that have been checked."""
+        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar, BLOCK)
+        return snr
+
+    def unchecked_p_d(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+        """Return `p_d` of states that have been checked."""
+        (p_d,) = _in_blocks(
+            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),),
+            ((),),
+            aircraft,
+            radar,
+            BLOCK,
+        )
+        return p_d
+
     def unchecked_probit(
-        self, aircraft: ArrayLike, radar: ArrayLike
+        self, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return the values of `linearize_probit`, NaN where a state is not finite."""
+        """Return `linearize_probit` of checked states, NaN where a state is not finite."""
         value, by_aircraft, by_radar = self._partials(
             self.detector.linearize_probit, aircraft, radar
         )
         return value, by_aircraft, by_radar
 
     def _partials(
-        self, detector: Slope, aircraft: ArrayLike, radar: ArrayLike
+        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, ...]:
         """Return the value of a detector, and its partials by both states."""
-        tails = ((), (len(AIRCRAFT),), np.shape(radar)[-1:])
+        tails = ((), (len(AIRCRAFT),), radar.shape[-1:])
         return _in_blocks(lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK)
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
@@ -275,8 +281,8 @@ def _range_squared(line: Vector) -> FloatArray:
 def _in_blocks(
     function: Callable[[FloatArray, FloatArray], tuple[FloatArray, ...]],
     tails: tuple[tuple[int, ...], ...],
-    aircraft: ArrayLike,
-    radar: ArrayLike,
+    aircraft: FloatArray,
+    radar: FloatArray,
     size: int,
 ) -> tuple[FloatArray, ...]:
     """Return the arrays that a function computes from states, block after block of poses.
@@ -291,12 +297,6 @@ def _in_blocks(
     Returns:
         An array (..., *tail) for each of `tails`, with each component contiguous in memory.
     """
-    aircraft = _states("aircraft", AIRCRAFT, aircraft)
-    radar = _states("radar", RADAR, radar)
-    if np.any(radar[..., CONSTANT] < 0):
-        raise ValueError(
-            f"radar constant must not be negative, got {np.nanmin(radar[..., CONSTANT])}"
-        )
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     aircraft, radar = (
         s if s.shape[:-1] == shape else np.broadcast_to(s, shape + s.shape[-1:])
@@ -330,20 +330,3 @@ def _blocks(shape: tuple[int, ...], size: int) -> Iterator[tuple[slice, ...]]:
 def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArray:
     empty = np.empty(tail + shape)
     return np.moveaxis(empty, range(len(tail)), range(-len(tail), 0))
-
-
-def _check_states(aircraft: ArrayLike, radar: ArrayLike) -> None:
-    check_finite("aircraft", _states("aircraft", AIRCRAFT, aircraft))
-    check_finite("radar", _states("radar", RADAR, radar))
-
-
-def _states(whose: str, components: tuple[str, ...], values: ArrayLike) -> FloatArray:
-    states = real_array(f"{whose} states", values)
-    if components is RADAR:
-        (states,) = of_each(states, 1)
-    elif states.ndim == 0 or states.shape[-1] != len(components):
-        raise ValueError(
-            f"{whose} states must have shape (..., {len(components)}) for "
-            f"{', '.join(components)}, got {states.shape}"
-        )
-    return states

@@ -54,6 +54,8 @@ def linearize_fusion(z: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def slopes_of_p_d(z: FloatArray) -> FloatArray:
     """Return ∂P_D/∂z_i (m, ...) = exp(ln Q − ln Q_i) φ(z_i) for the z_i (m, ...)."""
+    if len(z) == 1:
+        return density(z)
     return np.asarray(np.exp(_of_others(log_ndtr(-z))) * density(z))
 
 

@@ -29,7 +29,7 @@ from radar_sense.model.fusion import UNSEEN, either, fuse_probits, linearize_fus
 from radar_sense.model.geometry import join
 from radar_sense.model.horizon import Horizon
 from radar_sense.model.radar import Radar
-from radar_sense.states import CONSTANT, FloatArray, check_finite, of_each, real_array
+from radar_sense.states import CONSTANT, FloatArray, checked_states, of_each, real_array
 
 
 @dataclass(frozen=True)
@@ -89,8 +89,7 @@ class NetworkModel:
             ValueError: If a shape does not fit.
         """
         states = of_each(real_array("radar states", radar), len(self.radars))
-        visible = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
-        return np.stack(visible, axis=-1)
+        return self._visible(np.asarray(aircraft, dtype=float), states)
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the signal-to-noise ratio at each radar (..., m), 0 where the aircraft is unseen.
@@ -99,7 +98,7 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        return join(self._each(DetectionModel.snr, aircraft, radar))
+        return join(self._each(DetectionModel.unchecked_snr, aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the probability of detection by at least one radar (...).
@@ -109,7 +108,7 @@ class NetworkModel:
                 negative.
         """
         # one radar after the other: no more than two arrays at a time
-        return reduce(either, self._each(DetectionModel.p_d, aircraft, radar))
+        return reduce(either, self._each(DetectionModel.unchecked_p_d, aircraft, radar))
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
         """Return P_D by at least one radar, and its partials by aircraft and radar states.
@@ -121,9 +120,10 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        visible = self.visible(aircraft, radar)
+        aircraft, states = checked_states(aircraft, radar, len(self.radars))
+        visible = self._visible(aircraft, states)
         z, by_aircraft, by_radar = self._each_probit(
-            DetectionModel.linearize_probit, aircraft, radar, visible
+            DetectionModel.unchecked_probit, aircraft, states, visible
         )
         fused = reduce(either, (ndtr(one) for one in z))
         return Linearization(fused, *_weighted(slopes_of_p_d(z), by_aircraft, by_radar))
@@ -140,8 +140,9 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        visible = self.visible(aircraft, radar)
-        each = self._each_probit(DetectionModel.linearize_probit, aircraft, radar, visible)
+        aircraft, states = checked_states(aircraft, radar, len(self.radars))
+        visible = self._visible(aircraft, states)
+        each = self._each_probit(DetectionModel.unchecked_probit, aircraft, states, visible)
         z, by_aircraft, by_radar = _fused(*each)
         return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
 
@@ -163,7 +164,8 @@ class NetworkModel:
             radar: (k, 6m); c_r may be negative.
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
         """
-        return _fused(*self._each_probit(_extrapolated, aircraft, radar, visible))
+        states = of_each(radar, len(self.radars))
+        return _fused(*self._each_probit(_extrapolated, aircraft, states, visible))
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
@@ -171,41 +173,42 @@ class NetworkModel:
         lowest = [np.where(visible[..., i], z, UNSEEN) for i, z in enumerate(floors)]
         return fuse_probits(np.stack(lowest))
 
+    def _visible(self, aircraft: FloatArray, states: Sequence[FloatArray]) -> NDArray[np.bool_]:
+        visible = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
+        return np.stack(visible, axis=-1)
+
     def _each(
         self,
-        quantity: Callable[[DetectionModel, ArrayLike, ArrayLike], FloatArray],
+        quantity: Callable[[DetectionModel, FloatArray, FloatArray], FloatArray],
         aircraft: ArrayLike,
         radar: ArrayLike,
     ) -> Iterator[FloatArray]:
         """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
-        radar = real_array("radar states", radar)
-        states = of_each(radar, len(self.radars))
-        check_finite("radar", radar, len(self.radars))
+        aircraft, states = checked_states(aircraft, radar, len(self.radars))
         heights: dict[Horizon, FloatArray] = {}
         for single, state in zip(self.radars, states, strict=True):
             if not single.limited:
                 yield quantity(single.model, aircraft, state)
                 continue
             if single.horizon is not None and single.horizon not in heights:
-                heights[single.horizon] = single.horizon.height(np.asarray(aircraft, dtype=float))
+                heights[single.horizon] = single.horizon.height(aircraft)
             height = None if single.horizon is None else heights[single.horizon]
             visible = single.visible(aircraft, state, height)
             values = np.zeros(visible.shape)
             if visible.any():
-                seen = (_at(np.asarray(each, dtype=float), visible) for each in (aircraft, state))
+                seen = (_at(each, visible) for each in (aircraft, state))
                 values[visible] = quantity(single.model, *seen)
             yield values[()]
 
     def _each_probit(
         self,
         linearized: Callable[..., tuple[FloatArray, FloatArray, FloatArray]],
-        aircraft: ArrayLike,
-        radar: ArrayLike,
+        aircraft: FloatArray,
+        states: Sequence[FloatArray],
         visible: NDArray[np.bool_],
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """Return z_i (m, ...) of a function, and its partials by the aircraft and by each radar."""
         values, by_aircraft, by_radar = [], [], []
-        states = of_each(real_array("radar states", radar), len(self.radars))
         for i, (model, state) in enumerate(zip(self.models, states, strict=True)):
             one = visible[..., i : i + 1]
             z, by_a, by_r = linearized(model, aircraft, state)

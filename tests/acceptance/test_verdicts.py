@@ -400,7 +400,7 @@ def test_draws_decide_where_form_is_unreliable():
         aircraft__rcs={"model": "spikeball", "lobes": 36, "amplitude_m2": 0.02, "floor_m2": 0.002},
         geometry__azimuth_deg={"start": 47, "stop": 47, "step": 3},
     )
-    assert isinstance(s.model.rcs, SpikeballRCS)
+    assert isinstance(single(s).rcs, SpikeballRCS)
     p_d = drawn_p_d(s, 200_000)
     upper = np.quantile(p_d, 1 - 0.5 * math.erfc(3 / math.sqrt(2)))
     for p_max in (upper + 0.02, upper - 0.02):

@@ -149,8 +149,15 @@ def _check_reads_back(outcome: Outcome) -> None:
         raise BrokenError(f"the resolved scenario is refused: {error}\n{outcome.out}") from error
     _require(again.resolved() == scenario.resolved(), "resolved again to another text", outcome)
     pairs = {n: (getattr(scenario, n), getattr(again, n)) for n in _READ_BACK}
-    for level, matrix in scenario.cov_radar.items():
-        pairs[f"cov_radar {level}"] = matrix, again.cov_radar[level]
+    _require(again.levels == scenario.levels, "other levels when read back", outcome)
+    for name in scenario.levels:
+        levels = (tuple(r.levels[name] for r in s.radars) for s in (scenario, again))
+        for first, second in zip(*levels, strict=True):
+            pairs[f"cov_radar {name}"] = first.covariance, second.covariance
+            same = (first.tolerances, first.attenuation_std) == (
+                second.tolerances, second.attenuation_std
+            )  # fmt: skip
+            _require(same, f"level {name} differs when read back", outcome)
     for name, (first, second) in pairs.items():
         if not np.array_equal(first, second):
             _require(False, f"{name} differs when read back: {first} {second}", outcome)

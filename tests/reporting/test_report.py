@@ -267,11 +267,8 @@ def test_a_scenario_made_in_python():
     """Names of levels in Python may hold any characters."""
     few = scenario(geometry__azimuth_deg=FEW)
     made = rs.Scenario(
-        model=few.model,
-        aircraft=few.aircraft,
-        radar=few.radar,
-        cov_aircraft=few.cov_aircraft,
-        cov_radar={"<script>": few.cov_radar["medium"]},
+        radars=[dataclasses.replace(few.radars[0], levels={"<script>": few.radars[0].levels["low"]})],
+        geometry=few.geometry,
         name="made",
     )
     html = rs.report(made).html()

@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, dump_yaml
-from numpy.testing import assert_array_equal
+from helpers import assert_same_scenario, document, dump_yaml
 
 import radar_sense as rs
 from radar_sense.errors import InputError
@@ -20,10 +19,7 @@ NETWORK = CONFIGS / "network.yaml"
 
 def assert_same(found, expected):
     assert found.resolved() == expected.resolved()
-    for name in ("aircraft", "radar", "cov_aircraft"):
-        assert_array_equal(getattr(found, name), getattr(expected, name))
-    for level, matrix in expected.cov_radar.items():
-        assert_array_equal(found.cov_radar[level], matrix)
+    assert_same_scenario(found, expected)
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
+    assert_same_scenario,
     cov_by_level,
     document,
     network_document,
@@ -27,7 +28,6 @@ import radar_sense as rs
 from radar_sense.covariance import block_diagonal
 from radar_sense.model.horizon import EARTH_RADIUS
 from radar_sense.scenario_file.load import default_text
-from radar_sense.states import CONSTANTS
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -57,26 +57,25 @@ def test_every_key_of_a_radar_is_read():
             },
         ),
     )
-    assert isinstance(s.model, rs.NetworkModel)
     east, west = s.model.radars
     assert s.model.names == (east.name, west.name) == ("east", "West-2")
     assert (east.max_range, east.horizon, east.scan_period) == (450_500.0, rs.Horizon(), 10.0)
     assert (west.max_range, west.horizon, west.scan_period) == (np.inf, None, None)
-    assert east.model == rs.DetectionModel(s.model.rcs, 1e-4, rs.North())
-    assert west.model == rs.DetectionModel(s.model.rcs, 1e-6, rs.Swerling1())
+    assert east.model == rs.DetectionModel(west.model.rcs, 1e-4, rs.North())
+    assert west.model == rs.DetectionModel(east.model.rcs, 1e-6, rs.Swerling1())
     assert_array_equal(s.radar, [1e3, 2e3, -30, 160, -2e4, 0, 5, 90])
-    assert list(s.cov_radar) == ["low", "high"]  # the order of the first
+    assert s.levels == ("low", "high")  # the order of the first
     assert_array_equal(cov_by_level(s)["low"], np.diag([100.0, 100, 100, 1, 4, 5, 6, 4]))
     assert_array_equal(cov_by_level(s)["high"], np.diag([1e4, 4e4, 100, 25, 1, 4, 9, 16]))
-    assert not s.radar.flags.writeable
-    assert not cov_by_level(s)["low"].flags.writeable
+    assert not any(radar.state.flags.writeable for radar in s.radars)
+    assert not east.levels["low"].covariance.flags.writeable
 
 
 def test_constants_are_made_of_what_a_radar_is_made_of():
     made = yaml.safe_load((CONFIGS / "surveillance.yaml").read_text())["radar"]["surveillance"]
     s = parsed_network(radar_entry("made", constant=None, surveillance=made), radar_entry("given"))
     alone = rs.load_scenario(CONFIGS / "surveillance.yaml")
-    assert_array_equal(s.radar[CONSTANTS], [alone.radar[3], 160])
+    assert_array_equal(s.radar_states[:, 3], [alone.radar[3], 160])
 
 
 @pytest.mark.parametrize("count", [1, 2, 16])
@@ -88,9 +87,7 @@ def test_a_network_reads_back(tool, count):
     text = yaml.safe_dump(first.resolved(), sort_keys=False, default_flow_style=None)
     second = rs.parse_scenario(text)
     assert second.resolved() == first.resolved()
-    assert second.model == first.model
-    assert_array_equal(second.radar, first.radar)
-    assert_array_equal(second.cov_radar["high"], first.cov_radar["high"])
+    assert_same_scenario(second, first)
     code, out, err = tool("check", write(text))
     assert (code, err) == (0, "")
     comments = [line for line in out.splitlines() if line.startswith("#")]
@@ -236,7 +233,7 @@ def test_limits_of_a_single_radar_are_the_limits_of_a_network_of_one(limits, hid
     assert np.count_nonzero(p_d == 0) == hidden
     assert_array_equal(p_d, named.model.p_d(named.aircraft, named.radar))
     again = rs.parse_scenario(yaml.safe_dump(one.resolved()))
-    assert again.model == one.model
+    assert_same_scenario(again, one)
     assert again.resolved() == one.resolved()
     assert one.resolved()["radar"].get("horizon", False) == limits.get("horizon", False)
 
