@@ -138,8 +138,11 @@ def sources_of(scenario: Scenario) -> dict[str, Source]:
         scenario.types,
         attenuation=scenario.attenuation_uncertain,
     )
+    std = np.diagonal(scenario.states().cov_radar[0])
     return {
-        n: s for n, s in found.items() if scenario.rcs_std.any() or not n.startswith(AIRCRAFT_RCS)
+        name: source
+        for name, source in found.items()
+        if not name.startswith(AIRCRAFT_RCS) or std[list(source.components)].any()
     }
 
 

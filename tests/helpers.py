@@ -138,8 +138,8 @@ def legend_off_data(figure):
     assert box.x0 >= page.x0
     assert box.x1 <= page.x1
     assert box.y1 <= page.y1
-    for axes in figure.axes:
-        assert not box.overlaps(axes.get_window_extent())
+    for each in figure.axes:
+        assert not box.overlaps(each.get_window_extent())
     return legend
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from radar_sense.command import Result, command
+from radar_sense.command import ONE_RADAR, Result, command
+from radar_sense.errors import InputError
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs import RCS
 from radar_sense.model.rcs_table import TableRCS
@@ -49,12 +50,20 @@ def _lines_of_sight(scenario: Scenario) -> FloatArray:
     return np.concatenate([body_vector(scenario.aircraft, radar) for radar in radars])
 
 
-@command(examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
+@command(ONE_RADAR, examples=("radar-sense rcs", "radar-sense rcs my.yaml --format png"))
 def rcs(scenario: Scenario) -> Result:
     """The radar cross section by aspect: a polar cut and a map.
 
     A scenario can use the written table, as `rcs: {model: table, file: ...}`.
+
+    Raises:
+        InputError: If the radars have several bands with a cross section each.
     """
+    if len(set(scenario.bands)) > 1:
+        raise InputError(
+            f"the RCS differs by band ({', '.join(dict.fromkeys(scenario.bands))}): choose one of "
+            f"the radars {', '.join(scenario.model.names)} with --radar"
+        )
     result, model = Result(scenario), scenario.radars[0].model.rcs
     azimuth = np.arange(-180.0, 180.0, AZIMUTH_STEP)
     elevation = np.arange(-90.0, 90.0 + ELEVATION_STEP, ELEVATION_STEP)

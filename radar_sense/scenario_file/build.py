@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -65,12 +66,12 @@ def build(
     Raises:
         InputError: If sections contradict each other, or a file that is named is not allowed.
     """
-    rcs, rcs_section = _rcs(file.aircraft.rcs, place["aircraft"]["rcs"])
+    rcs, rcs_section = _rcs_by_band(file.aircraft.rcs, place["aircraft"]["rcs"])
     geometry, flight_section = _geometry(file, place)
     radars = _radars(file, place, rcs, geometry)
     for radar in radars:
         _refuse_collision(place["geometry"], geometry, radar)
-        _refuse_uncovered(place["geometry"], rcs, geometry, radar)
+        _refuse_uncovered(place["geometry"], geometry, radar)
     geometry = _with_covariance(file.uncertainty, place["uncertainty"], geometry)
     levels, level = radars[0].levels, file.analysis.level
     if level not in levels:
@@ -116,6 +117,16 @@ def _read_from(place: Place, read: Any, *args: Any, **options: Any) -> Any:
 
 
 # The aircraft and its flight.
+
+
+def _rcs_by_band(stated: Any, place: Place) -> tuple[dict[str, RCS], Any]:
+    """Return the RCS by band, by "" where all radars have one, and its section with digests."""
+    if not isinstance(stated, sections.Bands):
+        rcs, section = _rcs(stated, place)
+        return {"": rcs}, section
+    both = {band: _rcs(own, place["bands"][band]) for band, own in stated.bands.items()}
+    section = sections.Bands(bands={band: section for band, (_, section) in both.items()})
+    return {band: rcs for band, (rcs, _) in both.items()}, section
 
 
 def _rcs(stated: Any, place: Place) -> tuple[RCS, Any]:
@@ -213,11 +224,11 @@ def _with_covariance(stated: sections.Uncertainty, place: Place, geometry: Geome
     return dataclasses.replace(geometry, covariance=matrix)
 
 
-def _rcs_db(stated: sections.PoseUncertainty | None, place: Place, rcs: RCS) -> float:
+def _rcs_db(stated: sections.PoseUncertainty | None, place: Place, rcs: Mapping[str, RCS]) -> float:
     """Return the standard deviation of the RCS [dB]."""
     if stated is None or not stated.rcs_db:
         return 0.0
-    if getattr(rcs, "spread", None) is not None:
+    if any(getattr(own, "spread", None) is not None for own in rcs.values()):
         raise place["rcs_db"].error(
             "stands beside the column std_db of the RCS table; give only one of the two: both are "
             "the uncertainty of the RCS"
@@ -267,32 +278,37 @@ def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
 # The radars.
 
 
-def _radars(file: sections.File, place: Place, rcs: RCS, geometry: Geometry) -> list[Radar]:
-    uncertainty = place["uncertainty"]
+def _radars(
+    file: sections.File, place: Place, rcs: Mapping[str, RCS], geometry: Geometry
+) -> list[Radar]:
+    uncertainty, types = place["uncertainty"], _Types(file.types or {}, place["types"])
     if file.radar is not None:
         if file.uncertainty.radar is None:
             raise uncertainty.error("missing key 'radar', required with 'radar'")
         levels, at = file.uncertainty.radar, uncertainty["radar"]
-        return [_radar(file.radar, levels, place["radar"], at, rcs, geometry)]
+        return [_radar(file.radar, levels, place["radar"], at, rcs, geometry, types)]
     if file.uncertainty.radar is not None:
         raise uncertainty["radar"].error(
             "must be left out here: give 'uncertainty' of each radar in 'radars'"
         )
     stated = file.radars or ()
     for i, radar in enumerate(stated):
-        _refuse_name([r.name for r in stated[: i + 1]], place["radars"][i]["name"])
+        names = [r.name for r in stated[: i + 1]]
+        _refuse_name(names, [*rcs], [*types.stated], place["radars"][i]["name"])
         _refuse_other_levels(stated[0], radar, place["radars"][i]["uncertainty"])
     return [
-        _radar(radar, radar.uncertainty, entry, entry["uncertainty"], rcs, geometry)
+        _radar(radar, radar.uncertainty, entry, entry["uncertainty"], rcs, geometry, types)
         for radar, entry in zip(stated, place["radars"].entries(), strict=True)
     ]
 
 
-def _refuse_name(names: Sequence[str], place: Place) -> None:
+def _refuse_name(
+    names: Sequence[str], bands: Sequence[str], types: Sequence[str], place: Place
+) -> None:
     """Raise InputError unless the last of some names of radars is unlike the others."""
     if names[-1] in names[:-1]:
         raise place.error(f"must be a name that no other radar has, got {names[-1]!r}")
-    problem = name_problem(names)
+    problem = name_problem(names, bands, types)
     if problem:
         raise place.error(problem)
 
@@ -321,8 +337,9 @@ def _radar(
     levels: sections.Levels,
     place: Place,
     at_levels: Place,
-    rcs: RCS,
+    rcs: Mapping[str, RCS],
     geometry: Geometry,
+    types: _Types,
 ) -> Radar:
     """Return a radar.
 
@@ -331,13 +348,16 @@ def _radar(
         levels: Its levels of uncertainty.
         place: The section, for errors.
         at_levels: The levels, for errors.
-        rcs: RCS of the aircraft.
+        rcs: RCS of the aircraft by band.
         geometry: The poses, which have the frame.
+        types: What the radars of a type share.
     """
     sheet = _data_sheet(stated, place)
     _refuse_detector(stated, place["detector"])
     attenuation = stated.attenuation_db_per_km * _PER_KM
-    model = DetectionModel(rcs, float(stated.p_fa), stated.detector, attenuation)
+    band = _band(stated, place, rcs)
+    model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation)
+    shared = types.of(stated, place, list(levels))
     position, turn = _position(stated, place, geometry)
     constant = stated.constant if sheet is None else sheet.constant
     period = stated.scan_period_s
@@ -346,7 +366,7 @@ def _radar(
         name=getattr(stated, "name", ""),
         state=np.array([*position, constant], dtype=float),
         levels={
-            name: _level(level, at_levels[name], sheet, attenuation, turn)
+            name: _level(level, at_levels[name], sheet, attenuation, turn, shared.get(name))
             for name, level in levels.items()
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * _KM,
@@ -354,7 +374,24 @@ def _radar(
         horizon=Horizon(_origin(geometry)) if stated.horizon else None,
         scan_period=None if period is None else float(period),
         sheet=sheet,
+        band=band,
     )
+
+
+def _band(stated: sections.Radar, place: Place, rcs: Mapping[str, RCS]) -> str:
+    """Return the band of a radar, "" where all radars have one RCS."""
+    if "" in rcs:
+        if stated.band is not None:
+            raise place["band"].error("needs aircraft.rcs.bands, an RCS by band")
+        return ""
+    if stated.band is None:
+        raise place.error(f"missing key 'band', one of {', '.join(rcs)} of aircraft.rcs.bands")
+    if stated.band not in rcs:
+        raise place["band"].error(
+            f"must be one of {', '.join(rcs)} of aircraft.rcs.bands, got {stated.band!r}"
+            + did_you_mean(stated.band, rcs)
+        )
+    return stated.band
 
 
 def _position(
@@ -415,6 +452,7 @@ def _level(
     sheet: DataSheet | None,
     attenuation: float,
     turn: FloatArray | None,
+    shared: _Shared | None,
 ) -> Level:
     """Return the uncertainty of a radar at one level, in the frame of the poses.
 
@@ -425,10 +463,19 @@ def _level(
         attenuation: Attenuation [dB/m].
         turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
             longitude, where the file has the covariance; None if they are the same.
+        shared: What the radars of its type share; None without a type.
     """
     tolerances: tuple[Tolerance, ...] = ()
     if isinstance(stated.constant, sections.Tolerances):
         tolerances = _tolerances(stated.constant, place["constant"], sheet)
+    if shared is not None:
+        if not tolerances and (stated.covariance is not None or stated.constant):
+            raise (place if stated.constant is None else place["constant"]).error(
+                "must have standard deviations by parameter, or constant: 0, as the radar has a "
+                f"type: the errors of type {shared.type!r} are of parameters too"
+            )
+        tolerances = shared.beside(tolerances, sheet)
+    if tolerances:
         assert sheet is not None
         std = sheet.constant * relative_std(tolerances)
         stated = dataclasses.replace(stated, constant=std)
@@ -445,6 +492,48 @@ def _level(
             f"{attenuation / _PER_KM:g}, got {stated.attenuation_db_per_km:g}"
         )
     return Level(matrix, tolerances, std_attenuation)
+
+
+@dataclass(frozen=True)
+class _Shared:
+    """What the radars of a type share at one level: the section, and its place for errors."""
+
+    type: str
+    stated: Any
+    place: Place
+
+    def beside(self, own: tuple[Tolerance, ...], sheet: DataSheet | None) -> tuple[Tolerance, ...]:
+        """Return the tolerances of a radar and those of its type."""
+        shared = _tolerances(self.stated, self.place, sheet)
+        both = {t.key for t in own} & {t.key for t in shared}
+        if both:
+            raise self.place.error(
+                f"{min(both)} stands at a radar of this type too; give only one of the two"
+            )
+        return (*own, *(dataclasses.replace(t, shared=self.type) for t in shared))
+
+
+@dataclass(frozen=True)
+class _Types:
+    """The errors that radars of a type share: the sections, and their place for errors."""
+
+    stated: sections.Types
+    place: Place
+
+    def of(self, radar: sections.Radar, place: Place, levels: list[str]) -> dict[str, _Shared]:
+        """Return what a radar shares with others of its type, by level; {} without a type."""
+        if radar.type is None:
+            return {}
+        if radar.type not in self.stated:
+            known = ", ".join(self.stated) or "none is there"
+            raise place["type"].error(
+                f"must be one of types ({known}), got {radar.type!r}"
+                + did_you_mean(radar.type, self.stated)
+            )
+        own, at = self.stated[radar.type], self.place[radar.type]
+        if list(own) != levels:
+            raise at.error(f"must have the levels of its radars: {', '.join(levels)}")
+        return {level: _Shared(radar.type, own[level], at[level]) for level in levels}
 
 
 # Data sheets.
@@ -528,7 +617,8 @@ def _refuse_collision(place: Place, geometry: Geometry, radar: Radar) -> None:
         )
 
 
-def _refuse_uncovered(place: Place, rcs: RCS, geometry: Geometry, radar: Radar) -> None:
+def _refuse_uncovered(place: Place, geometry: Geometry, radar: Radar) -> None:
+    rcs = radar.model.rcs
     if not isinstance(rcs, TableRCS) or rcs.elevation is None:
         return
     body = body_vector(geometry.aircraft, np.asarray(radar.state))

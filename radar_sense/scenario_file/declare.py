@@ -618,12 +618,24 @@ def list_of(cls: type, most: int, what: str) -> Kind:
 
 def number_or(limit: Limit, cls: type) -> Kind:
     """Return the kind of a number, or a section in its place."""
-    one, instead = number(limit), section(cls)
+    return _or_section(number(limit), cls, lambda place: place.is_mapping)
+
+
+def or_with(kind: Kind, cls: type) -> Kind:
+    """Return a kind of a mapping, or a section in its place if a key of the section is there."""
+    names = {k.name for k in keys_of(cls)}
+    return _or_section(
+        kind, cls, lambda place: place.is_mapping and bool(names & place.items().keys())
+    )
+
+
+def _or_section(one: Kind, cls: type, is_section: Callable[[Place], bool]) -> Kind:
+    instead = section(cls)
     return Kind(
         one.allowed,
-        lambda place: (instead if place.is_mapping else one).read(place),
+        lambda place: (instead if is_section(place) else one).read(place),
         lambda: {"anyOf": [one.schema(), instead.schema()]},
-        lambda value: (one if isinstance(value, float) else instead).write(value),
-        sections=instead.sections,
-        is_number=True,
+        lambda value: (instead if isinstance(value, cls) else one).write(value),
+        sections=lambda: {**one.sections(), **instead.sections()},
+        is_number=one.is_number,
     )

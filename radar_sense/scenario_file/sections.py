@@ -45,6 +45,7 @@ from radar_sense.scenario_file.declare import (
     number,
     number_or,
     numbers,
+    or_with,
     schema,
     section,
     words,
@@ -117,6 +118,8 @@ def _tolerances() -> type:
 
 
 Tolerances = _tolerances()
+Types = Mapping[str, Mapping[str, Any]]
+_TYPES = named(RADAR_NAME, named(LEVEL_NAME, section(Tolerances), "level of uncertainty"), "type")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -267,6 +270,16 @@ class Radar:
         default=False,
     )
     horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)
+    band: str | None = key(
+        "Frequency band, one of aircraft.rcs.bands; required with bands, not allowed without.",
+        RADAR_NAME,
+        default=None,
+    )
+    type: str | None = key(
+        "Type of the radar, one of types: radars of a type share its errors.",
+        RADAR_NAME,
+        default=None,
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -300,13 +313,23 @@ class Table:
 
 #: The RCS models by name, with the section of a table. A model may be added at any time.
 _RCS: ChainMap[str, type[Any]] = ChainMap({"table": Table}, RCS_MODELS)
+_ONE_RCS = by_word("model", _RCS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bands:
+    """The radar cross section by frequency band. Its error is one for the radars of a band."""
+
+    bands: Mapping[str, Any] = key(
+        "Radar cross sections by the `band` of the radars.", named(RADAR_NAME, _ONE_RCS, "band")
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Aircraft:
     """The aircraft."""
 
-    rcs: Any = key("Radar cross section.", by_word("model", _RCS))
+    rcs: Any = key("Radar cross section, of all radars or by band.", or_with(_ONE_RCS, Bands))
     attitude_deg: tuple[float, float, float] | None = key(
         "Roll, pitch, yaw on an orbit or a radial, where it is required; not allowed on a path.",
         numbers(3, _ANGLE),
@@ -438,6 +461,12 @@ class File:
         "Several radars in place of one, each with a name.",
         list_of(NamedRadar, MAX_RADARS, "one radar or more, each with a name"),
         one_of="radars",
+    )
+    types: Types | None = key(
+        "Standard deviations by parameter of a data sheet that the radars of a type share, by type "
+        "and level.",
+        _TYPES,
+        default=None,
     )
     aircraft: Aircraft = key("RCS and attitude of the aircraft.", Aircraft)
     geometry: Orbit | Radial | Path = key(

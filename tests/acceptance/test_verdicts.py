@@ -10,6 +10,7 @@ from helpers import (
     cov_by_level,
     scenario,
     sheet_scenario,
+    single,
     write_path,
 )
 from reference import reading

@@ -32,7 +32,7 @@ _WHOLE_FILE = re.compile(
 )
 
 _READ_BACK = (
-    *("name", "level", "runs", "seed", "correlation_s", "origin", "tolerances"),
+    *("name", "level", "runs", "seed", "correlation_s", "origin"),
     *("aircraft", "radar", "cov_aircraft", "time_s"),
 )
 

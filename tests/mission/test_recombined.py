@@ -233,9 +233,7 @@ def test_the_same_bytes_for_any_number_of_workers(tmp_path):
 def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
     certain = {"position_m": 0, "attitude_deg": 0}
     s = load(tmp_path, ["one", "two"], 60.0, uncertainty={"aircraft": certain})
-    cov = {level: 0.0 * c for level, c in s.cov_radar.items()}
-    parts = dict.fromkeys(cov, ((),) * 2)
-    s = with_arrays(s, cov_radar=cov, tolerances=parts)
+    s = with_arrays(s, cov_radar={"one": np.zeros((8, 8))}, tolerances=None)
     for event in recombined_missions(Looks.of(s), (2, 3))[0]:
         for values in (event.mean, event.lower, event.upper):
             np.testing.assert_array_equal(values, event.p)
@@ -244,32 +242,40 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
 
 
 def test_correlated_radars_are_drawn_together(tmp_path):
-    """Two radars whose errors are one error act as one radar that looks twice."""
-    s = load(tmp_path, ["one", "two"], 60.0)
-    parts = dict.fromkeys(s.cov_radar, ((),) * 2)
+    """Radars of one band have one error of the RCS, those of two bands have two."""
+    s, decibels = load(tmp_path, ["one", "two"], 60.0), 3.0
     std = np.array([2000.0, 2000.0, 2000.0, 0.001, 3000.0, 3000.0, 3000.0, 0.0004])
-    same = np.kron(np.ones((2, 2)), np.eye(4)) * np.outer(std, std)
-    apart = np.diag(std**2)
     together, independent = (
-        recombined_missions(Looks.of(with_arrays(s, cov_radar={"one": cov}, tolerances=parts)))[0][
-            0
-        ]
-        for cov in (same, apart)
+        recombined_missions(
+            Looks.of(
+                with_arrays(
+                    s,
+                    model=NetworkModel(
+                        tuple(dataclasses.replace(r, band=band * r.name) for r in s.radars)
+                    ),
+                    cov_radar={"one": np.diag(std**2)},
+                    tolerances=None,
+                    rcs_db=decibels,
+                )
+            )
+        )[0][0]
+        for band in (0, 1)
     )
     rng = np.random.default_rng(3)
     runs = 40_000
-    normals = rng.standard_normal((4, runs))
+    errors = rng.standard_normal((2, runs))
     drawn = []
-    for u in (normals, rng.standard_normal((4, runs))):
+    for other in errors:
         missed = np.ones(runs)
-        for i, (name, v) in enumerate((("one", normals), ("two", u))):
+        for i, (name, error) in enumerate((("one", errors[0]), ("two", other))):
+            v, area = rng.standard_normal((4, runs)), SIGMA * 10 ** (decibels * error / 10)
             place = np.array(RADARS[name][0])[:, None] + std[4 * i : 4 * i + 3, None] * v[:3]
             c_r = np.maximum(RADARS[name][1] + std[4 * i + 3] * v[3], 0)
             for t in range(0, 121, 8):
                 nominal = [np.interp(t, [0, 60, 120], w)
                            for w in ([60e3, 55e3, 60e3], [-40e3, 0, 40e3], [-6e3] * 3)]  # fmt: skip
                 squared = np.sum((np.array(nominal)[:, None] - place) ** 2, axis=0)
-                missed *= 1 - P_FA ** (1 / (1 + c_r * SIGMA / (1.38e-23 * squared**2)))
+                missed *= 1 - P_FA ** (1 / (1 + c_r * area / (1.38e-23 * squared**2)))
         drawn.append(1 - missed)
     for found, values in zip((together, independent), drawn, strict=True):
         assert found.std[-1] == pytest.approx(values.std(), rel=0.08)  # the poses add a little

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import itertools
 import os
 import re
@@ -266,8 +267,9 @@ def test_paths_that_are_not_utf_8(tool):
 def test_a_scenario_made_in_python():
     """Names of levels in Python may hold any characters."""
     few = scenario(geometry__azimuth_deg=FEW)
+    (radar,) = few.radars
     made = rs.Scenario(
-        radars=[dataclasses.replace(few.radars[0], levels={"<script>": few.radars[0].levels["low"]})],
+        radars=[dataclasses.replace(radar, levels={"<script>": radar.levels["medium"]})],
         geometry=few.geometry,
         name="made",
     )

@@ -9,6 +9,7 @@ from helpers import (
     SURVEILLANCE,
     TOLERANCES,
     TRACKING,
+    assert_same_scenario,
     document,
     sheet_document,
     sheet_scenario,

@@ -20,6 +20,7 @@ import pytest
 import yaml
 from helpers import (
     assert_refused,
+    assert_same_scenario,
     cov_by_level,
     place,
     refusal,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import document, write_path
+from helpers import document, single, write_path
 
 import radar_sense as rs
 from radar_sense.errors import InputError
