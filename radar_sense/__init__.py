@@ -15,21 +15,19 @@ if TYPE_CHECKING:  # typing takes milliseconds, in which Ctrl-C would print a tr
 __version__ = "0.2.0"
 
 
-def _homes(*, old: bool = True) -> dict[str, str]:
-    """Return the module of each public name, with or without old names."""
+def _homes() -> dict[str, str]:
+    """Return the module of each public name."""
     import re
     from importlib import resources  # both take time that an interrupt may fall into
 
     stub = resources.files("radar_sense").joinpath("__init__.pyi").read_text(encoding="utf-8")
-    if not old:
-        stub = stub.partition("\n# Old names\n")[0]
     return {name: home for home, name in re.findall(r"^from (\S+) import (\w+)", stub, re.M)}
 
 
 def __getattr__(name: str) -> Any:
     homes = {} if name.startswith("__") else _homes()
     if name == "__all__":
-        return sorted(["__version__", *_homes(old=False)])
+        return sorted(["__version__", *_homes()])
     if name not in homes:
         raise AttributeError(f"module 'radar_sense' has no attribute {name!r}")
     if homes[name] == __name__:
@@ -41,4 +39,4 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_homes(old=False)})
+    return sorted({*globals(), *_homes()})

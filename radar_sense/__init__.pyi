@@ -1,7 +1,4 @@
-"""The public names. `__init__.py` reads the modules of the names from this file.
-
-Names below `# Old names` can be imported, and are not in `__all__`.
-"""
+"""The public names. `__init__.py` reads the modules of the names from this file."""
 
 from radar_sense import analyses as analyses
 from radar_sense.analyses.report import report as report
@@ -49,12 +46,3 @@ from radar_sense.scenario_file.route_file import load_route as load_route
 
 __version__: str
 __all__: list[str]
-
-# Old names
-from radar_sense.analyses import budget as budget
-from radar_sense.analyses import compare as compare
-from radar_sense.analyses import detectors as detectors
-from radar_sense.analyses import sensitivity as sensitivity
-from radar_sense.analyses import validate as validate
-from radar_sense.analyses import variance as variance
-from radar_sense.errors import ScenarioError as ScenarioError

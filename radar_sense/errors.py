@@ -18,10 +18,6 @@ class InputError(ValueError):
         super().__init__(printable(message))
 
 
-#: The name until version 0.1.
-ScenarioError = InputError
-
-
 def printable(text: str) -> str:
     """Return the text with control characters and line breaks escaped."""
     return "".join(

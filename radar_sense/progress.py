@@ -21,20 +21,6 @@ def report(what: str, done: int, total: int) -> None:
 
 
 @contextmanager
-def steps(total: int, what: str) -> Iterator[Callable[[int], None]]:
-    """Return a function that is called with the number of new steps, and reports all."""
-    done = 0
-
-    def advance(new: int) -> None:
-        nonlocal done
-        done += new
-        report(what, done, total)
-
-    report(what, 0, total)
-    yield advance
-
-
-@contextmanager
 def listening(listener: Listener) -> Iterator[None]:
     """Call a listener with all reports of this thread, within the context."""
     token = _listener.set(listener)

@@ -135,7 +135,10 @@ class UncertainStates:
 
     def cut(self, size: int) -> Iterator[UncertainStates]:
         """Yield parts with at most this number of poses, one part if there are no poses."""
-        for start in range(0, max(len(self), 1), size):
+        if len(self) <= size:
+            yield self
+            return
+        for start in range(0, len(self), size):
             yield self._with(*(a if len(a) == 1 else a[start : start + size] for a in self._arrays))
 
     def at(self, rows: NDArray[np.intp] | slice) -> UncertainStates:

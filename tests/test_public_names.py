@@ -1,4 +1,4 @@
-"""The public names: `rs.__all__`, old names, and the help of the analyses."""
+"""The public names: `rs.__all__`, and the help of the analyses."""
 
 import inspect
 import pydoc
@@ -14,9 +14,6 @@ ANALYSES = {
     for name, value in vars(rs.analyses).items()
     if isinstance(value, Command) and value.__name__ == name
 }
-OLD = {name: getattr(rs.analyses, name) for name in ("budget", "compare", "detectors")}
-OLD |= {name: getattr(rs.analyses, name) for name in ("sensitivity", "validate", "variance")}
-OLD["ScenarioError"] = rs.InputError
 
 
 def test_each_public_object_has_one_name():
@@ -34,12 +31,6 @@ def test_every_analysis_is_in_analyses_alone():
     )
     assert {value.name for value in ANALYSES.values()} == set(cli.commands())
     assert rs.analyses.map is rs.analyses.coverage_map  # the command, and its name in Python
-
-
-@pytest.mark.parametrize("name", OLD)
-def test_old_names_can_be_imported(name):
-    assert getattr(rs, name) is OLD[name]
-    assert name not in rs.__all__
 
 
 def test_only_the_listed_names_can_be_imported():

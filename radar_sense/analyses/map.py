@@ -39,7 +39,6 @@ from radar_sense.limits import MAP_KM, MAP_STEP_KM, PROBABILITY
 from radar_sense.model.geometry import body_vector
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
-from radar_sense.progress import steps
 from radar_sense.propagation import (
     AUTOMATIC,
     distribution,
@@ -164,17 +163,14 @@ def coverage_map(
     add("north_m", cells.north, "North of the rows of cells, from the origin.", "m")
     add("east_m", cells.east, "East of the columns of cells, from the origin.", "m")
     in_cells, bound = "P_D in each cell (rows, columns).", None
-    with steps(math.prod(cells.shape), "cells") as step:
-        if worst_heading:
-            shown, heading = worst_p_d_in_cells(scenario, cells, **area, progress=step)
-            add("p_d", shown, in_cells)
-            meaning = "With --worst-heading: the heading of the largest P_D."
-            add("worst_heading_deg", heading, meaning, "°")
-        else:
-            shown, bound = p_d_in_cells(
-                scenario, cells, course=course, method=bounding, **area, progress=step
-            )
-            add("p_d", shown, in_cells)
+    if worst_heading:
+        shown, heading = worst_p_d_in_cells(scenario, cells, **area)
+        add("p_d", shown, in_cells)
+        meaning = "With --worst-heading: the heading of the largest P_D."
+        add("worst_heading_deg", heading, meaning, "°")
+    else:
+        shown, bound = p_d_in_cells(scenario, cells, course=course, method=bounding, **area)
+        add("p_d", shown, in_cells)
     if bound is not None:
         add("upper_3sigma", bound, "With --upper: upper 3-sigma bound of P_D in each cell.")
         shown = bound

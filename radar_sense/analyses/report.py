@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense import files
+from radar_sense import files, progress
 from radar_sense.analyses.budget import budget
 from radar_sense.analyses.check import overview
 from radar_sense.analyses.compare import compare
@@ -22,7 +22,6 @@ from radar_sense.command import LEVEL, ONE_RADAR, SEED_OF_DRAWS, WORKER_THREADS,
 from radar_sense.errors import InputError
 from radar_sense.page import Section, page
 from radar_sense.plausibility import plausibility_warnings
-from radar_sense.progress import steps
 from radar_sense.scenario import Scenario
 
 #: Most poses of the comparison, and most poses times radars. These bound the time.
@@ -142,11 +141,10 @@ def _report(
     warnings = plausibility_warnings(scenario)
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
     questions = list(_questions(scenario, threshold, k, workers))
-    with steps(len(questions), "questions") as advance:
-        for command, question, ask in questions:
-            seen = {warning for section in sections for warning in section.warnings}
-            sections.append(_answer(command, question, ask, seen))
-            advance(1)
+    for done, (command, question, ask) in enumerate(questions):
+        progress.report("questions", done, len(questions))
+        seen = {warning for section in sections for warning in section.warnings}
+        sections.append(_answer(command, question, ask, seen))
     return Report(scenario, tuple(sections))
 
 

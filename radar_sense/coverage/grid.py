@@ -25,6 +25,7 @@ from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import body_vector
 from radar_sense.montecarlo.parallel import in_order
+from radar_sense.progress import report
 from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
@@ -137,7 +138,6 @@ def p_d_in_cells(
     course: float | None = None,
     method: str | None = None,
     workers: int = 1,
-    progress: Callable[[int], None] | None = None,
 ) -> tuple[Plane, Plane | None]:
     """Return P_D in each cell, and its upper bound at Φ(3) if a method of propagation is given.
 
@@ -152,7 +152,6 @@ def p_d_in_cells(
         course: Yaw [rad].
         method: Method of propagation of the bound; None for no bound.
         workers: Threads to compute with; the result does not depend on their number.
-        progress: Called with the number of new cells.
 
     Returns:
         P_D and bound (rows, columns) in single precision. NaN where the aircraft is at a radar,
@@ -169,7 +168,7 @@ def p_d_in_cells(
 
     count = 1 if method is None else 2
     _foresee(scenario, cells, 1.0 if method is None else EVALUATIONS.get(method, 350.0), workers)
-    p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers, progress)
+    p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers)
     return p_d, bounds[0] if bounds else None
 
 
@@ -179,7 +178,6 @@ def worst_p_d_in_cells(
     *,
     down: float | None = None,
     workers: int = 1,
-    progress: Callable[[int], None] | None = None,
 ) -> tuple[Plane, Plane]:
     """Return the largest P_D over all headings in each cell, and its heading [deg].
 
@@ -191,7 +189,6 @@ def worst_p_d_in_cells(
         cells: The cells.
         down: As in `p_d_in_cells`.
         workers: Threads to compute with; the result does not depend on their number.
-        progress: Called with the number of new cells.
 
     Raises:
         InputError: If the lobes of the RCS are too narrow.
@@ -224,7 +221,7 @@ def worst_p_d_in_cells(
             best[better], at[better] = maximum[better], argument[better]
         return best, np.rad2deg(np.mod(at, 2.0 * np.pi))
 
-    largest, heading = _in_cells(scenario, cells, pose, planes, 2, workers, progress)
+    largest, heading = _in_cells(scenario, cells, pose, planes, 2, workers)
     return largest, heading
 
 
@@ -302,7 +299,6 @@ def _in_cells(
     planes: Callable[[FloatArray], tuple[FloatArray, ...]],
     count: int,
     workers: int,
-    progress: Callable[[int], None] | None,
 ) -> list[Plane]:
     """Return planes (rows, columns), computed from the states (..., 6) of each block."""
     blocks = blocks_of(cells)
@@ -311,12 +307,14 @@ def _in_cells(
         return planes(states_in(cells, blocks[index], pose, scenario.origin))
 
     filled = [np.empty(cells.shape, dtype=np.float32) for _ in range(count)]
+    done, total = 0, math.prod(cells.shape)
+    report("cells", done, total)
     results = in_order(compute_block, len(blocks), workers)
     for block, parts in zip(blocks, results, strict=True):
         for plane, part in zip(filled, parts, strict=True):
             plane[block] = part
-        if progress:
-            progress(parts[0].size)
+        done += parts[0].size
+        report("cells", done, total)
     return filled
 
 

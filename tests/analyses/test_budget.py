@@ -7,7 +7,7 @@ from helpers import OVERHEAD, scenario
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense import sources as module
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget, only_at, required_accuracies
@@ -74,7 +74,7 @@ def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
 
 
 def test_sobol_indices_are_refused_under_correlation():
-    with pytest.raises(ScenarioError, match="independent sources"):
+    with pytest.raises(InputError, match="independent sources"):
         error_budget(load_scenario("configs/covariance.yaml"), "montecarlo")
     # within a source correlation does no harm
     error_budget(load_scenario("configs/covariance.yaml").with_analysis(level="survey"), "linear")
@@ -137,7 +137,7 @@ def test_required_accuracies_at_one_pose():
     found = required_accuracies(only_at(s, 10.0), 0.05)
     assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
     assert all(f.place == 10 for f in found.values())
-    with pytest.raises(ScenarioError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
+    with pytest.raises(InputError, match=r"no pose at 10\.1 deg, .* at 10 deg"):
         only_at(s, 10.1)
 
 
@@ -242,9 +242,9 @@ def test_the_report_of_a_budget_has_the_required_accuracies():
     assert result.summary["target"]["required_accuracy"]["all"]["factor"] == pytest.approx(
         0.5458, rel=1e-4
     )
-    with pytest.raises(ScenarioError, match="target needs one of the methods"):
+    with pytest.raises(InputError, match="target needs one of the methods"):
         analyses.budget(load_scenario(), method="montecarlo", target=0.05)
-    with pytest.raises(ScenarioError, match="did you mean 'linear'"):
+    with pytest.raises(InputError, match="did you mean 'linear'"):
         analyses.budget(load_scenario(), method="linaer")
 
 

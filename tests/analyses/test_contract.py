@@ -143,7 +143,7 @@ def test_options_of_an_analysis():
         rs.budget(scenario(), tarket=0.1)
     high = rs.analyses.sensitivity(scenario(geometry__azimuth_deg=FEW), level="high")
     assert high.scenario.level == "high"
-    with pytest.raises(rs.ScenarioError, match="level must be one of"):
+    with pytest.raises(rs.InputError, match="level must be one of"):
         rs.variance(scenario(), level="hi")
 
 

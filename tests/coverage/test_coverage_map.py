@@ -21,6 +21,8 @@ import radar_sense as rs
 from radar_sense import files as output
 from radar_sense.analyses import coverage_map
 from radar_sense.coverage import grid as area
+from radar_sense.progress import listening
+from radar_sense.propagation import propagate_scenario
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -80,11 +82,11 @@ def test_bound_knows_of_log_normal_constants(method):
     states[..., 0], states[..., 1] = cells.north[:, None], cells.east
     states[..., 2:] = s.aircraft[0, 2:]
     gaussian = rs.propagate(s.model, states, s.radar, s.cov_aircraft, s.cov_radar, method=method)
-    expected = propagate_scenario(s.at_states(states), method=method)
-    expected = Moments(*(np.reshape(a, cells.shape) for a in dataclasses.astuple(expected)))
-    known = ~np.isnan(expected.std)
+    moments = propagate_scenario(s.at_states(states), method=method)
+    std, upper = (np.reshape(values, cells.shape) for values in (moments.std, moments.upper))
+    known = ~np.isnan(std)
     assert known.mean() > 0.9
-    np.testing.assert_allclose(bound[known], expected.upper[known], rtol=2e-7)
+    np.testing.assert_allclose(bound[known], upper[known], rtol=2e-7)
     off = np.nanmax(abs(bound - gaussian.upper))
     assert off > 0.02 if method == "form" else off < 1e-6
     # one quantile converges wherever all of them do
@@ -140,15 +142,17 @@ def test_blocks_and_threads_do_not_matter(monkeypatch, compute):
 
     def planes(workers):
         if compute == "worst heading":
-            return area.worst_p_d_in_cells(s, cells, workers=workers, progress=done.append)
-        return area.p_d_in_cells(s, cells, method=compute, workers=workers, progress=done.append)
+            return area.worst_p_d_in_cells(s, cells, workers=workers)
+        return area.p_d_in_cells(s, cells, method=compute, workers=workers)
 
-    one = planes(1)
+    with listening(lambda *step: done.append(step)):
+        one = planes(1)
+    assert done[0] == ("cells", 0, 12)
+    assert done[-1] == ("cells", 12, 12)
     for size, workers in ((1, 2), (3, 1), (4, 3)):
         monkeypatch.setattr(area, "BLOCK", size)
         for a, b in zip(one, planes(workers), strict=True):
             assert a.tobytes() == b.tobytes()
-    assert sum(done) == 4 * 4 * 3
 
 
 #: Cells, as row and column, at which all headings are tried.

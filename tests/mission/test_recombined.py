@@ -27,6 +27,7 @@ from radar_sense.mission.recombined import (
     upper_tails,
     widened_normals,
 )
+from radar_sense.model.network import NetworkModel
 from radar_sense.progress import listening
 
 ROUTE = """time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg
@@ -243,8 +244,8 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
 
 def test_correlated_radars_are_drawn_together(tmp_path):
     """Radars of one band have one error of the RCS, those of two bands have two."""
-    s, decibels = load(tmp_path, ["one", "two"], 60.0), 3.0
-    std = np.array([2000.0, 2000.0, 2000.0, 0.001, 3000.0, 3000.0, 3000.0, 0.0004])
+    s, decibels = load(tmp_path, ["one", "two"], 60.0), 5.0
+    std = np.array([1000.0, 1000.0, 1000.0, 0.001, 2000.0, 2000.0, 2000.0, 0.0004])
     together, independent = (
         recombined_missions(
             Looks.of(

@@ -145,5 +145,5 @@ def test_the_exact_ellipsoid_in_a_scenario():
     s = scenario(aircraft__rcs=entry)
     assert s.model.rcs == EXACT
     assert s.resolved()["aircraft"]["rcs"] == entry
-    with pytest.raises(rs.ScenarioError, match="unknown key 'a_m'"):
+    with pytest.raises(rs.InputError, match="unknown key 'a_m'"):
         scenario(aircraft__rcs={**entry, "a_m": 1})

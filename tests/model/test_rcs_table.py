@@ -418,7 +418,7 @@ def test_the_file_is_looked_for_beside_the_scenario(here):
     np.testing.assert_array_equal(again.model.rcs.rcs, s.model.rcs.rcs)
     # What was resolved is that table or no table.
     write(here / "scenarios" / "t.csv", *A, *full(value="0.6"))
-    with pytest.raises(rs.ScenarioError, match=r"aircraft.rcs.sha256: .* another file than it was"):
+    with pytest.raises(rs.InputError, match=r"aircraft.rcs.sha256: .* another file than it was"):
         rs.parse_scenario(yaml.safe_dump(s.resolved()))
 
 
@@ -451,7 +451,7 @@ def test_mirror_and_envelope_are_read(here):
 def test_bad_entries_are_refused(here, entry, words):
     path = in_folder(here, **entry)
     write(path.parent / "t.csv", *A, *full())
-    with pytest.raises(rs.ScenarioError, match=words) as caught:
+    with pytest.raises(rs.InputError, match=words) as caught:
         rs.load_scenario(path)
     assert str(caught.value).startswith(f"{path}:")
 
@@ -461,14 +461,14 @@ def test_a_table_that_the_geometry_leaves_is_refused(here):
     write(here / "t.csv", *G, *rows)
     entry = {"model": "table", "file": "t.csv"}
     scenario(aircraft__rcs=entry)
-    with pytest.raises(rs.ScenarioError) as caught:
+    with pytest.raises(rs.InputError) as caught:
         scenario(aircraft__rcs=entry, geometry__down_km=-300)
     message = str(caught.value)
     assert message.startswith("scenario:")
     assert "geometry: at azimuth 0 deg the aircraft sees the radar at elevation -31 deg" in message
     assert "the RCS table covers -10 to 30 deg" in message
     # Banked by 20 degrees the right wing's side of the orbit is too low.
-    with pytest.raises(rs.ScenarioError, match="covers -10 to 30 deg"):
+    with pytest.raises(rs.InputError, match="covers -10 to 30 deg"):
         scenario(aircraft__rcs=entry, aircraft__attitude_deg=[-20, 0, 90])
     write(here / "t.csv", *A, *full())
     scenario(aircraft__rcs=entry, geometry__down_km=-300)  # a cut is for all elevations

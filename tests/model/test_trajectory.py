@@ -23,7 +23,7 @@ from routes import (
 )
 
 from radar_sense.covariance import problem
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model import geodesy as wgs84
 from radar_sense.model.track import attitude_from_motion, motion_of_samples
 from radar_sense.model.trajectory import resample
@@ -204,7 +204,7 @@ def test_the_last_pose_is_always_there(method):
 def test_a_step_must_move_the_clock():
     path = load(f"{HEAD}\n999999999999,0,0,0\n1e12,100,0,0\n")
     assert np.all(np.diff(resample(path, 2e-3).time_s) > 0)
-    with pytest.raises(ScenarioError, match=r"step_s must be a number not less than 0\.001"):
+    with pytest.raises(InputError, match=r"step_s must be a number not less than 0\.001"):
         resample(path, 1e-4)
 
 
@@ -309,5 +309,5 @@ def test_one_pose_stays_one_pose():
     ],
 )
 def test_refused_interpolations(step, method, says):
-    with pytest.raises(ScenarioError, match=re.escape(says)):
+    with pytest.raises(InputError, match=re.escape(says)):
         resample(corner(), step, method)

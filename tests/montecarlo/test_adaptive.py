@@ -16,7 +16,7 @@ from helpers import (
 
 from radar_sense import cost
 from radar_sense.axis import azimuth
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model.network import NetworkModel
 from radar_sense.montecarlo import adaptive
 from radar_sense.montecarlo.adaptive import DRAWS, QUANTITIES, judge, numerical_tolerance
@@ -318,6 +318,6 @@ def test_whole_numbers_may_be_written_with_a_point():
     ],
 )
 def test_refusals_are_one_line(digits, says):
-    with pytest.raises(ScenarioError, match=says) as error:
+    with pytest.raises(InputError, match=says) as error:
         validate(gaussian(), digits=digits)
     assert "\n" not in str(error.value)

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 from helpers import scenario
 
 from radar_sense.cli import cli
-from radar_sense.errors import ComputationError, ScenarioError
+from radar_sense.errors import ComputationError, InputError
 from radar_sense.montecarlo.cluster import cluster
 from radar_sense.montecarlo.montecarlo import monte_carlo
 
@@ -60,7 +60,7 @@ def test_a_cluster_without_workers_is_refused():
     says = r"^--dask tcp://[\d.:]+: the cluster has no workers$"
     with (
         LocalCluster(n_workers=0, dashboard_address=None, silence_logs=50) as local,
-        pytest.raises(ScenarioError, match=says),
+        pytest.raises(InputError, match=says),
         cluster(local.scheduler_address),
     ):
         pass
@@ -82,7 +82,7 @@ NOBODY = r"^--dask: no Dask scheduler answers at '.*', an address is like tcp://
     ],
 )
 def test_an_address_where_nobody_is_gives_one_line(address):
-    with pytest.raises(ScenarioError, match=NOBODY), cluster(address):
+    with pytest.raises(InputError, match=NOBODY), cluster(address):
         pass
 
 
@@ -90,11 +90,11 @@ def test_a_server_that_closes_the_connection_gives_one_line():
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"tcp://127.0.0.1:{server.getsockname()[1]}"
         threading.Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
-        with pytest.raises(ScenarioError, match=NOBODY), cluster(address):
+        with pytest.raises(InputError, match=NOBODY), cluster(address):
             pass
 
 
 def test_without_the_extra_the_error_names_the_package(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    with pytest.raises(ScenarioError, match=r"pip install 'radar-sense\[dask\]'"), cluster("x"):
+    with pytest.raises(InputError, match=r"pip install 'radar-sense\[dask\]'"), cluster("x"):
         pass

@@ -18,7 +18,7 @@ from radar_sense.analyses.convergence import (
     rate,
     root_mean_square,
 )
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS
@@ -215,7 +215,7 @@ def test_too_few_runs_show_no_rate():
 
 @pytest.mark.parametrize("runs", [1, 0, 2**17 + 1, 10**9])
 def test_runs_beyond_the_limit(runs):
-    with pytest.raises(ScenarioError, match="runs must be a whole number not less than 2 and not"):
+    with pytest.raises(InputError, match="runs must be a whole number not less than 2 and not"):
         convergence(load_scenario(), runs=runs)
 
 

@@ -19,7 +19,7 @@ from helpers import (
 from scipy.special import ndtr
 from scipy.stats import binom
 
-from radar_sense.errors import ComputationError, ScenarioError
+from radar_sense.errors import ComputationError, InputError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
 from radar_sense.montecarlo import montecarlo
@@ -329,7 +329,7 @@ def test_states_that_do_not_fit_are_refused(wrong, says):
 
 def test_more_than_fits_into_memory_is_refused_before_anything_is_computed(monkeypatch):
     monkeypatch.setattr(montecarlo, "propagate_scenario", None)
-    with pytest.raises(ScenarioError, match=r"1,000,000,000 runs of 361 poses .* at most .* fit"):
+    with pytest.raises(InputError, match=r"1,000,000,000 runs of 361 poses .* at most .* fit"):
         monte_carlo(load_scenario(), runs=10**9)
 
 

@@ -6,7 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.montecarlo import sobol
 from radar_sense.montecarlo.sobol import sobol_indices
 
@@ -112,7 +112,7 @@ def test_memory_does_not_grow_with_the_outputs(monkeypatch):
 
 
 def test_samples_that_do_not_fit_are_refused_with_the_number_that_does():
-    with pytest.raises(ScenarioError, match=r"more than 4 GB; at most [\d,]+ runs fit$") as error:
+    with pytest.raises(InputError, match=r"more than 4 GB; at most [\d,]+ runs fit$") as error:
         sobol_indices(several_outputs, GROUPS, outputs=4, samples=10**9, seed=1)
     fit = int(re.search(r"most ([\d,]+) runs", str(error.value))[1].replace(",", ""))
     row = 8 * (10 * 4 + 4 * 5)

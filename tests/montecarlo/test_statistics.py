@@ -8,7 +8,7 @@ import pytest
 from scipy import stats
 from scipy.special import ndtri
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.montecarlo.statistics import Statistics, binomial_interval
 
 P = 0.00135
@@ -94,16 +94,16 @@ def test_a_million_runs_of_the_paper_take_12_megabytes():
 
 @pytest.mark.parametrize("columns", [1, 361, 100_000])
 def test_more_than_4_gb_is_refused_with_the_number_of_runs_that_fit(columns):
-    with pytest.raises(ScenarioError, match=r"more than 4 GB; at most [\d,]+ runs fit") as error:
+    with pytest.raises(InputError, match=r"more than 4 GB; at most [\d,]+ runs fit") as error:
         Statistics(columns, 10**12, P)
     fit = int(re.search(r"most ([\d,]+) runs", str(error.value))[1].replace(",", ""))
     Statistics(columns, fit, P)
-    with pytest.raises(ScenarioError):
+    with pytest.raises(InputError):
         Statistics(columns, int(1.02 * fit) + 1000, P)
 
 
 def test_more_poses_than_fit_are_refused():
-    with pytest.raises(ScenarioError, match=r"2 runs of 100,000,000 poses .* use fewer poses$"):
+    with pytest.raises(InputError, match=r"2 runs of 100,000,000 poses .* use fewer poses$"):
         Statistics(10**8, 2, P)
 
 

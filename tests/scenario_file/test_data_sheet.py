@@ -16,7 +16,7 @@ from helpers import (
     yaml_text,
 )
 
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import (
     relative_std,
     shape,
@@ -212,9 +212,9 @@ def test_refusals(tool, case):
 
 def test_parts_need_a_radar_that_has_them(tool):
     bad = document(uncertainty__radar__low__constant={"loss_db": 1})
-    with pytest.raises(ScenarioError, match=r"low.constant: must be a number not less than 0, got"):
+    with pytest.raises(InputError, match=r"low.constant: must be a number not less than 0, got"):
         parse_scenario(yaml_text(bad))
-    with pytest.raises(ScenarioError, match=r"need radar.surveillance or radar.tracking in place"):
+    with pytest.raises(InputError, match=r"need radar.surveillance or radar.tracking in place"):
         parse_scenario(yaml_text(bad))
 
 

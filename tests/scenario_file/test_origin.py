@@ -190,7 +190,7 @@ def test_a_map_is_the_same_about_another_origin(tmp_path):
     assert values[0] > 0.01
     np.testing.assert_allclose(values, values[0], rtol=1e-5)
     far = Grid(np.array([6.4e6, 6.5e6]), np.array([0.0, 1e3]))
-    with pytest.raises(rs.ScenarioError, match="edge of the earth"):
+    with pytest.raises(rs.InputError, match="edge of the earth"):
         p_d_in_cells(s, far)
 
 

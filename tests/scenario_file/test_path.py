@@ -20,7 +20,7 @@ from helpers import (
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
 from radar_sense.analyses.rcs import rcs
-from radar_sense.errors import ScenarioError
+from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.montecarlo.adaptive import judge
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -206,7 +206,7 @@ def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
     for source, std in expected.alone.items():
         assert found.alone[source] == pytest.approx(std, rel=0.05, abs=0.002)
     assert found.alone["aircraft_position"][3] == 0
-    with pytest.raises(ScenarioError, match=r"aircraft position .* correlated"):
+    with pytest.raises(InputError, match=r"aircraft position .* correlated"):
         error_budget(load(tmp_path, correlated_route()), "montecarlo")
 
 
@@ -267,7 +267,7 @@ def test_latitude_and_longitude_are_about_the_origin(tmp_path):
     assert s.aircraft[0, 1] == pytest.approx(-s.aircraft[1, 1])
     assert s.aircraft[1, 1] == pytest.approx(38.1e3, rel=2e-3)
     assert s.aircraft[1, 2] == pytest.approx(-9600 + 38.1e3**2 / (2 * 6.38e6), abs=2)
-    with pytest.raises(ScenarioError, match=r"route\.csv:1: latitude and longitude need the"):
+    with pytest.raises(InputError, match=r"route\.csv:1: latitude and longitude need the"):
         load(tmp_path, text)
 
 
@@ -386,7 +386,7 @@ def test_places_that_are_refused(tool, tmp_path, place, changes, says):
         text = ROUTE
         del changes["geometry__origin"]
     file = write_path(tmp_path, text, **changes)
-    with pytest.raises(ScenarioError, match=says.replace("?", r"\?")):
+    with pytest.raises(InputError, match=says.replace("?", r"\?")):
         rs.load_scenario(file)
     done = tool("variance", file)
     assert (done.code, done.err.count("\n")) == (2, 1)
@@ -397,7 +397,7 @@ def test_an_orbit_has_no_origin_for_a_place(tool):
     content = document()
     content["radar"]["position_geodetic"] = ALPS
     del content["radar"]["position_m"]
-    with pytest.raises(ScenarioError, match=r"radar\.position_geodetic: needs a path"):
+    with pytest.raises(InputError, match=r"radar\.position_geodetic: needs a path"):
         rs.parse_scenario(yaml.safe_dump(content))
 
 
@@ -419,7 +419,7 @@ def test_a_resolved_path_reads_back_from_anywhere(tmp_path):
         assert (getattr(again, name) == getattr(s, name)).all()
         assert not getattr(again, name).flags.writeable
     (tmp_path / "route.csv").write_text(UNCERTAIN + " ")
-    with pytest.raises(ScenarioError, match=r"geometry\.sha256: .*route\.csv is another file"):
+    with pytest.raises(InputError, match=r"geometry\.sha256: .*route\.csv is another file"):
         rs.parse_scenario(yaml.safe_dump(resolved))
 
 
@@ -534,7 +534,7 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
     assert done.code == 2
     assert done.err.count("\n") == 1
     assert "scenario.yaml:" in done.err or "route.csv" in done.err
-    with pytest.raises(ScenarioError, match=says.replace("?", r"\?")):
+    with pytest.raises(InputError, match=says.replace("?", r"\?")):
         rs.load_scenario(file)
     assert not (tmp_path / "figures").exists()
 
@@ -542,10 +542,10 @@ def test_bad_paths_are_refused_in_one_line(tool, tmp_path, text, changes, says):
 def test_a_file_without_end_is_not_read_to_its_end(tmp_path, monkeypatch):
     monkeypatch.setattr(table_file, "MAX_BYTES", 2**20)
     file = write_path(tmp_path, ROUTE + "#" * 2**20)
-    with pytest.raises(ScenarioError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
+    with pytest.raises(InputError, match=r"geometry\.file: .*route\.csv: is larger than 1 MiB"):
         rs.load_scenario(file)
     if Path("/dev/zero").exists():
-        with pytest.raises(ScenarioError, match="/dev/zero: is not a regular file"):
+        with pytest.raises(InputError, match="/dev/zero: is not a regular file"):
             load(tmp_path, ROUTE, geometry__file="/dev/zero")
 
 
@@ -553,7 +553,7 @@ def test_an_orbit_still_needs_an_attitude_and_an_uncertainty():
     for block, key in (("aircraft", "attitude_deg"), ("uncertainty", "aircraft")):
         content = document()
         del content[block][key]
-        with pytest.raises(ScenarioError, match=f"{block}: missing key '{key}'"):
+        with pytest.raises(InputError, match=f"{block}: missing key '{key}'"):
             rs.parse_scenario(yaml.safe_dump(content))
 
 
