@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.errors import InputError
 from radar_sense.states import FloatArray, at_pose, real_array
@@ -25,6 +25,10 @@ def from_std(std: ArrayLike) -> FloatArray:
 
 def problem(covariance: FloatArray) -> str | None:
     """Return why a matrix (n, n) is not a covariance, or None if the matrix is a covariance."""
+    finite = np.isfinite(covariance)
+    if not finite.all():
+        i, j = np.argwhere(~finite)[0].tolist()
+        return f"must be finite, got {covariance[i, j]:g} for entry [{i + 1}][{j + 1}]"
     variances = np.diagonal(covariance)
     if np.any(variances < 0):
         return f"has a negative variance on its diagonal, {variances.min():g}"
@@ -45,29 +49,37 @@ def problem(covariance: FloatArray) -> str | None:
     return None
 
 
-def first_problem(covariances: FloatArray) -> tuple[int, str] | None:
-    """Return the first matrix (k, n, n) that is not a covariance, faster than `problem`.
-
-    Args:
-        covariances: Symmetric matrices.
-
-    Returns:
-        Index and problem of the matrix, or None.
-    """
-    try:
-        np.linalg.cholesky(covariances)
-    except np.linalg.LinAlgError:  # not definite, and semidefinite is enough
-        variances = np.diagonal(covariances, axis1=-2, axis2=-1)
-        negative = np.any(variances < 0, axis=-1)
-        certain = np.any((variances == 0)[..., np.newaxis] & (covariances != 0), axis=(-2, -1))
-        unit = np.eye(covariances.shape[-1])
-        correlation = _correlation(np.where(negative[:, np.newaxis, np.newaxis], unit, covariances))
-        lowest = np.linalg.eigvalsh(correlation)[:, 0]
-        for index in np.flatnonzero(negative | certain | (lowest < -TOLERANCE)):
-            text = problem(covariances[index])
+def first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
+    """Return the first matrix (k, n, n) that is not a covariance, and the problem."""
+    for start in range(0, len(matrices), BLOCK):
+        block = matrices[start : start + BLOCK]
+        for index in _suspects(block).tolist():
+            text = problem(block[index])
             if text:
-                return int(index), text
+                return start + index, text
     return None
+
+
+def _suspects(matrices: FloatArray) -> NDArray[np.intp]:
+    """Return which matrices (k, n, n) may be no covariances, much faster than `problem`."""
+    unit = np.eye(matrices.shape[-1])
+    wrong = np.asarray(~np.isfinite(matrices).all(axis=(-2, -1)))
+    known = np.where(wrong[:, np.newaxis, np.newaxis], unit, matrices) if wrong.any() else matrices
+    asymmetry = abs(known - np.swapaxes(known, -1, -2))
+    if not wrong.any() and not asymmetry.any():
+        try:
+            np.linalg.cholesky(known)
+            return np.zeros(0, dtype=np.intp)
+        except np.linalg.LinAlgError:  # not definite, and semidefinite is enough
+            pass
+    variances = np.diagonal(known, axis1=-2, axis2=-1)
+    std = np.sqrt(abs(variances))
+    rounding = TOLERANCE * std[:, :, np.newaxis] * std[:, np.newaxis, :]
+    wrong |= (asymmetry > rounding).any(axis=(-2, -1)) | np.any(variances < 0, axis=-1)
+    wrong |= np.any((variances == 0)[..., np.newaxis] & (known != 0), axis=(-2, -1))
+    correlation = _correlation(np.where(wrong[:, np.newaxis, np.newaxis], unit, known))
+    wrong |= np.linalg.eigvalsh(correlation)[:, 0] < -TOLERANCE
+    return np.flatnonzero(wrong)
 
 
 def checked(whose: str, covariance: ArrayLike) -> FloatArray:
@@ -89,32 +101,6 @@ def checked(whose: str, covariance: ArrayLike) -> FloatArray:
         place = at_pose([int(i) for i in np.unravel_index(wrong[0], poses)])
         raise InputError(f"{whose} covariance{place} {wrong[1]}")
     return matrices
-
-
-def first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
-    """Return the first matrix (k, n, n) that is not a finite covariance, and the problem."""
-    for start in range(0, len(matrices), BLOCK):
-        wrong = _first_wrong_in_block(matrices[start : start + BLOCK])
-        if wrong:
-            return start + wrong[0], wrong[1]
-    return None
-
-
-def _first_wrong_in_block(matrices: FloatArray) -> tuple[int, str] | None:
-    finite = np.isfinite(matrices)
-    if not finite.all():
-        index, i, j = np.argwhere(~finite)[0].tolist()
-        return index, f"must be finite, got {matrices[index, i, j]:g} for entry [{i + 1}][{j + 1}]"
-    asymmetry = abs(matrices - np.swapaxes(matrices, -1, -2))
-    if not asymmetry.any():
-        return first_problem(matrices)
-    std = np.sqrt(abs(np.diagonal(matrices, axis1=-2, axis2=-1)))
-    rounding = TOLERANCE * std[:, :, np.newaxis] * std[:, np.newaxis, :]
-    for index in np.flatnonzero((asymmetry > rounding).any(axis=(-2, -1))):
-        text = problem(matrices[index])
-        if text:
-            return int(index), text
-    return first_problem(matrices)
 
 
 def scale_std(covariance: FloatArray, components: Sequence[int], factor: float) -> FloatArray:

@@ -371,7 +371,10 @@ def with_arrays(scenario, **arrays):
 def assert_same_scenario(found, expected):
     """Insist on the same radars, levels, poses and choices, bit by bit."""
     for own, other in zip(found.radars, expected.radars, strict=True):
-        assert (repr(own), own.model, own.sheet) == (repr(other), other.model, other.sheet)
+        for name in ("name", "max_range", "min_range", "horizon", "scan_period", "band", "sheet"):
+            assert getattr(own, name) == getattr(other, name), name
+        for name in ("p_fa", "detector", "attenuation"):
+            assert getattr(own.model, name) == getattr(other.model, name), name
         np.testing.assert_array_equal(own.state, other.state)
         assert list(own.levels) == list(other.levels)
         for level, wanted in other.levels.items():
@@ -383,6 +386,8 @@ def assert_same_scenario(found, expected):
     for name in ("aircraft", "cov_aircraft", "time_s", "origin"):
         np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
     np.testing.assert_array_equal(found.axis.values, expected.axis.values)
+    p_d = (s.model.p_d(s.aircraft, s.radar) for s in (found, expected))
+    np.testing.assert_array_equal(*p_d)
     for name in ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s"):
         assert getattr(found, name) == getattr(expected, name), name
 

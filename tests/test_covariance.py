@@ -5,7 +5,7 @@ import pytest
 
 from radar_sense.covariance import (
     draws,
-    first_problem,
+    first_wrong,
     from_std,
     keep_components,
     problem,
@@ -67,16 +67,16 @@ def test_the_first_bad_matrix_of_many_has_the_problem_that_it_has_by_itself(size
     good = [random_covariance(rng, size, rank) for rank in rng.integers(1, size + 1, 30)]
     good += [np.zeros((size, size)), np.eye(size)]
     many = np.array([(c + c.T) / 2 for c in good])
-    assert first_problem(many) is None
-    assert first_problem(many[:0]) is None
+    assert first_wrong(many) is None
+    assert first_wrong(many[:0]) is None
     negative, alone, indefinite = (np.eye(size) for _ in range(3))
     negative[1, 1] = -1e-30
     alone[0, 0], alone[0, 1], alone[1, 0] = 0.0, 1e-30, 1e-30
     indefinite[0, 1] = indefinite[1, 0] = 1 + 1e-8
     for bad in (negative, alone, indefinite):
         many[[17, 25]] = bad
-        assert first_problem(many) == (17, problem(bad))
-        assert first_problem(many[18:]) == (7, problem(bad))
+        assert first_wrong(many) == (17, problem(bad))
+        assert first_wrong(many[18:]) == (7, problem(bad))
 
 
 @pytest.mark.parametrize("per_pose", [False, True])

@@ -1,5 +1,6 @@
 """A scenario made in Python, and its record."""
 
+import dataclasses
 import json
 import math
 import pickle
@@ -8,16 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    cov_by_level,
-    scenario,
-    with_arrays,
-)
+from helpers import assert_same_scenario, scenario
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import radar_sense as rs
+from radar_sense import axis as axes
 from radar_sense.errors import InputError
+from radar_sense.flight import Path as Flight
 from radar_sense.scenario import for_radar
 from radar_sense.scenario_file.declare import keys_of, sections
 from radar_sense.scenario_file.sections import File
@@ -25,23 +24,23 @@ from radar_sense.scenario_file.sections import File
 ROOT = Path(__file__).parent.parent
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
 MODEL = rs.DetectionModel(rcs=rs.EllipsoidRCS(a=0.15, b=0.13, c=0.21), p_fa=1.7e-4)
-ARGUMENTS = {
-    "model": MODEL,
-    "aircraft": [[0, 500e3, -3e3, 0, 0, math.pi / 2], [1e3, 500e3, -3e3, 0, 0, 1.0]],
-    "radar": [0, 0, 0, 167],
-    "cov_aircraft": np.diag([100.0, 100, 100, 3e-4, 3e-4, 3e-4]),
-    "cov_radar": {"medium": np.diag([1e4, 1e4, 1e4, 25])},
-}
+AIRCRAFT = np.array([[0, 500e3, -3e3, 0, 0, math.pi / 2], [1e3, 500e3, -3e3, 0, 0, 1.0]])
+COV_AIRCRAFT = np.diag([100.0, 100, 100, 3e-4, 3e-4, 3e-4])
+COV_RADAR = np.diag([1e4, 1e4, 1e4, 25])
 
 
-def assert_same(a, b):
-    for name in ("aircraft", "radar", "cov_aircraft"):
-        np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
-    assert list(a.cov_radar) == list(b.cov_radar)
-    for level, matrix in a.cov_radar.items():
-        np.testing.assert_array_equal(matrix, b.cov_radar[level])
-    assert a.tolerances == b.tolerances
-    assert (a.level, a.runs, a.seed, a.correlation_s) == (b.level, b.runs, b.seed, b.correlation_s)
+def radar(state=(0, 0, 0, 167), levels=None, **changes):
+    levels = {"medium": rs.Level(COV_RADAR)} if levels is None else levels
+    return rs.Radar(**{"model": MODEL, "state": state, "levels": levels} | changes)
+
+
+def timed(time_s, **changes):
+    along = axes.time(np.array([0.0, 5.0]))
+    return Flight(along, AIRCRAFT, COV_AIRCRAFT, time_s=time_s, **changes)
+
+
+def arguments(aircraft=AIRCRAFT, covariance=COV_AIRCRAFT, **changes):
+    return {"radars": [radar()], "geometry": rs.States.of(aircraft, covariance)} | changes
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
@@ -49,8 +48,19 @@ def test_a_resolved_scenario_reads_back(config, monkeypatch):
     monkeypatch.chdir(ROOT)
     s = rs.load_scenario(config.relative_to(ROOT))
     again = rs.parse_scenario(json.dumps(s.resolved()))
-    assert_same(again, s)
+    assert_same_scenario(again, s)
     assert again.resolved() == s.resolved()
+
+
+def assert_read_only(s):
+    """All arrays are read-only, and so are the mappings of levels."""
+    (own, *_) = s.radars
+    arrays = s.aircraft, s.cov_aircraft, s.radar, own.state, own.levels[s.level].covariance
+    for array in (*arrays, *([] if s.time_s is None else [s.time_s])):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 1
+    with pytest.raises(TypeError):
+        own.levels["new"] = own.levels[s.level]
 
 
 @pytest.mark.parametrize("config", CONFIGS, ids=lambda path: path.stem)
@@ -60,11 +70,9 @@ def test_a_pickled_scenario_is_the_same_scenario(config):
     some = s.at_poses(slice(0, None, 7)).with_analysis(runs=5)
     for one in (s, some):
         again = pickle.loads(pickle.dumps(one))
-        assert_same(again, one)
+        assert_same_scenario(again, one)
         assert again.resolved() == one.resolved()
-        assert not again.aircraft.flags.writeable
-        with pytest.raises(TypeError):
-            again.cov_radar["new"] = np.eye(4)
+        assert_read_only(again)
         np.testing.assert_array_equal(
             again.model.p_d(again.aircraft, again.radar), one.model.p_d(one.aircraft, one.radar)
         )
@@ -90,7 +98,7 @@ def test_any_numbers_read_back_exactly(sizes, angles, km):
     )
     record = s.resolved()
     again = rs.parse_scenario(json.dumps(record))
-    assert_same(again, s)
+    assert_same_scenario(again, s)
     assert record["geometry"]["range_km"] == km
     assert record["aircraft"]["attitude_deg"] == angles
 
@@ -113,22 +121,25 @@ def test_the_record_has_what_is_not_of_the_file():
     plain = s.resolved()
 
     def changed(**changes):
-        record = json.loads(json.dumps(with_arrays(s, **changes).resolved()))
+        record = json.loads(json.dumps(dataclasses.replace(s, **changes).resolved()))
         return {key: value for key, value in record.items() if value != plain[key]}
 
+    def with_radar(**changes):
+        return {"radars": [dataclasses.replace(s.radars[0], **changes)]}
+
     assert changed() == {}
-    assert changed(aircraft=s.aircraft.copy(), cov_radar=dict(s.cov_radar)) == {}
-    doubled = changed(radar=s.radar * [1, 1, 1, 2])
+    doubled = changed(**with_radar(state=s.radar * [1, 1, 1, 2]))
     assert doubled["radar"]["type"] == "states"
-    assert doubled["radar"]["radar"] == [0, 0, 0, 334]
-    moved = changed(cov_radar={"new": 4 * cov_by_level(s)["high"]}, level="new")["uncertainty"]
-    assert moved["cov_radar"]["new"][0][0] == 2000.0**2
+    assert doubled["radar"]["states"] == [0, 0, 0, 334]
+    larger = rs.Level(4 * s.radars[0].levels["high"].covariance)
+    moved = changed(**with_radar(levels={"new": larger}), level="new")["uncertainty"]
+    assert moved["levels"]["radar"]["new"]["covariance"][0][0] == 2000.0**2
     assert moved["cov_aircraft"] == s.cov_aircraft.tolist()
     other = rs.DetectionModel(rs.ConstantRCS(0.5), 1e-6, rs.Swerling1())
-    record = changed(model=other)
-    assert "p_fa=1e-06, detector=Swerling1" in record["radar"]["model"][0]
-    assert record["aircraft"]["rcs"] == "ConstantRCS(rcs=0.5)"
-    higher = changed(aircraft=s.aircraft - [0, 0, 1, 0, 0, 0])
+    record = changed(**with_radar(model=other))
+    assert "p_fa=1e-06, detector=Swerling1" in record["radar"]["radars"][0]
+    assert record["aircraft"]["rcs"] == ["ConstantRCS(rcs=0.5)"]
+    higher = changed(geometry=rs.States.of(s.aircraft - [0, 0, 1, 0, 0, 0], s.cov_aircraft))
     assert higher["geometry"]["type"] == "states"
     assert higher["geometry"]["aircraft"]["shape"] == [361, 6]
     assert "attitude_deg" not in higher["aircraft"]
@@ -139,92 +150,120 @@ def test_the_record_has_what_is_not_of_the_file():
 def test_a_network_whose_radars_moved_has_its_states_in_the_record(monkeypatch):
     monkeypatch.chdir(ROOT)
     s = rs.load_scenario("configs/corridor.yaml")
-    moved = s.radar.copy()
-    moved[4] += 1.0  # the second radar, northwards
-    record = with_arrays(s, radar=moved).resolved()
-    assert record["radars"]["radar"] == moved.tolist()
-    assert list(record["radars"]["cov_radar"]) == list(s.cov_radar)
+    first, second, *others = s.radars
+    moved = dataclasses.replace(second, state=second.state + np.eye(4)[0])
+    record = dataclasses.replace(s, radars=[first, moved, *others]).resolved()
+    assert record["radars"]["states"][4] == s.radar[4] + 1
+    assert list(record["radars"]["levels"]) == list(s.model.names)
+    assert list(record["radars"]["levels"]["west"]) == list(s.levels)
     (entry,) = for_radar(s, "west").resolved()["radars"]
     assert entry == s.resolved()["radars"][2]
 
 
 def test_a_scenario_made_in_python():
-    s = rs.Scenario(**ARGUMENTS)
+    s = rs.Scenario(**arguments())
     assert (s.name, s.level, s.runs, s.seed) == ("scenario", "medium", 500, 1)
     assert s.axis.at(1) == "1"
-    result = rs.variance(s, method="linear")
+    result = rs.analyses.variance(s, method="linear")
     assert result.table["pose"].tolist() == [0, 1]
-    std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, cov_by_level(s)["medium"])
+    std = MODEL.linearize(s.aircraft, s.radar).std(s.cov_aircraft, s.cov_radar)
     np.testing.assert_allclose(result.table["sigma_pd"], std, rtol=1e-12)
     record = json.loads(json.dumps(s.resolved()))
-    assert record["radar"]["radar"][3] == 167
+    assert record["radar"]["states"][3] == 167
     assert record["uncertainty"]["cov_aircraft"][0][0] == 100
-    timed = rs.Scenario(**ARGUMENTS, time_s=[0.0, 5.0])
-    assert timed.axis.key == "time_s"
-    assert rs.Scenario(**{**ARGUMENTS, "aircraft": ARGUMENTS["aircraft"][0]}).axis.at(0) == "0"
+    assert rs.Scenario(**arguments(geometry=timed([0.0, 5.0]))).axis.key == "time_s"
+    assert rs.Scenario(**arguments(AIRCRAFT[0])).axis.at(0) == "0"
 
 
 def test_arrays_are_copies_that_nobody_can_change():
-    aircraft = np.array(ARGUMENTS["aircraft"])
-    s = rs.Scenario(**{**ARGUMENTS, "aircraft": aircraft})
-    aircraft[:] = 0
+    aircraft, state, matrix = AIRCRAFT.copy(), np.array([0.0, 0, 0, 167]), COV_RADAR.copy()
+    changed = radar(state, {"medium": rs.Level(matrix)})
+    s = rs.Scenario(**arguments(aircraft, radars=[changed]))
+    aircraft[:] = state[:] = matrix[:] = 0
     assert s.aircraft[0, 1] == 500e3
-    for array in (s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["medium"]):
-        with pytest.raises(ValueError, match="read-only"):
-            array[0] = 1
-    with pytest.raises(TypeError):
-        cov_by_level(s)["new"] = np.eye(4)
+    assert s.radar[3] == 167
+    assert s.cov_radar[3, 3] == 25
+    assert_read_only(s)
 
 
 PER_POSE = np.stack([np.eye(6), np.eye(6)])
+SHAPE = r"covariance of the aircraft must have shape \(6, 6\) or \(2, 6, 6\)"
 WRONG = {
-    "columns": ({"aircraft": np.zeros((2, 5))}, r"aircraft must have shape \(n, 6\) .* \(2, 5\)"),
-    "no poses": ({"aircraft": np.zeros((0, 6))}, "aircraft must have shape"),
-    "text": ({"aircraft": [["a"] * 6]}, "aircraft must be an array of real numbers, got <U1"),
-    "ragged": ({"aircraft": [[0] * 6, [0]]}, "aircraft must be an array of numbers: "),
-    "complex": ({"radar": np.array([0, 0, 0, 167 + 0j])}, "real numbers, got complex128"),
-    "booleans": ({"radar": [True, True, True, True]}, "radar must be .* real numbers, got bool"),
-    "dates": ({"time_s": np.array(["2026-01-01", "2026-01-02"], "M8[s]")}, "got datetime64"),
-    "masked": ({"radar": np.ma.masked_less([0.0, 0, 0, 167], 1)}, "radar must not be a masked"),
-    "NaN": ({"aircraft": [[0, 0, math.nan, 0, 0, 0]]}, "aircraft must be finite, got nan"),
-    "radar": ({"radar": [0, 0, 0]}, r"radar must have shape \(4,\) for north, .* got \(3,\)"),
-    "infinite": ({"radar": [0, 0, math.inf, 1]}, "radar must be finite, got inf"),
-    "constant": ({"radar": [0, 0, 0, -1]}, "radar constants must be greater than 0, got -1"),
-    "matrix": ({"cov_aircraft": np.eye(5)}, r"cov_aircraft must have shape \(6, 6\) or \(2, 6, 6"),
-    "poses": ({"cov_aircraft": np.ones((3, 6, 6))}, "cov_aircraft must have shape"),
-    "not PSD": ({"cov_aircraft": np.eye(6) - 0.5}, "cov_aircraft is not positive semidefinite"),
+    "columns": (lambda: arguments(np.zeros((2, 5))), r"aircraft must have .* \(n, 6\) .* \(2, 5\)"),
+    "no poses": (lambda: arguments(np.zeros((0, 6))), "aircraft must have shape"),
+    "text": (lambda: arguments([["a"] * 6]), "aircraft must be an array of real numbers, got <U1"),
+    "ragged": (lambda: arguments([[0] * 6, [0]]), "aircraft must be an array of numbers: "),
+    "complex": (lambda: radar(np.array([0, 0, 0, 167 + 0j])), "real numbers, got complex128"),
+    "booleans": (lambda: radar([True] * 4), "radar state must be .* real numbers, got bool"),
+    "dates": (
+        lambda: arguments(geometry=timed(np.array(["2026-01-01", "2026-01-02"], "M8[s]"))),
+        "got datetime64",
+    ),
+    "masked": (
+        lambda: radar(np.ma.masked_less([0.0, 0, 0, 167], 1)),
+        "radar state must not be a masked",
+    ),
+    "NaN": (lambda: arguments([[0, 0, math.nan, 0, 0, 0]]), "aircraft must be finite, got nan"),
+    "radar": (lambda: radar([0, 0, 0]), r"radar state must have shape \(4,\) for .* got \(3,\)"),
+    "infinite": (lambda: radar([0, 0, math.inf, 1]), "radar states must be finite, got inf"),
+    "constant": (lambda: radar([0, 0, 0, -1]), "radar constants must be greater than 0, got -1"),
+    "no state": (lambda: arguments(radars=[radar(None)]), "every radar .* needs a state"),
+    "matrix": (lambda: arguments(covariance=np.eye(5)), SHAPE),
+    "poses": (lambda: arguments(covariance=np.ones((3, 6, 6))), SHAPE),
+    "not PSD": (
+        lambda: arguments(covariance=np.eye(6) - 0.5),
+        "covariance of the aircraft is not positive semidefinite",
+    ),
     "one not PSD": (
-        {"cov_aircraft": PER_POSE - np.array([0, 0.5])[:, None, None]},
-        r"cov_aircraft\[1\] is not positive semidefinite",
+        lambda: arguments(covariance=PER_POSE - np.array([0, 0.5])[:, None, None]),
+        "covariance of the aircraft at pose 1 is not positive semidefinite",
     ),
     "one not symmetric": (
-        {"cov_aircraft": PER_POSE + np.triu(np.full((6, 6), 0.1), 1)},
-        r"cov_aircraft\[0\] is not symmetric",
+        lambda: arguments(covariance=PER_POSE + np.triu(np.full((6, 6), 0.1), 1)),
+        "covariance of the aircraft at pose 0 is not symmetric",
     ),
-    "NaN in C": ({"cov_aircraft": np.full((6, 6), math.nan)}, "cov_aircraft must be finite"),
-    "no level": ({"cov_radar": {}}, "cov_radar needs at least one level"),
-    "a level": ({"cov_radar": {"x": -np.eye(4)}}, r"cov_radar\['x'\] has a negative variance"),
-    "level": ({"level": "medum"}, "level must be one of medium, got 'medum'; did you mean"),
-    "runs": ({"runs": 1}, "runs must be a whole number not less than 2"),
-    "seed": ({"seed": -1}, "seed must be"),
-    "name": ({"name": "../x"}, "name must be a name of up to 100 letters"),
-    "times": ({"time_s": [0.0]}, r"must have one value for each of 2 poses, got \(1,\)"),
-    "correlation": ({"correlation_s": math.nan}, "correlation_s must be a number not less than 0"),
+    "NaN in C": (
+        lambda: arguments(covariance=np.full((6, 6), math.nan)),
+        "covariance of the aircraft must be finite",
+    ),
+    "no level": (lambda: arguments(radars=[radar(levels={})]), "every radar needs a level"),
+    "levels": (
+        lambda: arguments(
+            radars=[radar(name="a"), radar(name="b", levels={"x": rs.Level(COV_RADAR)})]
+        ),
+        "all radars must have the levels medium, radar 'b' has x",
+    ),
+    "a level": (lambda: rs.Level(-np.eye(4)), "radar covariance has a negative variance"),
+    "level": (
+        lambda: arguments(level="medum"),
+        "level must be one of medium, got 'medum'; did you mean",
+    ),
+    "runs": (lambda: arguments(runs=1), "runs must be a whole number not less than 2"),
+    "seed": (lambda: arguments(seed=-1), "seed must be"),
+    "name": (lambda: arguments(name="../x"), "name must be a name of up to 100 letters"),
+    "times": (
+        lambda: arguments(geometry=timed([0.0])),
+        r"time_s must have one value for each of 2 poses, got \(1,\)",
+    ),
+    "correlation": (
+        lambda: arguments(correlation_s=math.nan),
+        "correlation_s must be a number not less than 0",
+    ),
 }
 
 
 @pytest.mark.parametrize("case", WRONG)
 def test_wrong_arguments_fail_where_they_are_made(case):
-    changes, words = WRONG[case]
+    make, words = WRONG[case]
     with pytest.raises(InputError, match=words) as refused:
-        rs.Scenario(**{**ARGUMENTS, **changes})
+        rs.Scenario(**make())
     assert "\n" not in str(refused.value)
     with pytest.raises(InputError, match=words):
-        with_arrays(rs.Scenario(**ARGUMENTS), **changes)
+        dataclasses.replace(rs.Scenario(**arguments()), **make())
 
 
 def test_a_scenario_in_a_notebook():
-    s = rs.Scenario(**ARGUMENTS)
+    s = rs.Scenario(**arguments())
     assert repr(s) == (
         "<Scenario 'scenario': 2 poses by pose, 1 radar, level medium of medium, 500 runs, seed 1>"
     )

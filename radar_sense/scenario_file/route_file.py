@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.covariance import first_problem
+from radar_sense.covariance import first_wrong
 from radar_sense.errors import InputError, check_choice, describe
 from radar_sense.limits import DEG, POSITIVE, Limit, check_number
 from radar_sense.model import geodesy
@@ -310,7 +310,7 @@ def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> 
             covariance[block, range(6), range(6)] = (numbers * _COV_UNITS) ** 2
             continue
         numbers[np.abs(numbers) < _LEAST_COVARIANCE] = 0.0
-        problem = first_problem(numbers[:, _ENTRY])
+        problem = first_wrong(numbers[:, _ENTRY])
         if problem:
             raise file.error(f"covariance {problem[1]}", int(lines[block][problem[0]]))
         covariance[block] = numbers[:, _ENTRY] * np.outer(_COV_UNITS, _COV_UNITS)

@@ -244,8 +244,8 @@ def test_without_uncertainty_bounds_are_the_nominal_value(tmp_path):
 
 def test_correlated_radars_are_drawn_together(tmp_path):
     """Radars of one band have one error of the RCS, those of two bands have two."""
-    s, decibels = load(tmp_path, ["one", "two"], 60.0), 5.0
-    std = np.array([1000.0, 1000.0, 1000.0, 0.001, 2000.0, 2000.0, 2000.0, 0.0004])
+    s, decibels = load(tmp_path, ["one", "two"], 60.0), 1.0
+    std = np.array([500.0, 500.0, 500.0, 1e-4, 500.0, 500.0, 500.0, 4e-5])
     together, independent = (
         recombined_missions(
             Looks.of(
