@@ -1,5 +1,6 @@
 """Wrong arguments in Python raise an error of one line with the name of the argument, at once."""
 
+import dataclasses
 import re
 from pathlib import Path
 
@@ -9,28 +10,28 @@ import pytest
 import radar_sense as rs
 
 PAPER = rs.load_scenario()
-MODEL = PAPER.model.models[0]
+(RADAR,) = PAPER.radars
+MODEL = RADAR.model
 CONFIGS = Path(__file__).parents[1] / "configs"
 PATH = rs.load_scenario(CONFIGS / "path.yaml")
 ANGLES = np.deg2rad(np.arange(0.0, 360.0, 10.0))
 
 
 def scenario(**changes):
-    given = {
-        "model": MODEL,
-        "aircraft": PAPER.aircraft,
-        "radar": PAPER.radar,
-        "cov_aircraft": PAPER.cov_aircraft,
-        "cov_radar": PAPER.cov_radar,
-    }
-    return rs.Scenario(**given | changes)
+    return rs.Scenario(**{"radars": [RADAR], "geometry": PAPER.geometry} | changes)
+
+
+def changed(**changes):
+    return dataclasses.replace(RADAR, **changes)
+
+
+def path(**changes):
+    return scenario(geometry=dataclasses.replace(PATH.geometry, **changes))
 
 
 def propagated(model=MODEL, **options):
-    cov_radar = PAPER.cov_radar["medium"]
-    return rs.propagate(
-        model, PAPER.aircraft, PAPER.radar, PAPER.cov_aircraft, cov_radar, **options
-    )
+    arguments = PAPER.aircraft, PAPER.radar, PAPER.cov_aircraft, PAPER.cov_radar
+    return rs.propagate(model, *arguments, **options)
 
 
 WRONG = {
@@ -61,33 +62,34 @@ WRONG = {
     "scan_period must be a number greater than 0": lambda: rs.Radar(MODEL, scan_period=0),
     "radars must be a tuple of one radar or more": lambda: rs.NetworkModel(rs.Radar(MODEL)),
     "radars must be of class Radar": lambda: rs.NetworkModel((MODEL,)),
-    "model must be a DetectionModel or a NetworkModel": lambda: scenario(model="x"),
-    "cov_radar must be a mapping of levels": lambda: scenario(cov_radar=np.eye(4)),
+    "radars must be a tuple of one radar or more, got <Radar": lambda: scenario(radars=RADAR),
+    "radars must be of class Radar, got 3": lambda: scenario(radars=[3]),
+    "geometry must be a Geometry, got 'orbit'": lambda: scenario(geometry="orbit"),
     "runs must be a whole number": lambda: scenario(runs="a"),
     "level must be one of low, medium, high, got 3": lambda: scenario(level=3),
     "name must be a name": lambda: scenario(name=3),
-    "axis must be an Axis": lambda: scenario(axis="azimuth"),
-    "time_s must increase from pose to pose": lambda: scenario(time_s=np.zeros(361)),
-    "origin must be latitude and longitude [rad] and height [m], got (1, 2)": lambda: scenario(
+    "axis must be an Axis": lambda: path(axis="azimuth"),
+    "time_s must increase from pose to pose": lambda: path(time_s=np.zeros(len(PATH.axis))),
+    "origin must be latitude and longitude [rad] and height [m], got (1, 2)": lambda: path(
         origin=(1, 2)
     ),
-    "levels of cov_radar must be text, got 1": lambda: scenario(cov_radar={1: np.eye(4)}),
+    "levels must have names, got 1": lambda: changed(levels={1: RADAR.levels["low"]}),
+    "levels must be a mapping": lambda: changed(levels=np.eye(4)),
+    "levels['low'] must be a Level, got array": lambda: changed(levels={"low": np.eye(4)}),
+    "radar state must have shape (4,) for north, east, down, constant, got (3,)": lambda: changed(
+        state=np.ones(3)
+    ),
+    "radar covariance must have shape (4, 4), got (3, 3)": lambda: rs.Level(np.eye(3)),
+    "radar covariance must have shape (4, 4), got (2, 4, 4)": lambda: rs.Level(np.ones((2, 4, 4))),
     "names of radars must be the name of a radar, up to 40 letters A to Z, digits, '_' or '-', "
-    "got '../x'": lambda: scenario(model=rs.NetworkModel((rs.Radar(MODEL, "../x"),))),
-    "tolerances must be a mapping of levels": lambda: scenario(tolerances=3),
-    "tolerances has a level 'hi', missing in cov_radar": lambda: scenario(tolerances={"hi": ((),)}),
-    "tolerances['low'] must be a tuple with an entry for each radar, 1, got ()": lambda: scenario(
-        tolerances={"low": ()}
+    "got '../x'": lambda: scenario(radars=[changed(name="../x")]),
+    "tolerances must be a tuple of Tolerance, got 3": lambda: rs.Level(np.eye(4), tolerances=3),
+    "tolerances must be a tuple of Tolerance, got (3,)": lambda: rs.Level(np.eye(4), (3,)),
+    "attenuation_std must be a number not less than 0": lambda: rs.Level(
+        np.eye(4), attenuation_std="a"
     ),
-    "tolerances['low'] must have a tuple of Tolerance for each radar, got (3,)": lambda: scenario(
-        tolerances={"low": ((3,),)}
-    ),
-    "attenuation_std['low'] must be a tuple with an entry for each radar, 1, got 0.1": lambda: (
-        scenario(attenuation_std={"low": 0.1})
-    ),
-    "attenuation_std['low'] must be a number not less than 0": lambda: scenario(
-        attenuation_std={"low": ("a",)}
-    ),
+    "levels['low'].attenuation_std must be a number not less than 0 and not greater than 0, "
+    "got 0.1": lambda: changed(levels={"low": rs.Level(np.eye(4), attenuation_std=0.1)}),
     "correlation_s must be a number": lambda: scenario(correlation_s="a"),
     "model must be a DetectionModel or": lambda: propagated(model="x"),
     "beta must be a number greater than 0, got 'x'": lambda: propagated(beta="x"),
@@ -131,8 +133,10 @@ def test_numbers_in_arrays_without_axes_are_numbers():
         detection = rs.DetectionModel(rcs=rcs, p_fa=number(1.7e-4))
         return rs.Radar(detection, max_range=number(1e6), scan_period=number(10.0))
 
-    assert model(np.array) == model(np.float64) == model(float)
-    assert type(model(np.array).model.rcs.a) is float
+    first, *others = map(model, (np.array, np.float64, float))
+    for name in ("model", "max_range", "scan_period"):
+        assert {getattr(other, name) for other in others} == {getattr(first, name)}
+    assert type(first.model.rcs.a) is type(first.max_range) is float
     table = rs.TableRCS(ANGLES, np.ones(36), envelope=np.array(0.1))
     assert table.envelope == 0.1
     assert rs.SpikeballRCS(lobes=np.array(4), amplitude=1, floor=0).lobes == 4

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 import pytest
-from helpers import with_arrays
 
 import radar_sense as rs
 from radar_sense.covariance import checked
@@ -177,13 +177,8 @@ def everything(aircraft, radar, cov_aircraft, cov_radar):
 
 def made(aircraft, radar, cov_aircraft, cov_radar):
     """A scenario of arrays, which every analysis of a scenario starts from."""
-    return rs.Scenario(
-        model=model(),
-        aircraft=aircraft,
-        radar=radar,
-        cov_aircraft=cov_aircraft,
-        cov_radar={"medium": cov_radar},
-    )
+    one = Radar(model(), state=radar, levels={"medium": rs.Level(cov_radar)})
+    return rs.Scenario(radars=[one], geometry=rs.States.of(aircraft, cov_aircraft))
 
 
 def good_covariances():
@@ -214,16 +209,14 @@ def test_a_matrix_that_is_no_covariance_makes_no_scenario():
         many = np.tile(np.eye(6), (POSES, 1, 1))
         many[13] = wrong
         for cov in (wrong, many):
-            place = r"\[13\]" if cov is many else ""
-            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
+            says = f"^covariance of the aircraft{' at pose 13' if cov is many else ''} .*{message}"
+            with pytest.raises(rs.InputError, match=says):
                 made(*states(), cov, cov_radar)
-            with pytest.raises(rs.InputError, match=f"^cov_aircraft{place} .*{message}"):
-                with_arrays(good, cov_aircraft=cov)
+            with pytest.raises(rs.InputError, match=says):
+                replace(good, geometry=rs.States.of(good.aircraft, cov))
     for message, wrong in no_covariances(4):
-        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
+        with pytest.raises(rs.InputError, match=f"^radar covariance .*{message}"):
             made(*states(), cov_aircraft, wrong)
-        with pytest.raises(rs.InputError, match=rf"^cov_radar\['medium'\] .*{message}"):
-            with_arrays(good, cov_radar={"medium": wrong})
 
 
 def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():
@@ -240,7 +233,9 @@ def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():
         for component in range(4):
             wrong = radar.copy()
             wrong[component] = value
-            with pytest.raises(rs.InputError, match=f"^radar must be finite, got {value:g}"):
+            with pytest.raises(
+                rs.InputError, match=f"^radar states? must be finite, got {value:g}"
+            ):
                 made(states()[0], wrong, *good_covariances())
 
 

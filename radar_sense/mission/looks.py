@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import axis
-from radar_sense.covariance import checked, symmetric_square_root
+from radar_sense.covariance import checked, draws, symmetric_square_root
 from radar_sense.errors import InputError
 from radar_sense.flight import Path
 from radar_sense.limits import MIN_RANGE
@@ -21,7 +21,7 @@ from radar_sense.mission.schedule import Schedule, schedule_looks
 from radar_sense.model.geometry import slant_range
 from radar_sense.montecarlo.gauss_markov import correlate, successive_correlation
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import AIRCRAFT, FloatArray, of_each
+from radar_sense.states import FloatArray, of_each
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,14 +56,8 @@ class PoseProcess:
     def poses(self, normals: FloatArray) -> FloatArray:
         """Return aircraft states (K, runs, 6); unit normals (K, 6, runs) are overwritten."""
         correlate(normals, self.rho, self.innovation_std)
-        states = np.empty((len(AIRCRAFT), len(normals), normals.shape[-1]))
-        for i, state in enumerate(states):
-            state[:] = self.aircraft[:, i, np.newaxis]
-            for j in range(len(AIRCRAFT)):
-                weight = self.sqrt_cov[:, i, j, np.newaxis]
-                if weight.any():
-                    state += weight * normals[:, j]
-        return np.moveaxis(states, 0, -1)
+        each = self.aircraft[:, np.newaxis], self.sqrt_cov[:, np.newaxis]
+        return draws(*each, np.moveaxis(normals, 1, -1))
 
 
 @dataclass(frozen=True, eq=False)
