@@ -21,6 +21,8 @@ from radar_sense.flight import States
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import Level, Radar
+from radar_sense.model.radar_constant import Tolerance
+from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
@@ -28,6 +30,9 @@ from radar_sense.scenario_file.load import default_text, load_scenario, parse_sc
 from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
+
+#: Sources of the error budget of a single radar whose RCS and attenuation are certain.
+SOURCES = ("aircraft_position", "aircraft_orientation", "radar_position", "radar_constant")
 
 PAPER = yaml.safe_load(default_text().replace("1.7e-4", "1.7e-04"))
 PAPER["radar"]["p_fa"] = 1.7e-4  # PyYAML reads 1.7e-4 as text; the package's reader does not
@@ -308,14 +313,16 @@ def scenario_of(
 
     Tolerances and deviations of the attenuation are tuples over radars by level.
     """
-    radars = []
+    radars, apart = [], np.kron(np.eye(len(as_network(model).radars)), np.ones((4, 4)))
+    for name, matrix in cov_radar.items():
+        assert not np.any(matrix * (1 - apart)), f"radars of a scenario are independent: {name}"
     for i, one in enumerate(as_network(model).radars):
         own = slice(4 * i, 4 * i + 4)
         levels = {
             name: Level(
                 np.asarray(matrix)[own, own],
-                (tolerances or {}).get(name, {i: ()})[i],
-                (attenuation_std or {}).get(name, {i: 0.0})[i],
+                tolerances[name][i] if tolerances and name in tolerances else (),
+                attenuation_std[name][i] if attenuation_std and name in attenuation_std else 0.0,
             )
             for name, matrix in cov_radar.items()
         }
@@ -361,6 +368,8 @@ def with_arrays(scenario, **arrays):
             for name in ("name", "level", "runs", "seed", "method", "rcs_db", "correlation_s")
         },
     } | arrays
+    if len(as_network(given["model"]).radars) != len(scenario.radars):
+        given |= {"tolerances": None, "attenuation_std": None} | arrays
     if given["level"] not in given["cov_radar"]:
         given["level"] = ""
     if len(np.atleast_2d(given["aircraft"])) != len(given["axis"]):
@@ -435,9 +444,22 @@ def nonlinear_by_its_own_moments(scenario, method):
     return unreliable_in_scenario(scenario, moments, method=method)
 
 
-def standard_normal_space(*states, **options):
+def log_normal(states, which=True):
+    """Return uncertain states in which ln c_r of some radars (m,) is Gaussian, with the same σ."""
+    aircraft, radar = states.covariances
+    which = np.broadcast_to(which, len(states.tolerances))
+    tolerances = []
+    for i, log in enumerate(which):
+        at = 6 * i + 3
+        slope = np.sqrt(radar[..., at, at].flat[0]) / states.radar[0, at]
+        one = Tolerance("c_r", 1.0, slope / NEPERS, power=1, decibels=True)
+        tolerances.append((one,) if log and slope else ())
+    return states.with_covariances(aircraft, radar, tolerances)
+
+
+def standard_normal_space(*states, log_constant=False):
     """Return z of the poses of uncertain states, as FORM expands it."""
-    _, uncertain = uncertain_states(*states, **options)
+    uncertain = log_normal(uncertain_states(*states)[1], log_constant)
     probit = RelativeProbit(uncertain)
     return StandardNormalSpace.expanded(probit, probit.derivatives())
 

@@ -96,7 +96,7 @@ WRONG = {
     "method must be one of linear, probit, form": lambda: propagated(method="forms"),
     "workers must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, workers=0),
     "scenario must be a Scenario, as load_scenario returns, got 'x'": lambda: rs.monte_carlo("x"),
-    "scenario must be a Scenario, as load_scenario returns, got 3": lambda: rs.variance(3),
+    "scenario must be a Scenario, as load_scenario returns, got 3": lambda: rs.analyses.variance(3),
     "seed must be a whole number": lambda: rs.monte_carlo(PAPER, runs=2, seed=1.5),
     "poses must select one pose or more, got slice(0, 0, None)": lambda: PAPER.at_poses(
         slice(0, 0)

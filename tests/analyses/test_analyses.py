@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, document, scenario, yaml_text
+from helpers import OVERHEAD, SOURCES, document, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -17,7 +17,6 @@ from radar_sense.propagation import METHODS
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
-from radar_sense.states import SOURCES
 from radar_sense.words import describe_extreme, peak
 from radar_sense.words import describe_poses as where
 

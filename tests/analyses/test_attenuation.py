@@ -99,7 +99,7 @@ def test_signal_and_partials_are_those_of_the_formula(rcs):
     )  # fmt: skip
     distance = np.linalg.norm(whole[:, :3] - whole[:, 6:9], axis=1) / 1e3
     for radar, alpha in ((whole[:, 6:10], 0.02), (whole[:, 6:], 0.02 * np.exp(whole[:, 11]))):
-        expected = plain.snr(whole[:, :6], radar[:, :5]) * 10 ** (-2 * alpha * distance / 10)
+        expected = plain.snr(whole[:, :6], radar) * 10 ** (-2 * alpha * distance / 10)
         assert_allclose(model.snr(whole[:, :6], radar), expected, rtol=1e-12)
         loss = 2 * alpha * distance
         assert np.quantile(loss, 0.1) > 0.5
@@ -114,7 +114,8 @@ def test_signal_and_partials_are_those_of_the_formula(rcs):
         assert_allclose(jacobian[:, i], difference, atol=2e-6 * np.abs(difference).max())
     for states in (whole[:, 6:10], whole[:, 6:]):
         one = NetworkModel((Radar(model),)).linearize(whole[:, :6], states)
-        assert_array_equal(one.jac_radar, model.linearize(whole[:, :6], states).jac_radar)
+        expected = model.linearize(whole[:, :6], states).jac_radar
+        assert_allclose(one.jac_radar, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -189,7 +190,7 @@ def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
     for rcs_db in (0.0, 0.2):
         s = parsed(names, rcs_db)
         small = {"one": 0.04 * cov_by_level(s)["one"]}
-        std = {"one": tuple(0.2 * std for std in s.attenuation_std["one"])}
+        std = {"one": tuple(0.2 * r.levels["one"].attenuation_std for r in s.radars)}
         s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft, attenuation_std=std)
         found, linear = error_budget(s, "montecarlo"), error_budget(s)
         assert list(found.alone) == list(linear.alone) == list(found.total_index)
@@ -257,23 +258,29 @@ def test_maps_and_every_method_have_the_attenuation():
 def test_the_attenuation_is_read_and_read_back():
     s = parsed(rcs_db=1.5)
     assert_allclose([m.attenuation for m in s.model.models], [5e-5, 1e-4, 0], rtol=1e-15)
-    assert_allclose(s.attenuation_std["one"], [1e-5, 1.5e-5, 0], rtol=1e-15)
-    assert s.shared.tolist() == [*s.radar, 0, 0, 0, 0]
-    assert_allclose(np.diagonal(s.cov_shared)[12:], [2.25, 0.04, 0.0225, 0], rtol=1e-12)
+    std = [radar.levels["one"].attenuation_std for radar in s.radars]
+    assert_allclose(std, [1e-5, 1.5e-5, 0], rtol=1e-15)
+    each = s.states().radar.reshape(3, 6)
+    assert_array_equal(each[:, :4], s.radar_states)
+    assert not each[:, 4:].any()
+    cov = s.states().cov_radar[0]
+    assert_allclose(cov[4::6, 4::6], np.full((3, 3), 2.25), rtol=1e-12)  # one error of the RCS
+    assert_allclose(cov[5::6, 5::6], np.diag([0.04, 0.0225, 0]), rtol=1e-12)
     document = s.resolved()
     assert "attenuation_db_per_km" not in document["radars"][2]
     assert document["radars"][1]["attenuation_db_per_km"] == 0.1
     assert document["radars"][1]["uncertainty"]["one"]["attenuation_db_per_km"] == 0.015
     again = rs.parse_scenario(yaml_text(document))
     assert again.resolved() == document
-    assert_array_equal(again.cov_shared, s.cov_shared)
+    assert_array_equal(again.states().cov_radar[0], cov)
     certain = parsed(uncertain=False)
-    assert certain.shared is certain.radar
+    assert not certain.states().cov_radar[0].reshape(3, 6, 18)[:, 4:].any()
     whole = {"covariance": np.eye(4).tolist(), "attenuation_db_per_km": 0.005}
     one = scenario(radar__attenuation_db_per_km=0.01, uncertainty__radar__low=whole)
-    assert one.attenuation_std == {"low": (5e-6,)}
+    std = {name: level.attenuation_std for name, level in one.radars[0].levels.items()}
+    assert std == {"low": 5e-6, "medium": 0, "high": 0}
     assert not one.attenuation_uncertain
-    assert one.with_analysis(level="low").cov_shared[-1, -1] == pytest.approx(0.25)
+    assert one.with_analysis(level="low").states().cov_radar[0, -1, -1] == pytest.approx(0.25)
 
 
 def test_refusals_name_the_key(tool):
@@ -295,7 +302,7 @@ def test_refusals_name_the_key(tool):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6, attenuation=-1)
     with pytest.raises(ValueError, match="attenuation_std"):
         with_arrays(parsed(("one",)), attenuation_std={"one": (1.0,)})
-    with pytest.raises(ValueError, match="got inf for the error of an attenuation"):
+    with pytest.raises(ValueError, match="got inf for the error of the attenuation"):
         rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(np.ones(6), np.array([0, 0, 0, 1, 0, np.inf]))
 
 

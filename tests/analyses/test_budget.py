@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, scenario
+from helpers import OVERHEAD, SOURCES, scenario
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -11,7 +11,6 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget, only_at, required_accuracies
-from radar_sense.states import SOURCES
 from radar_sense.words import describe_poses
 
 pytestmark = pytest.mark.usefixtures("few_judge")

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import (
+    cov_by_level,
     nonlinear_by_its_own_moments,
     paper_network,
     parsed_network,
@@ -46,7 +47,7 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
     lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
     assert_allclose(
         found.alone["r1"] ** 2,
-        np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar["medium"]), axis=1),
+        np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar), axis=1),
     )
     for i in range(3):
         parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
@@ -75,19 +76,19 @@ def test_budget_by_sobol_indices_of_a_network():
 def test_each_radar_by_itself():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
     # the second is twice as uncertain as the first
-    worse = {level: np.kron(np.diag([1, 4]), c) for level, c in PAPER.cov_radar.items()}
+    worse = {level: np.kron(np.diag([1, 4]), c) for level, c in cov_by_level(PAPER).items()}
     scenario = with_arrays(scenario, cov_radar=worse)
     parts = single_radar_scenarios(scenario)
     assert list(parts) == ["r0", "r1"]
     assert_array_equal(parts["r1"].radar, [1e5, 0, 0, 100])
-    assert_array_equal(parts["r0"].cov_radar["high"], PAPER.cov_radar["high"])
-    assert_array_equal(parts["r1"].cov_radar["high"], 4 * PAPER.cov_radar["high"])
+    assert_array_equal(cov_by_level(parts["r0"])["high"], cov_by_level(PAPER)["high"])
+    assert_array_equal(cov_by_level(parts["r1"])["high"], 4 * cov_by_level(PAPER)["high"])
     expected = propagate(
         RADAR_MODEL,
         scenario.aircraft,
         parts["r1"].radar,
         scenario.cov_aircraft,
-        4 * PAPER.cov_radar["medium"],
+        4 * PAPER.cov_radar,
     )
     assert_array_equal(propagate_scenario(parts["r1"]).std, expected.std)
 
@@ -122,7 +123,7 @@ def test_variance_table_has_each_radar_and_the_network():
             part.aircraft,
             part.radar,
             part.cov_aircraft,
-            part.cov_radar["medium"],
+            part.cov_radar,
             method="probit",
         )
         assert_array_equal(table[f"p_d_r{i}"], single.p_d)

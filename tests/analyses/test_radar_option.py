@@ -135,7 +135,7 @@ def test_a_network_reports_the_largest_three_sigma_of_each_radar_by_itself(metho
         lines = result.report[start + 1 : start + 4]
         for name, line in zip("abc", lines, strict=True):
             assert line.split()[0] == name
-            for level in s.cov_radar if analyse is analyses.sensitivity else ["sheet"]:
+            for level in s.levels if analyse is analyses.sensitivity else ["sheet"]:
                 one = single_radar_scenarios(s)[name].with_analysis(level=level)
                 most = 3 * propagate_scenario(one, method=method or "linear").std.max()
                 largest = found[level][name] if analyse is analyses.sensitivity else found[name]

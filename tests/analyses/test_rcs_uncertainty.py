@@ -10,13 +10,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    cov_by_level,
-    document,
-    target_in_the_north,
-    with_arrays,
-    yaml_text,
-)
+from helpers import cov_by_level, document, target_in_the_north, with_arrays, yaml_text
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
@@ -110,11 +104,9 @@ def test_poses_share_the_factor():
     poses = [(60e3, 0.0, -6e3), (40e3, 45e3, -6e3), (-45e3, 40e3, -6e3)]
     s = parsed()
     aircraft = np.hstack([np.array(poses), np.zeros((3, 3))])
-    s = rs.Scenario(
-        model=s.model, aircraft=aircraft, radar=s.radar, cov_aircraft=s.cov_aircraft,
-        cov_radar=dict(s.cov_radar), rcs_db=DECIBELS, correlation_s=np.inf,
-        time_s=np.array([0.0, 10, 20]),
-    )  # fmt: skip
+    s = with_arrays(
+        s, aircraft=aircraft, rcs_db=DECIBELS, correlation_s=np.inf, time_s=[0, 10, 20], seed=1
+    )
     every = drawn_p_d(tuple(RADARS), 200_000, 3, poses)
     p_max = float(np.quantile(every[:, 0], 0.98))
     exceeded = every > p_max

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import (
+    SOURCES,
     TOLERANCES,
     part_name,
     part_shares,
@@ -19,7 +20,6 @@ from radar_sense import analyses
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import error_budget, required_accuracies
-from radar_sense.states import SOURCES
 
 #: Any method but the linear one takes the factor of a tolerance in decibels as log-normal.
 LARGE = {"loss_db": 2, "noise_figure_db": 1}

@@ -170,7 +170,7 @@ def samples():
     """A sample is one draw of the states of one pose, its P_D and all statistics."""
     case = scenario()
     nominal = case.aircraft, case.radar
-    covariances = case.cov_aircraft, case.cov_radar[case.level]
+    covariances = case.cov_aircraft, case.cov_radar
     for runs, package in ((20_000, "numba"), (6_000, "numpy")):  # NumPy holds all draws at once
         if not util.find_spec(package):
             continue
@@ -233,7 +233,7 @@ def propagation():
 
 def propagate(case, method, aircraft=None):
     aircraft = case.aircraft if aircraft is None else aircraft
-    covariances = case.cov_aircraft, case.cov_radar[case.level]
+    covariances = case.cov_aircraft, case.cov_radar
     return rs.propagate(case.model, aircraft, case.radar, *covariances, method=method)
 
 
@@ -246,7 +246,7 @@ def networks():
         state[0::4] += 2e3 * np.arange(radars)
         model = case.model.radars[0].model
         network = rs.NetworkModel(tuple(rs.Radar(model, name=f"r{i}") for i in range(radars)))
-        cov = np.kron(np.eye(radars), case.cov_radar[case.level])
+        cov = np.kron(np.eye(radars), case.cov_radar)
         aircraft = np.tile(case.aircraft, (6, 1))[:poses]
         rest = aircraft, state, case.cov_aircraft, cov
         return partial(rs.propagate, network, *rest, method=method)

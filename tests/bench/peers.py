@@ -204,7 +204,7 @@ def openturns_form(case, limit):
         return found[:, np.newaxis]
 
     covariance = np.zeros((10, 10))
-    covariance[:6, :6], covariance[6:, 6:] = case.cov_aircraft, case.cov_radar[case.level]
+    covariance[:6, :6], covariance[6:, 6:] = case.cov_aircraft, case.cov_radar
     mean = np.concatenate([case.aircraft[0], case.radar])
     states = ot.RandomVector(ot.Normal(mean, ot.CovarianceMatrix(covariance)))
     function = ot.PythonFunction(10, 1, func_sample=p_d)

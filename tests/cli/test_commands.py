@@ -251,7 +251,7 @@ def test_csv(tool, command):
     assert "nan" not in data.decode()
     if command == "montecarlo":
         mc = rs.monte_carlo(rs.load_scenario(), runs=40)
-        linear = rs.variance(rs.load_scenario()).table
+        linear = rs.analyses.variance(rs.load_scenario()).table
         expected = {column: linear[column] for column in COLUMNS[command].split(",")[:5]} | {
             "mc_mean": mc.mean,
             "mc_std": mc.std,
@@ -260,7 +260,7 @@ def test_csv(tool, command):
             "coverage_3sigma": mc.coverage,
         }
     else:
-        expected = getattr(rs, command)(rs.load_scenario()).table
+        expected = getattr(rs.analyses, command)(rs.load_scenario()).table
     found = read_table(f"figures/paper_{command}.csv")
     assert set(found) == set(expected)
     for column, values in found.items():
@@ -377,7 +377,7 @@ def test_level_is_used(tool):
         record = read_record(f"figures/paper_{command}.json")
         assert record["scenario"]["analysis"]["level"] == "high"
     found = read_table("figures/paper_variance.csv")["sigma_pd"]
-    assert (found == rs.variance(scenario).table["sigma_pd"]).all()
+    assert (found == rs.analyses.variance(scenario).table["sigma_pd"]).all()
     assert (found == read_table("figures/paper_montecarlo.csv")["sigma_pd"]).all()
     assert (3 * found == read_table("figures/paper_budget.csv")["three_sigma_total"]).all()
 

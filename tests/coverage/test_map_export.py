@@ -223,4 +223,4 @@ def test_a_map_without_an_origin_has_no_place_on_the_earth(tmp_path, tool):
     code, _, err = tool("rcs", "--format", "geojson")
     assert code == 2
     with pytest.raises(ValueError, match="format must be one of png, pdf, svg, got 'geojson'"):
-        rs.variance(rs.load_scenario()).save(tmp_path, ("geojson",))
+        rs.analyses.variance(rs.load_scenario()).save(tmp_path, ("geojson",))

@@ -9,6 +9,7 @@ import pytest
 import yaml
 from helpers import (
     TRACKING,
+    assert_same_scenario,
     document,
     paper_network,
     place,
@@ -74,8 +75,8 @@ def test_nothing_is_seen_within_the_minimum_range():
 def test_a_blind_radar_leaves_the_network_to_the_others():
     near = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100])
     far, other = near.model.radars
-    blind = with_arrays(far, min_range=1e6)
-    both = dataclasses.replace(near, model=NetworkModel((blind, other)))
+    blind = dataclasses.replace(far, min_range=1e6)
+    both = with_arrays(near, model=NetworkModel((blind, other)))
     alone = other.model.p_d(near.aircraft, near.radar[4:])
     assert_allclose(both.model.p_d(both.aircraft, both.radar), alone, rtol=1e-14)
     for method in METHODS:
@@ -140,7 +141,7 @@ def test_the_keys_are_read_and_read_back():
         (radar,) = scenario.model.radars
         assert_allclose(radar.min_range, expected, rtol=1e-15)
         again = rs.parse_scenario(text(scenario.resolved()))
-        assert again.model == scenario.model
+        assert_same_scenario(again, scenario)
         entry = scenario.resolved()["radars"][0]
         assert {key: entry.get(key, False) for key in changes} == changes
 

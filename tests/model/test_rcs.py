@@ -143,7 +143,7 @@ def test_axes_are_positive(wrong):
 def test_the_exact_ellipsoid_in_a_scenario():
     entry = {"model": "ellipsoid_exact", "x_m": C, "y_m": A, "z_m": B}
     s = scenario(aircraft__rcs=entry)
-    assert s.model.rcs == EXACT
+    assert s.radars[0].model.rcs == EXACT
     assert s.resolved()["aircraft"]["rcs"] == entry
     with pytest.raises(rs.InputError, match="unknown key 'a_m'"):
         scenario(aircraft__rcs={**entry, "a_m": 1})

@@ -10,11 +10,11 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import (
-    cov_by_level,
     document,
     place,
     refusal,
     scenario,
+    scenario_of,
     sheet_document,
     with_arrays,
     write,
@@ -61,18 +61,24 @@ def states(count):
     return aircraft, radar, RNG.uniform(-3, 3, count)
 
 
+def with_error(radar, error):
+    """States (n, 6) of a radar with an error of the RCS."""
+    error = np.broadcast_to(error, len(radar))
+    return np.column_stack([radar, error, 0 * error])
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_the_error_is_a_factor_of_the_signal(name):
     model = rs.DetectionModel(MODELS[name], 1e-6, rs.Swerling1())
     aircraft, radar, error = states(200)
-    with_error = np.column_stack([radar, error])
+    moved = with_error(radar, error)
     snr = model.snr(aircraft, radar)
     if MODELS[name] is not TABLE and MODELS[name] is not CUT:
-        assert_allclose(model.snr(aircraft, with_error), snr * 10 ** (error / 10), rtol=1e-13)
-    spread = 10 * np.log10(model.snr(aircraft, np.column_stack([radar, error * 0 + 1])) / snr)
-    assert_allclose(model.snr(aircraft, with_error), snr * 10 ** (spread * error / 10), rtol=1e-12)
-    assert_array_equal(model.snr(aircraft, np.column_stack([radar, 0 * error])), snr)
-    huge = model.p_d(aircraft, np.column_stack([radar, 0 * error + 1e6]))
+        assert_allclose(model.snr(aircraft, moved), snr * 10 ** (error / 10), rtol=1e-13)
+    spread = 10 * np.log10(model.snr(aircraft, with_error(radar, 1.0)) / snr)
+    assert_allclose(model.snr(aircraft, moved), snr * 10 ** (spread * error / 10), rtol=1e-12)
+    assert_array_equal(model.snr(aircraft, with_error(radar, 0.0)), snr)
+    huge = model.p_d(aircraft, with_error(radar, 1e6))
     assert_array_equal(huge, 1.0)
 
 
@@ -80,10 +86,10 @@ def test_the_error_is_a_factor_of_the_signal(name):
 def test_partials_are_those_of_differences(name):
     model = rs.DetectionModel(MODELS[name], 1e-6, rs.Swerling1())
     aircraft, radar, error = states(60)
-    full = np.column_stack([radar, error])
+    full = with_error(radar, error)
     lin = model.linearize(aircraft, full)
-    assert lin.jac_radar.shape == (60, 5)
-    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4, 1e-4])
+    assert lin.jac_radar.shape == (60, 6)
+    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4, 1e-4, 1e-4])
     whole = np.concatenate([aircraft, full], axis=1)
     jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
     for i, step in enumerate(steps):
@@ -109,13 +115,13 @@ def test_the_standard_deviation_of_a_table_is_exact_at_its_nodes():
     aircraft = np.zeros((len(body), 6))
     radar = np.column_stack([1e5 * body, np.full(len(body), 1e-3)])
     for error in (-2.0, 1.0):
-        ratio = model.snr(aircraft, np.column_stack([radar, np.full(len(body), error)]))
+        ratio = model.snr(aircraft, with_error(radar, error))
         ratio /= model.snr(aircraft, radar)
         assert_allclose(10 * np.log10(ratio), error * TABLE.std_db.ravel(), rtol=1e-9)
     flat = TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=np.full(len(AZIMUTH), 1.5))
     plain = TableRCS(AZIMUTH, TABLE.rcs[:, 0])
     one, other = (rs.DetectionModel(t, 1e-6) for t in (flat, plain))
-    half, whole = (np.column_stack([radar, np.full(len(body), e)]) for e in (1.0, 1.5))
+    half, whole = (with_error(radar, e) for e in (1.0, 1.5))
     assert_allclose(one.snr(aircraft, half), other.snr(aircraft, whole), rtol=1e-12)
 
 
@@ -130,10 +136,8 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
         middle = np.sqrt(low * high)
         above = model.p_d(aircraft, np.array([0, 0, 0, middle]))[0] > 0.5
         low, high = (low, middle) if above else (middle, high)
-    s = rs.Scenario(
-        model=model, aircraft=aircraft, radar=[0, 0, 0, low], cov_aircraft=np.zeros((6, 6)),
-        cov_radar={"one": np.zeros((4, 4))}, rcs_db=1.0,
-    )  # fmt: skip
+    nothing = np.zeros((6, 6)), {"one": np.zeros((4, 4))}
+    s = scenario_of(model, [0, 0, 0, low], aircraft, *nothing, rcs_db=1.0)
     moments = propagate_scenario(s, method="linear")
     assert moments.p_d[0] == pytest.approx(0.5, abs=1e-9)
     assert moments.std[0] == pytest.approx(sigma, abs=5e-5)
@@ -201,8 +205,8 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
     plain = {"position_m": 10, "attitude_deg": 1}
     given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})
     assert (given.rcs_db, given.rcs_std) == (1.5, 1.5)
-    assert given.shared.tolist() == [0, 0, 0, 167, 0]
-    assert_array_equal(np.diagonal(given.cov_shared), [1e4, 1e4, 1e4, 25, 2.25])
+    assert given.states().radar.tolist() == [[0, 0, 0, 167, 0, 0]]
+    assert_array_equal(np.diagonal(given.states().cov_radar[0]), [1e4, 1e4, 1e4, 25, 2.25, 0])
     assert given.resolved()["uncertainty"]["aircraft"] == {**plain, "rcs_db": 1.5}
     again = rs.parse_scenario(yaml_text(given.resolved()))
     assert again.resolved() == given.resolved()
@@ -212,8 +216,9 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
     absent, zero = scenario(), scenario(uncertainty__aircraft={**plain, "rcs_db": 0})
     for s in (absent, zero):
         assert s.rcs_std == 0
-        assert s.shared is s.radar
-        assert s.cov_shared is cov_by_level(s)["medium"]
+        cov = s.states().cov_radar[0]
+        assert_array_equal(cov[:4, :4], s.cov_radar)
+        assert not cov[4:].any()
         assert s.resolved()["uncertainty"]["aircraft"] == plain
     text = "time_s,north_m,east_m,down_m," + ",".join(
         f"std_{x}" for x in ("north_m", "east_m", "down_m", "roll_deg", "pitch_deg", "yaw_deg")
@@ -248,7 +253,7 @@ def test_a_table_has_a_standard_deviation_by_aspect(tmp_path):
     content = document(aircraft__rcs={"model": "table", "file": "rcs.csv", "mirror": True})
     (tmp_path / "s.yaml").write_text(yaml_text(content))
     s = rs.load_scenario(tmp_path / "s.yaml")
-    assert (s.rcs_db, s.rcs_std, s.cov_shared[-1, -1]) == (0.0, 1.0, 1.0)
+    assert (s.rcs_db, s.rcs_std, s.states().cov_radar[0, 4, 4]) == (0.0, 1.0, 1.0)
     assert "rcs_db" not in s.resolved()["uncertainty"]["aircraft"]
     assert rs.analyses.budget(s).table["three_sigma_aircraft_rcs"].min() > 0
     made = rs.analyses.rcs(s).table
@@ -279,16 +284,13 @@ def test_the_classes_refuse_what_the_reader_refuses():
     with pytest.raises(ValueError, match="rcs_db must be"):
         dataclasses.replace(paper, rcs_db=-1)
     with pytest.raises(ValueError, match="exclude each other"):
-        rs.Scenario(
-            model=rs.DetectionModel(TABLE, 1e-6), aircraft=paper.aircraft, radar=paper.radar,
-            cov_aircraft=paper.cov_aircraft, cov_radar=dict(paper.cov_radar), rcs_db=1,
-        )  # fmt: skip
+        with_arrays(paper, model=rs.DetectionModel(TABLE, 1e-6), rcs_db=1)
     for std in (np.ones(3), np.zeros(len(AZIMUTH)), np.full(len(AZIMUTH), np.nan)):
         with pytest.raises(ValueError, match="std_db must"):
             TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=std)
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
     with pytest.raises(ValueError, match="got nan for the error of the RCS"):
-        model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan]))
+        model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan, 0]))
     for network, sizes in ((NetworkModel((Radar(model),)), (3, 7)), (model, (3, 7))):
         for size in sizes:
             with pytest.raises(ValueError, match="radar states must have shape"):

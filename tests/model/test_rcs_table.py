@@ -403,7 +403,7 @@ def test_the_file_is_looked_for_beside_the_scenario(here):
     path = in_folder(here)
     write(path.parent / "t.csv", *A, *full())
     s = rs.load_scenario(path)
-    assert isinstance(s.model.rcs, rs.TableRCS)
+    assert isinstance(s.radars[0].model.rcs, rs.TableRCS)
     assert rs.load_scenario(path.relative_to(here)).resolved() == s.resolved()
     entry = s.resolved()["aircraft"]["rcs"]
     digest = hashlib.sha256((path.parent / "t.csv").read_bytes()).hexdigest()
@@ -415,7 +415,7 @@ def test_the_file_is_looked_for_beside_the_scenario(here):
     path.unlink()
     again = rs.parse_scenario(yaml.safe_dump(s.resolved()))
     assert again.resolved() == s.resolved()
-    np.testing.assert_array_equal(again.model.rcs.rcs, s.model.rcs.rcs)
+    np.testing.assert_array_equal(again.radars[0].model.rcs.rcs, s.radars[0].model.rcs.rcs)
     # What was resolved is that table or no table.
     write(here / "scenarios" / "t.csv", *A, *full(value="0.6"))
     with pytest.raises(rs.InputError, match=r"aircraft.rcs.sha256: .* another file than it was"):
@@ -426,10 +426,10 @@ def test_mirror_and_envelope_are_read(here):
     path = in_folder(here, mirror=True, envelope_deg=15)
     write(path.parent / "t.csv", *A, *(f"{a},{1 + (a == 90)}" for a in range(0, 181, 5)))
     s = rs.load_scenario(path)
-    assert s.model.rcs.envelope == pytest.approx(15 * DEG)
+    assert s.radars[0].model.rcs.envelope == pytest.approx(15 * DEG)
     assert s.resolved()["aircraft"]["rcs"]["mirror"] is True
     assert s.resolved()["aircraft"]["rcs"]["envelope_deg"] == 15
-    wings = pattern(s.model.rcs, np.array([75.0, 90, 105, -75, -90, -105]), np.zeros(1))
+    wings = pattern(s.radars[0].model.rcs, np.array([75.0, 90, 105, -75, -90, -105]), np.zeros(1))
     np.testing.assert_allclose(wings, 2, rtol=2e-12)
 
 
@@ -535,7 +535,7 @@ def test_the_script_makes_the_synthetic_table(here):
 def test_the_numbers_in_the_comment_of_the_table_scenario():
     """The numbers in the comment of configs/table.yaml, by first order."""
     s = rs.load_scenario(CONFIGS / "table.yaml")
-    budget = rs.budget(s, method="linear")
+    budget = rs.analyses.budget(s, method="linear")
     assert budget.summary["largest_three_sigma_total"]["theta_r_deg"] == [147.5]
     assert budget.summary["largest_three_sigma_total"]["value"] == pytest.approx(1.65, abs=5e-3)
     shares = budget.summary["shares_at_largest"]
@@ -557,7 +557,7 @@ def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
     assert code == 0
     assert "RCS in the geometry" in out
     table = rs.load_rcs_table("figures/paper_rcs.csv")
-    model = rs.load_scenario().model.rcs
+    model = rs.load_scenario().radars[0].model.rcs
     azimuth = np.arange(-180.0, 180, 0.5)
     for elevation in (0.0, -12.5, 40):
         direct = pattern(model, azimuth, np.array(elevation))

@@ -39,25 +39,26 @@ class LinearModel(NetworkModel):
     def p_d(self, aircraft, radar):
         return 0.5 + self.by_aircraft * aircraft[..., 0] + self.by_radar * radar[..., 1]
 
-    def moments(self, scenario):
-        p_d = np.full(len(scenario.aircraft), 0.5)
+    def moments(self, states):
+        p_d = np.full(len(states), 0.5)
         std = np.full_like(p_d, self.exaggerate * np.hypot(self.by_aircraft, self.by_radar))
         return Moments(p_d, p_d, std, p_d - 3 * std, p_d + 3 * std, np.zeros_like(p_d))
 
 
 def gaussian(std=0.03, shared=0.0, poses=4, exaggerate=1.0, seed=1):
-    """P_D is Gaussian around 0.5. The radar error is common to all poses."""
+    """States with a Gaussian P_D around 0.5. The radar error is common to all poses."""
     paper = scenario(analysis={"level": "medium", "seed": seed})
     slope = std * np.array([np.sqrt(1 - shared), np.sqrt(shared)])
-    return with_arrays(
+    s = with_arrays(
         paper,
-        model=LinearModel(paper.model.radars, *slope, exaggerate),
         axis=azimuth(np.arange(float(poses))),
         aircraft=np.tile([0.0, 0, -1e5, 0, 0, 0], (poses, 1)),
         radar=np.array([0.0, 0.0, 0.0, 167.0]),
         cov_aircraft=np.diag([1.0, 0, 0, 0, 0, 0]),
         cov_radar={"medium": np.diag([0, 1.0, 0, 0])},
     )
+    model = LinearModel(paper.model.radars, *slope, exaggerate)
+    return dataclasses.replace(s.states(), model=model)
 
 
 def paper(level="medium", **azimuth):
@@ -67,13 +68,12 @@ def paper(level="medium", **azimuth):
 
 
 def validate(s, *, method="linear", digits=2, **changes):
-    """Judge a method, with a function of some of its values."""
-    if isinstance(s.model, LinearModel):
-        band = s.model.moments(s)
-    else:
-        band = propagate_scenario(s, method=method)
+    """Judge a method for a scenario or for states, with a function of some of its values."""
+    linear = isinstance(s.model, LinearModel)
+    states = s if linear else s.states()
+    band = s.model.moments(s) if linear else propagate_scenario(s, method=method)
     changed = {name: f(getattr(band, name)) for name, f in changes.items()}
-    return judge(s.states(), dataclasses.replace(band, **changed), digits)
+    return judge(states, dataclasses.replace(band, **changed), digits)
 
 
 def assert_same(one, other):

@@ -11,7 +11,6 @@ from helpers import (
     MIXED_P_FA,
     MIXED_POSITIONS,
     MIXED_RANGE,
-    cov_by_level,
     mission,
     mixed_document,
     mixed_network,
@@ -23,7 +22,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.special import erfc
 
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.montecarlo.sampler import Sampler, columns_of_normals, count_normals
+from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import (
     propagate_scenario,
 )
@@ -106,26 +105,25 @@ def test_a_mission_draws_the_constants_as_their_parts_make_them(tmp_path):
 
 def test_every_part_has_a_unit_normal_of_its_own():
     s = mixed_network()
-    inputs = columns_of_normals(12, s.tolerances)
-    assert inputs == [[3, 12, 13], [7, 14, 15], []]
-    assert count_normals(12, s.tolerances) == Sampler(s.states()).radar_normals == 16
-    # as ever for a single radar
-    assert columns_of_normals(4, s.tolerances[:1]) == [[3, 4, 5]]
-    assert columns_of_normals(12, ()) == [] == columns_of_normals(12, ((), (), ()))[0]
-    sampler = Sampler(s.states())
+    states = s.states()
+    # three of the position of each radar, c_r of the third, then the parts
+    assert list(states.columns) == [0, 1, 2, 6, 7, 8, 12, 13, 14, 15]
+    assert states.tolerance_normals == [[0, 1, 2], [3, 4, 5], []]
+    sampler, nominal = Sampler(states), states.radar[0]
+    assert sampler.radar_normals == 16
     at_rest = sampler.draw_radar(np.zeros((1, 16)))[0][0]
-    assert_array_equal(at_rest, s.radar)
-    for i, (parts, own) in enumerate(zip(s.tolerances, inputs, strict=True)):
-        for part, column in zip(parts, own, strict=True):
-            drawn, negative = sampler.draw_radar(np.eye(16)[[column]])
-            changed = np.flatnonzero(drawn[0] != s.radar)
-            assert list(changed) == [4 * i + 3]
-            assert drawn[0, changed] / s.radar[changed] == pytest.approx(
+    assert_array_equal(at_rest, nominal)
+    for i, (parts, own) in enumerate(zip(s.tolerances, states.tolerance_normals, strict=True)):
+        for part, number in zip(parts, own, strict=True):
+            drawn, negative = sampler.draw_radar(np.eye(16)[[10 + number]])
+            changed = np.flatnonzero(drawn[0] != nominal)
+            assert list(changed) == [6 * i + 3]
+            assert drawn[0, changed] / nominal[changed] == pytest.approx(
                 part.factor(np.array(1.0)), rel=1e-15
             )
             assert not negative
     # the third is a number still
-    assert sampler.draw_radar(np.eye(16)[[11]])[0][0, 11] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
+    assert sampler.draw_radar(np.eye(16)[[9]])[0][0, 15] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
 
 
 #: A place known better across than along; its eigenvectors are not in the order of its axes.
@@ -139,17 +137,19 @@ def test_a_part_moves_its_constant_and_nothing_else():
     whole[:3, :3], whole[3, 3] = ALONG, 1e-7
     several[2]["uncertainty"]["sheet"] = {"covariance": whole.tolist()}
     for radar in (several, several[1:], several[:1]):
-        s = mixed_network(radar)
-        sampler = Sampler(s.states())
-        moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - s.radar
-        own = columns_of_normals(len(s.radar), s.tolerances)
-        for i, of_radar in enumerate(own):
-            assert np.all(moved[of_radar, 4 * i + 3])
-            assert_array_equal(np.delete(moved[of_radar], 4 * i + 3, axis=1), 0.0)
-            others = np.setdiff1d(np.arange(len(moved)), of_radar) if of_radar else []
-            assert_array_equal(moved[others, 4 * i + 3], 0.0)
-        root = sampler.sqrt_cov_radar
-        assert_allclose(root @ root.T, cov_by_level(s)["sheet"], rtol=1e-12, atol=1e-10)
+        states = mixed_network(radar).states()
+        sampler, expected = Sampler(states), states.cov_radar[0].copy()
+        moved = sampler.draw_radar(np.eye(sampler.radar_normals))[0] - states.radar[0]
+        for i, numbers in enumerate(states.tolerance_normals):
+            if not numbers:
+                continue
+            at, parts = 6 * i + 3, len(states.columns) + np.array(numbers)
+            assert np.all(moved[parts, at])
+            assert_array_equal(np.delete(moved[parts], at, axis=1), 0.0)
+            assert_array_equal(np.delete(moved[:, at], parts), 0.0)
+            expected[at] = expected[:, at] = 0.0
+        root = states.sqrt_cov_radar[0]
+        assert_allclose(root @ root.T, expected, rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("several", [1, 3])
@@ -167,11 +167,13 @@ def test_a_power_below_zero_is_counted_once_a_run():
     s = mixed_network(
         mixed_radars({"average_power_kw": 0.7}, {"peak_power_kw": 400, "gain_dbi": 2})
     )
-    errors = np.zeros((5, 13))
-    errors[4, 7] = -2  # a Gaussian c_r, known to 94 %, would be below zero
-    errors[[0, 2], 3] = -3.5
-    errors[[0, 1], 7] = -5.5
-    radar, negative = Sampler(s.states()).draw_radar(errors)
+    states = s.states()
+    first, second, _ = np.arange(len(states.columns), states.radar_normals)
+    errors = np.zeros((5, states.radar_normals))
+    errors[4, second] = -2  # a Gaussian c_r, known to 94 %, would be below zero
+    errors[[0, 2], first] = -3.5
+    errors[[0, 1], second] = -5.5
+    radar, negative = Sampler(states).draw_radar(errors)
     assert_array_equal(negative, [True, True, True, False, False])
     assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
-    assert_array_equal(radar[:, 7] == 0, [True, True, False, False, False])
+    assert_array_equal(radar[:, 9] == 0, [True, True, False, False, False])

@@ -210,21 +210,19 @@ def states_of(problem, seed=1, runs=500):
     nominal[:, 3] = constants(problem)
     std[:, 3] *= nominal[:, 3]
     tolerances = tuple(
-        Tolerance("x", value, deviation, power, decibels=False)
-        for value, deviation, power in problem.tolerances
+        Tolerance(f"x{i}", value, deviation, power, decibels=False)
+        for i, (value, deviation, power) in enumerate(problem.tolerances)
     )
-    if tolerances:
-        std[0, 3] = nominal[0, 3] * np.sqrt(sum(t.slope**2 for t in tolerances))
     _, states = uncertain_states(
         network,
         problem.aircraft[0],
         nominal.ravel(),
         np.diag(np.square(problem.aircraft[1])),
         np.diag(np.square(std).ravel()),
-        log_constant=[i == 0 and bool(tolerances) for i in range(len(nominal))],
     )
     every = (tolerances, *((),) * (len(nominal) - 1))
-    return replace(states, tolerances=every, seed=seed, runs=runs)
+    states = states.with_covariances(*states.covariances, every)
+    return replace(states, seed=seed, runs=runs)
 
 
 def errors_of(found):

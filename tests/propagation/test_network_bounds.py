@@ -27,7 +27,6 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario
-from radar_sense.states import CONSTANTS
 
 PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model
@@ -116,7 +115,7 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     miss = 1.0
     for i, s in enumerate(single_radar_scenarios(scenario).values()):
         normals = rng.standard_normal((scenario.runs, 1, 6))
-        drawn = Sampler(s.states()).draw_p_d(normals, radar[:, 4 * i : 4 * i + 4])[:, 0]
+        drawn = Sampler(s.states()).draw_p_d(normals, radar[:, 6 * i : 6 * i + 6])[:, 0]
         miss = miss * (1 - drawn)
     assert_allclose(joint / apart, factor, rtol=0.02)
     assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
@@ -159,13 +158,14 @@ def test_form_agrees_for_a_network_and_no_method_but_linear_leaves_0_to_1():
 def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     scenario = paper_network([(0, 0, 0)] * 2, [100, 1])
     cov = np.diag([0.0, 0, 0, 1, 0, 0, 0, 4])
-    sampler = Sampler.of(with_arrays(scenario, cov_radar={"medium": cov}))
-    normals = np.zeros((3, 8))
-    normals[:, 7] = 0, -0.25, -1
-    normals[2, 3] = -200
+    sampler = Sampler(with_arrays(scenario, cov_radar={"medium": cov}).states())
+    assert sampler.radar_normals == 2  # of the two radar constants
+    normals = np.zeros((3, 2))
+    normals[:, 1] = 0, -0.25, -1
+    normals[2, 0] = -200
     radar, negative = sampler.draw_radar(normals)
     assert_array_equal(negative, [False, False, True])
-    assert_array_equal(radar[:, 7], [1, 0.5, 0])
+    assert_array_equal(radar[:, 9], [1, 0.5, 0])
     assert_array_equal(radar[:, 3], [100, 100, 0])
 
 
@@ -226,7 +226,7 @@ def test_no_signal_anywhere_is_the_floor(detector):
 @pytest.mark.parametrize("models", [None, [DetectionModel(RCS, 1e-4), RADAR_MODEL]])
 def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
     net = paper_network([(0, 0, 0), (1e5, -2e5, 0)], (160.0, 90.0), models=models)
-    cov = 400.0 * net.cov_radar["high"]  # constants to 200: a normal one would be below zero
+    cov = 400.0 * cov_by_level(net)["high"]  # constants to 200: a normal one would be below zero
     states = net.model, net.aircraft, net.radar, net.cov_aircraft, cov
     z = standard_normal_space(*states, log_constant=True)
     pose = np.arange(len(net.aircraft))
@@ -234,7 +234,7 @@ def test_log_normal_constants_of_a_network_are_in_z_and_in_its_gradient(models):
     shift = np.einsum("kij,jk->ki", z.sqrt_cov, u)
     aircraft, radar = net.aircraft.copy(), net.radar + shift[:, 3:]
     aircraft[:, 3:] += shift[:, :3]
-    radar[:, CONSTANTS] = net.radar[CONSTANTS] * np.exp(shift[:, 3:][:, CONSTANTS] / (160.0, 90.0))
+    radar[:, 3::4] = net.radar[3::4] * np.exp(shift[:, 3:][:, 3::4] / (160.0, 90.0))
     value, gradient = z(u, pose)
     assert_allclose(ndtr(value), net.model.p_d(aircraft, radar), rtol=1e-12)
     for i in range(len(u)):

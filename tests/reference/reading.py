@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 import radar_sense as rs
+from radar_sense.flight import States
 from radar_sense.model.detectors import CFARS, DETECTORS, BinaryIntegration
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar import Radar
+from radar_sense.model.radar import Level, Radar
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import TableRCS
 
@@ -60,6 +60,8 @@ def as_scenario(block, columns, poses=slice(None)):
             attenuation=block["attenuation_db_per_m"],
         ),
         name="radar",
+        state=np.array([*block["radar"]["position_m"], block["radar"]["constant"]]),
+        levels={"a": Level(np.array(block["cov_radar"]))},
         max_range=block["max_range_m"] or np.inf,
         min_range=block["min_range_m"] or 0.0,
         horizon=Horizon() if block["horizon"] else None,
@@ -67,11 +69,11 @@ def as_scenario(block, columns, poses=slice(None)):
     has_spread = "std_db" in block["rcs"]
     return rs.Scenario(
         name=f"reference_{block['scenario']}",
-        model=NetworkModel((radar,)),
-        aircraft=np.stack([columns[name] for name in STATE], axis=-1)[poses],
-        radar=np.array([*block["radar"]["position_m"], block["radar"]["constant"]]),
-        cov_aircraft=np.array(block["cov_aircraft"]),
-        cov_radar={"a": np.array(block["cov_radar"])},
+        radars=(radar,),
+        geometry=States.of(
+            np.stack([columns[name] for name in STATE], axis=-1)[poses],
+            np.array(block["cov_aircraft"]),
+        ),
         rcs_db=0.0 if has_spread else block["rcs_error_std"],
         runs=RUNS,
     )

@@ -142,7 +142,7 @@ def test_a_route_with_deviations_needs_no_uncertainty_of_the_aircraft(tmp_path):
     (tmp_path / "my.yaml").write_text(yaml_text(content))
     s = rs.load_scenario(tmp_path / "my.yaml")
     assert s.cov_aircraft.shape == (len(s.aircraft), 6, 6)
-    found = rs.variance(s)
+    found = rs.analyses.variance(s)
     assert np.all(found.table["sigma_pd"] > 0)
 
 

@@ -97,7 +97,8 @@ NOT_EXPRESSED = {
     ),
     "names that depend on each other": (
         r"analysis.level: must be one of|that no other radar has|must be a level that"
-        r"|missing level|would have the column"
+        r"|missing level|would have the column|aircraft\.rcs\.bands|must be one of types"
+        r"|the levels of its radars"
     ),
     "other files, and what is in them": r"^(route|rcs)\.csv:|cannot be read|the RCS table covers"
     r"|or the column std_db",
@@ -107,7 +108,8 @@ NOT_EXPRESSED = {
         r"must be left out|required (with|on an orbit|unless the route file)|needs a path"
         r"|is not in the data sheet|standard deviations by parameter need|must be of one pulse"
         r"|required without covariance|needs at least one of the keys|needs the length"
-        r"|ordered_statistics is for|binary needs pulses"
+        r"|ordered_statistics is for|binary needs pulses|as the radar has a type"
+        r"|stands at a radar of this type too"
     ),
     "names that YAML reads as numbers, booleans or nothing": (
         r"must be (a|the) name .*got ('?[-+.\dtf]|nothing)"
@@ -212,11 +214,14 @@ def test_a_newcomer_is_in_the_schema(monkeypatch):
     assert validator.is_valid(cube)
     assert not VALIDATOR.is_valid(cube)
     assert not validator.is_valid(document(cube, aircraft__rcs__edge_m=0))
-    (edge,) = [
+    one, by_band = schema(File)["properties"]["aircraft"]["properties"]["rcs"]["anyOf"]
+    edge, of_band = (
         of_model["then"]["properties"]["edge_m"]
-        for of_model in schema(File)["properties"]["aircraft"]["properties"]["rcs"]["allOf"]
+        for place in (one, by_band["properties"]["bands"]["additionalProperties"])
+        for of_model in place["allOf"]
         if "edge_m" in of_model["then"]["properties"]
-    ]
+    )
+    assert of_band == edge
     description = "Edge of the cube. Unit: m. A number greater than 0."
     assert edge == {
         "description": description,

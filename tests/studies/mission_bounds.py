@@ -31,6 +31,7 @@ from radar_sense.mission.recombined import recombined_missions
 from radar_sense.mission.tracks import event_probabilities
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
+from radar_sense.states import of_each
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 WINDOWS = [(1, 2), (2, 3), (2, 4), (3, 5), (3, 6), (4, 6), (5, 8)]
@@ -116,14 +117,14 @@ def plain_draws(
     looks: Looks, window: tuple[int, int], runs: int
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return the least and the greatest draws (keep, K) of P for each event, from the extreme."""
-    sampler, times = Sampler.of(looks.scenario), len(looks.schedule.time)
+    sampler, times = Sampler(looks.scenario.states()), len(looks.schedule.time)
     rng = np.random.default_rng(SEED)
     keep = math.ceil(TAIL * runs + 4.0 * math.sqrt(TAIL * runs)) + 2
     extremes = [(np.empty((0, times)),) * 2 for _ in range(2)]
     for _ in range(runs // BLOCK):
         radars = sampler.draw_radar(rng.standard_normal((BLOCK, sampler.radar_normals)))[0]
         poses = looks.process.poses(rng.standard_normal((times, 6, BLOCK)))
-        states = sampler.model.split(radars)
+        states = of_each(radars, len(looks.scenario.radars))
         p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
         for event, p in enumerate(event_probabilities(looks.schedule, p_d, window)):
             least, greatest = extremes[event]

@@ -28,11 +28,13 @@ def exact_errors():
     found = []
     for block, c in reading.read():
         s = reading.as_scenario(block, c)
-        lin = s.model.linearize(s.aircraft, s.shared)
+        states, exact = s.states(), np.hstack(reading.gradient(c))
+        lin = s.model.linearize(s.aircraft, states.radar)
         sigma = propagate_scenario(s, method="linear").std
         gradient = np.hstack([lin.jac_aircraft, lin.jac_radar])
-        deviations = np.sqrt([*np.diag(s.cov_aircraft), *np.diag(s.cov_shared)])
-        apart = abs(gradient - np.hstack(reading.gradient(c))) * deviations
+        deviations = np.sqrt([*np.diag(s.cov_aircraft), *np.diag(states.cov_radar[0])])
+        known = slice(exact.shape[1])
+        apart = abs(gradient[:, known] - exact) * deviations[known]
         with np.errstate(invalid="ignore", divide="ignore"):
             rows = [
                 abs(lin.p_d / c["p_d"] - 1),

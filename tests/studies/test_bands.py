@@ -23,11 +23,11 @@ def test_p_d_of_the_independent_model_is_that_of_the_package(population):
         case = problem(population, SEED, number)
         scenario, independent = package.scenario(case), model.Oracle(case)
         aircraft, radars, rcs_error, attenuation = independent.draw(np.random.default_rng(1), 50)
-        states = [*radars]
-        if scenario.shared.size > len(states):
-            states.append(np.broadcast_to(rcs_error, 50))
-        if scenario.shared.size > len(states):
-            states.extend(attenuation)
+        states = []
+        for i in range(len(case.radars)):
+            of_alpha = 0.0 if attenuation is None else attenuation[i]
+            errors = np.broadcast_to(rcs_error, 50), np.broadcast_to(of_alpha, 50)
+            states += [*radars[4 * i : 4 * i + 4], *errors]
         found = scenario.model.p_d(aircraft.T, np.stack(states, axis=-1))
         expected = independent.p_d(aircraft, radars, rcs_error, attenuation)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10, err_msg=f"{number}")
@@ -118,11 +118,11 @@ def test_thresholds_stand_on_both_sides_of_the_true_bound():
 def test_a_route_grazes_between_its_rows_and_not_at_them(kind):
     path = paths.grazing(SEED, paths.KINDS.index(kind))
     scenario = package.scenario(path.problem, aircraft=path.aircraft, time_s=path.time_s)
-    rows = scenario.model.p_d(scenario.aircraft, scenario.shared)
+    rows = scenario.model.p_d(scenario.aircraft, scenario.radar)
     assert rows.max() <= paths.WELL_BELOW * path.threshold
     middle = np.linspace(path.time_s[0], path.time_s[-1], 40_001)
     states = paths.along(path.time_s, path.aircraft, middle)
-    p_d = scenario.model.p_d(states, scenario.shared)
+    p_d = scenario.model.p_d(states, scenario.radar)
     seconds = np.mean(p_d > path.threshold) * np.ptp(path.time_s)
     assert path.seconds >= 1.0
     assert seconds == pytest.approx(path.seconds, abs=2 * paths.STEP + np.ptp(path.time_s) / 20_000)
@@ -136,7 +136,7 @@ def test_a_limit_that_is_entered_and_left_between_two_rows_is_found(number):
     place, complete = refinement.scan(scenario)
     poses = refinement.along(scenario, place)
     assert complete
-    assert poses.model.p_d(poses.aircraft, poses.shared).max() > path.threshold
+    assert poses.model.p_d(poses.aircraft, poses.radar).max() > path.threshold
 
 
 def test_a_route_that_passes_by_is_not_seen():

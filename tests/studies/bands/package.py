@@ -2,13 +2,12 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 import radar_sense as rs
+from radar_sense import axis
+from radar_sense.flight import Path, States
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.horizon import Horizon
-from radar_sense.model.network import NetworkModel
-from radar_sense.model.radar import Radar
+from radar_sense.model.radar import Level, Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.rcs import ConstantRCS, EllipsoidRCS, ExactEllipsoidRCS, SpikeballRCS
 from radar_sense.model.rcs_table import TableRCS
@@ -50,8 +49,8 @@ def verdict(scenario, threshold, k, **options):
     return result.summary["threshold"]["verdict"]
 
 
-def scenario(problem, **fields):
-    """Return the scenario of a problem; fields replace those of one pose, such as `aircraft`."""
+def scenario(problem, aircraft=None, time_s=None):
+    """Return the scenario of a problem, at its one pose or along a path."""
     rcs = model_of(problem.rcs)
     radars = tuple(
         Radar(
@@ -59,29 +58,26 @@ def scenario(problem, **fields):
                 rcs=rcs, p_fa=r.p_fa, detector=DETECTORS[r.detector], attenuation=r.attenuation
             ),
             name=f"r{i}",
+            state=r.state,
+            levels={
+                LEVEL: Level(
+                    problem.cov_radar[4 * i : 4 * i + 4, 4 * i : 4 * i + 4],
+                    tuple(Tolerance(*t) for t in r.tolerances),
+                    r.attenuation_std,
+                )
+            },
             max_range=r.max_range,
             min_range=r.min_range,
             horizon=Horizon() if r.horizon else None,
         )
         for i, r in enumerate(problem.radars)
     )
-    attenuation_std = tuple(r.attenuation_std for r in problem.radars)
-    return rs.Scenario(
-        **{
-            "name": f"{problem.population.replace(' ', '_')}_{problem.number}",
-            "model": NetworkModel(radars),
-            "aircraft": problem.aircraft[np.newaxis],
-            "radar": np.concatenate([r.state for r in problem.radars]),
-            "cov_aircraft": problem.cov_aircraft,
-            "cov_radar": {LEVEL: problem.cov_radar},
-            "tolerances": {
-                LEVEL: tuple(tuple(Tolerance(*t) for t in r.tolerances) for r in problem.radars)
-            },
-            "attenuation_std": {LEVEL: attenuation_std} if any(attenuation_std) else {},
-            "rcs_db": problem.rcs_db,
-            **fields,
-        }
-    )
+    geometry = States.of(problem.aircraft if aircraft is None else aircraft, problem.cov_aircraft)
+    if time_s is not None:
+        arrays = geometry.aircraft, geometry.covariance
+        geometry = Path(axis.time(time_s), *arrays, time_s=time_s)
+    name = f"{problem.population.replace(' ', '_')}_{problem.number}"
+    return rs.Scenario(radars=radars, geometry=geometry, name=name, rcs_db=problem.rcs_db)
 
 
 def model_of(rcs):

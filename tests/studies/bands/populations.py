@@ -283,7 +283,7 @@ def slope(tolerance):
 def radar_covariance(rng, radars, spreads, share=0.5):
     """Return C_rr (4m, 4m) from the deviations of each radar; that of c_r is relative.
 
-    A share of all problems has correlations within each radar, and a half of those across radars.
+    A share of all problems has correlations within each radar.
     """
     std = np.array(spreads, dtype=float)
     for row, radar in zip(std, radars, strict=True):
@@ -292,11 +292,9 @@ def radar_covariance(rng, radars, spreads, share=0.5):
         row[3] *= radar.state[3]
     correlation = np.eye(std.size)
     if rng.random() < share:
-        across = rng.random() < 0.5
         correlation = random_correlation(rng, std.size)
         owner = np.arange(std.size) // 4
-        if not across:
-            correlation[owner[:, None] != owner] = 0.0
+        correlation[owner[:, None] != owner] = 0.0
         for i, radar in enumerate(radars):
             if radar.tolerances:
                 row = 4 * i + 3
