@@ -253,7 +253,7 @@ POSES = 40
 def _with_placeholders(scenario: Any, column: str, meaning: str) -> tuple[str, str]:
     """Return name and meaning of a column with `<radar>` in place of the name of a radar, etc."""
     names = {
-        "level": scenario.cov_radar,
+        "level": scenario.levels,
         "radar": scenario.model.names if len(scenario.model.names) > 1 else (),
         "source": [*parts_of(scenario), *sources_of(scenario)],
         "method": METHODS,

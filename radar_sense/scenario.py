@@ -126,7 +126,7 @@ class Scenario:
                 raise InputError("every radar of a scenario needs a state: north, east, down, c_r")
             if not radar.levels:
                 raise InputError("every radar needs a level, levels={'medium': Level(...)}")
-            if list(radar.levels) != list(self.levels):
+            if radar.levels.keys() != {*self.levels}:
                 raise InputError(
                     f"all radars must have the levels {', '.join(self.levels)}, radar "
                     f"{radar.name!r} has {', '.join(radar.levels)}"
@@ -136,7 +136,7 @@ class Scenario:
             raise InputError(problem)
 
     def _check_poses(self) -> None:
-        geometry, count = self.geometry, len(self.aircraft)
+        geometry, count = self.geometry, len(np.atleast_1d(self.aircraft))
         if self.aircraft.shape != (count, len(AIRCRAFT)) or not count:
             raise InputError(
                 f"aircraft must have shape (n, {len(AIRCRAFT)}) for {', '.join(AIRCRAFT)}, "
@@ -155,6 +155,8 @@ class Scenario:
                 raise InputError(
                     f"{name} must have one value for each of {count} poses, got {np.shape(values)}"
                 )
+            if not np.isfinite(values).all():
+                raise InputError(f"{name} must be finite, got {values[~np.isfinite(values)][0]}")
         if self.time_s is not None and not (np.diff(self.time_s) > 0).all():
             raise InputError("time_s must increase from pose to pose")
         if self.origin is not None and not is_place(self.origin):
@@ -236,7 +238,9 @@ class Scenario:
     @cached_property
     def radar(self) -> FloatArray:
         """Nominal states of the radars (4m,)."""
-        return np.concatenate([radar.state for radar in self.radars if radar.state is not None])
+        states = np.concatenate([r.state for r in self.radars if r.state is not None])
+        states.flags.writeable = False
+        return states
 
     @property
     def radar_states(self) -> FloatArray:
@@ -471,8 +475,9 @@ class Scenario:
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state)
-        for array in (self.aircraft, self.cov_aircraft):
-            array.flags.writeable = False
+        for array in (self.aircraft, self.cov_aircraft, self.time_s, self.axis.values):
+            if array is not None:
+                array.flags.writeable = False
 
 
 #: The fields that a file makes.
@@ -545,8 +550,10 @@ def _read_only(geometry: Geometry) -> Geometry:
     """Return a geometry with read-only arrays, copies unless they are read-only already."""
     changes: dict[str, Any] = {}
     for name in ("aircraft", "covariance", "time_s"):
-        values = getattr(geometry, name, None)
-        if values is None or (type(values) is np.ndarray and not values.flags.writeable):
+        if not hasattr(geometry, name):
+            continue
+        values = getattr(geometry, name)
+        if type(values) is np.ndarray and values.dtype == float and not values.flags.writeable:
             continue
         array = real_array(name, values).copy()
         array.flags.writeable = False

@@ -13,7 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from radar_sense import covariance
 from radar_sense.errors import InputError
-from radar_sense.limits import NOT_NEGATIVE, POSITIVE, Limit, check_number
+from radar_sense.limits import (
+    LEVEL_NAME,
+    NOT_NEGATIVE,
+    POSITIVE,
+    RADAR_NAME,
+    Limit,
+    check_number,
+)
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon, horizon_range
@@ -50,6 +57,10 @@ class Level:
             raise InputError(f"tolerances must be a tuple of Tolerance, got {self.tolerances!r}")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
         check_number("attenuation_std", self.attenuation_std, NOT_NEGATIVE)
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        self.covariance.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +112,10 @@ class Radar:
             raise InputError(
                 f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
             )
+        if self.band and not RADAR_NAME.allows(self.band):
+            raise InputError(f"band must be {RADAR_NAME}, got {self.band!r}")
+        if not isinstance(self.sheet, DataSheet | None):
+            raise InputError(f"sheet must be a DataSheet or None, got {self.sheet!r}")
         if not isinstance(self.horizon, Horizon | None):
             raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
         if self.scan_period is not None:
@@ -111,8 +126,8 @@ class Radar:
         if not isinstance(self.levels, Mapping):
             raise InputError("levels must be a mapping, {'medium': Level(...)}")
         for name, level in self.levels.items():
-            if not isinstance(name, str):
-                raise InputError(f"levels must have names, got {name!r}")
+            if not isinstance(name, str) or not LEVEL_NAME.allows(name):
+                raise InputError(f"names of levels must be {LEVEL_NAME}, got {name!r}")
             if not isinstance(level, Level):
                 raise InputError(f"levels[{name!r}] must be a Level, got {level!r}")
             check_number(
@@ -142,6 +157,8 @@ class Radar:
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state)
         vars(self)["levels"] = MappingProxyType(state["levels"])
+        if self.state is not None:
+            self.state.flags.writeable = False
 
     def visible(
         self, aircraft: ArrayLike, radar: ArrayLike, height: FloatArray | None = None

@@ -531,7 +531,7 @@ class _Types:
                 + did_you_mean(radar.type, self.stated)
             )
         own, at = self.stated[radar.type], self.place[radar.type]
-        if list(own) != levels:
+        if own.keys() != {*levels}:
             raise at.error(f"must have the levels of its radars: {', '.join(levels)}")
         return {level: _Shared(radar.type, own[level], at[level]) for level in levels}
 
