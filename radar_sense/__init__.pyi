@@ -34,7 +34,6 @@ from radar_sense.model.rcs_table import TableRCS as TableRCS
 from radar_sense.model.trajectory import Route as Route
 from radar_sense.montecarlo.montecarlo import MonteCarlo as MonteCarlo
 from radar_sense.montecarlo.montecarlo import monte_carlo as monte_carlo
-from radar_sense.montecarlo.montecarlo import monte_carlo_states as monte_carlo_states
 from radar_sense.propagation import Moments as Moments
 from radar_sense.propagation import propagate as propagate
 from radar_sense.propagation import unreliable as unreliable

@@ -119,7 +119,10 @@ class Scenario:
         object.__setattr__(self, "seed", int(self.seed))
 
     def _check_radars(self) -> None:
+        of_band = {radar.band: radar.model.rcs for radar in self.radars}
         for radar in self.radars:
+            if radar.model.rcs != of_band[radar.band]:
+                raise InputError("radars of one band must have the RCS of one and the same target")
             if radar.name and not RADAR_NAME.allows(radar.name):
                 raise InputError(f"names of radars must be {RADAR_NAME}, got {radar.name!r}")
             if radar.state is None:

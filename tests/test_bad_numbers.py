@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
@@ -132,8 +131,6 @@ def test_what_is_no_real_number_is_refused(name):
     for method in METHODS:
         with pytest.raises(ValueError, match=message):
             rs.propagate(model(), aircraft, wrong, *covariances, method=method)
-    with pytest.raises(ValueError, match=message):
-        rs.monte_carlo_states(model(), aircraft, wrong, *covariances, runs=16)
     with pytest.raises(ValueError, match=message.removeprefix("radar states ")):
         checked("radar", [wrong] * 4 if name != "masked" else wrong)
 
@@ -169,10 +166,6 @@ def everything(aircraft, radar, cov_aircraft, cov_radar):
     for method in METHODS:
         yield lambda method=method: rs.propagate(model(), *arguments, method=method)
     yield lambda: model().linearize(*states()).std(cov_aircraft, cov_radar)
-    for method in METHODS:
-        yield lambda method=method: rs.monte_carlo_states(
-            model(), *arguments, runs=16, method=method
-        )
 
 
 def made(aircraft, radar, cov_aircraft, cov_radar):
@@ -223,10 +216,9 @@ def test_nan_and_infinity_in_states_are_errors_of_propagation_and_monte_carlo():
     aircraft, radar = states()
     aircraft[17, 5] = NAN
     wrong = aircraft, radar, *good_covariances()
-    for function in (rs.propagate, partial(rs.monte_carlo_states, runs=16)):
-        for method in METHODS:
-            with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
-                function(model(), *wrong, method=method)
+    for method in METHODS:
+        with pytest.raises(ValueError, match="got nan for yaw at pose 17"):
+            rs.propagate(model(), *wrong, method=method)
     with pytest.raises(rs.InputError, match=r"^aircraft must be finite, got nan"):
         made(aircraft, radar, *good_covariances())
     for value in (NAN, INF, -INF):

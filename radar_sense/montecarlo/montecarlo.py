@@ -13,14 +13,12 @@ from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError, describe
-from radar_sense.limits import RUNS, SEED, WORKERS, check_number
-from radar_sense.model.detection_model import DetectionModel
-from radar_sense.model.network import NetworkModel
+from radar_sense.limits import WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
@@ -30,10 +28,9 @@ from radar_sense.montecarlo.statistics import (
     binomial_interval,
 )
 from radar_sense.progress import report
-from radar_sense.propagation import Moments, propagate, propagate_scenario
+from radar_sense.propagation import Moments, propagate_scenario
 from radar_sense.scenario import Scenario, check_scenario
 from radar_sense.states import FloatArray
-from radar_sense.uncertain_states import uncertain_states
 
 #: Approximate number of samples of a block. Another number gives other draws.
 SAMPLES_PER_BLOCK = 131_072
@@ -151,103 +148,13 @@ def monte_carlo(
     """
     check_scenario(scenario)
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    radars = len(scenario.model.radars)
-    _require_possible(len(scenario.aircraft), scenario.runs, sampler, radars, workers, executor)
-    return _compare(
-        Sampler(scenario.states()),
-        propagate_scenario(scenario, method=method),
-        runs=scenario.runs,
-        seed=scenario.seed,
-        workers=workers,
-        sampler=sampler,
-        executor=executor,
-    )
-
-
-def monte_carlo_states(
-    model: DetectionModel | NetworkModel,
-    aircraft: ArrayLike,
-    radar: ArrayLike,
-    cov_aircraft: ArrayLike,
-    cov_radar: ArrayLike,
-    *,
-    runs: int = 500,
-    seed: int = 1,
-    workers: int = 1,
-    method: str = "linear",
-    sampler: str = "random",
-    executor: Executor | None = None,
-) -> MonteCarlo:
-    """Draw Gaussian states, and compare P_D with the band of a method of propagation.
-
-    Args:
-        model: The detection model, of a radar or of a network.
-        aircraft: Nominal aircraft states (n, 6), or one (6,).
-        radar: Nominal radar state (4,), or (4m,) of a network of m; all poses share the draws.
-        cov_aircraft: C_aa (6, 6), or one for each pose (n, 6, 6).
-        cov_radar: C_rr (4, 4), or (4m, 4m).
-        runs: Number of runs, two or more.
-        seed: Seed of the draws; the same seed gives the same result.
-        workers: Threads to compute with.
-        method: Method of propagation of the band.
-        sampler: "random" or "sobol".
-        executor: Computes in place of threads.
-
-    Raises:
-        ValueError: If a shape does not fit or a number is out of range.
-        ComputationError: If memory, threads or workers run out.
-    """
-    for name, value, limit in (("runs", runs, RUNS), ("seed", seed, SEED)):
-        check_number(name, value, limit)
-    shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
-    if len(shape) > 1 or len(states.radar) > 1 or len(states.cov_radar) > 1:
-        raise InputError(
-            "needs aircraft (n, 6), and one radar (4m,) with cov_radar (4m, 4m) for all poses; got "
-            f"shapes {np.shape(aircraft)}, {np.shape(radar)} and {np.shape(cov_radar)}"
-        )
-    poses, radars = len(states.aircraft), len(states.model.radars)
-    _require_possible(poses, int(runs), sampler, radars, workers, executor)
-    return _compare(
-        Sampler(states),
-        propagate(model, aircraft, radar, cov_aircraft, cov_radar, method=method),
-        runs=int(runs),
-        seed=int(seed),
-        workers=workers,
-        sampler=sampler,
-        executor=executor,
-    )
-
-
-def _require_possible(
-    poses: int, runs: int, sampler: str, radars: int, workers: int, executor: Executor | None
-) -> None:
-    """Raise InputError if sampler, workers, executor, time or memory do not allow the draws."""
-    check_number("workers", workers, WORKERS)
-    if not isinstance(executor, Executor | None):
-        raise InputError(f"executor must be an Executor, got {describe(executor)}")
-    check_sampler(sampler, runs)
-    Statistics(poses, runs, TAIL)
-    what = f"{runs:,} runs of {poses:,} poses and {radars} radar{'s' if radars > 1 else ''}"
-    foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)
-
-
-def _compare(
-    states: Sampler,
-    band: Moments,
-    *,
-    runs: int,
-    seed: int,
-    workers: int,
-    sampler: str,
-    executor: Executor | None,
-) -> MonteCarlo:
-    """Draw states and compare P_D with a band."""
-    poses = states.poses
+    _require_possible(scenario, sampler, workers, executor)
+    states, band = Sampler(scenario.states()), propagate_scenario(scenario, method=method)
+    poses, runs = states.poses, scenario.runs
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
-    source = SAMPLERS[sampler](seed, runs_per_block, poses, states.radar_normals)
+    source = SAMPLERS[sampler](scenario.seed, runs_per_block, poses, states.radar_normals)
     shown = min(MAX_SAMPLE_PATHS, max(1, MAX_SAMPLE_PATH_POINTS // poses), runs)
-
     slack = ROUNDING * abs(band.p_d)
     lower, upper = band.lower - slack, band.upper + slack
 
@@ -270,10 +177,24 @@ def _compare(
     return MonteCarlo(
         **vars(total.result()),
         runs=runs,
-        seed=seed,
+        seed=scenario.seed,
         band=band,
         inside=all_inside,
         clipped=clipped,
         sample_paths=np.concatenate(paths),
         sampler=sampler,
     )
+
+
+def _require_possible(
+    scenario: Scenario, sampler: str, workers: int, executor: Executor | None
+) -> None:
+    """Raise InputError if sampler, workers, executor, time or memory do not allow the draws."""
+    poses, runs, radars = len(scenario.aircraft), scenario.runs, len(scenario.radars)
+    check_number("workers", workers, WORKERS)
+    if not isinstance(executor, Executor | None):
+        raise InputError(f"executor must be an Executor, got {describe(executor)}")
+    check_sampler(sampler, runs)
+    Statistics(poses, runs, TAIL)
+    what = f"{runs:,} runs of {poses:,} poses and {radars} radar{'s' if radars > 1 else ''}"
+    foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)

@@ -414,7 +414,7 @@ FITTING = {
 CALLED = {
     **{name: getattr(rs, name) for name in rs.__all__ if name.endswith(("RCS", "Model"))},
     **{made.__name__: made for made in (*DETECTORS.values(), rs.BinaryIntegration, rs.Radar)},
-    **{of.__name__: of for of in (rs.propagate, rs.monte_carlo, rs.monte_carlo_states)},
+    **{of.__name__: of for of in (rs.propagate, rs.monte_carlo)},
     **{name: getattr(FITTING["model"], name) for name in ("p_d", "snr", "linearize")},
     **{name: getattr(rs.analyses, name) for name in ("variance", "budget", "mission")},
 }

@@ -12,13 +12,13 @@ import chain_rule
 import numpy as np
 import pytest
 from helpers import (
-    cov_by_level,
     scenario,
     single,
 )
 from scipy.special import ndtr
 from scipy.stats import binom
 
+import radar_sense as rs
 from radar_sense.errors import ComputationError, InputError
 from radar_sense.model import detection_model as model
 from radar_sense.model.detectors import North
@@ -27,7 +27,6 @@ from radar_sense.montecarlo.montecarlo import (
     MAX_SAMPLE_PATHS,
     TAIL,
     monte_carlo,
-    monte_carlo_states,
 )
 from radar_sense.montecarlo.sequences import SAMPLERS
 from radar_sense.progress import listening
@@ -295,15 +294,18 @@ def test_memory_does_not_grow_with_the_runs(sampler):
     assert peak(120_000) < 1.2 * peak(30_000)
 
 
-def test_states_and_covariances_give_the_bytes_of_the_scenario():
+def test_a_scenario_of_arrays_has_the_bytes_of_the_file():
     s = load_scenario("configs/covariance.yaml")
-    states = (s.model, s.aircraft, s.radar, s.cov_aircraft, s.cov_radar)
+    made = rs.Scenario(
+        radars=[rs.Radar(single(s), state=s.radar, levels={"one": rs.Level(s.cov_radar)})],
+        geometry=rs.States.of(s.aircraft, s.cov_aircraft),
+    )
     for sampler in SAMPLERS:
-        mc = monte_carlo_states(*states, runs=40, seed=9, method="probit", sampler=sampler)
+        mc = monte_carlo(made, runs=40, seed=9, method="probit", sampler=sampler)
         expected = monte_carlo(s, runs=40, seed=9, method="probit", sampler=sampler)
         assert_same(mc, expected)
         assert mc.band.upper.tobytes() == expected.band.upper.tobytes()
-    one = monte_carlo_states(s.model, s.aircraft[7], *states[2:], runs=40)
+    one = monte_carlo(made.at_poses(slice(7, 8)), runs=40)
     assert one.mean.shape == (1,)
     assert repr(one).startswith("MonteCarlo(40 runs of 1 poses, seed 1, random: ")
 
@@ -311,20 +313,15 @@ def test_states_and_covariances_give_the_bytes_of_the_scenario():
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"radar": np.zeros((3, 4))}, "one radar"),
-        ({"cov_radar": np.zeros((3, 4, 4))}, "one radar"),
-        ({"cov_aircraft": np.eye(5)}, "shape"),
         ({"runs": 1}, "runs must be a whole number not less than 2"),
         ({"seed": -1}, "seed must be"),
         ({"sampler": "sobbol"}, "did you mean 'sobol'"),
         ({"method": "liner"}, "did you mean 'linear'"),
     ],
 )
-def test_states_that_do_not_fit_are_refused(wrong, says):
-    s = scenario(geometry__azimuth_deg=FEW)
-    right = {"aircraft": s.aircraft, "radar": s.radar, "cov_aircraft": s.cov_aircraft}
+def test_wrong_options_are_refused(wrong, says):
     with pytest.raises(ValueError, match=says):
-        monte_carlo_states(s.model, **{**right, "cov_radar": cov_by_level(s)["medium"], **wrong})
+        monte_carlo(scenario(geometry__azimuth_deg=FEW), **wrong)
 
 
 def test_more_than_fits_into_memory_is_refused_before_anything_is_computed(monkeypatch):
