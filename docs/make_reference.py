@@ -39,6 +39,8 @@ EXAMPLES = {
     "m": 3,
     "n": 5,
     "type": "cell_averaging",
+    "radar.type": "gap_filler",
+    "band": "s",
     "eclipsing": "true",
     "losses_db": {"beam_shape": 1.6},
     "coherent_pulses": 8,
@@ -200,6 +202,8 @@ def example_of(name: str, section: Sequence[Key], key: Key) -> Any:
         is_one = not word or mapping.get(word[1]) == word[2]
         if key.name in mapping and names >= mapping.keys() and is_one:
             return mapping[key.name]
+    if f"{name}.{key.name}" in EXAMPLES:
+        return EXAMPLES[f"{name}.{key.name}"]
     if key.name not in EXAMPLES:
         raise KeyError(
             f"{name}.{key.name} has no example: use it in a file in configs/ or add it to EXAMPLES"

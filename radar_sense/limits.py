@@ -91,6 +91,8 @@ NAME = Text(
 _LABEL = "[A-Za-z0-9][A-Za-z0-9_-]{0,39}"
 RADAR_NAME = Text(_LABEL, "the name of a radar, up to 40 letters A to Z, digits, '_' or '-'")
 LEVEL_NAME = Text(_LABEL, "the name of a level, up to 40 letters A to Z, digits, '_' or '-'")
+BAND = Text(_LABEL, "the name of a band, up to 40 letters A to Z, digits, '_' or '-'")
+TYPE = Text(_LABEL, "the name of a type, up to 40 letters A to Z, digits, '_' or '-'")
 ANY = Limit()
 POSITIVE = Limit(above=0)
 NOT_NEGATIVE = Limit(at_least=0)

@@ -424,8 +424,10 @@ class Scenario:
                 document[section] = {"type": "states", **_recorded(fields)}
         if not of_poses:
             document["aircraft"].pop("attitude_deg", None)
+        types = {"types": document["types"]} if of_radars and "types" in document else {}
         return {
             "name": self.name,
+            **types,
             **{section: document[section] for section in states},
             "analysis": {
                 "level": self.level,

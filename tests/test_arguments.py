@@ -73,7 +73,7 @@ WRONG = {
     "origin must be latitude and longitude [rad] and height [m], got (1, 2)": lambda: path(
         origin=(1, 2)
     ),
-    "names of levels must be the name of a level": lambda: changed(levels={1: RADAR.levels["low"]}),
+    "levels must have names, got 1": lambda: changed(levels={1: RADAR.levels["low"]}),
     "levels must be a mapping": lambda: changed(levels=np.eye(4)),
     "levels['low'] must be a Level, got array": lambda: changed(levels={"low": np.eye(4)}),
     "radar state must have shape (4,) for north, east, down, constant, got (3,)": lambda: changed(

@@ -65,7 +65,7 @@ def stop(*args, **options):
 
 
 def test_draws_are_announced_before_the_first(caplog, monkeypatch):
-    monkeypatch.setattr(montecarlo, "_compare", stop)
+    monkeypatch.setattr(montecarlo, "Sampler", stop)
     with pytest.raises(KeyboardInterrupt):
         rs.monte_carlo(scenario(), runs=10_000_000)
     assert "10,000,000 runs of 361 poses and 1 radar take some 6 minutes" in caplog.text
@@ -95,7 +95,7 @@ def test_a_map_is_announced_before_the_first_cell(caplog, monkeypatch):
 
 @pytest.mark.parametrize("options", [{"runs": 10**9}, {"runs": 3 * 10**8, "workers": 1}])
 def test_what_would_take_days_is_refused_before_anything_is_drawn(options, monkeypatch):
-    monkeypatch.setattr(montecarlo, "_compare", stop)
+    monkeypatch.setattr(montecarlo, "Sampler", stop)
     many = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 0.001})
     with pytest.raises(rs.InputError, match=r"GB of memory|allowed is a day"):
         rs.monte_carlo(many, **options)

@@ -293,6 +293,9 @@ def test_every_key_is_declared_with_its_meaning():
                 waiting += block
             elif isinstance(block, dict):
                 block.pop("losses_db", None)  # whose keys are the names of losses
+                waiting += block.pop("bands", {}).values()
+                for levels in block.pop("types", {}).values():
+                    waiting += levels.values()
                 for key in set(block) - names:  # the names of levels
                     assert "position_m" in block[key] or "covariance" in block[key], (config, key)
                 waiting += block.values()

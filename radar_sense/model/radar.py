@@ -14,10 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 from radar_sense import covariance
 from radar_sense.errors import InputError
 from radar_sense.limits import (
-    LEVEL_NAME,
+    BAND,
     NOT_NEGATIVE,
     POSITIVE,
-    RADAR_NAME,
     Limit,
     check_number,
 )
@@ -112,8 +111,8 @@ class Radar:
             raise InputError(
                 f"min_range must be less than max_range, {self.max_range:g}, got {self.min_range:g}"
             )
-        if self.band and not RADAR_NAME.allows(self.band):
-            raise InputError(f"band must be {RADAR_NAME}, got {self.band!r}")
+        if self.band and not BAND.allows(self.band):
+            raise InputError(f"band must be {BAND}, got {self.band!r}")
         if not isinstance(self.sheet, DataSheet | None):
             raise InputError(f"sheet must be a DataSheet or None, got {self.sheet!r}")
         if not isinstance(self.horizon, Horizon | None):
@@ -126,8 +125,8 @@ class Radar:
         if not isinstance(self.levels, Mapping):
             raise InputError("levels must be a mapping, {'medium': Level(...)}")
         for name, level in self.levels.items():
-            if not isinstance(name, str) or not LEVEL_NAME.allows(name):
-                raise InputError(f"names of levels must be {LEVEL_NAME}, got {name!r}")
+            if not isinstance(name, str) or not name:
+                raise InputError(f"levels must have names, got {name!r}")
             if not isinstance(level, Level):
                 raise InputError(f"levels[{name!r}] must be a Level, got {level!r}")
             check_number(

@@ -15,6 +15,7 @@ from typing import Any
 
 from radar_sense.limits import (
     ANY,
+    BAND,
     LEVEL_NAME,
     MAX_RADARS,
     METHODS,
@@ -26,6 +27,7 @@ from radar_sense.limits import (
     RUNS,
     SEED,
     STD_DB,
+    TYPE,
     Limit,
     Text,
 )
@@ -119,7 +121,10 @@ def _tolerances() -> type:
 
 Tolerances = _tolerances()
 Types = Mapping[str, Mapping[str, Any]]
-_TYPES = named(RADAR_NAME, named(LEVEL_NAME, section(Tolerances), "level of uncertainty"), "type")
+_TYPES = dataclasses.replace(
+    named(TYPE, named(LEVEL_NAME, section(Tolerances), "level of uncertainty"), "type"),
+    allowed="standard deviations by parameter, by level, by type",
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -272,12 +277,12 @@ class Radar:
     horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)
     band: str | None = key(
         "Frequency band, one of aircraft.rcs.bands; required with bands, not allowed without.",
-        RADAR_NAME,
+        BAND,
         default=None,
     )
     type: str | None = key(
         "Type of the radar, one of types: radars of a type share its errors.",
-        RADAR_NAME,
+        TYPE,
         default=None,
     )
 
@@ -321,7 +326,7 @@ class Bands:
     """The radar cross section by frequency band. Its error is one for the radars of a band."""
 
     bands: Mapping[str, Any] = key(
-        "Radar cross sections by the `band` of the radars.", named(RADAR_NAME, _ONE_RCS, "band")
+        "Radar cross sections by the `band` of the radars.", named(BAND, _ONE_RCS, "band")
     )
 
 

@@ -35,7 +35,7 @@ def test_every_column_is_declared(which):
         assert list(result.columns) == list(result.table), (name, options)
     if which == "path":
         assert result.columns["time_s"].unit == "s"
-        columns = rs.variance(s, method="linear").columns
+        columns = rs.analyses.variance(s, method="linear").columns
         assert columns["range_m_north"].unit == "m"
         assert "radar north" in columns["range_m_north"].meaning
         assert "all radars" not in columns["p_d_north"].meaning

@@ -140,11 +140,11 @@ def test_options_of_an_analysis():
     with pytest.raises(
         TypeError, match=r"budget\(\) has no option 'tarket'.*did you mean 'target'"
     ):
-        rs.budget(scenario(), tarket=0.1)
+        rs.analyses.budget(scenario(), tarket=0.1)
     high = rs.analyses.sensitivity(scenario(geometry__azimuth_deg=FEW), level="high")
     assert high.scenario.level == "high"
     with pytest.raises(rs.InputError, match="level must be one of"):
-        rs.variance(scenario(), level="hi")
+        rs.analyses.variance(scenario(), level="hi")
 
 
 # Additions from outside.
@@ -169,9 +169,9 @@ def test_a_new_rcs_model(tool, monkeypatch):
     Path("my.yaml").write_text(text, encoding="utf-8")
     for command in ("budget", "map --step-km 200", "rcs", "variance"):
         assert tool(*command.split(), "my.yaml", "--no-plot").code == 0
-    half = rs.variance(rs.load_scenario("my.yaml"))
+    half = rs.analyses.variance(rs.load_scenario("my.yaml"))
     assert half.scenario.resolved()["aircraft"]["rcs"] == rcs
-    whole = rs.variance(scenario(geometry__azimuth_deg=FEW))
+    whole = rs.analyses.variance(scenario(geometry__azimuth_deg=FEW))
     ratio = half.table["rcs_m2"] / whole.table["rcs_m2"]
     np.testing.assert_allclose(ratio, 0.5)
 
@@ -196,7 +196,9 @@ def test_a_new_detector(tool, monkeypatch):
     assert shifted.resolved()["radar"]["detector"] == "shifted"
     stronger = scenario(radar__constant=2 * 167, geometry__azimuth_deg=FEW)
     np.testing.assert_allclose(
-        rs.variance(shifted).table["p_d"], rs.variance(stronger).table["p_d"], rtol=1e-13
+        rs.analyses.variance(shifted).table["p_d"],
+        rs.analyses.variance(stronger).table["p_d"],
+        rtol=1e-13,
     )
 
 
@@ -210,15 +212,15 @@ def test_a_new_method_of_propagation(tool, monkeypatch):
     monkeypatch.setitem(METHODS, "wide", Wide)
     monkeypatch.setattr("radar_sense.scenario.METHODS", tuple(METHODS))
     few = scenario(geometry__azimuth_deg=FEW)
-    variance = rs.variance(few, method="wide")
+    variance = rs.analyses.variance(few, method="wide")
     np.testing.assert_array_equal(variance.table["upper_3sigma"], 0.875)
     (warning,) = variance.warnings
     assert warning.startswith("the wide band is off at all 2 poses: a bound by over 0.005")
     chart = rs.analyses.coverage_map(few, step_km=200, upper=True, method="wide")
     np.testing.assert_array_equal(chart.table["upper_3sigma"], np.float32(0.875))
     np.testing.assert_array_equal(
-        rs.budget(few, method="wide").table["three_sigma_total"],
-        rs.budget(few, method="linear").table["three_sigma_total"],
+        rs.analyses.budget(few, method="wide").table["three_sigma_total"],
+        rs.analyses.budget(few, method="linear").table["three_sigma_total"],
     )
     assert "wide" in tool("variance", "--method", "wie").err
 

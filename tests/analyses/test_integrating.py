@@ -131,7 +131,7 @@ def test_networks_and_missions():
     ten = rs.DetectionModel(model.rcs, model.p_fa, rs.Swerling2(pulses=10))
     radars[0] = dataclasses.replace(radars[0], model=ten)
     other = with_arrays(plain, model=rs.NetworkModel(tuple(radars)))
-    before, after = (rs.variance(s, method="form").table for s in (plain, other))
+    before, after = (rs.analyses.variance(s, method="form").table for s in (plain, other))
     names = plain.model.names
     for name in names[1:]:
         assert_array_equal(after[f"p_d_{name}"], before[f"p_d_{name}"])
