@@ -119,6 +119,7 @@ def _report(
     method: str | None = None,
     threshold: float | None = None,
     k: float | None = None,
+    probability: float | None = None,
     workers: int = 1,
 ) -> Report:
     """One HTML page: the questions about a scenario, and the answers.
@@ -133,6 +134,7 @@ def _report(
         method: Method of propagation; the scenario's if None.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
+        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
         workers: Threads to compute with; the page does not depend on their number.
 
     Raises:
@@ -141,7 +143,7 @@ def _report(
     scenario = scenario.with_analysis(method=method)
     warnings = plausibility_warnings(scenario)
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
-    questions = list(_questions(scenario, threshold, k, workers))
+    questions = list(_questions(scenario, threshold, k, probability, workers))
     with steps(len(questions), "questions") as advance:
         for command, question, ask in questions:
             seen = {warning for section in sections for warning in section.warnings}
@@ -151,9 +153,18 @@ def _report(
 
 
 def _questions(
-    scenario: Scenario, threshold: float | None, k: float | None, workers: int
+    scenario: Scenario,
+    threshold: float | None,
+    k: float | None,
+    probability: float | None,
+    workers: int,
 ) -> Iterator[Question]:
-    test = {"method": scenario.method, "threshold": threshold, "k": k}
+    test = {
+        "method": scenario.method,
+        "threshold": threshold,
+        "k": k,
+        "probability": probability,
+    }
     compared = scenario.at_poses(compared_poses(scenario))
     ranged = "form" if scenario.method == "automatic" else scenario.method
     yield (
@@ -219,6 +230,7 @@ report = Gathering(
         replace(_OF_VARIANCE["method"], default=None, default_text="the scenario's"),
         _OF_VARIANCE["threshold"],
         _OF_VARIANCE["k"],
+        _OF_VARIANCE["probability"],
         SEED_OF_DRAWS,
         WORKER_THREADS,
     ),

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import words
-from radar_sense.analyses.verdict import THRESHOLD, K, require_threshold
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, require_threshold, sigmas
 from radar_sense.axis import reached
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.flight import Radial
@@ -29,15 +29,21 @@ if TYPE_CHECKING:
     METHOD,
     THRESHOLD,
     K,
+    PROBABILITY,
     examples=(
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",
         "radar-sense variance my.yaml --threshold 0.1 --k 2",
+        "radar-sense variance my.yaml --threshold 0.1 --probability 0.01",
         "radar-sense variance network.yaml --radar ridge",
     ),
 )
 def variance(
-    scenario: Scenario, *, threshold: float | None = None, k: float | None = None
+    scenario: Scenario,
+    *,
+    threshold: float | None = None,
+    k: float | None = None,
+    probability: float | None = None,
 ) -> Result:
     """P_D and its band along the geometry.
 
@@ -48,11 +54,12 @@ def variance(
         scenario: The scenario.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ of the band in words, figure and test, 3 by default. The table has 3σ too.
+        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
 
     Raises:
         InputError: If an option is not allowed.
     """
-    axis, method, k = scenario.axis, scenario.method, 3.0 if k is None else k
+    axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
     moments = propagate_scenario(scenario, method=method)
     band = moments if k == 3 else propagate_scenario(scenario, method=method, beta=k)
@@ -91,7 +98,7 @@ def variance(
     ]
     result.warnings += words.method_warnings(scenario, moments, method)
     if threshold is not None:
-        require_threshold(result, threshold, k, band)
+        require_threshold(result, threshold, k, band, probability)
     _add_places(result.table, scenario)
     if np.any(moments.error > 0):
         result.table.add("error_3sigma", moments.error, "Standard error of the 3-sigma bounds.")
