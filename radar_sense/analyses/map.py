@@ -209,7 +209,7 @@ def coverage_map(
     }
     quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
-    result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}"]
+    result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
     result.report += [
         f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
         for level, area in areas.items()

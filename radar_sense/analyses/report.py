@@ -58,8 +58,8 @@ class Report:
 
     @property
     def report(self) -> tuple[str, ...]:
-        """The first line of each answer, for the terminal."""
-        return tuple(f"{section.key}: {section.lines[0]}" for section in self.sections)
+        """The beginning of each answer, for the terminal."""
+        return tuple(f"{section.key}: {section.answer}" for section in self.sections)
 
     @property
     def warnings(self) -> tuple[str, ...]:

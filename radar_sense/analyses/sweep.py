@@ -160,11 +160,13 @@ def _add_tests(
         },
     }
     result.passed = bool(holds.any())
-    above = result.table["probability_above"]
-    return [
-        f"{line}, P(P_D > {tested.test.p_max:g}) {words.probability(p)}  {tested.test.verdict}"
-        for line, p, tested in zip(band, above, tests, strict=True)
-    ]
+    lines = []
+    for line, tested in zip(band, tests, strict=True):
+        above = tested.decision.runs
+        share = words.probability(above.probability.max())
+        shown = share if above.counts.max() else f"in none of {above.runs:,} runs"
+        lines.append(f"{line}, P(P_D > {tested.test.p_max:g}) {shown}  {tested.test.verdict}")
+    return lines
 
 
 def _draw(

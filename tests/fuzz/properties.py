@@ -28,7 +28,7 @@ from radar_sense.scenario_file.load import parse_scenario
 #: Problems of a file as a whole, which are on no line.
 _WHOLE_FILE = re.compile(
     r"is empty|is nested too deeply|has no rows|cannot be read|is larger than|is a directory"
-    r"|is not a regular file|has \d+ row"
+    r"|is not a regular file|has \d+ row|must be KEY=VALUE"
 )
 
 _READ_BACK = (
@@ -182,7 +182,7 @@ def _check_files(outcome: Outcome, written: list[Path]) -> None:
             # a share of no variance is NaN
             if np.isnan(values).any() and not name.startswith("share_"):
                 told = "Warning: " in outcome.err or "has no value" in outcome.out
-                told |= not outcome.out  # -q
+                told |= not outcome.out or '"no_value"' in outcome.out  # -q, also with --json
                 _require(told, f"{name} has NaN without a word", outcome)
             finite = values[~np.isnan(values)]
             if re.fullmatch(r"p_d(_\w+)?|mc_mean|mc_lower|mc_upper|coverage_3sigma", name):

@@ -185,7 +185,7 @@ def test_a_section_is_what_its_command_prints_draws_and_writes(flight, page):
             assert largest.startswith(page_module.number(known.max()))
         assert len(list(nodes[key].all("img"))) == 1
     assert flight.passed == answers["variance"].passed
-    assert len(flight.warnings) == len(set(flight.warnings)) > 3
+    assert len(flight.warnings) == len(set(flight.warnings)) > 1
 
 
 def test_places_of_the_extremes():
