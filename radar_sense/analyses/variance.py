@@ -15,7 +15,7 @@ from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
 
@@ -99,6 +99,8 @@ def variance(
     result.warnings += words.method_warnings(scenario, moments, method)
     if threshold is not None:
         require_threshold(result, threshold, k, band, probability)
+    elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma
+        result.report += _trust(result, band)
     _add_places(result.table, scenario)
     if np.any(moments.error > 0):
         result.table.add("error_3sigma", moments.error, "Standard error of the 3-sigma bounds.")
@@ -128,6 +130,15 @@ def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
         f"{words.describe_band(band.p_d[pose], band.lower[pose], band.upper[pose], k)}"
         for place, pose in places.items()
     ]
+
+
+def _trust(result: Result, band: Moments) -> list[str]:
+    """Return what draws say of the method; nothing where a warning says where it is off."""
+    if result.warnings:
+        return []
+    line = f"method: {result.method}, checked by draws at {len(band.p_d)} poses"
+    by_draws = np.count_nonzero(band.error) if result.method == AUTOMATIC else 0
+    return [f"{line}; draws replace form at {by_draws}" if by_draws else line]
 
 
 def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: str = "") -> None:
