@@ -156,9 +156,10 @@ def _cells(result: Result, name: str) -> Iterable[str]:
     first, values = next(iter(result.table)), np.asarray(result.table[name], dtype=float)
     unit = column.unit if column else ""
     known = values[np.isfinite(values)]
+    is_map = any(column.ndim > 1 for column in result.table.values())  # and has two axes
     for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
         words = f"{number(extreme)} {unit}".strip()
-        if name != first and values.shape == result.table[first].shape:
+        if name != first and values.shape == result.table[first].shape and not is_map:
             words += _places(result, first, np.isclose(values, extreme, rtol=1e-9, atol=1e-9))
         yield f"<td>{escaped(words)}</td>"
 

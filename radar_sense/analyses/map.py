@@ -211,7 +211,8 @@ def coverage_map(
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
     result.report += [
-        f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
+        f"  {level} or more in {100 * area / area_km2:.1f} % of the area, "
+        f"{float(f'{area:.4g}'):,.10g} km^2"
         for level, area in areas.items()
     ]
     low, high = result.summary["route"]

@@ -348,7 +348,7 @@ def test_areas_are_of_cells_at_or_above_each_level():
     }
     assert result.report[1:4] == tuple(
         f"  {level:g} or more in {100 * count / p_d.size:.1f} % of the area, "
-        f"{2500 * count:.4g} km^2"
+        f"{float(f'{2500 * count:.4g}'):,.0f} km^2"
         for level, count in zip(levels, cells, strict=True)
     )
 

@@ -384,6 +384,8 @@ def commands(draw: Any, names: tuple[str, ...], figures: bool = False) -> Case:
             for _ in range(0 if option.is_flag else option.nargs):
                 if isinstance(option.type, command_line.Number):
                     schema = declare.number(option.type.limit).schema()
+                    if option.name == "runs":  # a billion runs say what they take, and take it
+                        schema |= {"maximum": 100_000}
                     value = st.just(str(values.of(schema, option.name)))
                 else:
                     known = [item.value for item in option.shell_complete(context, "")]

@@ -195,6 +195,9 @@ def test_places_of_the_extremes():
     p_d = along.result.table["p_d"]
     assert cells[1] == f"<td>{p_d[0]:.4g} at 0 and 180 °</td>"
     assert cells[2] == f"<td>{p_d[2]:.4g} at 90 °</td>"
+    # The east of a map has no place in the north of its rows, of which there are as many.
+    (over,) = (section for section in answers.sections if section.key == "map")
+    assert all(" at " not in cell for cell in page_module._cells(over.result, "east_m"))
 
 
 @pytest.mark.parametrize(
