@@ -53,7 +53,7 @@ def condition(p_max: float, k: float, probability: float | None) -> str:
     """Return the test in words."""
     if probability is None:
         return f"P_D + {k:g} sigma <= {p_max:g}"
-    return f"P(P_D > {p_max:g}) <= {probability:g} at each pose"
+    return f"P(P_D > {p_max:g}) <= {probability:g}"
 
 
 def require_threshold(

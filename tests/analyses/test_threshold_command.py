@@ -174,7 +174,7 @@ def test_a_probability_in_place_of_k(tool):
     np.testing.assert_array_equal(
         result.table["violated"][clear], np.greater(above, 0.05)[clear].astype(float)
     )
-    assert result.report[0].endswith(": P(P_D > 0.6) <= 0.05 at each pose")
+    assert result.report[0].endswith(": P(P_D > 0.6) <= 0.05")
     assert result.summary["threshold"]["probability"] == 0.05
     by_k = rs.analyses.variance(s, threshold=0.6, k=1.6448536269514722, method="automatic")
     assert by_k.summary["threshold"]["verdict"] == result.summary["threshold"]["verdict"]
