@@ -4,12 +4,9 @@ The public names are in `__init__.pyi`, for type checkers and for Python. A modu
 the first use of a name. The command line can therefore answer `--help` without NumPy and SciPy.
 """
 
-from __future__ import annotations
-
-from importlib import import_module
-
+# No import here takes time: Ctrl-C would print a traceback until the entry point handles it.
 TYPE_CHECKING = False
-if TYPE_CHECKING:  # typing takes milliseconds, in which Ctrl-C would print a traceback
+if TYPE_CHECKING:
     from typing import Any
 
 __version__ = "0.2.0"
@@ -24,7 +21,9 @@ def _homes() -> dict[str, str]:
     return {name: home for home, name in re.findall(r"^from (\S+) import (\w+)", stub, re.M)}
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
+    from importlib import import_module
+
     homes = {} if name.startswith("__") else _homes()
     if name == "__all__":
         return sorted(["__version__", *_homes()])

@@ -26,6 +26,7 @@ from radar_sense.model.radar import Radar as Radar
 from radar_sense.model.radar_constant import Tolerance as Tolerance
 from radar_sense.model.radar_equation import SurveillanceRadar as SurveillanceRadar
 from radar_sense.model.radar_equation import TrackingRadar as TrackingRadar
+from radar_sense.model.rcs import RCS as RCS
 from radar_sense.model.rcs import ConstantRCS as ConstantRCS
 from radar_sense.model.rcs import EllipsoidRCS as EllipsoidRCS
 from radar_sense.model.rcs import ExactEllipsoidRCS as ExactEllipsoidRCS

@@ -187,7 +187,9 @@ class OneCommand(click.Command):
         except click.NoSuchOption as error:
             options = [option for option in self.params if isinstance(option, click.Option)]
             known = [option.opts[-1] for option in options]
-            hint = did_you_mean(error.option_name, known) or f", it has {', '.join(known)}"
+            # without the dashes, which make all options alike
+            hint = did_you_mean(error.option_name[2:], [name[2:] for name in known])
+            hint = hint.replace("'", "'--", 1) or f", it has {', '.join(known)}"
             ctx.fail(f"{self.name} has no option {error.option_name}{hint}")
         for option in given:
             several = isinstance(option, click.Option) and (option.multiple or option.is_flag)

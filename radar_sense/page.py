@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import base64
 import html
+import itertools
 import shlex
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,6 +45,12 @@ class Section:
     lines: tuple[str, ...]
     warnings: tuple[str, ...] = ()
     result: Result | None = None
+
+    @property
+    def answer(self) -> str:
+        """The first line, and what a heading says nothing without: the first row below it."""
+        rows = list(itertools.takewhile(lambda line: line.endswith(":"), self.lines))
+        return " ".join(line.strip() for line in self.lines[: len(rows) + 1])
 
 
 def page(
@@ -95,11 +102,8 @@ def escaped(text: str) -> str:
 def _entry(section: Section) -> str:
     count = len(section.warnings)
     warnings = f' <span class="count">Warnings: {count}</span>' if count else ""
-    # the heading of a table says nothing without its first row
-    rows = 2 if section.lines[0].endswith(":") else 1
-    first = escaped(" ".join(line.strip() for line in section.lines[:rows]))
-    question = escaped(section.question)
-    return f'<li><a href="#{section.key}">{question}</a><br>{first}{warnings}</li>'
+    question, answer = escaped(section.question), escaped(section.answer)
+    return f'<li><a href="#{section.key}">{question}</a><br>{answer}{warnings}</li>'
 
 
 def _section(section: Section) -> str:
@@ -152,9 +156,10 @@ def _cells(result: Result, name: str) -> Iterable[str]:
     first, values = next(iter(result.table)), np.asarray(result.table[name], dtype=float)
     unit = column.unit if column else ""
     known = values[np.isfinite(values)]
+    is_map = any(column.ndim > 1 for column in result.table.values())  # and has two axes
     for extreme in (known.min(), known.max()) if known.size else (np.nan, np.nan):
         words = f"{number(extreme)} {unit}".strip()
-        if name != first and values.shape == result.table[first].shape:
+        if name != first and values.shape == result.table[first].shape and not is_map:
             words += _places(result, first, np.isclose(values, extreme, rtol=1e-9, atol=1e-9))
         yield f"<td>{escaped(words)}</td>"
 

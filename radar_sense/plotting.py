@@ -118,6 +118,8 @@ _PICTURE = 800, 400
 #: Names of the angles of `set_compass`: bearings, and azimuths in the body frame.
 BEARINGS = ("N", "45", "E", "135", "S", "225", "W", "315")
 ASPECTS = ("nose 0", "45", "90", "135", "tail 180", "-135", "-90", "-45")
+#: Part of the radius within which a line runs through the number of a ring.
+_BESIDE = 0.12
 #: Lines of more points than MOST_POINTS are thinned, because a million points take a minute and
 #: 10 MB. A page resolves COLUMNS columns.
 MOST_POINTS = 10_000
@@ -304,7 +306,8 @@ def panels(figure: Figure, count: int) -> list[Axes]:
 def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
     """Turn polar axes with lines to 0 at the top and clockwise angles.
 
-    The numbers of the rings are where they are farthest from the lines.
+    The numbers of the rings are where most of them are off the lines. A ring beside a line has no
+    number, if others have one.
 
     Args:
         axes: The polar axes.
@@ -316,21 +319,34 @@ def set_compass(axes: Any, names: Sequence[str], label: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(nbins=4))
     low, high = axes.get_ylim()
     rings = np.array([ring for ring in axes.get_yticks() if low < ring <= high])
-    lines = [np.nan_to_num(line.get_xydata(), nan=np.inf).T for line in axes.lines]
+    circle = np.linspace(0.0, 2.0 * np.pi, 721)
+    drawn = np.array([np.inf])  # for a figure without lines
+    for line in axes.lines:
+        angles, distances = line.get_xydata().T
+        radii = np.interp(circle, angles, distances, period=2.0 * np.pi)
+        drawn = np.append(drawn, (radii - low) * np.exp(1j * circle))
 
-    def clearance(angle: float) -> float:
-        radii = [np.interp(np.deg2rad(angle), x, r, period=2.0 * np.pi) for x, r in lines]
-        return float(np.min(abs(rings[:, np.newaxis] - radii), initial=np.inf))
+    def free(angle: float) -> NDArray[np.bool_]:
+        places = (rings - low) * np.exp(1j * np.deg2rad(angle))
+        gap = np.nanmin(abs(places[:, np.newaxis] - drawn), axis=1)
+        return np.asarray(gap > _BESIDE * (high - low))
 
-    axes.set_rlabel_position(max(np.arange(22.5, 360.0, 45.0), key=clearance))
+    angle = max(np.arange(22.5, 360.0, 45.0), key=lambda angle: int(free(angle).sum()))
+    shown = free(angle) if free(angle).any() else np.ones(len(rings), dtype=bool)
+    axes.set_yticks(rings, [])
+    for ring in rings[shown]:
+        axes.text(
+            np.deg2rad(angle),
+            ring,
+            f"{ring:g}".replace("-", "\N{MINUS SIGN}"),
+            ha="center",
+            va="center",
+            fontsize=points(8 if names else 6),
+            path_effects=[withStroke(linewidth=points(2.0), foreground="white")],
+        )
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)))
     axes.set_xticklabels(names)
     axes.set_ylabel(label, labelpad=points(24))
-    # a white rim keeps a number readable where a curve crosses it
-    rim = [withStroke(linewidth=points(2.0), foreground="white")]
-    axes.tick_params(axis="y", zorder=3)
-    for number in axes.get_yticklabels():
-        number.set_path_effects(rim)
 
 
 def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], FloatArray]:

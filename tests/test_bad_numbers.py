@@ -81,6 +81,7 @@ class Cube:
     """An RCS from outside whose values are given by a function of the shape (...)."""
 
     isotropic = False
+    detail = 1.0
 
     def __init__(self, values):
         self.values = values

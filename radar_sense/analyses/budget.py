@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from radar_sense import words
 from radar_sense.analyses.required import OPTIONS, add_required_accuracy, check_options
+from radar_sense.analyses.verdict import sigmas
 from radar_sense.axis import reached
 from radar_sense.command import (
     LEVEL,
@@ -74,6 +75,7 @@ def budget(
     target: float | None = None,
     threshold: float | None = None,
     k: float | None = None,
+    probability: float | None = None,
     at: float | None = None,
 ) -> Result:
     """Error budget: 3 sigma of P_D from each source alone.
@@ -85,6 +87,7 @@ def budget(
         target: Limit of 3σ, for the accuracy required of each source; None for no limit.
         threshold: Limit of P_D + kσ, for the accuracy required of each source; None for no limit.
         k: k of the threshold, 3 by default.
+        probability: P(P_D > P_max) that is allowed, in place of k.
         at: Place on the scenario's axis of the only pose that counts for target or threshold;
             every pose if None.
 
@@ -92,6 +95,7 @@ def budget(
         InputError: If there is no such pose, or options do not go together.
     """
     method = scenario.method
+    k = sigmas(threshold, k, probability)
     check_options(method, target, threshold, k, at)
     axis, result = scenario.axis, Result(scenario, method)
     found = error_budget(scenario, method)

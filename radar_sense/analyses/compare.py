@@ -139,6 +139,11 @@ def compare(
             f"{draws:,} draws a pose cannot tell {words.listed(unknown)} from the truth; the "
             f"command validate with --method {unknown[0]} makes more",
         )
+    else:
+        farthest = {m: top["bounds"]["value"] for m, top in largest.items()}
+        off = words.probability(np.nanmin([*farthest.values()]))
+        best = words.listed([m for m, value in farthest.items() if words.probability(value) == off])
+        result.report.insert(0, f"nearest to {draws:,} draws a pose: {best}, bounds within {off}")
     result.summary |= {
         "runs": draws,
         "sampler": sampler,
@@ -147,8 +152,12 @@ def compare(
         "methods_told": told,
     }
 
-    for method, m in moments.items():
-        result.warnings += words.validity_warnings(scenario, m, method, words.BY_DRAWS)
+    # Where a method is off is the answer of this command, and no warning.
+    missing = {method: ~np.isfinite(m.std) for method, m in moments.items()}
+    result.warnings += [
+        words.warning("no-value", f"{method} has no value {place}")
+        for method, place in words.places(missing, axis).items()
+    ]
     result.warnings += words.table_warnings(scenario, runs=draws)
     result.draw = partial(_draw, axis=axis, drawn=drawn, error=error, moments=moments)
     return result

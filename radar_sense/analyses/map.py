@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -26,6 +26,7 @@ from radar_sense.command import (
 from radar_sense.coverage.grid import (
     BETA,
     Grid,
+    Plane,
     blocks_of,
     grid,
     p_d_in_cells,
@@ -156,24 +157,30 @@ def coverage_map(
     )
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
-    cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km)
-    pose = pose_in_cells(scenario, down, course)
     area: dict[str, Any] = {"down": down, "workers": workers}
+    compute: Callable[..., tuple[Plane, Plane | None]] = (
+        partial(worst_p_d_in_cells, scenario, **area)
+        if worst_heading
+        else partial(p_d_in_cells, scenario, course=course, method=bounding, **area)
+    )
+
+    def leaves(border: Grid) -> bool:
+        p_d, other = compute(border)
+        return bool(np.any((other if upper and other is not None else p_d) >= contours[0]))
+
+    cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km, leaves=leaves)
+    pose = pose_in_cells(scenario, down, course)
     add = result.table.add
     add("north_m", cells.north, "North of the rows of cells, from the origin.", "m")
     add("east_m", cells.east, "East of the columns of cells, from the origin.", "m")
-    in_cells, bound = "P_D in each cell (rows, columns).", None
-    if worst_heading:
-        shown, heading = worst_p_d_in_cells(scenario, cells, **area)
-        add("p_d", shown, in_cells)
+    shown, other = compute(cells)
+    add("p_d", shown, "P_D in each cell (rows, columns).")
+    if other is not None and worst_heading:
         meaning = "With --worst-heading: the heading of the largest P_D."
-        add("worst_heading_deg", heading, meaning, "°")
-    else:
-        shown, bound = p_d_in_cells(scenario, cells, course=course, method=bounding, **area)
-        add("p_d", shown, in_cells)
-    if bound is not None:
-        add("upper_3sigma", bound, "With --upper: upper 3-sigma bound of P_D in each cell.")
-        shown = bound
+        add("worst_heading_deg", other, meaning, "°")
+    elif other is not None:
+        add("upper_3sigma", other, "With --upper: upper 3-sigma bound of P_D in each cell.")
+        shown = other
     if scenario.origin is not None:
         for name, degrees in zip(
             ("latitude", "longitude"), _places(cells, pose, scenario.origin), strict=True
@@ -200,9 +207,10 @@ def coverage_map(
     }
     quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
-    result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}"]
+    result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
     result.report += [
-        f"  {level} or more in {100 * area / area_km2:.1f} % of the area, {area:.4g} km^2"
+        f"  {level} or more in {100 * area / area_km2:.1f} % of the area, "
+        f"{float(f'{area:.4g}'):,.10g} km^2"
         for level, area in areas.items()
     ]
     low, high = result.summary["route"]
@@ -385,4 +393,4 @@ def _pose_in_words(summary: Mapping[str, Any]) -> str:
     heading = "worst heading" if summary["worst_heading"] else f"heading {yaw:.4g} deg"
     level = max(abs(roll), abs(pitch)) < 0.05
     tilt = "" if level else f", roll {roll:.1f} deg, pitch {pitch:.1f} deg"
-    return f"{-summary['down_km']:.4g} km above the origin, {heading}{tilt}"
+    return f"{0.0 - summary['down_km']:.4g} km above the origin, {heading}{tilt}"

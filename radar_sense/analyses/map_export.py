@@ -129,7 +129,9 @@ def _cut(line: FloatArray) -> list[list[Position]]:
         before, after = (np.copysign(np.pi, line[k, 1]) for k in (i, i + 1))
         parts.append(np.vstack([(latitude, after, height), rest[i + 1 :]]))
         rest = np.vstack([rest[: i + 1], (latitude, before, height)])
-    return [_positions(part) for part in [*parts, rest][::-1]]
+    cut = [_positions(part) for part in [*parts, rest][::-1]]
+    # A point on the antimeridian leaves a part of no length.
+    return [part for part in cut if part[1:] != part[:-1]] or cut[:1]
 
 
 def _positions(place: FloatArray) -> list[Position]:

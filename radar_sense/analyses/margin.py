@@ -143,12 +143,21 @@ def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray
         if name == "largest" and mask.sum() == seen.sum():
             continue  # the least, too
         result.report.append(
-            f"{name} margin for P_D {p_d:.12g}: {value:.2f} dB {words.describe_poses(mask, axis)}, "
-            f"between {lower:.2f} and {upper:.2f} (3 sigma)"
+            f"{name} margin for P_D {p_d:g}: {value:.2f} dB {words.describe_poses(mask, axis)}, "
+            f"{_band_in_words(lower, upper)} (3 sigma)"
         )
     if not seen.all():
         result.report.append(f"no margin {words.describe_poses(~seen, axis)}: beyond a limit")
     return int(np.argmax(masks["least"])) if masks else 0
+
+
+def _band_in_words(lower: float, upper: float) -> str:
+    """Describe a band [dB], without an end where c_r may be 0, or the aircraft at the radar."""
+    if not np.isfinite([lower, upper]).any():
+        return "without a band"
+    if lower == -np.inf:
+        return f"at most {upper:.2f}"
+    return f"between {lower:.2f} and {upper:.2f}" if upper < np.inf else f"at least {lower:.2f}"
 
 
 def _integrating(radar: Radar, pulses: int | None) -> Detector:

@@ -193,7 +193,7 @@ def detection_range(
                 add(result.table, at, name)
 
     pose = next(iter(surveys.values())).all_rays.pose
-    title = f"{-pose[DOWN] / 1e3:.4g} km above the origin"
+    title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
     title += "" if by == ASPECT else f", heading {math.degrees(pose[YAW]) % 360:.4g} deg"
     chosen = level_and_method(scenario.level, method)
     result.report += [f"slant range of detection by {by}, {title} ({chosen}):"]
@@ -532,7 +532,6 @@ def _draw(
         plotting.set_compass(panel, () if count > 1 else names, radius)
         if count > 1:
             panel.set_title(name, fontsize=plotting.points(8))
-            panel.tick_params(labelsize=plotting.points(6))
     for panel in panels.flat[count:]:
         panel.remove()
     unit = "slant range in km, " if count > 1 else ""

@@ -57,8 +57,8 @@ class Report:
 
     @property
     def report(self) -> tuple[str, ...]:
-        """The first line of each answer, for the terminal."""
-        return tuple(f"{section.key}: {section.lines[0]}" for section in self.sections)
+        """The beginning of each answer, for the terminal."""
+        return tuple(f"{section.key}: {section.answer}" for section in self.sections)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -118,6 +118,7 @@ def _report(
     method: str | None = None,
     threshold: float | None = None,
     k: float | None = None,
+    probability: float | None = None,
     workers: int = 1,
 ) -> Report:
     """One HTML page: the questions about a scenario, and the answers.
@@ -132,6 +133,7 @@ def _report(
         method: Method of propagation; the scenario's if None.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ in the threshold test, 3 by default.
+        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
         workers: Threads to compute with; the page does not depend on their number.
 
     Raises:
@@ -140,7 +142,7 @@ def _report(
     scenario = scenario.with_analysis(method=method)
     warnings = plausibility_warnings(scenario)
     sections = [Section("check", "Who looks at whom?", overview(scenario), warnings)]
-    questions = list(_questions(scenario, threshold, k, workers))
+    questions = list(_questions(scenario, threshold, k, probability, workers))
     for done, (command, question, ask) in enumerate(questions):
         progress.report("questions", done, len(questions))
         seen = {warning for section in sections for warning in section.warnings}
@@ -149,9 +151,18 @@ def _report(
 
 
 def _questions(
-    scenario: Scenario, threshold: float | None, k: float | None, workers: int
+    scenario: Scenario,
+    threshold: float | None,
+    k: float | None,
+    probability: float | None,
+    workers: int,
 ) -> Iterator[Question]:
-    test = {"method": scenario.method, "threshold": threshold, "k": k}
+    test = {
+        "method": scenario.method,
+        "threshold": threshold,
+        "k": k,
+        "probability": probability,
+    }
     compared = scenario.at_poses(compared_poses(scenario))
     ranged = "form" if scenario.method == "automatic" else scenario.method
     yield (
@@ -217,6 +228,7 @@ report = Gathering(
         replace(_OF_VARIANCE["method"], default=None, default_text="the scenario's"),
         _OF_VARIANCE["threshold"],
         _OF_VARIANCE["k"],
+        _OF_VARIANCE["probability"],
         SEED_OF_DRAWS,
         WORKER_THREADS,
     ),

@@ -11,6 +11,7 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance import refinement
+from radar_sense.analyses.verdict import PROBABILITY
 from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
@@ -31,6 +32,7 @@ OPTIONS = (
         metavar="P_MAX",
     ),
     Option("k", "Number of sigma of --threshold.", SIGMAS, metavar="K", default_text="3"),
+    PROBABILITY,
     Option(
         "at",
         "The only pose for --target or --threshold: azimuth [deg], time [s] or distance [m].",

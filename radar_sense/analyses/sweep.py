@@ -10,7 +10,7 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import THRESHOLD, K
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, Option, Result, command
 from radar_sense.cost import foresee
@@ -39,6 +39,7 @@ DRAWS, DRAWS_TESTED = 4096.0, 14_000.0
     METHOD,
     THRESHOLD,
     K,
+    PROBABILITY,
     examples=(
         "radar-sense sweep radar.constant 50 250 25",
         "radar-sense sweep my.yaml geometry.down_km -12 -1 0.5 --threshold 0.1",
@@ -54,6 +55,7 @@ def sweep(
     step: float,
     threshold: float | None = None,
     k: float | None = None,
+    probability: float | None = None,
 ) -> Result:
     """Largest P_D and its band by the value of one key of the scenario.
 
@@ -69,6 +71,7 @@ def sweep(
         step: Step from value to value.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ of the band, 3 by default.
+        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
 
     Raises:
         InputError: If an option is not allowed, or the scenario refuses a value.
@@ -77,7 +80,7 @@ def sweep(
         values = steps(start, stop, step, MAX_VALUES)
     except InputError as error:
         raise InputError(f"step {error}") from error
-    k, method = 3.0 if k is None else k, scenario.method
+    k, method = sigmas(threshold, k, probability) or 3.0, scenario.method
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, ascii_unit(key), values, "g", 0.0, "values")
     draws = DRAWS if threshold is None else DRAWS_TESTED
@@ -111,7 +114,7 @@ def sweep(
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
     band = [words.describe_band(*ends[:3], k) for ends in highest]
     if threshold is not None:
-        band = _add_tests(result, axis, threshold, k, tests, band)
+        band = _add_tests(result, axis, condition(threshold, k, probability), k, tests, band)
     else:
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
@@ -126,7 +129,7 @@ def sweep(
 
 
 def _add_tests(
-    result: Result, axis: Axis, threshold: float, k: float, tests: list[PathTest], band: list[str]
+    result: Result, axis: Axis, tested_for: str, k: float, tests: list[PathTest], band: list[str]
 ) -> list[str]:
     """Add the verdicts, and return the lines of the values with theirs."""
     verdicts = np.array([tested.test.verdict for tested in tests])
@@ -146,10 +149,10 @@ def _add_tests(
     places = words.places(
         {"holds": holds, "VIOLATED": violated, "NOT KNOWN": ~holds & ~violated}, axis
     )
-    result.report += [f"P_D + {k:g} sigma <= {threshold:g} by {axis.name}:"]
+    result.report += [f"{tested_for} by {axis.name}:"]
     result.report += [f"{verdict} {place}" for verdict, place in places.items()]
     result.summary["threshold"] = {
-        "p_max": threshold,
+        "p_max": tests[0].test.p_max,
         "k": k,
         **{
             name: axis.values[mask].tolist()
@@ -157,7 +160,13 @@ def _add_tests(
         },
     }
     result.passed = bool(holds.any())
-    return [f"{line}  {verdict}" for line, verdict in zip(band, verdicts, strict=True)]
+    lines = []
+    for line, tested in zip(band, tests, strict=True):
+        above = tested.decision.runs
+        share = words.probability(above.probability.max())
+        shown = share if above.counts.max() else f"in none of {above.runs:,} runs"
+        lines.append(f"{line}, P(P_D > {tested.test.p_max:g}) {shown}  {tested.test.verdict}")
+    return lines
 
 
 def _draw(

@@ -166,6 +166,7 @@ def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, metho
             plotting.draw_line(top, x, row / verdict.delta, style, label=name)
     top.axhline(1.0, color="black", lw=plotting.points(0.8))
     top.set_yscale("log")
+    top.set_ylim(bottom=max(top.get_ylim()[0], 1e-3))  # far below 1 nothing is to be seen
     top.set_ylabel("Distance from Monte Carlo\nover its tolerance")
     bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=plotting.points(0.8), label="99.73 %")
     low, high = plain.coverage_interval()

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import words
-from radar_sense.analyses.verdict import THRESHOLD, K, require_threshold
+from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, require_threshold, sigmas
 from radar_sense.axis import reached
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import Moments, propagate_scenario
+from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
 
@@ -29,15 +29,21 @@ if TYPE_CHECKING:
     METHOD,
     THRESHOLD,
     K,
+    PROBABILITY,
     examples=(
         "radar-sense variance",
         "radar-sense variance my.yaml --level high --method form",
         "radar-sense variance my.yaml --threshold 0.1 --k 2",
+        "radar-sense variance my.yaml --threshold 0.1 --probability 0.01",
         "radar-sense variance network.yaml --radar ridge",
     ),
 )
 def variance(
-    scenario: Scenario, *, threshold: float | None = None, k: float | None = None
+    scenario: Scenario,
+    *,
+    threshold: float | None = None,
+    k: float | None = None,
+    probability: float | None = None,
 ) -> Result:
     """P_D and its band along the geometry.
 
@@ -48,11 +54,12 @@ def variance(
         scenario: The scenario.
         threshold: P_max of the threshold test; None for no test.
         k: Number of σ of the band in words, figure and test, 3 by default. The table has 3σ too.
+        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
 
     Raises:
         InputError: If an option is not allowed.
     """
-    axis, method, k = scenario.axis, scenario.method, 3.0 if k is None else k
+    axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
     moments = propagate_scenario(scenario, method=method)
     band = moments if k == 3 else propagate_scenario(scenario, method=method, beta=k)
@@ -91,7 +98,9 @@ def variance(
     ]
     result.warnings += words.method_warnings(scenario, moments, method)
     if threshold is not None:
-        require_threshold(result, threshold, k, band)
+        require_threshold(result, threshold, k, band, probability)
+    elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma
+        result.report += _trust(result, band)
     _add_places(result.table, scenario)
     if np.any(moments.error > 0):
         result.table.add("error_3sigma", moments.error, "Standard error of the 3-sigma bounds.")
@@ -121,6 +130,15 @@ def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
         f"{words.describe_band(band.p_d[pose], band.lower[pose], band.upper[pose], k)}"
         for place, pose in places.items()
     ]
+
+
+def _trust(result: Result, band: Moments) -> list[str]:
+    """Return what draws say of the method; nothing where a warning says where it is off."""
+    if result.warnings:
+        return []
+    line = f"method: {result.method}, checked by draws at {len(band.p_d)} poses"
+    by_draws = np.count_nonzero(band.error) if result.method == AUTOMATIC else 0
+    return [f"{line}; draws replace form at {by_draws}" if by_draws else line]
 
 
 def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: str = "") -> None:

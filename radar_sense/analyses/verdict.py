@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.special import ndtri
 
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import CHANCE, PathTest, ThresholdTest, path_test
 from radar_sense.command import Option, Result
+from radar_sense.errors import InputError
 from radar_sense.flight import Path
-from radar_sense.limits import SIGMAS
+from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Moments
 from radar_sense.scenario import Scenario
@@ -24,9 +26,39 @@ THRESHOLD = Option(
     metavar="P_MAX",
 )
 K = Option("k", "Number of sigma of the band.", SIGMAS, metavar="K", default_text="3")
+PROBABILITY = Option(
+    "probability",
+    "Largest P(P_D > P_MAX) that passes the test at a pose, in place of K: 0.01 is K 2.326.",
+    ABOVE,
+    metavar="P",
+)
 
 
-def require_threshold(result: Result, p_max: float, k: float, moments: Moments) -> None:
+def sigmas(threshold: float | None, k: float | None, probability: float | None) -> float | None:
+    """Return k, also from a probability: P_D is above its bound at kσ with a probability of Φ(−k).
+
+    Raises:
+        InputError: If both are given, or a probability without a threshold.
+    """
+    if probability is None:
+        return k
+    if threshold is None:
+        raise InputError("probability needs threshold")
+    if k is not None:
+        raise InputError("k and probability exclude each other; give one of them")
+    return -float(ndtri(probability))
+
+
+def condition(p_max: float, k: float, probability: float | None) -> str:
+    """Return the test in words."""
+    if probability is None:
+        return f"P_D + {k:g} sigma <= {p_max:g}"
+    return f"P(P_D > {p_max:g}) <= {probability:g}"
+
+
+def require_threshold(
+    result: Result, p_max: float, k: float, moments: Moments, probability: float | None = None
+) -> None:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`, its verdict first.
 
     `probability_above` is P(P_D > P_max) in runs of the path. The result passes if the test holds
@@ -37,6 +69,7 @@ def require_threshold(result: Result, p_max: float, k: float, moments: Moments) 
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
         moments: Moments of the scenario by the method, with bounds at Φ(k).
+        probability: Φ(−k), for the words, if it was given in place of k.
     """
     scenario, method = result.scenario, result.method
     tested = path_test(scenario, method, p_max, k, moments)
@@ -55,7 +88,9 @@ def require_threshold(result: Result, p_max: float, k: float, moments: Moments) 
     ):
         result.table.add(name, values[rows], meaning)
     result.summary["threshold"] = _summary(tested, column, k)
-    result.report[:0] = _report(tested, method, k)
+    if probability is not None:
+        result.summary["threshold"]["probability"] = probability
+    result.report[:0] = _report(tested, method, k, condition(p_max, k, probability))
     result.passed = test.passed
 
 
@@ -114,10 +149,10 @@ def _share(test: ThresholdTest) -> float:
     return test.above / test.total if test.total > 0 else float(not test.passed)
 
 
-def _report(tested: PathTest, method: str, k: float) -> list[str]:
+def _report(tested: PathTest, method: str, k: float, tests: str) -> list[str]:
     test, scenario = tested.test, tested.path.scenario
     axis = scenario.axis
-    lines = [f"{_verdict(tested)}: P_D + {k:g} sigma <= {test.p_max:g}"]
+    lines = [f"{_verdict(tested)}: {tests}"]
     if test.violated.any() and test.unknown.any():
         lines += [f"not known {describe_poses(test.unknown, axis)}"]
     if test.unknown.any():
@@ -228,7 +263,7 @@ def _trust(tested: PathTest, method: str) -> list[str]:
         given = "the rows of the path"
         if scenario.time_s is None:
             given = f"the {scenario.axis.name}s given"
-        return [line, f"{path.added} of the poses are between {given}"]
+        return [line, f"{path.added} of the poses are between {given}"] if path.added else [line]
     geometry = scenario.geometry
     if isinstance(geometry, Path) and geometry.step_s is not None:
         return [line, f"tested every {geometry.step_s:g} s, the step of geometry.interpolate"]

@@ -34,6 +34,8 @@ from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArr
 MAX_CELLS = 25_000_000
 #: Default number of cells on the longer side.
 CELLS = 500
+#: Cells on a side in which a contour is looked for.
+_ON_A_SIDE = 61
 #: Cells computed at a time.
 BLOCK = 16_384
 #: k of the upper bound.
@@ -79,15 +81,18 @@ def grid(
     north_km: tuple[float, float] | None = None,
     east_km: tuple[float, float] | None = None,
     step_km: float | None = None,
+    leaves: Callable[[Grid], bool] = lambda border: False,
 ) -> Grid:
     """Make the cells of a map.
 
     Args:
         scenario: The scenario.
         north_km: South and north end [km]. None takes the centre of the radars plus and minus 1.2
-            times the largest distance of radars and path from the centre.
+            times the largest distance of radars and path from the centre, and more until no contour
+            leaves the map, up to nine times that.
         east_km: West and east end [km]. None is as for `north_km`.
         step_km: Distance of the cells [km]. None takes a 500th of the longer side.
+        leaves: Whether a contour goes through some cells, which are two sides of the map.
 
     Raises:
         InputError: If the ends are not in order, a number is out of range or there are too many
@@ -97,6 +102,8 @@ def grid(
     centre = radars.mean(axis=0)
     positions = np.vstack([scenario.aircraft[:, :DOWN], radars])
     reach = 1.2 * max(float(np.max(abs(positions - centre))), 1e3)
+    if north_km is None and east_km is None:
+        reach = _reach(centre, reach, leaves)
     ends = []
     for axis, (name, side) in enumerate((("north", north_km), ("east", east_km))):
         if side is None:
@@ -128,6 +135,21 @@ def grid(
         for (start, _), count in zip(ends, counts, strict=True)
     )
     return Grid(north, east)
+
+
+def _reach(centre: FloatArray, least: float, leaves: Callable[[Grid], bool]) -> float:
+    """Return the least distance of the sides from the centre (2,) that no contour goes through.
+
+    Where P_D is high at any distance, and where the route would be a dot, it is `least`.
+    """
+    for reach in least * 1.2 ** np.arange(13):  # up to nine times
+        north, east = (np.linspace(c - reach, c + reach, _ON_A_SIDE) for c in centre)
+        try:
+            if not (leaves(Grid(north[[0, -1]], east)) or leaves(Grid(north, east[[0, -1]]))):
+                return float(reach)
+        except InputError:  # beyond the edge of the earth
+            break
+    return least
 
 
 def p_d_in_cells(

@@ -51,7 +51,7 @@ def rcs_model(name: str) -> Callable[[C], C]:
 
 
 class RCS(Protocol):
-    """The methods and properties of every RCS model."""
+    """What every RCS model has. A class of one's own that has it needs no base class."""
 
     #: Whether σ_r is the same at all aspects. The attitude is not used then.
     isotropic: ClassVar[bool]
@@ -75,14 +75,18 @@ def check_rcs(rcs: Any) -> None:
 
     A model of this package does. Any other is asked in 26 directions around the aircraft.
     """
-    if isinstance(rcs, type) or not all(hasattr(rcs, n) for n in ("cross_section", "linearize")):
-        raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {describe(rcs)}")
     if type(rcs) in RCS_MODELS.values():
         return
+    needed = ("cross_section", "linearize", "isotropic", "detail")
+    missing = [name for name in needed if not hasattr(rcs, name)]
+    if isinstance(rcs, type) or len(missing) == len(needed):
+        raise InputError(f"rcs must be an RCS model such as ConstantRCS(0.1), got {describe(rcs)}")
+    if missing:
+        raise InputError(f"rcs has no {missing[0]}, which an RCS model has, got {describe(rcs)}")
+    name = type(rcs).__name__
     around = np.stack(np.meshgrid(*[(-1.0, 0.0, 1.0)] * 3), axis=-1).reshape(-1, 3)
     vectors = 1e5 * around[around.any(axis=1)].reshape(2, 13, 3)
     sigma, gradient = rcs.linearize(vectors)
-    name = type(rcs).__name__
     for what, values, shape in (
         (f"{name}.cross_section", rcs.cross_section(vectors), (2, 13)),
         (f"{name}.linearize", sigma, (2, 13)),

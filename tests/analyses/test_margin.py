@@ -216,7 +216,7 @@ def test_a_margin_without_a_band(method):
     """Straight below the aircraft the aspect has no gradient: draws have a band there."""
     s = scenario(**OVERHEAD)
     result = rs.analyses.detectors(s, p_d=0.9, method=method)
-    assert result.report[0].endswith("59.03 dB at 0 deg, between nan and nan (3 sigma)")
+    assert result.report[0].endswith("59.03 dB at 0 deg, without a band (3 sigma)")
     assert result.warnings == (f"the {method} band of the margin has no value at 0 deg [no-value]",)
     table = rs.analyses.detectors(s, p_d=0.9, method="automatic").table
     assert 58 < table["lower_3sigma_margin_db"][0] < 59.03 < table["upper_3sigma_margin_db"][0] < 70
@@ -226,8 +226,11 @@ def test_a_radar_constant_that_may_be_zero():
     """The margin is then below every number: no SNR."""
     level = {"medium": {"position_m": 0, "constant": 160}}
     s = scenario(uncertainty__radar=level, geometry__azimuth_deg=ONE_POSE)
-    table = rs.analyses.detectors(s, p_d=0.9, method="automatic").table
+    found = rs.analyses.detectors(s, p_d=0.9, method="automatic")
+    table = found.table
     assert table["lower_3sigma_margin_db"][0] == -math.inf
+    most = table["upper_3sigma_margin_db"][0]
+    assert found.report[0].endswith(f" at 0 deg, at most {most:.2f} (3 sigma)")
     upper = table["margin_db"][0] + db(1 + 3 * 160 / 167)
     assert table["upper_3sigma_margin_db"][0] == pytest.approx(upper, abs=0.1)
     no_rcs = {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.1, "floor_m2": 0}

@@ -181,7 +181,13 @@ ANALYSES = {
     "montecarlo": {"sampler": "sobol"},
     "compare": {},
     "validate": {"digits": 1},
-    "coverage_map": {"upper": True, "step_km": 40.0, "method": "probit"},
+    "coverage_map": {
+        "upper": True,
+        "north_km": (-400, 400),
+        "east_km": (-400, 400),
+        "step_km": 40.0,
+        "method": "probit",
+    },
 }
 
 

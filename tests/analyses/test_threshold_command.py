@@ -171,6 +171,34 @@ def test_thresholds_that_are_refused(tool, options, words):
     assert not Path("figures").exists()
 
 
+def test_a_probability_in_place_of_k(tool):
+    """P(P_D > P_max) in 200 000 draws of each pose, and the verdict of a bound at Φ⁻¹(1 − P)."""
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 60, "step": 10})
+    rng = np.random.default_rng(3)
+    above = []
+    covs = np.broadcast_to(s.cov_aircraft, (len(s.aircraft), 6, 6))
+    for pose, cov in zip(s.aircraft, covs, strict=True):
+        aircraft = rng.multivariate_normal(pose, cov, 200_000)
+        radar = rng.multivariate_normal(s.radar, s.cov_radar[s.level], 200_000)
+        above.append(np.mean(s.model.p_d(aircraft, radar) > 0.6))
+    result = rs.analyses.variance(s, threshold=0.6, probability=0.05, method="automatic")
+    clear = abs(np.array(above) - 0.05) > 0.005
+    assert clear.sum() > 4
+    np.testing.assert_array_equal(
+        result.table["violated"][clear], np.greater(above, 0.05)[clear].astype(float)
+    )
+    assert result.report[0].endswith(": P(P_D > 0.6) <= 0.05")
+    assert result.summary["threshold"]["probability"] == 0.05
+    by_k = rs.analyses.variance(s, threshold=0.6, k=1.6448536269514722, method="automatic")
+    assert by_k.summary["threshold"]["verdict"] == result.summary["threshold"]["verdict"]
+    np.testing.assert_allclose(by_k.table["margin"], result.table["margin"], atol=1e-12)
+    for command in ("variance", "budget", "report", "sweep radar.constant 100 200 50"):
+        ran = tool(*command.split(), "--probability", 0.05)
+        assert (ran.code, ran.err) == (2, "Error: probability needs threshold\n")
+        ran = tool(*command.split(), "--threshold", 0.6, "--probability", 0.05, "--k", 2)
+        assert ran.err == "Error: k and probability exclude each other; give one of them\n"
+
+
 def test_k_without_a_threshold_is_the_band(tool):
     file = write(Path())
     code, out, _ = tool("variance", file, "--k", 2, "--method", "linear", "--no-plot")

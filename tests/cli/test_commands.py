@@ -518,7 +518,7 @@ def test_progress_says_how_many_and_how_long(standard_error, fake, monkeypatch):
     ("command", "shown"),
     [
         ("montecarlo --runs 200", r"montecarlo: 200 of 200 runs"),
-        ("map --step-km 50", r"map: (\d+) of \1 cells"),
+        ("map --step-km 50", r"map: ([\d,]+) of \1 cells"),
         ("variance --method form", r"variance: 13 of 13 poses"),
         ("budget", r"budget: 4 of 4 sources of the budget"),
         ("variance --threshold 0.5", r"variance: [\d,]+ of [\d,]+ runs along the path"),

@@ -48,6 +48,15 @@ def interrupted(folder: Path, number: int, seconds: float) -> tuple[int, str]:
     return process.returncode, err
 
 
+def test_nothing_is_imported_before_signals_are_handled():
+    lines = "import sys; before = {*sys.modules}; import radar_sense.__main__; "
+    lines += "print(*sorted({*sys.modules} - before))"
+    run = [sys.executable, "-c", lines]
+    env = {**os.environ, "PYTHONPATH": str(ROOT)}
+    imported = subprocess.run(run, env=env, capture_output=True, text=True, check=True).stdout
+    assert imported.split() == ["radar_sense", "radar_sense.__main__"]
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_at_a_random_moment(tmp_path, number):
     (tmp_path / "figures").mkdir()

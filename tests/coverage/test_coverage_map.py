@@ -292,6 +292,23 @@ def test_the_default_grid_has_radar_and_path_in_it():
         assert cells.shape == (501, 501)
 
 
+@pytest.mark.parametrize("upper", [False, True])
+def test_the_default_map_shows_all_of_its_contours(upper):
+    s = scenario(aircraft__rcs={"model": "constant", "rcs_m2": 0.1}, geometry__range_km=300)
+    column = "upper_3sigma" if upper else "p_d"
+    for level in (0.05, 0.5):
+        result = coverage_map(s, upper=upper, p_d=(level, 0.9))
+        plane = result.table[column]
+        around = np.concatenate([plane[0], plane[-1], plane[:, 0], plane[:, -1]])
+        assert np.all(around < level)
+    far = coverage_map(s, upper=upper, p_d=(0.05,), step_km=20)
+    assert far.table["east_m"][-1] > result.table["east_m"][-1]
+    # What is asked for stands, and P_D below P_fa is found at any distance.
+    assert coverage_map(s, east_km=(0, 300), step_km=20).table["east_m"][-1] == 300e3
+    everywhere = coverage_map(s, p_d=(1e-9,), step_km=20)
+    np.testing.assert_array_equal(everywhere.table["east_m"], area.grid(s, step_km=20).east)
+
+
 def test_summary_and_report():
     s = scenario(
         aircraft__rcs={"model": "constant", "rcs_m2": 0.1},
@@ -328,7 +345,7 @@ def test_areas_are_of_cells_at_or_above_each_level():
     }
     assert result.report[1:4] == tuple(
         f"  {level:g} or more in {100 * count / p_d.size:.1f} % of the area, "
-        f"{2500 * count:.4g} km^2"
+        f"{float(f'{2500 * count:.4g}'):,.0f} km^2"
         for level, count in zip(levels, cells, strict=True)
     )
 
@@ -464,7 +481,8 @@ def test_figure(changes, upper):
     s = scenario(**changes)
     fine = area.grid(s)
     step_km = 12.5 * (fine.north[1] - fine.north[0]) / 1e3
-    figure = lay_out(coverage_map(s, upper=upper, step_km=step_km).plot())
+    result = coverage_map(s, upper=upper, step_km=step_km)
+    figure = lay_out(result.plot())
     axes, bar = figure.axes
     assert axes.get_aspect() == 1
     assert axes.get_xlabel() == "East [km]"
@@ -482,10 +500,8 @@ def test_figure(changes, upper):
     low, high = axes.get_xlim()
     assert low <= s.radar[1] / 1e3 <= high
     # north is up, and east to the right
-    cells = area.grid(s, step_km=step_km)
-    assert image.get_extent()[0] == pytest.approx(
-        (cells.east[0] - 0.5 * (cells.east[1] - cells.east[0])) / 1e3
-    )
+    east = result.table["east_m"]
+    assert image.get_extent()[0] == pytest.approx((east[0] - 0.5 * (east[1] - east[0])) / 1e3)
     assert image.origin == "lower"
 
 

@@ -209,6 +209,21 @@ def test_a_hundred_random_maps_are_valid(tmp_path):
     assert polar > 30
 
 
+def test_a_route_from_the_antimeridian_has_no_part_without_length(tmp_path):
+    (tmp_path / "route.csv").write_text(
+        "time_s,latitude_deg,longitude_deg,altitude_m\n0,10,180,9000\n600,10.1,-179,9000\n"
+    )
+    origin = {"latitude_deg": 10, "longitude_deg": 180, "altitude_m": 0}
+    content = document(geometry={"type": "path", "file": "route.csv", "origin": origin})
+    del content["aircraft"]["attitude_deg"]
+    (tmp_path / "my.yaml").write_text(yaml.safe_dump(content))
+    result = coverage_map(rs.load_scenario(tmp_path / "my.yaml"), step_km=20)
+    features = json.loads(result.exports["geojson"](result))["features"]
+    (leg,) = (f["geometry"] for f in features if f["properties"]["kind"] == "route")
+    assert leg["type"] == "LineString"
+    assert [place[0] for place in leg["coordinates"]] == [-180, -179]
+
+
 def test_a_map_without_an_origin_has_no_place_on_the_earth(tmp_path, tool):
     result = coverage_map(rs.load_scenario(), step_km=200)
     assert "latitude_deg" not in result.table

@@ -45,7 +45,10 @@ FAST = tuple(name for name in command_line.commands() if name not in SLOW)
 #: Options that are always given, because their defaults take long.
 WORK = {"runs", "digits", "step_km", "step_deg", "north_km", "east_km"}
 #: Options that need each other, and a number that is 0 one time in four.
-TOGETHER = (("k", "threshold"), ("at", "threshold"), ("m", "n"), ("n", "m"))
+TOGETHER = (
+    *(("k", "threshold"), ("probability", "threshold"), ("at", "threshold")),
+    *(("m", "n"), ("n", "m")),
+)
 ONE_OF_FOUR = st.integers(0, 3)
 #: Options that reach beyond the folder and the process of the test.
 BEYOND = {"dask", "workers", "help", "version"}
@@ -62,14 +65,15 @@ SMALL: dict[str, tuple[float, float]] = {
     "north_km": (-100, 100),
     "east_km": (-100, 100),
     "threshold": (0.05, 0.99),
+    "probability": (1e-4, 0.4),
     "m": (1, 3),
     "n": (3, 5),
 }
 #: Words that are wrong nearly everywhere.
 _WORDS = (
-    "~ null .nan NaN inf -.inf 1e400 1e-400 5e-324 -0.0 -1 0 1 2.5 1e9 0x10 0o17 1_000 1:30 1,5 1e "
-    ". + --1 .5 +.5e+1 १२ ² １２ −1 true NO 2026-01-01 '5' ' \" [] {} {a:1} [[[1]]] !!int ? | > % "
-    "@ !!python/name:os.system !x &a *a << ` - --- .. / /dev/null # <a &lt; \0 \x1b[31m \u202e 😀"
+    "~ null .nan NaN inf -.inf 1e400 1e-400 5e-324 -0.0 -1 0 1 2.5 1e11 0x10 0o17 1_000 1:30 1,5 "
+    "1e . + --1 .5 +.5e+1 १२ ² １２ −1 true NO 2026-01-01 '5' ' \" [] {} {a:1} [[[1]]] !!int ? | > "
+    "% @ !!python/name:os.system !x &a *a << ` - --- .. / /dev/null # <a &lt; \0 \x1b[31m \u202e 😀"
 )
 WORDS = (
     *_WORDS.split(" "),
@@ -380,6 +384,8 @@ def commands(draw: Any, names: tuple[str, ...], figures: bool = False) -> Case:
             for _ in range(0 if option.is_flag else option.nargs):
                 if isinstance(option.type, command_line.Number):
                     schema = declare.number(option.type.limit).schema()
+                    if option.name == "runs":  # a billion runs say what they take, and take it
+                        schema |= {"maximum": 100_000}
                     value = st.just(str(values.of(schema, option.name)))
                 else:
                     known = [item.value for item in option.shell_complete(context, "")]
@@ -412,7 +418,8 @@ FITTING = {
 }
 #: What is called, by name.
 CALLED = {
-    **{name: getattr(rs, name) for name in rs.__all__ if name.endswith(("RCS", "Model"))},
+    # RCS itself is a protocol
+    **{name: getattr(rs, name) for name in rs.__all__ if name[1:].endswith(("RCS", "Model"))},
     **{made.__name__: made for made in (*DETECTORS.values(), rs.BinaryIntegration, rs.Radar)},
     **{of.__name__: of for of in (rs.propagate, rs.monte_carlo)},
     **{name: getattr(FITTING["model"], name) for name in ("p_d", "snr", "linearize")},

@@ -125,7 +125,7 @@ def _check_refusal(case: Case, outcome: Outcome, written: list[Path]) -> None:
     _require(not outcome.out, "something on standard output", outcome)
     _require(not written, f"wrote {written}", outcome)
     _require(len(outcome.err) < 2000, "an error of more than 2000 characters", outcome)
-    if case.args[0] == "check" and not outcome.err.startswith("Error: --set "):
+    if case.args[0] == "check" and "must be KEY=VALUE" not in outcome.err:
         place = re.match(r"Error: ([\w./ -]+?):(\d+)?:? ", outcome.err)
         _require(place, "no file named", outcome)
         assert place
@@ -183,13 +183,14 @@ def _check_files(outcome: Outcome, written: list[Path]) -> None:
         _require(path.with_suffix(".json") in written, f"{path} without a record", outcome)
         for name, values in columns.items():
             _require(len(values), f"{name} is empty", outcome)
-            # a radar that cannot see the aircraft has no SNR: -inf dB
-            shown = values[values != -np.inf] if name.startswith("snr_db") else values
+            # a radar that cannot see the aircraft has no SNR, -inf dB; at the radar it is inf
+            in_decibels = name.startswith("snr_db") or name.endswith("3sigma_margin_db")
+            shown = values[~np.isinf(values)] if in_decibels else values
             _require(not np.isinf(shown).any(), f"{name} has infinity", outcome)
             # a share of no variance is NaN
             if np.isnan(values).any() and not name.startswith("share_"):
                 told = "Warning: " in outcome.err or "has no value" in outcome.out
-                told |= not outcome.out  # -q
+                told |= not outcome.out or '"no_value"' in outcome.out  # -q, also with --json
                 _require(told, f"{name} has NaN without a word", outcome)
             finite = values[~np.isnan(values)]
             if re.fullmatch(r"p_d(_\w+)?|mc_mean|mc_lower|mc_upper|coverage_3sigma", name):

@@ -131,7 +131,26 @@ uncertainty:
 analysis: {level: low}
 """
 
+#: The aircraft may be at the radar, and the margin had no upper end but "inf".
+AT_THE_RADAR = """\
+name: found
+radar: {position_m: [1.03e5, 1.53e5, 2.28e5], constant: 167, p_fa: 1.7e-4}
+aircraft:
+  attitude_deg: [124, 145, 66]
+  rcs: {model: ellipsoid_exact, x_m: 0.3, y_m: 0.25, z_m: 0.07}
+geometry:
+  type: radial
+  range_km: {start: 1.57, stop: 198, step: 28}
+  azimuth_deg: 0
+  down_km: -5.11
+uncertainty:
+  aircraft: {position_m: 52000, attitude_deg: [8, 12, 17]}
+  radar: {low: {position_m: 2000, constant: 2243}}
+analysis: {level: low}
+"""
+
 FOUND = {
+    "at the radar": (AT_THE_RADAR, ["detectors", "--method", "probit", "--p-d", "0.67"]),
     "no answer between": (NO_ANSWER_BETWEEN, ["budget", "--threshold", "0.999999"]),
     "tiny variance": (TINY_VARIANCE, ["sensitivity"]),
     "huge tolerance": (HUGE_TOLERANCE, ["sensitivity", "--method", "form"]),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from helpers import scenario
 from mpmath import mp, mpf
+from scipy.linalg import block_diag
 
 import radar_sense as rs
 from radar_sense.analyses.rcs import directions
@@ -147,3 +148,49 @@ def test_the_exact_ellipsoid_in_a_scenario():
     assert s.resolved()["aircraft"]["rcs"] == entry
     with pytest.raises(rs.InputError, match="unknown key 'a_m'"):
         scenario(aircraft__rcs={**entry, "a_m": 1})
+
+
+class Plate:
+    """A cross section of one's own: 1 m² times the squared cosine to the nose."""
+
+    isotropic = False
+    detail = 1.0
+
+    def cross_section(self, body_vector):
+        return self.linearize(body_vector)[0]
+
+    def linearize(self, body_vector):
+        length = np.linalg.norm(body_vector, axis=-1, keepdims=True)
+        line = body_vector / length
+        cosine = line[..., :1]
+        gradient = 2.0 * cosine / length * (np.array([1.0, 0.0, 0.0]) - cosine * line)
+        return cosine[..., 0] ** 2, gradient
+
+
+def test_a_cross_section_of_ones_own():
+    aircraft, radar = np.array([[9e4, 5e4, -3e3, 0.1, 0.0, 0.3]]), np.array([0.0, 0, 0, 20])
+    cov_aircraft, cov_radar = (
+        np.diag([10.0] * 3 + [0.02] * 3) ** 2,
+        np.diag([10.0] * 3 + [1.0]) ** 2,
+    )
+    model: rs.RCS = Plate()
+    found = rs.propagate(
+        rs.DetectionModel(rcs=model, p_fa=1e-4),
+        aircraft,
+        radar,
+        cov_aircraft,
+        cov_radar,
+        method="form",
+    )
+    states = np.random.default_rng(1).multivariate_normal(
+        [*aircraft[0], *radar], block_diag(cov_aircraft, cov_radar), 100_000
+    )
+    drawn = rs.DetectionModel(rcs=model, p_fa=1e-4).p_d(states[:, :6], states[:, 6:])
+    assert found.std[0] == pytest.approx(drawn.std(), rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["isotropic", "detail", "cross_section", "linearize"])
+def test_what_a_cross_section_of_ones_own_lacks_is_named(name, monkeypatch):
+    monkeypatch.delattr(Plate, name)
+    with pytest.raises(rs.InputError, match=f"^rcs has no {name}, .*got .*Plate"):
+        rs.DetectionModel(rcs=Plate(), p_fa=1e-4)

@@ -186,7 +186,7 @@ def test_a_section_is_what_its_command_prints_draws_and_writes(flight, page):
             assert largest.startswith(page_module.number(known.max()))
         assert len(list(nodes[key].all("img"))) == 1
     assert flight.passed == answers["variance"].passed
-    assert len(flight.warnings) == len(set(flight.warnings)) > 3
+    assert len(flight.warnings) == len(set(flight.warnings)) > 1
 
 
 def test_places_of_the_extremes():
@@ -196,6 +196,9 @@ def test_places_of_the_extremes():
     p_d = along.result.table["p_d"]
     assert cells[1] == f"<td>{p_d[0]:.4g} at 0 and 180 °</td>"
     assert cells[2] == f"<td>{p_d[2]:.4g} at 90 °</td>"
+    # The east of a map has no place in the north of its rows, of which there are as many.
+    (over,) = (section for section in answers.sections if section.key == "map")
+    assert all(" at " not in cell for cell in page_module._cells(over.result, "east_m"))
 
 
 @pytest.mark.parametrize(
