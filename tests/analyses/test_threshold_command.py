@@ -179,7 +179,7 @@ def test_a_probability_in_place_of_k(tool):
     covs = np.broadcast_to(s.cov_aircraft, (len(s.aircraft), 6, 6))
     for pose, cov in zip(s.aircraft, covs, strict=True):
         aircraft = rng.multivariate_normal(pose, cov, 200_000)
-        radar = rng.multivariate_normal(s.radar, s.cov_radar[s.level], 200_000)
+        radar = rng.multivariate_normal(s.radar, s.cov_radar, 200_000)
         above.append(np.mean(s.model.p_d(aircraft, radar) > 0.6))
     result = rs.analyses.variance(s, threshold=0.6, probability=0.05, method="automatic")
     clear = abs(np.array(above) - 0.05) > 0.005
