@@ -88,8 +88,8 @@ def test_plain_draws_that_do_not_fit_in_memory_are_refused():
 
 def test_a_map_is_announced_before_the_first_cell(caplog, monkeypatch):
     monkeypatch.setattr(grid, "_in_cells", stop)
+    ends = {"north_km": (-600, 600), "east_km": (-600, 600)}
     with pytest.raises(KeyboardInterrupt):
-        ends = {"north_km": (-600, 600), "east_km": (-600, 600)}
         rs.analyses.coverage_map(scenario(), step_km=1.0, upper=True, method="form", **ends)
     assert "1,201 x 1,201 cells of 1 radar take some 50 seconds" in caplog.text
 
