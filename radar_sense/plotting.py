@@ -180,15 +180,37 @@ class Given:
     def __init__(self, axes: Sequence[Axes]) -> None:
         self.axes = list(axes)
 
-    def subplots(self, rows: int = 1, columns: int = 1, *, squeeze: bool = True, **_: Any) -> Any:
+    def subplots(
+        self,
+        rows: int = 1,
+        columns: int = 1,
+        *,
+        squeeze: bool = True,
+        subplot_kw: Mapping[str, Any] | None = None,
+        **_: Any,
+    ) -> Any:
         """Return the axes in the place of new ones.
 
         Raises:
-            ValueError: If there are fewer or more axes than panels.
+            ValueError: If there are fewer or more axes than panels, or they must be polar.
         """
-        if len(self.axes) != rows * columns:
-            raise ValueError(f"this figure has {rows * columns} panels, got {len(self.axes)} axes")
-        return np.array(self.axes).reshape(rows, columns) if not squeeze else self.axes[0]
+        places = self.add_gridspec(rows, columns)
+        panels = [self.add_subplot(place, **(subplot_kw or {})) for place in places]
+        return np.array(panels).reshape(rows, columns) if not squeeze else panels[0]
+
+    def add_gridspec(self, rows: int, columns: int, **_: Any) -> range:
+        """Return the numbers of the panels."""
+        panels = rows * columns
+        if len(self.axes) != panels:
+            raise ValueError(f"this figure has {panels} panels, got {len(self.axes)} axes")
+        return range(panels)
+
+    def add_subplot(self, panel: int, projection: str | None = None) -> Axes:
+        """Return the axes of a panel."""
+        axes = self.axes[panel]
+        if projection == "polar" and axes.name != "polar":
+            raise ValueError(f"panel {panel + 1} of this figure needs axes of projection='polar'")
+        return axes
 
     def legend(self, handles: Any, labels: Any, **_: Any) -> Any:
         """Put the legend on the first axes."""

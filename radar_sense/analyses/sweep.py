@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -10,10 +11,17 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance.threshold import PathTest, path_test
-from radar_sense.analyses.verdict import PROBABILITY, THRESHOLD, K, condition, sigmas
+from radar_sense.analyses.verdict import (
+    PROBABILITY,
+    THRESHOLD,
+    K,
+    condition,
+    sigmas,
+    worst_band,
+)
 from radar_sense.axis import Axis, steps
 from radar_sense.command import LEVEL, METHOD, Option, Result, command
-from radar_sense.cost import foresee
+from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
@@ -26,8 +34,6 @@ if TYPE_CHECKING:
 
 #: Most values, and most of them that the terminal shows.
 MAX_VALUES, SHOWN = 1000, 40
-#: Draws of each radar at a pose, in the time of one value without and with a threshold (corridor).
-DRAWS, DRAWS_TESTED = 4096.0, 14_000.0
 
 
 @command(
@@ -83,14 +89,12 @@ def sweep(
     k, method = sigmas(threshold, k, probability) or 3.0, scenario.method
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
     axis = Axis(column, key, ascii_unit(key), values, "g", 0.0, "values")
-    draws = DRAWS if threshold is None else DRAWS_TESTED
-    evaluations = len(values) * len(scenario.axis) * len(scenario.model.radars) * draws
-    foresee(f"{len(values)} values x {len(scenario.axis)} poses", evaluations, less="a larger STEP")
     # all values are read before any is computed
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 
     result = Result(scenario, method)
     highest, tests, found = [], [], []
+    started = time.process_time()
     for one, value in zip(scenarios, values, strict=True):
         moments = propagate_scenario(one, method=method, beta=k)
         pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
@@ -100,6 +104,10 @@ def sweep(
             tests.append(path_test(one, method, threshold, k, moments))
         for text in words.method_warnings(one, moments, method):
             found.append((axis.format(value), text))
+        if len(highest) == 1:
+            # The first value tells: how many poses and draws a test takes is not known before.
+            rest = (len(values) - 1) * (time.process_time() - started)
+            foresee(f"{len(values) - 1} values more", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
     result.table.add(column, values, f"Value of {key}.", unit_name(key))
@@ -114,7 +122,7 @@ def sweep(
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
     band = [words.describe_band(*ends[:3], k) for ends in highest]
     if threshold is not None:
-        band = _add_tests(result, axis, condition(threshold, k, probability), k, tests, band)
+        band = _add_tests(result, axis, condition(threshold, k, probability), k, tests)
     else:
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
@@ -129,9 +137,9 @@ def sweep(
 
 
 def _add_tests(
-    result: Result, axis: Axis, tested_for: str, k: float, tests: list[PathTest], band: list[str]
+    result: Result, axis: Axis, tested_for: str, k: float, tests: list[PathTest]
 ) -> list[str]:
-    """Add the verdicts, and return the lines of the values with theirs."""
+    """Add the verdicts, and return the lines of the values: P_D at the worst pose, and verdict."""
     verdicts = np.array([tested.test.verdict for tested in tests])
     holds, violated = verdicts == "holds", verdicts == "violated"
     runs = [tested.decision.runs for tested in tests]
@@ -161,11 +169,12 @@ def _add_tests(
     }
     result.passed = bool(holds.any())
     lines = []
-    for line, tested in zip(band, tests, strict=True):
+    for tested in tests:
         above = tested.decision.runs
         share = words.probability(above.probability.max())
         shown = share if above.counts.max() else f"in none of {above.runs:,} runs"
-        lines.append(f"{line}, P(P_D > {tested.test.p_max:g}) {shown}  {tested.test.verdict}")
+        chance = f"P(P_D > {tested.test.p_max:g}) {shown}"
+        lines.append(f"{worst_band(tested, k)}, {chance}  {tested.test.verdict}")
     return lines
 
 

@@ -182,12 +182,17 @@ def _verdict(tested: PathTest) -> str:
 
 
 def _worst(tested: PathTest, k: float) -> str:
-    """Return P_D and its band at the pose of the least margin."""
+    """Return P_D and its band at the pose of the least margin, and the pose."""
+    place = tested.path.scenario.axis.at(int(np.nanargmin(tested.test.margin)))
+    return f"at the worst pose, {place}: {worst_band(tested, k)}"
+
+
+def worst_band(tested: PathTest, k: float) -> str:
+    """Return P_D and its band at the pose of the least margin; no numbers without a bound."""
     test, moments = tested.test, tested.path.moments
-    pose = int(np.nanargmin(test.margin))
+    pose = int(np.argmin(np.nan_to_num(test.margin, nan=np.inf)))
     upper = test.p_max - test.margin[pose]
-    band = describe_band(moments.p_d[pose], moments.lower[pose], upper, k)
-    return f"at the worst pose, {tested.path.scenario.axis.at(pose)}: {band}"
+    return describe_band(moments.p_d[pose], moments.lower[pose], upper, k)
 
 
 def _remedy(tested: PathTest, method: str) -> str:

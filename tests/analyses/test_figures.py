@@ -25,6 +25,7 @@ ALL = {
     "compare": analyses.compare,
     "validate": partial(analyses.validate, digits=1),
 }
+POLAR = {"range": (analyses.range, ["polar"]), "rcs": (analyses.rcs, ["polar", None])}
 LONG = "a-level-name-of-forty-letters-0123456789"
 SCENARIOS = {
     "paper": {},
@@ -445,3 +446,27 @@ def test_many_runs_of_many_poses_make_a_picture_of_the_same_size():
         plotting.draw_sample_paths(axes, np.linspace(0, 1, count), rows, "runs")
         shapes.add(axes.images[0].get_array().shape)
     assert len(shapes) == 1
+
+
+@pytest.mark.parametrize("name", [*ALL, "map", *POLAR])
+def test_axes_of_ones_own(name):
+    """The figure has what `plot()` draws, on these axes and no others but colour bars."""
+    analysis, kinds = POLAR.get(name, (ALL.get(name, analyses.map), None))
+    result = analysis(load_scenario())
+    count = len([axes for axes in result.plot().axes if axes.get_label() != "<colorbar>"])
+    figure = plotting.Figure()
+    own = [
+        figure.add_subplot(count, 1, i + 1, projection=kind)
+        for i, kind in enumerate(kinds or [None] * count)
+    ]
+    assert result.plot(ax=own) is figure
+    assert [a for a in figure.axes if a.get_label() != "<colorbar>"] == own
+    for axes, drawn in zip(own, result.plot().axes, strict=False):
+        assert len(axes.lines) == len(drawn.lines)
+        assert axes.get_ylabel() == drawn.get_ylabel()
+    FigureCanvasAgg(figure).draw()
+    with pytest.raises(ValueError, match=f"^this figure has {count} panels, got {count + 1} axes"):
+        result.plot(ax=[*own, own[0]])
+    if kinds:
+        with pytest.raises(ValueError, match="panel 1 of this figure needs axes of"):
+            result.plot(ax=plotting.Figure().subplots(count, squeeze=False)[:, 0])

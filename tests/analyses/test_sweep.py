@@ -1,5 +1,6 @@
 """`sweep`: what `variance` says of each value, in one table."""
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -169,3 +170,10 @@ def test_set_on_the_command_line(tool):
         assert (code, err) == (2, message)
     twice = tool("variance", "--set", "name=a", "--set", "name=b")
     assert twice.err == "Error: --set name=b: is given twice; give it once\n"
+
+
+def test_a_long_sweep_says_so_after_its_first_value(monkeypatch, caplog):
+    clock = iter([0.0, 6.0])
+    monkeypatch.setattr(time, "process_time", lambda: next(clock))
+    analyses.sweep(rs.load_scenario(), **SWEPT)
+    assert caplog.messages == ["2 values more take some 12 seconds; fewer values take less"]
