@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.propagation.looks import FIRST, LAST, first_look, look_until
+from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_until
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -75,7 +75,8 @@ def judged(
             apart |= errors.max(axis=0) <= DECISIVE * BOUND_CHANGE
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
-    drawn = look_until(settled, states, first, beta, most=LAST)
+    # a bound that is not confirmed by then is not confirmed
+    drawn = look_until(settled, states, first, beta, most=LAST if replace else LAST // GROWTH)
     return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
 
 
