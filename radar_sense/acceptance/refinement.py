@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.radar import Radar
-from radar_sense.propagation import Moments
+from radar_sense.propagation import JudgedMoments, Moments
+from radar_sense.propagation.draws import Estimate
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, FloatArray
 
@@ -337,7 +338,13 @@ def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
         merged = np.empty(len(row), dtype=values.dtype)
         merged[row >= 0], merged[row < 0] = values[row[row >= 0]], added
         arrays.append(merged)
-    return Moments(*arrays)
+    merged_moments = Moments(*arrays)
+    if not (isinstance(old, JudgedMoments) and isinstance(new, JudgedMoments)):
+        return merged_moments
+    drawn = Estimate.empty(len(row))
+    drawn.put(np.flatnonzero(row >= 0), old.drawn.at(row[row >= 0]))
+    drawn.put(np.flatnonzero(row < 0), new.drawn)
+    return JudgedMoments(**vars(merged_moments), drawn=drawn)
 
 
 def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> Scenario:

@@ -30,7 +30,7 @@ from scipy.special import ndtr, ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
-from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
+from radar_sense.propagation import AUTOMATIC, JudgedMoments, Moments, propagate_scenario
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_until
 from radar_sense.scenario import Scenario
@@ -155,13 +155,17 @@ class Decision:
     wanted: int
 
 
-def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
+def decide(scenario: Scenario, p_max: float, k: float, first: Estimate | None = None) -> Decision:
     """Return what draws say of P(P_D > p_max) ≤ 1 − Φ(k) at each pose of a path.
+
+    The chance of a false decision counts every look that there may be at a pose. It is therefore
+    the same where the first looks are skipped.
 
     Args:
         scenario: The scenario, at its level and with its seed.
         p_max: The limit of P_D.
         k: k of the bound.
+        first: What draws say that are made already; None for a first look.
     """
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
@@ -183,7 +187,7 @@ def decide(scenario: Scenario, p_max: float, k: float) -> Decision:
     drawn = look_until(
         lambda rows, found: np.logical_or(*decided(rows, found)),
         states,
-        first_look(states, k, p_max),
+        first_look(states, k, p_max) if first is None else first,
         k,
         p_max,
         most=LAST,
@@ -218,15 +222,17 @@ def path_test(
         method: The method of the bound.
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
-        moments: Moments of the scenario by the method, with bounds at Φ(k).
+        moments: Moments of the scenario by the method, with bounds at Φ(k), and with p_max so that
+            no draws are made twice.
     """
 
     def propagate(path_scenario: Scenario) -> Moments:
-        return propagate_scenario(path_scenario, method=method, beta=k)
+        return propagate_scenario(path_scenario, method=method, beta=k, p_max=p_max)
 
     path = refinement.resolve(scenario, propagate, p_max, moments)
     moments = path.moments
-    decision = decide(path.scenario, p_max, k)
+    drawn = moments.drawn if isinstance(moments, JudgedMoments) else None
+    decision = decide(path.scenario, p_max, k, drawn)
     upper, by_draws = moments.upper.copy(), moments.error > 0
     certain = moments.p_d > p_max
     if method == AUTOMATIC:

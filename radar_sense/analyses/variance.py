@@ -61,8 +61,8 @@ def variance(
     """
     axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
-    moments = propagate_scenario(scenario, method=method)
-    band = moments if k == 3 else propagate_scenario(scenario, method=method, beta=k)
+    band = propagate_scenario(scenario, method=method, beta=k, p_max=threshold)
+    moments = band if k == 3 else propagate_scenario(scenario, method=method)
     by_radar = {
         name: (alone, propagate_scenario(alone, method=method))
         for name, alone in single_radar_scenarios(scenario).items()

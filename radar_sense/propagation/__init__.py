@@ -6,6 +6,7 @@ from radar_sense.propagation.methods import AUTOMATIC as AUTOMATIC
 from radar_sense.propagation.methods import METHODS as METHODS
 from radar_sense.propagation.methods import MONTE_CARLO as MONTE_CARLO
 from radar_sense.propagation.methods import Distribution as Distribution
+from radar_sense.propagation.methods import JudgedMoments as JudgedMoments
 from radar_sense.propagation.methods import Moments as Moments
 from radar_sense.propagation.methods import check_method as check_method
 from radar_sense.propagation.methods import distribution as distribution

@@ -38,6 +38,7 @@ def judged(
     lower: FloatArray,
     upper: FloatArray,
     beta: float,
+    p_max: float = np.nan,
     *,
     replace: bool = False,
 ) -> tuple[Estimate, NDArray[np.bool_]]:
@@ -53,6 +54,7 @@ def judged(
         lower: Lower bound by a method (k,).
         upper: Upper bound by the method (k,).
         beta: β of the bounds.
+        p_max: Limit whose exceedance is counted; NaN for none.
         replace: Whether the bounds of the draws replace those of the method.
     """
     values = np.stack([lower, upper])
@@ -76,7 +78,8 @@ def judged(
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
     # a bound that is not confirmed by then is not confirmed
-    drawn = look_until(settled, states, first, beta, most=LAST if replace else LAST // GROWTH)
+    most = LAST if replace else LAST // GROWTH
+    drawn = look_until(settled, states, first, beta, p_max, most=most)
     return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
 
 
@@ -96,13 +99,21 @@ def _close(
 
 
 class Automatic:
-    """P_D of uncertain states by FORM where draws agree with it, and by the draws elsewhere."""
+    """P_D of uncertain states by FORM where draws agree with it, and by the draws elsewhere.
 
-    def __init__(self, states: UncertainStates, form: Form | None = None) -> None:
+    Args:
+        states: The uncertain states of k poses.
+        form: FORM of these states; made if None.
+        p_max: Limit whose exceedance `drawn` has; NaN for none.
+    """
+
+    def __init__(
+        self, states: UncertainStates, form: Form | None = None, p_max: float = np.nan
+    ) -> None:
         self.states = states
-        self._form = form or Form(states)
+        self._form, self._p_max = form or Form(states), p_max
         self._first: dict[float, Estimate] = {}
-        self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
 
     @property
     def p_d(self) -> FloatArray:
@@ -121,11 +132,16 @@ class Automatic:
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
-        return self._band(abs(beta))[0 if beta < 0 else 1]
+        lower, upper, *_ = self._band(abs(beta))
+        return lower if beta < 0 else upper
 
     def error(self, beta: float) -> FloatArray:
         """Return the standard error of the bounds at ±β (k,), 0 where they are by FORM."""
         return self._band(abs(beta))[2]
+
+    def drawn(self, beta: float) -> Estimate:
+        """Return what the draws say that judge the bounds at ±β."""
+        return self._band(abs(beta))[3]
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
@@ -133,7 +149,7 @@ class Automatic:
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
-        return Automatic(changed, self._form.with_covariances(changed))
+        return Automatic(changed, self._form.with_covariances(changed), self._p_max)
 
     @cached_property
     def _moments(self) -> tuple[FloatArray, FloatArray]:
@@ -145,23 +161,25 @@ class Automatic:
             precise = found.std_error <= STD_ERROR * np.maximum(found.std, BOUND_CHANGE)
             return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
 
-        found = look_until(settled, self.states, first, 3.0, most=LAST)
+        found = look_until(settled, self.states, first, 3.0, self._p_max, most=LAST)
         return np.where(off, found.mean, form.mean), np.where(off, found.std, form.std)
 
-    def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return lower and upper bound at β and their standard error (k,)."""
+    def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
+        """Return lower and upper bound at β, their standard error (k,), and the draws."""
         if beta not in self._bands:
             lower, upper = self._form.quantile(-beta), self._form.quantile(beta)
-            drawn, off = judged(self.states, self._look(beta), lower, upper, beta, replace=True)
+            first = self._look(beta)
+            drawn, off = judged(self.states, first, lower, upper, beta, self._p_max, replace=True)
             self._bands[beta] = (
                 np.where(off, drawn.lower, lower),
                 np.where(off, drawn.upper, upper),
                 np.where(off, np.max(drawn.bounds[1], axis=0), 0.0),
+                drawn,
             )
         return self._bands[beta]
 
     def _look(self, beta: float) -> Estimate:
         """Return what the first draws say."""
         if beta not in self._first:
-            self._first[beta] = first_look(self.states, beta)
+            self._first[beta] = first_look(self.states, beta, self._p_max)
         return self._first[beta]

@@ -7,6 +7,7 @@ from pose to pose.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -64,6 +65,12 @@ class Estimate:
     def empty(cls, poses: int) -> Estimate:
         """Return an estimate of unknown values at some poses, to be filled."""
         return cls(*(np.full(poses, np.nan) for _ in fields(cls)))
+
+    @classmethod
+    def join(cls, parts: Sequence[Estimate]) -> Estimate:
+        """Return the values at the poses of all parts, one part after the other."""
+        arrays = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(*map(np.concatenate, arrays))
 
     def at(self, rows: NDArray[np.intp] | slice) -> Estimate:
         """Return a copy of the values at some poses."""

@@ -19,6 +19,7 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
 from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, moments_off
+from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
 from radar_sense.propagation.looks import FIRST, first_look
@@ -101,6 +102,17 @@ class Moments:
         return f"<Moments of P_D at {np.size(self.p_d)} poses: {names}>"
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class JudgedMoments(Moments):
+    """Moments by `automatic` with the draws that judge the bounds.
+
+    Attributes:
+        drawn: What these draws say, also of P(P_D > p_max).
+    """
+
+    drawn: Estimate
+
+
 def propagate(
     model: DetectionModel | NetworkModel,
     aircraft: ArrayLike,
@@ -160,15 +172,17 @@ def unreliable(
 
 
 def propagate_scenario(
-    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0
+    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0, p_max: float | None = None
 ) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level.
+
+    With p_max, moments by `automatic` are `JudgedMoments`. Their values do not depend on p_max.
 
     Raises:
         InputError: If there is no such method.
     """
     check_method(method)
-    return _moments(scenario.states(), method, check_number("beta", beta, POSITIVE))
+    return _moments(scenario.states(), method, check_number("beta", beta, POSITIVE), p_max)
 
 
 def unreliable_in_scenario(
@@ -200,14 +214,21 @@ def no_draws(method: str) -> None:
         )
 
 
-def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
-    parts, done = [], 0
+def _moments(
+    states: UncertainStates, method: str, beta: float, p_max: float | None = None
+) -> Moments:
+    parts, drawn, done = [], [], 0
     if method == MONTE_CARLO:
         _foresee(states, states.runs, "fewer --runs")
     elif method == AUTOMATIC:
         _foresee(states, FIRST)
     for part in states.cut(REPORTED):
-        found = METHODS[method](part)
+        found: Distribution
+        if method == AUTOMATIC and p_max is not None:
+            found = Automatic(part, p_max=p_max)
+            drawn.append(found.drawn(beta))
+        else:
+            found = METHODS[method](part)
         mean, std = found.mean, found.std
         lower, upper = found.quantile(-beta), found.quantile(beta)
         error = np.broadcast_to(found.error(beta), std.shape)
@@ -217,7 +238,9 @@ def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
         parts.append((p_d, mean, std, lower, upper, error))
         done += len(part)
         report(f"poses propagated by {method}", done, len(states))
-    return Moments(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+    whole = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
+    moments = Moments(*whole)
+    return JudgedMoments(**vars(moments), drawn=Estimate.join(drawn)) if drawn else moments
 
 
 def _unreliable(

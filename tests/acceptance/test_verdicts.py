@@ -18,7 +18,7 @@ from reference import reading
 import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
-from radar_sense.acceptance.threshold import decide
+from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import METHODS, Moments, distribution, propagate_scenario
@@ -131,6 +131,15 @@ def test_draws_decide():
             assert (decision.holds[0], decision.violated[0]) == (p_max > quantile, p_max < quantile)
         on_it = decide(one, quantile, 2.0)
         assert not (on_it.holds[0] and on_it.violated[0])
+
+
+def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
+    s = past(tmp_path)
+    path = path_test(s, "automatic", 0.1, 3.0, propagate_scenario(s, p_max=0.1)).path
+    assert path.added > 0
+    whole = propagate_scenario(path.scenario, p_max=0.1)
+    for name, values in vars(whole.drawn).items():
+        np.testing.assert_allclose(getattr(path.moments.drawn, name), values, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.usefixtures("few_judge")

@@ -11,6 +11,7 @@ from helpers import (
     with_arrays,
 )
 
+from radar_sense.acceptance.threshold import decide
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
@@ -144,6 +145,20 @@ def test_the_first_look_of_automatic_has_1024_draws(radars, centres, count):
     gradients, values = count(lambda s: unreliable_in_scenario(s, moments, method="form"), s)
     assert values == 1 + centres + 1024
     assert gradients <= EMPHASIS
+
+
+def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
+    """It makes the runs of the path, and no draws again."""
+    s, p_max = problem(2), 0.99
+    band, plain = propagate_scenario(s, p_max=p_max), propagate_scenario(s)
+    for name, values in vars(plain).items():
+        np.testing.assert_array_equal(getattr(band, name), values)
+    again = decide(s, p_max, 3.0)
+    _, values = count(lambda s: decide(s, p_max, 3.0, band.drawn), s)
+    assert values == again.wanted
+    on = decide(s, p_max, 3.0, band.drawn)
+    np.testing.assert_array_equal(on.holds, again.holds)
+    np.testing.assert_array_equal(on.violated, again.violated)
 
 
 def test_plain_draws_are_those_of_the_scenario(count):
