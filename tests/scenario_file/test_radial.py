@@ -87,7 +87,7 @@ def test_the_greatest_p_d_between_two_ranges_is_found():
         "radar.max_range_km": 2.0,
     }
     s = radial(changes)
-    assert analyses.variance(s).table["p_d"].max() == 0
+    assert s.model.p_d(s.aircraft, s.radar).max() == 0
     result = analyses.variance(s, threshold=0.5)
     assert result.report[0].startswith("VIOLATED at 12")
     test = result.summary["threshold"]
