@@ -496,7 +496,8 @@ def parsed_network(*radars, **changes):
 
 def few_judging_draws(patch, most=4096):
     """Let few draws judge a method at each pose: how they judge is tested in `test_draws`."""
-    patch.setattr("radar_sense.propagation.automatic.LAST", most)
+    for name in ("LAST", "MOST_OF_NAMED"):
+        patch.setattr(f"radar_sense.propagation.automatic.{name}", most)
 
 
 def few_draws(patch, draws=128, replicates=2):

@@ -405,6 +405,7 @@ def _summary(at: RangeAt) -> dict[str, Any]:
         "largest_sigma_m": float(np.nanmax(at.std, initial=0.0)),
         "limited": int(np.count_nonzero(at.reach.limited)),
         "none": int(np.count_nonzero(~exists)),
+        "no_value": int(np.count_nonzero(np.isnan([at.std, at.lower, at.upper]).any(axis=0))),
         "share": _shares(at),
     }
 
@@ -465,10 +466,12 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         lines.append(
             f"P_D {at.p_d:g}: the limit of the radar comes first {place}; sigma has no value"
         )
-    undefined = np.isnan(at.std) & ~limited & ~none
-    if undefined.any():
-        place = describe_poses(undefined, axis)
-        lines.append(f"P_D {at.p_d:g}: sigma has no value {place}")
+    values = {"sigma": at.std, "the lower bound": at.lower, "the upper bound": at.upper}
+    for name, value in values.items():
+        undefined = np.isnan(value) & ~limited & ~none
+        if undefined.any():
+            place = describe_poses(undefined, axis)
+            lines.append(f"P_D {at.p_d:g}: {name} has no value {place}")
     again = at.reach.edges > 1
     if again.any():
         lines.append(

@@ -23,6 +23,8 @@ from radar_sense.uncertain_states import UncertainStates
 BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below this are never off: no output shows them.
 LEAST_CHANGE = 1e-6
+#: Most draws at a pose that judge a named method. What they do not confirm is not confirmed.
+MOST_OF_NAMED = LAST // GROWTH
 #: Draws at a pose for a probability.
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
@@ -77,8 +79,7 @@ def judged(
             apart |= errors.max(axis=0) <= DECISIVE * BOUND_CHANGE
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
-    # a bound that is not confirmed by then is not confirmed
-    most = LAST if replace else LAST // GROWTH
+    most = LAST if replace else MOST_OF_NAMED
     drawn = look_until(settled, states, first, beta, p_max, most=most)
     return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
 

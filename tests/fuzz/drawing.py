@@ -261,13 +261,18 @@ def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[s
     else:
         sweep = geometry["azimuth_deg" if geometry["type"] == "orbit" else "range_km"]
         sweep["step"] = (sweep["stop"] - sweep["start"]) / 7 or 1
-    if "file" in rcs:
-        rcs["file"] = RCS
-        files[RCS] = draw(rcs_tables(rcs.get("mirror", False)))
+    for table in (rcs, *rcs.get("bands", {}).values()):
+        if "file" in table:
+            table["file"] = RCS
+            files[RCS] = draw(rcs_tables(table.get("mirror", False)))
     errors = document["uncertainty"].get("aircraft")
     if errors and "covariance" not in errors:
         errors |= {"position_m": 10, "attitude_deg": 1} | errors
+    kinds = {"band": sorted(rcs.get("bands", ())), "type": sorted(document.get("types", ()))}
     for i, radar in enumerate(document.get("radars", [document.get("radar")])):
+        for key, names in kinds.items():
+            radar.pop(key, None)
+            radar |= {key: names[i % len(names)]} if names else {}
         if not one:
             radar["name"] = f"{radar['name'][:30]}{i}"
         _suit(radar, document["uncertainty"]["radar"] if one else radar["uncertainty"])
@@ -285,6 +290,10 @@ def _suit(radar: dict[str, Any], levels: dict[str, Any]) -> None:
         if isinstance(level.get("constant"), dict):
             known = [key for key in level["constant"] if type(sheet.get(key)) in (int, float)]
             level["constant"] = {key: sheet[key] / 100 for key in known} or 0.1
+        if "covariance" in level:  # no error can be shared beside it
+            radar.pop("type", None)
+        elif "type" in radar and not isinstance(level.get("constant"), dict):
+            level["constant"] = 0  # the error of the type stands beside errors by parameter
 
 
 @st.composite
@@ -342,11 +351,11 @@ def checked(draw: Any, flights: Any = FLIGHTS) -> Case:
 
 @st.composite
 def broken(draw: Any, ending: str) -> Case:
-    """Return a case of `check` with a broken file of an ending."""
+    """Return a case of `check` with a file of an ending that is broken, as a rule."""
     case = draw(checked([flight for flight in FLIGHTS if ending in (".yaml", flight[-4:])]))
     name = draw(st.sampled_from([name for name in case.files if name.endswith(ending)]))
     pieces = re.split(rb"([\s:,<>={}\[\]\"]+)", case.files[name])
-    for _ in range(draw(st.integers(1, 2))):
+    for _ in range(draw(st.integers(0, 2))):  # 0: other ends of lines alone
         at = draw(st.integers(0, len(pieces) - 1))
         word = draw(st.sampled_from(WORDS)).encode("utf-8", "surrogatepass")
         other, junk = draw(st.sampled_from(pieces)), draw(st.binary(max_size=3))
@@ -367,12 +376,13 @@ def commands(draw: Any, names: tuple[str, ...], figures: bool = False) -> Case:
     # one of four command lines has values that are not allowed
     wrong = st.nothing() if draw(ONE_OF_FOUR) else st.sampled_from(WORDS)
     radars = [radar["name"] for radar in document.get("radars", ())]
-    words = {"level": LEVELS, "radar": radars, "method": METHODS}
+    words = {"level": LEVELS, "radar": radars, "method": METHODS, "changes": ["analysis.seed=3"]}
     context = click.Context(command_line.cli)
     options = command_line.cli.get_command(context, args[0]).params
     chosen = {option.name for option in options if option.name in WORK or not draw(ONE_OF_FOUR)}
     chosen |= {other for name, other in TOGETHER if name in chosen}
     chosen -= {"target"} if "threshold" in chosen else set()
+    chosen -= {"probability"} if "k" in chosen else set()
     chosen -= BEYOND if radars else {*BEYOND, "radar"}
     for option in options:
         if option.name == "out":
