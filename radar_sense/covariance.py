@@ -159,6 +159,11 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     return np.maximum(variance, 0.0)
 
 
+def largest_variance(covariance: FloatArray, block: slice) -> FloatArray:
+    """Return the largest variance (k,) in any direction of some components of C (k, n, n)."""
+    return np.asarray(np.linalg.eigvalsh(covariance[:, block, block])[:, -1])
+
+
 def without_rounding(covariance: FloatArray) -> FloatArray:
     """Return C (..., n, n) with correlations below 1e-14 set to 0.
 

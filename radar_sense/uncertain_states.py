@@ -22,14 +22,22 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radar_sense.covariance import block_square_root, checked, draws, square_root
+from radar_sense.covariance import (
+    block_square_root,
+    checked,
+    draws,
+    largest_variance,
+    square_root,
+)
 from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
+from radar_sense.model.radar import ALWAYS, NEVER
 from radar_sense.model.radar_constant import Tolerance, factors
 from radar_sense.states import (
     AIRCRAFT,
     CONSTANT,
+    POSITION,
     RADAR,
     RADAR_AND_ERRORS,
     FloatArray,
@@ -42,6 +50,9 @@ from radar_sense.states import (
 
 #: Numbers in the largest array of a block of poses, which bounds memory (16 MB).
 MAX_NUMBERS = 2_000_000
+#: Standard deviations of a position within which a limit is in reach. An error in three dimensions
+#: is larger with a probability of 1e-13.
+REACH = 8.0
 #: Most poses in a block. More poses save time in Python, and arrays of differences have 1 MB here.
 BLOCK = 2048
 
@@ -158,17 +169,47 @@ class UncertainStates:
             self.model, nominal, (aircraft, radar), tolerances, self.seed, self.runs
         )
 
-    def of_radar(self, number: int) -> UncertainStates:
-        """Return the states of one radar alone."""
-        own = of_radar(number)
+    def of_radars(
+        self, numbers: Sequence[int], model: NetworkModel | None = None
+    ) -> UncertainStates:
+        """Return the states of some radars alone, with a model of them that is known to hold."""
+        own = np.concatenate([np.arange(of_radar(i).start, of_radar(i).stop) for i in numbers])
         return UncertainStates.of(
-            NetworkModel((self.model.radars[number],)),
+            model or NetworkModel(tuple(self.model.radars[i] for i in numbers)),
             (self.aircraft, self.radar[:, own]),
-            (self.cov_aircraft, self.cov_radar[:, own, own]),
-            self.tolerances[number : number + 1],
+            (self.cov_aircraft, self.cov_radar[:, own[:, np.newaxis], own]),
+            [self.tolerances[i] for i in numbers],
             self.seed,
             self.runs,
         )
+
+    @cached_property
+    def sight(self) -> NDArray[np.int8]:
+        """Whether radars (k, m) see the aircraft at errors of the positions within REACH σ.
+
+        What is left out by this has a probability below the rounding of P_D.
+        """
+        of_aircraft = REACH * np.sqrt(largest_variance(self.cov_aircraft, POSITION))
+        found = []
+        for i, radar in enumerate(self.model.radars):
+            of_own = REACH * np.sqrt(largest_variance(self.cov_radar, of_radar(i, POSITION)))
+            own = self.radar[:, of_radar(i)]
+            found.append(radar.sight(self.aircraft, own, of_aircraft, of_own))
+        return np.stack(np.broadcast_arrays(*found, np.ones(len(self)))[:-1], axis=-1)
+
+    def by_sight(self) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
+        """Yield poses (j,), and their states with the radars that may see the aircraft alone.
+
+        One radar stays where none does. A limit that is out of reach is left out. What a pose has
+        depends on this pose alone.
+        """
+        if len(self.cov_radar) > 1:
+            yield np.arange(len(self)), self
+            return
+        kinds, which = np.unique(self.sight, axis=0, return_inverse=True)
+        for i, sight in enumerate(kinds):
+            rows, (numbers, model) = np.flatnonzero(which.ravel() == i), in_sight(self.model, sight)
+            yield rows, self.at(rows).of_radars(numbers, model)
 
     @cached_property
     def tolerance_normals(self) -> list[list[int]]:
@@ -264,6 +305,20 @@ class UncertainStates:
     @property
     def _arrays(self) -> tuple[FloatArray, ...]:
         return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
+
+
+def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], NetworkModel]:
+    """Return the radars that may see the aircraft, one if none does, and the network of them.
+
+    Args:
+        model: The network of m radars.
+        sight: Whether each sees the aircraft (m,), see `Radar.sight`.
+    """
+    numbers = np.flatnonzero(sight != NEVER).tolist() or [0]
+    radars = [model.radars[i] for i in numbers]
+    of_each = zip(radars, sight[numbers], strict=True)
+    seen = tuple(r.without_limits() if s == ALWAYS else r for r, s in of_each)
+    return numbers, replace(model, radars=seen)
 
 
 def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:

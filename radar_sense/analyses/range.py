@@ -466,7 +466,8 @@ def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
         lines.append(
             f"P_D {at.p_d:g}: the limit of the radar comes first {place}; sigma has no value"
         )
-    values = {"sigma": at.std, "the lower bound": at.lower, "the upper bound": at.upper}
+    lower, upper = (np.where(far, 0.0, bound) for bound in (at.lower, at.upper))  # said below
+    values = {"sigma": at.std, "the lower bound": lower, "the upper bound": upper}
     for name, value in values.items():
         undefined = np.isnan(value) & ~limited & ~none
         if undefined.any():

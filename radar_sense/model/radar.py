@@ -26,6 +26,9 @@ from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.radar_constant import DataSheet, Tolerance
 from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, real_array
 
+#: Whether a radar sees an aircraft whose position is uncertain, see `Radar.sight`.
+NEVER, PERHAPS, ALWAYS = np.arange(3, dtype=np.int8)
+
 
 @dataclass(frozen=True, eq=False)
 class Level:
@@ -182,6 +185,40 @@ class Radar:
             height = self.horizon.height(aircraft) if height is None else height
             visible &= distance <= horizon_range(self.horizon.height(radar), height)
         return visible
+
+    def sight(
+        self,
+        aircraft: FloatArray,
+        radar: FloatArray,
+        aircraft_error: FloatArray,
+        radar_error: FloatArray,
+    ) -> NDArray[np.int8]:
+        """Return whether (...) aircraft are in sight if positions are off by up to some distances.
+
+        Args:
+            aircraft: States of the aircraft (..., 6).
+            radar: States of the radar (..., 4).
+            aircraft_error: How far the positions of the aircraft are off at most (...) [m].
+            radar_error: How far those of the radar are off at most (...) [m].
+
+        Returns:
+            `NEVER`, `PERHAPS` or `ALWAYS` (...).
+        """
+        distance, error = slant_range(aircraft, radar), aircraft_error + radar_error
+        near, far = distance - error, distance + error
+        may, must = far >= self.min_range, near >= self.min_range
+        least = most = np.full(np.shape(distance), self.max_range)
+        if self.horizon is not None:
+            heights = self.horizon.height(radar), self.horizon.height(aircraft)
+            off = radar_error, aircraft_error
+            lowest, highest = (
+                horizon_range(*(h + sign * e for h, e in zip(heights, off, strict=True)))
+                for sign in (-1.0, 1.0)
+            )
+            least, most = np.minimum(least, lowest), np.minimum(most, highest)
+        return np.where(
+            must & (far <= least), ALWAYS, np.where(may & (near <= most), PERHAPS, NEVER)
+        )
 
     def without_limits(self) -> Radar:
         """Return the radar without minimum and maximum range and horizon."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from functools import cached_property
 
 import numpy as np
@@ -9,12 +10,10 @@ from numpy.typing import NDArray
 
 from radar_sense.covariance import component_first, draws
 from radar_sense.model.network import NetworkModel
+from radar_sense.model.radar import NEVER
 from radar_sense.montecarlo.sequences import TOGETHER
-from radar_sense.states import CONSTANT, FloatArray, component
-from radar_sense.uncertain_states import UncertainStates
-
-#: All poses of a scenario.
-ALL_POSES = slice(None)
+from radar_sense.states import CONSTANT, FloatArray, component, of_radar
+from radar_sense.uncertain_states import UncertainStates, in_sight
 
 
 class Sampler:
@@ -68,31 +67,39 @@ class Sampler:
         constants = radar[:, component(CONSTANT, len(self.model.radars))]
         return radar, np.asarray((constants == 0).any(axis=1))
 
+    @cached_property
+    def _parts(self) -> list[tuple[slice, NetworkModel, list[int]]]:
+        """Parts of the poses: poses, the radars that may see them, and their components of x_r."""
+        sight = self.states.sight
+        edges = np.flatnonzero(np.any(sight[1:] != sight[:-1], axis=1)) + 1
+        parts = []
+        for start, end in itertools.pairwise([0, *edges.tolist(), self.poses]):
+            numbers, radars = in_sight(self.model, sight[start])
+            own = [c for i in numbers for c in range(of_radar(i).start, of_radar(i).stop)]
+            if np.any(sight[start] != NEVER):
+                parts.append((slice(start, end), radars, own))
+        return parts
+
     def draw_p_d(
-        self,
-        normals: FloatArray,
-        radar: FloatArray,
-        poses: slice = ALL_POSES,
-        *,
-        overwrite: bool = False,
+        self, normals: FloatArray, radar: FloatArray, *, overwrite: bool = False
     ) -> FloatArray:
         """Draw an aircraft state for each pose of each run and compute P_D.
 
         Args:
             normals: Unit normals for the aircraft (runs, poses, 6).
             radar: Radar states (runs, 6m).
-            poses: Poses of the sampler.
             overwrite: Whether to overwrite the unit normals, to save memory.
 
         Returns:
             P_D (runs, poses).
         """
-        sqrt_cov, nominal = self.sqrt_cov_aircraft, self.states.aircraft[poses]
-        sqrt_cov = sqrt_cov if sqrt_cov.ndim == 2 else sqrt_cov[poses]
-        p_d = np.empty(normals.shape[:-1])
-        size = max(1, TOGETHER // max(1, int(normals.shape[1])))
-        for start in range(0, len(p_d), size):
-            runs = slice(start, start + size)
-            aircraft = draws(nominal, sqrt_cov, normals[runs], overwrite=overwrite)
-            p_d[runs] = self.model.p_d(aircraft, radar[runs, np.newaxis])
+        p_d, sqrt_cov = np.zeros(normals.shape[:-1]), self.sqrt_cov_aircraft
+        for poses, radars, own in self._parts:
+            nominal = self.states.aircraft[poses]
+            root = sqrt_cov if sqrt_cov.ndim == 2 else sqrt_cov[poses]
+            size = max(1, TOGETHER // len(nominal))
+            for start in range(0, len(p_d), size):
+                runs = slice(start, start + size)
+                aircraft = draws(nominal, root, normals[runs, poses], overwrite=overwrite)
+                p_d[runs, poses] = radars.p_d(aircraft, radar[runs, np.newaxis, own])
         return p_d

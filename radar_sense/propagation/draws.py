@@ -94,16 +94,18 @@ def estimate(
         p_max: Limit whose exceedance is counted; NaN for none.
         plain: Whether to draw from the natural density alone.
     """
-    found, first = Estimate.empty(len(states)), 0
-    for block in states.cut(BLOCK):
-        block = _row_by_row(block)
-        mixture = None if plain else Mixture.of(block, beta)
-        size = max(1, KEPT // draws)
-        for start in range(0, len(block), size):
-            rows = slice(start, start + size)
-            drawn = _draw(block.at(rows), mixture and mixture.at(rows), draws)
-            found.put(slice(first, first + len(drawn[0])), _estimate(*drawn, beta, p_max))
-            first += len(drawn[0])
+    found, size = Estimate.empty(len(states)), max(1, KEPT // draws)
+    for poses, part in states.by_sight():
+        first = 0
+        for block in part.cut(BLOCK):
+            block = _row_by_row(block)
+            mixture = None if plain else Mixture.of(block, beta)
+            for start in range(0, len(block), size):
+                rows = slice(start, start + size)
+                drawn = _draw(block.at(rows), mixture and mixture.at(rows), draws)
+                last = first + len(drawn[0])
+                found.put(poses[first:last], _estimate(*drawn, beta, p_max))
+                first = last
     return found
 
 

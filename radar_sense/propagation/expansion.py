@@ -203,7 +203,7 @@ class RelativeProbit:
         m = len(self.states.model.radars)
         if m == 1:  # what the loop below would do to one radar is to copy it
             return self._differences()
-        each = [RelativeProbit(self.states.of_radar(i))._differences() for i in range(m)]
+        each = [RelativeProbit(self.states.of_radars([i]))._differences() for i in range(m)]
         value, weight = linearize_fusion(np.stack([z.value for z in each]))
         n = len(self.components)
         gradient, second = np.zeros((n, len(value))), np.zeros((n, n, len(value)))

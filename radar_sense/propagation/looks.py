@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.covariance import largest_variance
 from radar_sense.progress import report
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.states import ATTITUDE, POSITION, FloatArray, of_radar
+from radar_sense.states import ATTITUDE, POSITION, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
 #: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
@@ -73,18 +74,13 @@ def lobed(states: UncertainStates) -> NDArray[np.bool_]:
     Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
     """
     result = np.zeros(len(states), dtype=bool)
-    attitude = _largest_variance(states.cov_aircraft, ATTITUDE)
+    attitude = largest_variance(states.cov_aircraft, ATTITUDE)
     for i, radar in enumerate(states.model.radars):
         position = of_radar(i, POSITION)
         line = states.aircraft[:, POSITION] - states.radar[:, position]
-        across = _largest_variance(states.cov_aircraft, POSITION)
-        across = across + _largest_variance(states.cov_radar, position)
+        across = largest_variance(states.cov_aircraft, POSITION)
+        across = across + largest_variance(states.cov_radar, position)
         with np.errstate(divide="ignore", invalid="ignore"):
             variance = attitude + across / np.sum(line * line, axis=1)
         result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(variance))
     return result
-
-
-def _largest_variance(covariance: FloatArray, block: slice) -> FloatArray:
-    """Return the largest variance (k,) in any direction of some components."""
-    return np.asarray(np.linalg.eigvalsh(covariance[:, block, block])[:, -1])
