@@ -34,6 +34,11 @@ MADE = (
 )
 #: Examples of keys that no file in configs/ or radar_sense/templates/ uses.
 EXAMPLES = {
+    "elevation_gain": "gain.csv",
+    "mask": "mask.csv",
+    "tilt_deg": 1.5,
+    "radar.mask.file": "mask.csv",
+    "radar.elevation_gain.file": "gain.csv",
     "min_range_km": 3,
     "horizon": "true",
     "m": 3,

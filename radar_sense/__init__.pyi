@@ -8,6 +8,8 @@ from radar_sense.errors import ComputationError as ComputationError
 from radar_sense.errors import FigureError as FigureError
 from radar_sense.errors import InputError as InputError
 from radar_sense.flight import States as States
+from radar_sense.model.antenna import ElevationGain as ElevationGain
+from radar_sense.model.antenna import Mask as Mask
 from radar_sense.model.detection_model import DetectionModel as DetectionModel
 from radar_sense.model.detection_model import Linearization as Linearization
 from radar_sense.model.detectors import BinaryIntegration as BinaryIntegration

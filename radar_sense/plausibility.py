@@ -9,7 +9,7 @@ from scipy.special import ndtr
 from radar_sense.acceptance.refinement import can_refine, coarse_steps
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import geodetic_from_ned, ned_from_geodetic
-from radar_sense.model.geometry import body_vector, slant_range
+from radar_sense.model.geometry import body_vector, radar_from_aircraft, slant_range
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, DOWN, POSITION, RADAR, FloatArray
@@ -42,6 +42,7 @@ def plausibility_warnings(scenario: Scenario) -> tuple[str, ...]:
         *_range(scenario),
         *_floor(scenario),
         *_elevation(scenario),
+        *_antenna(scenario),
         *_spacing(scenario),
         *_step(scenario),
         *_frequency(scenario),
@@ -169,7 +170,8 @@ def _ranges(position: FloatArray, radar: FloatArray) -> FloatArray:
 def _floor(scenario: Scenario) -> tuple[str, ...]:
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     if not visible.any():
-        text = "no radar sees the aircraft anywhere: see max_range_km, min_range_km and horizon"
+        limits = "max_range_km, min_range_km, horizon and mask"
+        text = f"no radar sees the aircraft anywhere: see {limits}"
         return (warning("never-seen", text),)
     p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
     floor = ndtr(scenario.model.floor(visible))
@@ -200,6 +202,24 @@ def _elevation(scenario: Scenario) -> tuple[str, ...]:
         f"above or below the aircraft {describe_poses(far, scenario.axis)}: measure at elevations"
     )
     return (warning("table-level", text),)
+
+
+def _antenna(scenario: Scenario) -> tuple[str, ...]:
+    """Return a warning if an antenna is used beyond the elevations of its gain."""
+    far = np.zeros(len(scenario.aircraft))
+    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
+    for i, radar in enumerate(scenario.radars):
+        if radar.model.antenna is not None:
+            line = radar_from_aircraft(scenario.aircraft, scenario.radar_states[i])
+            far = np.maximum(far, radar.model.antenna.outside(line) * visible[:, i])
+    if not (far > 0).any():
+        return ()
+    text = (
+        f"the gain of an antenna is used up to {np.rad2deg(far.max()):.3g} deg beyond its "
+        f"elevations {describe_poses(far > 0, scenario.axis)}, where the last gain holds: add "
+        "elevations to the file of elevation_gain"
+    )
+    return (warning("gain-beyond", text),)
 
 
 def _spacing(scenario: Scenario) -> tuple[str, ...]:

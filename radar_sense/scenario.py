@@ -33,13 +33,14 @@ from radar_sense.model.geodesy import is_place
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_constant import Tolerance
-from radar_sense.source_names import name_problem
+from radar_sense.source_names import PARAMETERS, name_problem
 from radar_sense.states import (
     AIRCRAFT,
     ATTENUATION_ERROR,
     RADAR,
     RADAR_AND_ERRORS,
     RCS_ERROR,
+    TILT_ERROR,
     FloatArray,
     component,
     of_radar,
@@ -277,9 +278,10 @@ class Scenario:
         return np.array([1.0 if r.model.has_spread else self.rcs_db for r in self.radars])
 
     @property
-    def attenuation_uncertain(self) -> bool:
-        """Whether the attenuation of any radar is uncertain, at the level."""
-        return any(radar.levels[self.level].attenuation_std for radar in self.radars)
+    def uncertain_parameters(self) -> tuple[str, ...]:
+        """Which of `PARAMETERS` are uncertain of any radar, at the level."""
+        levels = [radar.levels[self.level] for radar in self.radars]
+        return tuple(p for p in PARAMETERS if any(getattr(at, f"{p}_std") for at in levels))
 
     def states(self) -> UncertainStates:
         """Return the uncertain states of all poses, at the level."""
@@ -301,7 +303,7 @@ class Scenario:
         )
 
     def _cov_radar_and_errors(self) -> FloatArray:
-        """Return C_rr (6m, 6m) with the errors of RCS and attenuation."""
+        """Return C_rr (7m, 7m) with the errors of RCS, attenuation and tilt."""
         m = len(self.radars)
         matrix = np.zeros((len(RADAR_AND_ERRORS) * m,) * 2)
         for i, radar in enumerate(self.radars):
@@ -310,6 +312,8 @@ class Scenario:
             if level.attenuation_std:
                 at = of_radar(i).start + ATTENUATION_ERROR
                 matrix[at, at] = (level.attenuation_std / radar.model.attenuation) ** 2
+            at = of_radar(i).start + TILT_ERROR
+            matrix[at, at] = level.tilt_std**2
         bands = np.array(self.bands)
         shared = np.outer(self.rcs_std, self.rcs_std) * (bands[:, np.newaxis] == bands)
         matrix[component(RCS_ERROR, m), component(RCS_ERROR, m)] = shared

@@ -12,14 +12,16 @@ from radar_sense.states import (
     CONSTANT,
     POSITION,
     RCS_ERROR,
+    TILT_ERROR,
     component,
     of_radar,
 )
 
 #: Name of the error of the RCS; that of a band has the name of the band behind.
 AIRCRAFT_RCS = "aircraft_rcs"
-#: Name of the attenuation as a source, in the error budget of one radar.
-RADAR_ATTENUATION = "radar_attenuation"
+#: Parameters that a radar may have besides c_r, by name, and where its state has their errors. In
+#: the error budget of one radar each is a source if it is uncertain.
+PARAMETERS = {"attenuation": ATTENUATION_ERROR, "tilt": TILT_ERROR}
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Source:
 
     Attributes:
         owner: "aircraft" or "radar".
-        components: Their places in the state, (6,) or (6m,).
+        components: Their places in the state, (6,) or (7m,).
         shared: The type of radars whose shared tolerances are the source; "" for none.
     """
 
@@ -38,7 +40,7 @@ class Source:
 
 
 def sources(
-    names: Sequence[str], bands: Sequence[str], types: Sequence[str], *, attenuation: bool
+    names: Sequence[str], bands: Sequence[str], types: Sequence[str], uncertain: Sequence[str]
 ) -> dict[str, Source]:
     """Return the sources of an error budget by name. Together they have all components.
 
@@ -49,7 +51,7 @@ def sources(
         names: Names of the radars (m,); () for a single radar without a name.
         bands: Band of each radar (m,).
         types: The types of radars that share tolerances.
-        attenuation: Whether the attenuation of a single radar is a source of its own.
+        uncertain: Which of `PARAMETERS` are uncertain.
     """
     found = {
         "aircraft_position": Source("aircraft", _numbers(POSITION)),
@@ -69,17 +71,17 @@ def sources(
         name = AIRCRAFT_RCS if len(different) == 1 else f"{AIRCRAFT_RCS}_{band}"
         own = tuple(c for c, other in zip(of_rcs, bands, strict=True) if other == band)
         found[name] = Source("radar", own)
-    if len(bands) == 1 and attenuation:
-        found[RADAR_ATTENUATION] = Source("radar", (ATTENUATION_ERROR,))
+    if len(bands) == 1:
+        found |= {f"radar_{name}": Source("radar", (PARAMETERS[name],)) for name in uncertain}
     return found
 
 
-def finer_sources(names: Sequence[str], *, attenuation: bool) -> dict[str, Source]:
+def finer_sources(names: Sequence[str], uncertain: Sequence[str]) -> dict[str, Source]:
     """Return further sources of a budget of several radars: the aircraft, and parts of radars.
 
     Args:
         names: Names of the radars; fewer than two have no further sources.
-        attenuation: Whether the attenuation of each radar is a source.
+        uncertain: Which of `PARAMETERS` are uncertain of any radar.
     """
     if len(names) < 2:
         return {}
@@ -88,10 +90,10 @@ def finer_sources(names: Sequence[str], *, attenuation: bool) -> dict[str, Sourc
         own = _numbers(of_radar(i))
         finer[f"{name}_position"] = Source("radar", own[POSITION])
         finer[f"{name}_constant"] = Source("radar", own[CONSTANT : CONSTANT + 1])
-    if attenuation:
+    for parameter in uncertain:
         for i, name in enumerate(names):
-            at = _numbers(of_radar(i))[ATTENUATION_ERROR]
-            finer[f"{name}_attenuation"] = Source("radar", (at,))
+            at = _numbers(of_radar(i))[PARAMETERS[parameter]]
+            finer[f"{name}_{parameter}"] = Source("radar", (at,))
     return finer
 
 
@@ -113,7 +115,7 @@ def name_problem(
     taken |= {AIRCRAFT_RCS, *(f"{AIRCRAFT_RCS}_{band}" for band in bands), *map(type_name, types)}
     taken |= {f"error_{name}" for name in taken}  # share_error_... is a column too
     for name in names:
-        parts = (f"{name}_{part}" for part in ("position", "constant", "attenuation"))
+        parts = (f"{name}_{part}" for part in ("position", "constant", *PARAMETERS))
         for row in (name, *parts, f"error_{name}"):
             if row in taken:
                 return f"radars cannot be named {', '.join(names)}: {row!r} would mean two things"

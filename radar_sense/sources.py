@@ -111,7 +111,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         return _by_sobol_indices(scenario)
     total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
-    finer_names = finer_sources(names, attenuation=scenario.attenuation_uncertain)
+    finer_names = finer_sources(names, scenario.uncertain_parameters)
     groups = (sources_of(scenario), finer_names, parts_of(scenario))
     whole = distribution(scenario, method)
     count = sum(len(group) for group in groups)
@@ -136,7 +136,7 @@ def sources_of(scenario: Scenario) -> dict[str, Source]:
         scenario.model.names,
         scenario.bands,
         scenario.types,
-        attenuation=scenario.attenuation_uncertain,
+        scenario.uncertain_parameters,
     )
     std = np.diagonal(scenario.states().cov_radar[0])
     return {
@@ -458,12 +458,12 @@ def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> Uncert
 
 
 def _source(scenario: Scenario, name: str) -> Source:
-    finer = finer_sources(scenario.model.names, attenuation=scenario.attenuation_uncertain)
+    finer = finer_sources(scenario.model.names, scenario.uncertain_parameters)
     return {**sources_of(scenario), **finer}[name]
 
 
 def _without_tolerances(scenario: Scenario) -> FloatArray:
-    """Return C_rr (6m, 6m) without the variance of c_r that is of tolerances."""
+    """Return C_rr (7m, 7m) without the variance of c_r that is of tolerances."""
     matrix = scenario.states().cov_radar[0]
     constants = np.arange(len(matrix))[component(CONSTANT, len(scenario.radars))]
     others = np.setdiff1d(np.arange(len(matrix)), constants[scenario.states().log_constant])
@@ -596,7 +596,10 @@ def contributions(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
     """Return the sources of an error budget, then their parts and finer sources, by name."""
     part_of = {name: part.source for name, part in parts_of(scenario).items()}
     part_of |= {
-        n: n.removesuffix("_attenuation") for n in found.finer if n.endswith("_attenuation")
+        name: name.removesuffix(f"_{parameter}")
+        for parameter in scenario.uncertain_parameters
+        for name in found.finer
+        if name.endswith(f"_{parameter}")
     }
     variance, errors = np.where(found.std > 0, found.std**2, np.nan), found.share_error or {}
     return {

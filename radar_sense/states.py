@@ -2,7 +2,7 @@
 
 Every array of states has the components on the last axis, in the order given here. The states of
 several radars follow each other, (..., 4m). Besides its four states a radar may have the errors of
-further parameters, nominally 0: (..., 6m) for m radars. A scenario has them always, with the
+further parameters, nominally 0: (..., 7m) for m radars. A scenario has them always, with the
 variance 0 where a parameter is certain.
 """
 
@@ -23,17 +23,20 @@ MOST, MOST_CONSTANT = 1e60, 1e200
 AIRCRAFT = ("north", "east", "down", "roll", "pitch", "yaw")
 #: x_r of the paper: position in the north-east-down frame [m] and radar constant c_r [J m²/K].
 RADAR = ("north", "east", "down", "constant")
-#: x_r, the error ε of the RCS at this radar (see `model.rcs`), and the error of ln α with the
-#: attenuation α.
-RADAR_AND_ERRORS = (*RADAR, "the error of the RCS", "the error of the attenuation")
+#: x_r, the error ε of the RCS at this radar (see `model.rcs`), the error of ln α with the
+#: attenuation α, and the error of the tilt of the antenna [rad].
+RADAR_AND_ERRORS = (
+    *RADAR,
+    *("the error of the RCS", "the error of the attenuation", "the error of the tilt"),
+)
 POSITION = slice(0, 3)
 ATTITUDE = slice(3, 6)
 DOWN, YAW = 2, 5
-CONSTANT, RCS_ERROR, ATTENUATION_ERROR = 3, 4, 5
+CONSTANT, RCS_ERROR, ATTENUATION_ERROR, TILT_ERROR = 3, 4, 5, 6
 
 
 def of_each(radar: FloatArray, radars: int) -> list[FloatArray]:
-    """Split the states (..., 4m) or (..., 6m) of m radars into those of each, (..., 4) or (..., 6).
+    """Split the states (..., 4m) or (..., 7m) of m radars into those of each, (..., 4) or (..., 7).
 
     Raises:
         ValueError: If the shape does not fit.
@@ -49,7 +52,7 @@ def of_each(radar: FloatArray, radars: int) -> list[FloatArray]:
 
 
 def component(name: int, radars: int) -> slice:
-    """Return where the states (..., 6m) of m radars have a component, such as `CONSTANT`."""
+    """Return where the states (..., 7m) of m radars have a component, such as `CONSTANT`."""
     return slice(name, len(RADAR_AND_ERRORS) * radars, len(RADAR_AND_ERRORS))
 
 
@@ -58,13 +61,13 @@ _ALL = slice(0, len(RADAR_AND_ERRORS))
 
 
 def of_radar(number: int, components: slice = _ALL) -> slice:
-    """Return where the states (..., 6m) have some components of one radar, by default all."""
+    """Return where the states (..., 7m) have some components of one radar, by default all."""
     first = len(RADAR_AND_ERRORS) * number
     return slice(first + components.start, first + components.stop)
 
 
 def with_errors(array: FloatArray, radars: int, axes: int = 1) -> FloatArray:
-    """Return states (..., 6m) for (..., 4m): the errors of further parameters are 0.
+    """Return states (..., 7m) for (..., 4m): the errors of further parameters are 0.
 
     Args:
         array: The states, or a covariance (..., 4m, 4m).
@@ -104,7 +107,7 @@ def real_array(name: str, values: ArrayLike) -> FloatArray:
 def checked_states(
     aircraft: ArrayLike, radar: ArrayLike, radars: int = 1
 ) -> tuple[FloatArray, list[FloatArray]]:
-    """Return states of the aircraft (..., 6), and of each radar (..., 4) or (..., 6), as arrays.
+    """Return states of the aircraft (..., 6), and of each radar (..., 4) or (..., 7), as arrays.
 
     Raises:
         ValueError: If a shape does not fit, a state is not finite or a radar constant is negative.

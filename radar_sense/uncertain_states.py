@@ -67,9 +67,9 @@ class UncertainStates:
     Attributes:
         model: The network of m radars, or of one.
         aircraft: Nominal aircraft states (k, 6).
-        radar: Nominal radar states (k, 6m).
+        radar: Nominal radar states (k, 7m).
         cov_aircraft: C_aa (k, 6, 6).
-        cov_radar: C_rr (k, 6m, 6m), with a c_r with tolerances to first order.
+        cov_radar: C_rr (k, 7m, 7m), with a c_r with tolerances to first order.
         tolerances: Tolerances that make the c_r of each radar (m,) uncertain; () for a Gaussian
             c_r.
         seed: Seed of draws of these states.
@@ -101,8 +101,8 @@ class UncertainStates:
 
         Args:
             model: The network of m radars.
-            nominal: States of the aircraft (k, 6) and of the radars (k, 6m).
-            covariances: C_aa (k, 6, 6) and C_rr (k, 6m, 6m). The variances of a c_r with tolerances
+            nominal: States of the aircraft (k, 6) and of the radars (k, 7m).
+            covariances: C_aa (k, 6, 6) and C_rr (k, 7m, 7m). The variances of a c_r with tolerances
                 follow from the tolerances, and may have any value here.
             tolerances: Tolerances of each radar (m,).
             seed: Seed of draws.
@@ -234,11 +234,11 @@ class UncertainStates:
 
     @cached_property
     def sqrt_cov_radar(self) -> FloatArray:
-        """F (k, 6m, r) with F Fᵀ = C_rr but for every c_r with tolerances."""
+        """F (k, 7m, r) with F Fᵀ = C_rr but for every c_r with tolerances."""
         return _root(self.cov_radar, self.tolerances)[:, :, self.columns]
 
     def at_normals(self, u: FloatArray, rows: slice = slice(None)) -> tuple[FloatArray, FloatArray]:
-        """Return aircraft states (k, n, 6) and radar states (k, n, 6m) at unit normals.
+        """Return aircraft states (k, n, 6) and radar states (k, n, 7m) at unit normals.
 
         Args:
             u: Unit normals (k, d, n).
@@ -255,11 +255,11 @@ class UncertainStates:
         return aircraft, self._radars(at(self.radar), at(self.sqrt_cov_radar), of_radars)
 
     def radars_at(self, normals: FloatArray) -> FloatArray:
-        """Return radar states (n, 6m) at unit normals (n, d − 6), for radars alike at all poses."""
+        """Return radar states (n, 7m) at unit normals (n, d − 6), for radars alike at all poses."""
         return self._radars(self.radar[0], self.sqrt_cov_radar[0], normals)
 
     def _radars(self, nominal: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatArray:
-        """Return radar states (..., 6m) at unit normals (..., d − 6)."""
+        """Return radar states (..., 7m) at unit normals (..., d − 6)."""
         first, of_tolerances = np.split(normals, [len(self.columns)], axis=-1)
         radar = draws(nominal, sqrt_cov, first)
         constants = radar[..., component(CONSTANT, len(self.tolerances))]  # a view
@@ -277,8 +277,8 @@ class UncertainStates:
 
         Args:
             by_aircraft: Its gradient by the aircraft state (k, 6).
-            by_radar: Its gradient by the radar states (k, 6m).
-            radar: The radar states (k, 6m) of the gradient.
+            by_radar: Its gradient by the radar states (k, 7m).
+            radar: The radar states (k, 7m) of the gradient.
         """
         first = len(AIRCRAFT)
         last = first + len(self.columns)
@@ -358,7 +358,7 @@ def _root(covariance: FloatArray, tolerances: Sequence[Sequence[Tolerance]]) -> 
 
 
 def _places_of_constants(tolerances: Sequence[Sequence[Tolerance]]) -> NDArray[np.intp]:
-    """Return where the radar states (6m,) have a c_r with tolerances."""
+    """Return where the radar states (7m,) have a c_r with tolerances."""
     which = np.flatnonzero([bool(own) for own in tolerances])
     return len(RADAR_AND_ERRORS) * which + CONSTANT
 
@@ -383,9 +383,9 @@ def uncertain_states(
     Args:
         model: The detection model, of a radar or of a network of m.
         aircraft: Nominal aircraft states (..., 6).
-        radar: Nominal radar states (..., 4m), or (..., 6m).
+        radar: Nominal radar states (..., 4m), or (..., 7m).
         cov_aircraft: C_aa (..., 6, 6).
-        cov_radar: C_rr (..., 4m, 4m), or (..., 6m, 6m).
+        cov_radar: C_rr (..., 4m, 4m), or (..., 7m, 7m).
 
     Returns:
         The shape (...) of all poses, and the states.

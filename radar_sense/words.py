@@ -94,6 +94,10 @@ WARNINGS: dict[str, str] = {
         "The step of geometry.interpolate is longer than the route, so it adds no pose. It is in "
         "seconds."
     ),
+    "gain-beyond": (
+        "The file of an antenna's gain ends before the elevations that occur. The outermost gain "
+        "is used beyond, which may be far from the truth."
+    ),
     "table-exceeded": (
         "The RCS table ends before the elevations that occur. The outermost values are used "
         "beyond: measure there, or read the results with care."

@@ -27,6 +27,7 @@ from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
+from radar_sense.states import CONSTANT, of_radar
 from radar_sense.uncertain_states import uncertain_states
 
 # The paper's scenario with changes: `scenario(geometry__range_km=400)` and the like.
@@ -450,7 +451,7 @@ def log_normal(states, which=True):
     which = np.broadcast_to(which, len(states.tolerances))
     tolerances = []
     for i, log in enumerate(which):
-        at = 6 * i + 3
+        at = of_radar(i).start + CONSTANT
         slope = np.sqrt(radar[..., at, at].flat[0]) / states.radar[0, at]
         one = Tolerance("c_r", 1.0, slope / NEPERS, power=1, decibels=True)
         tolerances.append((one,) if log and slope else ())

@@ -172,13 +172,19 @@ def along(scenario: Scenario, place: FloatArray) -> Scenario:
 
 
 def coarse_steps(path: Scenario, largest: float = LARGEST_TURN) -> NDArray[np.bool_]:
-    """Return the steps (n − 1,) in which the aspect or the range of a radar changes much."""
+    """Return the steps (n − 1,) in which the aspect or the range of a radar changes much.
+
+    Where the gain or a mask depends on the direction from the radar, it may not turn more.
+    """
     coarse = np.zeros(len(path.aircraft) - 1, dtype=bool)
-    for model, radar in zip(path.model.models, path.radar_states, strict=True):
+    for single, radar in zip(path.radars, path.radar_states, strict=True):
+        model = single.model
         line = path.aircraft[:, POSITION] - radar[POSITION]
         distance = np.linalg.norm(line, axis=1)
         moved = np.linalg.norm(np.diff(line, axis=0), axis=1)
         coarse |= moved > LARGEST_MOVE * np.minimum(distance[1:], distance[:-1])
+        if model.antenna is not None or single.mask is not None:
+            coarse |= moved > largest * np.minimum(distance[1:], distance[:-1])
         if model.rcs.isotropic:
             continue
         x, y, z = body_vector(path.aircraft, radar).T
@@ -193,14 +199,16 @@ def coarse_steps(path: Scenario, largest: float = LARGEST_TURN) -> NDArray[np.bo
 def scan(scenario: Scenario) -> tuple[FloatArray, bool]:
     """Return the places at which P_D of the nominal states is greatest, and whether all are found.
 
-    In a step of the scan the aspect of each radar turns by half a lobe of the RCS at most. The scan
+    In a step of the scan the aspect of each radar turns by half a lobe of the RCS at most, and the
+    direction from a radar by half the distance of two nodes of its gain or mask. The scan
     has the closest point to each radar, and both sides of each crossing of a limit.
     """
     place = scenario.geometry.coordinate
     if place[0] > place[-1]:
         place = place[::-1]
     shortest = SCANNED * scenario.geometry.shortest
-    largest = min(LARGEST_TURN, *(HALF * m.rcs.detail for m in scenario.model.models))
+    by_direction = [of for r in scenario.radars for of in (r.model.rcs, r.model.antenna, r.mask)]
+    largest = min(LARGEST_TURN, *(HALF * of.detail for of in by_direction if of is not None))
     place, _ = _divided(
         scenario, place, np.zeros(len(place), dtype=int), largest, shortest, MAX_SCAN
     )
@@ -254,6 +262,8 @@ def _margin(poses: Scenario, number: int) -> FloatArray:
     margin = np.minimum(radar.max_range - distance, distance - radar.min_range)
     if radar.horizon is not None:
         margin = np.minimum(margin, radar.horizon.range(poses.aircraft, state) - distance)
+    if radar.mask is not None:
+        margin = np.minimum(margin, distance * radar.mask.clearance(poses.aircraft, state))
     return margin
 
 

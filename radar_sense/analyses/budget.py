@@ -26,7 +26,7 @@ from radar_sense.command import (
 from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, Moments, unreliable_in_scenario
 from radar_sense.propagation.automatic import STD_ERROR
 from radar_sense.scenario import Scenario
-from radar_sense.source_names import AIRCRAFT_RCS, RADAR_ATTENUATION
+from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS
 from radar_sense.sources import (
     Budget,
     Contribution,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 #: its largest share.
 VANISHING = 1e-3
 #: Sources that the paper does not have; their columns follow the total.
-FURTHER = (AIRCRAFT_RCS, RADAR_ATTENUATION)
+FURTHER = (AIRCRAFT_RCS, *(f"radar_{name}" for name in PARAMETERS))
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01
 #: A line below this part of the total lies on the axis, and is left out of a full figure.

@@ -21,7 +21,7 @@ from radar_sense.covariance import variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import Limit
 from radar_sense.model.detectors import PULSES, Detector, Marcum, North, PulseDetector, required_snr
-from radar_sense.model.geometry import slant_range
+from radar_sense.model.geometry import radar_from_aircraft, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
@@ -52,6 +52,7 @@ TERMS = {
     "aircraft_orientation": "aircraft_rcs",
     "aircraft_rcs": "aircraft_rcs",
     "radar_attenuation": "attenuation",
+    "radar_tilt": "elevation_gain",
 }
 
 
@@ -251,6 +252,10 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     values = {"range": -40.0 * np.log10(distance)}
     if radar.model.attenuation:
         values["attenuation"] = -2.0 * radar.model.attenuation * distance
+    if radar.model.antenna is not None:
+        line = radar_from_aircraft(scenario.aircraft, scenario.radar)
+        nepers = radar.model.antenna.nepers(line, np.zeros(()))
+        values["elevation_gain"] = words.decibels(np.exp(nepers))
     values["aircraft_rcs"] = snr_db - sum(parts.values()) - sum(values.values())
     terms |= {name: (value, SPAN * np.sqrt(variances[name])) for name, value in values.items()}
     total = sum(variance_along(by, covariances[owner]) for owner, by in by_owner.items())
@@ -271,7 +276,8 @@ def _draw(
         ends = np.cumsum([0.0, *changes.values()]).tolist()
         return list(zip(changes, ends, ends[1:], strict=False))
 
-    losses = {name: t for name, t in terms.items() if name.endswith("_db") or name == "attenuation"}
+    of_path = {"attenuation", "elevation_gain"} & {*terms}
+    losses = {name: t for name, t in terms.items() if name.endswith("_db") or name in of_path}
     (snr, _), needed = terms["snr"], sum(changes.values())
     values = {name: loss for name, (loss, _) in losses.items()}
     supply = chain({"SNR without losses": snr - sum(values.values()), **values})

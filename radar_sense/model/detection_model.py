@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from radar_sense.covariance import checked, variance_along
 from radar_sense.errors import InputError
 from radar_sense.limits import NOT_NEGATIVE, Limit, check_number
+from radar_sense.model.antenna import ElevationGain
 from radar_sense.model.detectors import Detector, North, linearize
 from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircraft
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
@@ -29,6 +30,7 @@ from radar_sense.states import (
     CONSTANT,
     RADAR,
     RCS_ERROR,
+    TILT_ERROR,
     FloatArray,
     checked_states,
 )
@@ -89,10 +91,10 @@ class DetectionModel:
     """Probability that a radar detects an aircraft with a single pulse.
 
     Aircraft states are (..., 6): north, east, down [m], roll, pitch, yaw [rad]. Radar states are
-    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. Two errors may follow: ε of the
-    RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), and the error of ln α multiplies the attenuation
-    α by its exponential. The two states broadcast against each other. All results are NaN where
-    aircraft and radar coincide.
+    (..., 4): north, east, down [m] and radar constant c_r [J m²/K]. Three errors may follow: ε of
+    the RCS, see `rcs`, multiplies σ_r by 10^(s ε/10), the error of ln α multiplies the attenuation
+    α by its exponential, and the error of the tilt [rad] adds to the tilt of the antenna. The two
+    states broadcast against each other. All results are NaN where aircraft and radar coincide.
 
     Attributes:
         rcs: Radar cross section by aspect.
@@ -100,12 +102,14 @@ class DetectionModel:
         detector: Detector, from signal-to-noise ratio to P_D. The default is North's approximation.
         attenuation: One-way attenuation α [dB/m] on the way to the target and back. S is multiplied
             by 10^(−2αR/10).
+        antenna: Gain of the antenna over elevation; None for the gain of c_r at all elevations.
     """
 
     rcs: RCS
     p_fa: float
     detector: Detector = field(default_factory=North)
     attenuation: float = 0.0
+    antenna: ElevationGain | None = None
 
     def __post_init__(self) -> None:
         p_fa = check_number("p_fa", self.p_fa, Limit(above=0, below=1))
@@ -115,6 +119,8 @@ class DetectionModel:
         check_rcs(self.rcs)
         if not hasattr(self.detector, "linearize_probit") or isinstance(self.detector, type):
             raise InputError(f"detector must be a detector such as Marcum(), got {self.detector!r}")
+        if not isinstance(self.antenna, ElevationGain | None):
+            raise InputError(f"antenna must be an ElevationGain or None, got {self.antenna!r}")
 
     @property
     def has_spread(self) -> bool:
@@ -207,10 +213,12 @@ class DetectionModel:
             sigma = self.rcs.cross_section(join(body))
         range_squared = _range_squared(line)
         ratio = snr(radar[..., CONSTANT], sigma, range_squared)
-        if not self.attenuation:
-            return ratio
-        # there and back, 10^(−2αR/10)
-        return ratio * np.exp(-2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared))
+        if self.attenuation:  # there and back, 10^(−2αR/10)
+            path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
+            ratio = ratio * np.exp(-path_loss)
+        if self.antenna is not None:
+            ratio = ratio * np.exp(self.antenna.nepers(line, _tilt_error(radar)))
+        return ratio
 
     def _attenuation(self, radar: FloatArray) -> FloatArray:
         """Return the attenuation α (...) [dB/m] with its error."""
@@ -238,10 +246,15 @@ class DetectionModel:
         # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without that factor, and exist where the factor
         # is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
-        path_loss = 0.0 * _ONE  # −ln of the factor of the attenuation
+        path_loss = by_tilt = 0.0 * _ONE  # path_loss is −ln of the factor of the attenuation
+        gain = None
         if self.attenuation:
             path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
             gain = np.exp(-path_loss)
+        if self.antenna is not None:
+            nepers, by_line, by_tilt = self.antenna.linearize(line, _tilt_error(radar))
+            gain = np.exp(nepers - path_loss)
+        if gain is not None:
             ratio, ds_dconstant = gain * ratio, gain * ds_dconstant
         value, by_snr = detector(ratio, self.p_fa)
 
@@ -250,12 +263,16 @@ class DetectionModel:
         if self.attenuation:
             by_range *= 1.0 + 0.25 * path_loss
         by_position = Vector(*(by_range * d for d in line))
+        if self.antenna is not None:
+            by_position = Vector(
+                *(p + by_snr * ratio * g for p, g in zip(by_position, by_line, strict=True))
+            )
         if attitude is None:
             by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where aircraft and radar coincide
         else:
             # σ_r depends on the body-frame vector, the range does not.
             by_sigma = by_snr * snr(constant, _ONE, range_squared)
-            if self.attenuation:
+            if gain is not None:
                 by_sigma *= gain
             by_aspect, by_attitude = attitude.pull_back(
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
@@ -264,8 +281,13 @@ class DetectionModel:
         of_radar = [*by_position, by_snr * ds_dconstant]
         if with_errors:
             by_log = by_snr * ratio
-            of_radar += [by_log * by_error, -by_log * path_loss]
+            of_radar += [by_log * by_error, -by_log * path_loss, by_log * by_tilt]
         return value, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
+
+
+def _tilt_error(radar: FloatArray) -> FloatArray:
+    """Return the error of the tilt (...) [rad] of radar states (..., 4) or (..., 7)."""
+    return np.zeros(()) if radar.shape[-1] == len(RADAR) else radar[..., TILT_ERROR]
 
 
 def _range_squared(line: Vector) -> FloatArray:

@@ -6,7 +6,7 @@ detections are therefore independent, and
     P_D = 1 − Π (1 − P_i).
 
 All radars look at one aircraft with one position and attitude. A network is one function of one
-state, x_a (..., 6) and the states of all radars (..., 4m) or (..., 6m), see `states`. Propagation
+state, x_a (..., 6) and the states of all radars (..., 4m) or (..., 7m), see `states`. Propagation
 and draws of this state include the dependence between the radars.
 
 A radar may have limits beyond which P_i = 0. Such an edge has no gradient. A gradient, and moments
@@ -36,7 +36,7 @@ from radar_sense.states import CONSTANT, FloatArray, checked_states, of_each, re
 class NetworkModel:
     """Probability that at least one of m radars detects an aircraft with a single pulse.
 
-    A network has the methods of a `DetectionModel`, with radar states (..., 4m) or (..., 6m).
+    A network has the methods of a `DetectionModel`, with radar states (..., 4m) or (..., 7m).
 
     Attributes:
         radars: The radars, one or more.
@@ -161,7 +161,7 @@ class NetworkModel:
 
         Args:
             aircraft: (k, 6).
-            radar: (k, 6m); c_r may be negative.
+            radar: (k, 7m); c_r may be negative.
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
         """
         states = of_each(radar, len(self.radars))

@@ -20,6 +20,7 @@ from radar_sense.limits import (
     Limit,
     check_number,
 )
+from radar_sense.model.antenna import Mask
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon, horizon_range
@@ -39,11 +40,13 @@ class Level:
         tolerances: Tolerances that make c_r uncertain; () for a Gaussian c_r.
         attenuation_std: Standard deviation of the attenuation [dB/m]. The attenuation is
             log-normal, with the value of the model as its median.
+        tilt_std: Standard deviation of the tilt of the antenna [rad].
     """
 
     covariance: FloatArray
     tolerances: tuple[Tolerance, ...] = ()
     attenuation_std: float = 0.0
+    tilt_std: float = 0.0
 
     def __post_init__(self) -> None:
         matrix = covariance.checked("radar", self.covariance).copy()
@@ -58,7 +61,8 @@ class Level:
         ):
             raise InputError(f"tolerances must be a tuple of Tolerance, got {self.tolerances!r}")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
-        check_number("attenuation_std", self.attenuation_std, NOT_NEGATIVE)
+        for name in ("attenuation_std", "tilt_std"):
+            check_number(name, getattr(self, name), NOT_NEGATIVE)
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         vars(self).update(state)
@@ -82,6 +86,7 @@ class Radar:
         min_range: Slant range within which P_D is 0 [m].
         sheet: The data sheet that c_r was computed from, or None.
         band: The frequency band. Radars of one band have one error of the RCS.
+        mask: Terrain that hides what is below it; None for none.
     """
 
     model: DetectionModel
@@ -94,6 +99,7 @@ class Radar:
     min_range: float = 0.0
     sheet: DataSheet | None = None
     band: str = ""
+    mask: Mask | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, DetectionModel):
@@ -120,6 +126,8 @@ class Radar:
             raise InputError(f"sheet must be a DataSheet or None, got {self.sheet!r}")
         if not isinstance(self.horizon, Horizon | None):
             raise InputError(f"horizon must be a Horizon() or None, got {self.horizon!r}")
+        if not isinstance(self.mask, Mask | None):
+            raise InputError(f"mask must be a Mask or None, got {self.mask!r}")
         if self.scan_period is not None:
             period = check_number("scan_period", self.scan_period, POSITIVE)
             object.__setattr__(self, "scan_period", period)
@@ -137,6 +145,8 @@ class Radar:
                 level.attenuation_std,
                 Limit(at_least=0, at_most=self.model.attenuation),
             )
+            if level.tilt_std and self.model.antenna is None:
+                raise InputError(f"levels[{name!r}].tilt_std needs an antenna of the model")
         object.__setattr__(self, "levels", MappingProxyType(dict(self.levels)))
 
     def __repr__(self) -> str:
@@ -148,6 +158,7 @@ class Radar:
                 ("horizon", self.horizon, None),
                 ("scan_period", self.scan_period, None),
                 ("band", self.band, ""),
+                ("mask", self.mask, None),
             )
             if value != default
         )
@@ -184,6 +195,8 @@ class Radar:
         if self.horizon is not None:
             height = self.horizon.height(aircraft) if height is None else height
             visible &= distance <= horizon_range(self.horizon.height(radar), height)
+        if self.mask is not None:
+            visible &= self.mask.clearance(aircraft, radar) >= 0
         return visible
 
     def sight(
@@ -216,18 +229,22 @@ class Radar:
                 for sign in (-1.0, 1.0)
             )
             least, most = np.minimum(least, lowest), np.minimum(most, highest)
+        if self.mask is not None:
+            low, high = self.mask.clearance_within(aircraft, radar, error)
+            may, must = may & (high >= 0), must & (low >= 0)
         return np.where(
             must & (far <= least), ALWAYS, np.where(may & (near <= most), PERHAPS, NEVER)
         )
 
     def without_limits(self) -> Radar:
-        """Return the radar without minimum and maximum range and horizon."""
-        return replace(self, min_range=0.0, max_range=math.inf, horizon=None)
+        """Return the radar without minimum and maximum range, horizon and mask."""
+        return replace(self, min_range=0.0, max_range=math.inf, horizon=None, mask=None)
 
     @property
     def limited(self) -> bool:
-        """Whether the radar has a maximum range, a minimum range or a horizon."""
-        return self.max_range < math.inf or self.min_range > 0 or self.horizon is not None
+        """Whether the radar has a maximum range, a minimum range, a horizon or a mask."""
+        in_range = self.min_range <= 0 and self.max_range == math.inf
+        return not in_range or self.horizon is not None or self.mask is not None
 
 
 def _checked_state(values: ArrayLike) -> FloatArray:

@@ -61,7 +61,7 @@ class Sampler:
             normals: Unit normals (runs, radar_normals).
 
         Returns:
-            Radar states (runs, 6m), and where a c_r was drawn below zero and set to zero (runs,).
+            Radar states (runs, 7m), and where a c_r was drawn below zero and set to zero (runs,).
         """
         radar = self.states.radars_at(normals)
         constants = radar[:, component(CONSTANT, len(self.model.radars))]
@@ -87,7 +87,7 @@ class Sampler:
 
         Args:
             normals: Unit normals for the aircraft (runs, poses, 6).
-            radar: Radar states (runs, 6m).
+            radar: Radar states (runs, 7m).
             overwrite: Whether to overwrite the unit normals, to save memory.
 
         Returns:

@@ -5,13 +5,13 @@ The mixture (A. Owen and Y. Zhou, "Safe and effective importance sampling", J. A
 
 - the natural density, N(0, 1) in every component. No weight can then exceed 1/NATURAL.
 - a density for each radar that is wider in the few directions in which its signal depends on the
-  errors: the line of sight in body axes, the gain, and heights where there is a horizon. It reaches
-  lobes, limits and horizons.
+  errors: the line of sight in body axes, the gain, the tilt of an antenna, and heights where there
+  is a horizon. It reaches lobes, limits and horizons.
 - densities about centres that raise P_D: the greatest z of the network within β, the greatest z of
   each radar alone, the errors that bring the aircraft closest to each radar, and those that raise
-  both ends above a horizon.
+  both ends above a horizon, or the aircraft above a mask.
 - densities about centres that lower P_D: the least z of the network, and the errors that lead out
-  of sight, below a horizon, beyond the maximum range or within the minimum range.
+  of sight, below a horizon or mask, beyond the maximum range or within the minimum range.
 
 Centres and directions only choose where to draw. The weights, natural density over density of the
 mixture, are exact for any choice.
@@ -27,14 +27,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft
+from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft, slant_range
 from radar_sense.states import (
     AIRCRAFT,
     ATTITUDE,
     CONSTANT,
     DOWN,
     POSITION,
-    RADAR_AND_ERRORS,
+    TILT_ERROR,
     FloatArray,
     component,
     of_radar,
@@ -54,6 +54,8 @@ STEPS = 6
 LEAST_CONSTANT = 1e-3
 #: Least height [m] on the way above a horizon.
 LEAST_HEIGHT = 1.0
+#: Step of a difference, as a part of the range.
+DIFFERENCE = 1e-4
 #: Largest ln of a ratio of densities. The weight of such a draw is 0.
 MOST = 600.0
 #: A direction counts if its singular value is above this part of the largest.
@@ -149,6 +151,10 @@ def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], li
             of_horizon = partial(_of_horizon, number=i)
             rising.append(_extreme(states, beta, of_horizon))
             falling.append(_extreme(states, -beta, of_horizon))
+        if radar.mask is not None:
+            of_mask = partial(_of_mask, number=i)
+            rising.append(_extreme(states, beta, of_mask))
+            falling.append(_extreme(states, -beta, of_mask))
     return rising, falling
 
 
@@ -236,6 +242,22 @@ def _of_horizon(
     return by_aircraft, by_radar
 
 
+def _of_mask(
+    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the gradient of the clearance above a mask, by central differences."""
+    mask, position = states.model.radars[number].mask, of_radar(number, POSITION)
+    by_aircraft, by_radar = _zeros(states)
+    if mask is not None:
+        own = radar[:, position]
+        step = DIFFERENCE * slant_range(aircraft, own)[:, np.newaxis]
+        for axis in np.eye(len(AIRCRAFT))[POSITION]:
+            above, below = (mask.clearance(aircraft + s * axis, own) for s in (step, -step))
+            by_aircraft[:, axis > 0] = (above - below)[:, np.newaxis]
+        by_radar[:, position] = -by_aircraft[:, POSITION]
+    return by_aircraft, by_radar
+
+
 def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
     """Return u (k, d) that brings aircraft and radar together, or as close as β allows.
 
@@ -263,11 +285,15 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
     line = radar_from_aircraft(states.aircraft, states.radar[:, position])
     distance = np.sqrt(line.x**2 + line.y**2 + line.z**2)
     gradients = []
-    if radar.model.rcs.isotropic:  # the range is enough
-        by_aircraft, by_radar = _zeros(states)
-        by_radar[:, position] = np.stack(line, axis=-1)
-        by_aircraft[:, POSITION] = -by_radar[:, position]
-        gradients.append((by_aircraft, by_radar))
+    if radar.model.rcs.isotropic:
+        of_line = np.stack(line, axis=-1)[np.newaxis]  # the range is enough
+        if radar.model.antenna is not None or radar.mask is not None:
+            of_line = np.eye(3)[:, np.newaxis]
+        for along_line in of_line:
+            by_aircraft, by_radar = _zeros(states)
+            by_radar[:, position] = along_line
+            by_aircraft[:, POSITION] = -along_line
+            gradients.append((by_aircraft, by_radar))
     else:
         attitude = Attitude.from_state(states.aircraft)
         body = attitude.to_body(line)
@@ -279,11 +305,15 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
             by_aircraft[:, POSITION] = -by_radar[:, position]
             by_aircraft[:, ATTITUDE] = np.stack(by_angles, axis=-1)
             gradients.append((by_aircraft, by_radar))
-    of_gain = of_radar(number, slice(CONSTANT, len(RADAR_AND_ERRORS)))
+    of_gain = of_radar(number, slice(CONSTANT, TILT_ERROR))
     _, by_all = _of_radar(states, states.aircraft, states.radar, number)
     nothing, by_gain = _zeros(states)
     by_gain[:, of_gain] = np.nan_to_num(by_all[:, of_gain])
     gradients.append((nothing, by_gain))
+    if radar.model.antenna is not None:
+        by_aircraft, by_radar = _zeros(states)
+        by_radar[:, of_radar(number).start + TILT_ERROR] = 1.0
+        gradients.append((by_aircraft, by_radar))
     if radar.horizon is not None:
         by_aircraft, by_radar = _zeros(states)
         by_aircraft[:, DOWN] = 1.0
@@ -301,6 +331,6 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
 
 
 def _zeros(states: UncertainStates) -> tuple[FloatArray, FloatArray]:
-    """Return zero gradients by the aircraft (k, 6) and by the radars (k, 6m)."""
+    """Return zero gradients by the aircraft (k, 6) and by the radars (k, 7m)."""
     k = len(states)
     return np.zeros((k, len(AIRCRAFT))), np.zeros((k, states.radar.shape[-1]))

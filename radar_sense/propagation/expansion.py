@@ -2,7 +2,7 @@
 
 P_D = Φ(z), and z is far closer to linear in the states than P_D is. z depends on positions only
 through the radars' positions relative to the aircraft. The relative states are therefore the
-aircraft's attitude (3) and the states of the m radars (6m), with positions relative to the
+aircraft's attitude (3) and the states of the m radars (7m), with positions relative to the
 aircraft. y are those of the relative states that are uncertain.
 
 With F Fᵀ the covariance of y, y = F u maps independent standard normals u to errors of y. F is
@@ -55,7 +55,7 @@ class SecondOrder:
     """z of k poses to second order in y, n components.
 
     Attributes:
-        components: The uncertain relative states (n,), of 3 + 6m.
+        components: The uncertain relative states (n,), of 3 + 7m.
         value: z at y = 0 (k,).
         gradient: Gradient of z (n, k).
         matrix: Second derivatives of z (n, n, k).
@@ -89,7 +89,7 @@ class RelativeProbit:
 
     @cached_property
     def components(self) -> NDArray[np.intp]:
-        """The uncertain relative states (n,), of 3 + 6m."""
+        """The uncertain relative states (n,), of 3 + 7m."""
         variances = np.diagonal(self._all_covariance, axis1=1, axis2=2)
         return np.flatnonzero(variances.any(axis=0))
 
@@ -166,7 +166,7 @@ class RelativeProbit:
     def _shifted(
         self, error: FloatArray, pose: NDArray[np.intp] | None
     ) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Return states (j, 6) and (j, 6m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
+        """Return states (j, 6) and (j, 7m) with errors (n, j), and ∂c_r/∂Δ (m, j) or None for 1.
 
         Without poses, errors are (n, s, k), j counts all of them, and ∂c_r/∂Δ is (m, s, k). The
         position of the aircraft stays nominal, and the radars have all errors of position.
@@ -280,7 +280,7 @@ class StandardNormalSpace:
 
 @cache
 def _to_relative(radars: int) -> FloatArray:
-    """Return the matrix (3 + 6m, 6) from errors of the aircraft to errors of relative states."""
+    """Return the matrix (3 + 7m, 6) from errors of the aircraft to errors of relative states."""
     matrix = np.zeros((3 + len(RADAR_AND_ERRORS) * radars, len(AIRCRAFT)))
     matrix[_ATTITUDE, ATTITUDE] = np.eye(3)
     for i in range(radars):

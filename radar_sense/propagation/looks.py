@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from radar_sense.covariance import largest_variance
 from radar_sense.progress import report
 from radar_sense.propagation.draws import Estimate, estimate
-from radar_sense.states import ATTITUDE, POSITION, of_radar
+from radar_sense.states import ATTITUDE, POSITION, TILT_ERROR, of_radar
 from radar_sense.uncertain_states import UncertainStates
 
 #: Draws at a pose of the first look, growth from look to look, and most draws at a pose.
@@ -69,7 +69,7 @@ def look_until(
 
 
 def lobed(states: UncertainStates) -> NDArray[np.bool_]:
-    """Return where (k,) ±3σ of the aspect of a radar are wider than a lobe of its RCS.
+    """Return where (k,) ±3σ of the aspect of a radar are wider than a lobe of RCS or antenna.
 
     Few draws may then miss a lobe that weighs as much as a tail. σ is at most this.
     """
@@ -81,6 +81,11 @@ def lobed(states: UncertainStates) -> NDArray[np.bool_]:
         across = largest_variance(states.cov_aircraft, POSITION)
         across = across + largest_variance(states.cov_radar, position)
         with np.errstate(divide="ignore", invalid="ignore"):
-            variance = attitude + across / np.sum(line * line, axis=1)
-        result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(variance))
+            turned = across / np.sum(line * line, axis=1)
+        result |= ~(radar.model.rcs.detail >= 6.0 * np.sqrt(attitude + turned))
+        if radar.model.antenna is not None:
+            tilt = largest_variance(
+                states.cov_radar, of_radar(i, slice(TILT_ERROR, TILT_ERROR + 1))
+            )
+            result |= ~(radar.model.antenna.detail >= 6.0 * np.sqrt(tilt + turned))
     return result

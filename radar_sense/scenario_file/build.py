@@ -16,6 +16,7 @@ from radar_sense import axis, covariance
 from radar_sense.errors import InputError, did_you_mean
 from radar_sense.flight import CERTAIN, Geometry, Orbit, Path, Radial
 from radar_sense.limits import DEG, LARGEST, MIN_RANGE, NOT_NEGATIVE, SMALLEST
+from radar_sense.model.antenna import ElevationGain, Mask
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Detector, PulseDetector
 from radar_sense.model.geodesy import ned_from_geodetic, turn_to_origin
@@ -37,10 +38,12 @@ from radar_sense.model.track import covariance_in_frame
 from radar_sense.model.trajectory import MAX_ROWS, resample
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file import sections
+from radar_sense.scenario_file.curve_file import GAIN_COLUMNS, MASK_COLUMNS, read_curve
 from radar_sense.scenario_file.declare import keys_of
 from radar_sense.scenario_file.place import Place
 from radar_sense.scenario_file.rcs_file import read_rcs_table
 from radar_sense.scenario_file.route_file import read_route
+from radar_sense.scenario_file.table_file import Column
 from radar_sense.scenario_file.text_file import DigestError, FileError, recorded
 from radar_sense.source_names import name_problem
 from radar_sense.states import POSITION, FloatArray
@@ -68,7 +71,7 @@ def build(
     """
     rcs, rcs_section = _rcs_by_band(file.aircraft.rcs, place["aircraft"]["rcs"])
     geometry, flight_section = _geometry(file, place)
-    radars = _radars(file, place, rcs, geometry)
+    radars, radar_sections = zip(*_radars(file, place, rcs, geometry), strict=True)
     for radar in radars:
         _refuse_collision(place["geometry"], geometry, radar)
         _refuse_uncovered(place["geometry"], geometry, radar)
@@ -80,7 +83,7 @@ def build(
         )
     scenario = Scenario(
         name=file.name,
-        radars=tuple(radars),
+        radars=radars,
         geometry=geometry,
         level=level,
         runs=file.analysis.runs,
@@ -90,7 +93,12 @@ def build(
         correlation_s=float(file.uncertainty.aircraft_correlation_s),
     )
     aircraft = dataclasses.replace(file.aircraft, rcs=rcs_section)
-    file = dataclasses.replace(file, aircraft=aircraft, geometry=flight_section)
+    file = dataclasses.replace(
+        file,
+        aircraft=aircraft,
+        geometry=flight_section,
+        **({"radars": radar_sections} if file.radar is None else {"radar": radar_sections[0]}),
+    )
     return scenario.of_file(file, again)
 
 
@@ -113,7 +121,7 @@ def _read_from(place: Place, read: Any, *args: Any, **options: Any) -> Any:
     except DigestError as error:
         raise place["sha256"].error(f"{error}") from error
     except FileError as error:
-        raise place["file"].error(f"{error}") from error
+        raise (place["file"] if place.is_mapping else place).error(f"{error}") from error
 
 
 # The aircraft and its flight.
@@ -280,7 +288,8 @@ def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
 
 def _radars(
     file: sections.File, place: Place, rcs: Mapping[str, RCS], geometry: Geometry
-) -> list[Radar]:
+) -> list[tuple[Radar, sections.Radar]]:
+    """Return each radar, and its section with the digests of its files."""
     uncertainty, types = place["uncertainty"], _Types(file.types or {}, place["types"])
     if file.radar is not None:
         if file.uncertainty.radar is None:
@@ -340,8 +349,8 @@ def _radar(
     rcs: Mapping[str, RCS],
     geometry: Geometry,
     types: _Types,
-) -> Radar:
-    """Return a radar.
+) -> tuple[Radar, sections.Radar]:
+    """Return a radar, and its section with the digests of its files.
 
     Args:
         stated: Its section.
@@ -356,17 +365,18 @@ def _radar(
     _refuse_detector(stated, place["detector"])
     attenuation = stated.attenuation_db_per_km * _PER_KM
     band = _band(stated, place, rcs)
-    model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation)
     shared = types.of(stated, place, list(levels))
     position, turn = _position(stated, place, geometry)
+    stated, antenna, mask = _by_direction(stated, place, np.eye(3) if turn is None else turn)
+    model = DetectionModel(rcs[band], float(stated.p_fa), stated.detector, attenuation, antenna)
     constant = stated.constant if sheet is None else sheet.constant
     period = stated.scan_period_s
-    return Radar(
+    radar = Radar(
         model,
         name=getattr(stated, "name", ""),
         state=np.array([*position, constant], dtype=float),
         levels={
-            name: _level(level, at_levels[name], sheet, attenuation, turn, shared.get(name))
+            name: _level(level, at_levels[name], sheet, model, turn, shared.get(name))
             for name, level in levels.items()
         },
         max_range=math.inf if stated.max_range_km is None else stated.max_range_km * _KM,
@@ -375,7 +385,45 @@ def _radar(
         scan_period=None if period is None else float(period),
         sheet=sheet,
         band=band,
+        mask=mask,
     )
+    return radar, stated
+
+
+def _by_direction(
+    stated: sections.Radar, place: Place, axes: FloatArray
+) -> tuple[sections.Radar, ElevationGain | None, Mask | None]:
+    """Return the section of a radar with the digests of its files, its antenna and its mask.
+
+    Args:
+        stated: The section.
+        place: The section, for errors.
+        axes: North, east and down (3, 3) at the radar, in the frame of the poses.
+    """
+    antenna = mask = None
+    if stated.elevation_gain is not None:
+        file, elevation, gain_db = _curve(
+            stated.elevation_gain, place["elevation_gain"], "a file of gains", GAIN_COLUMNS
+        )
+        stated = dataclasses.replace(stated, elevation_gain=file)
+        antenna = ElevationGain(elevation, gain_db, stated.tilt_deg * DEG, axes=axes)
+    elif stated.tilt_deg:
+        raise place["tilt_deg"].error("needs elevation_gain, the gain that is tilted")
+    if stated.mask is not None:
+        file, azimuth, lowest = _curve(stated.mask, place["mask"], "a file of a mask", MASK_COLUMNS)
+        stated, mask = dataclasses.replace(stated, mask=file), Mask(azimuth, lowest, axes=axes)
+    return stated, antenna, mask
+
+
+def _curve(
+    stated: str | sections.DataFile, place: Place, kind: str, columns: Mapping[str, Column]
+) -> tuple[sections.DataFile, FloatArray, FloatArray]:
+    """Return the section of a file with its digest, and the angles and values of the file."""
+    if isinstance(stated, str):
+        stated = sections.DataFile(file=stated)
+    path = FilePath(place.file).parent / stated.file
+    angle, value, sha256 = _read_from(place, read_curve, path, kind, columns, stated.sha256)
+    return sections.DataFile(file=recorded(path), sha256=sha256), angle, value
 
 
 def _band(stated: sections.Radar, place: Place, rcs: Mapping[str, RCS]) -> str:
@@ -450,7 +498,7 @@ def _level(
     stated: sections.RadarUncertainty,
     place: Place,
     sheet: DataSheet | None,
-    attenuation: float,
+    model: DetectionModel,
     turn: FloatArray | None,
     shared: _Shared | None,
 ) -> Level:
@@ -460,7 +508,7 @@ def _level(
         stated: The section.
         place: The section, for errors.
         sheet: Data sheet of the radar, or None.
-        attenuation: Attenuation [dB/m].
+        model: Detection model of the radar.
         turn: Turn (3, 3) to the frame from north, east and down at a radar in latitude and
             longitude, where the file has the covariance; None if they are the same.
         shared: What the radars of its type share; None without a type.
@@ -486,12 +534,14 @@ def _level(
         matrix = frame @ matrix @ frame.T
         matrix = covariance.without_rounding(0.5 * (matrix + matrix.T))
     std_attenuation = stated.attenuation_db_per_km * _PER_KM
-    if std_attenuation > attenuation:
+    if std_attenuation > model.attenuation:
         raise place["attenuation_db_per_km"].error(
             "must be at most the attenuation_db_per_km of the radar, "
-            f"{attenuation / _PER_KM:g}, got {stated.attenuation_db_per_km:g}"
+            f"{model.attenuation / _PER_KM:g}, got {stated.attenuation_db_per_km:g}"
         )
-    return Level(matrix, tolerances, std_attenuation)
+    if stated.tilt_deg and model.antenna is None:
+        raise place["tilt_deg"].error("needs elevation_gain of the radar, the gain that is tilted")
+    return Level(matrix, tolerances, std_attenuation, stated.tilt_deg * DEG)
 
 
 @dataclass(frozen=True)

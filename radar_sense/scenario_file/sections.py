@@ -32,6 +32,7 @@ from radar_sense.limits import (
     Text,
 )
 from radar_sense.model import trajectory
+from radar_sense.model.antenna import TILT
 from radar_sense.model.detectors import DETECTORS, Detector, North
 from radar_sense.model.radar_constant import TOLERANCE_DB
 from radar_sense.model.radar_equation import LOSSES, LOSSES_KEY, RADARS, SEARCH_FACTORS
@@ -50,6 +51,7 @@ from radar_sense.scenario_file.declare import (
     or_with,
     schema,
     section,
+    text,
     words,
     write,
     yes_no,
@@ -179,6 +181,9 @@ class RadarUncertainty:
         NOT_NEGATIVE,
         default=0.0,
     )
+    tilt_deg: float = key(
+        "Standard deviation of the tilt of the antenna.", Limit(at_least=0, at_most=90), default=0.0
+    )
 
 
 Levels = Mapping[str, RadarUncertainty]
@@ -234,6 +239,18 @@ Surveillance, Tracking = _data_sheet("surveillance"), _data_sheet("tracking")
 
 
 @dataclass(frozen=True, kw_only=True)
+class DataFile:
+    """A file beside the scenario file, and what it must have in it."""
+
+    file: str = key("Name of a CSV file, from the folder of the scenario file.", _FILE)
+    sha256: str | None = key("Digest that the file must have.", _SHA256, default=None)
+
+
+#: The name of a file, or a `DataFile`.
+_DATA_FILE = or_with(text(_FILE), DataFile)
+
+
+@dataclass(frozen=True, kw_only=True)
 class Radar:
     """The only radar."""
 
@@ -275,6 +292,19 @@ class Radar:
         default=False,
     )
     horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)
+    mask: str | DataFile | None = key(
+        "CSV file with the lowest visible elevation by azimuth; P_D is 0 below.",
+        _DATA_FILE,
+        default=None,
+    )
+    elevation_gain: str | DataFile | None = key(
+        "CSV file with the relative gain of the antenna by elevation, which counts there and back.",
+        _DATA_FILE,
+        default=None,
+    )
+    tilt_deg: float = key(
+        "Elevation of the axis of the antenna, from which elevation_gain counts.", TILT, default=0.0
+    )
     band: str | None = key(
         "Frequency band, one of aircraft.rcs.bands; required with bands, not allowed without.",
         BAND,

@@ -95,7 +95,7 @@ def test_signal_and_partials_are_those_of_the_formula(rcs):
     whole = np.concatenate(
         [RNG.uniform(-2e5, 2e5, (count, 3)), RNG.uniform(-1, 1, (count, 3)),
          RNG.uniform(-1e4, 1e4, (count, 3)), RNG.uniform(1, 300, (count, 1)),
-         RNG.uniform(-2, 2, (count, 2))], axis=1,
+         RNG.uniform(-2, 2, (count, 3))], axis=1,
     )  # fmt: skip
     distance = np.linalg.norm(whole[:, :3] - whole[:, 6:9], axis=1) / 1e3
     for radar, alpha in ((whole[:, 6:10], 0.02), (whole[:, 6:], 0.02 * np.exp(whole[:, 11]))):
@@ -105,10 +105,10 @@ def test_signal_and_partials_are_those_of_the_formula(rcs):
         assert np.quantile(loss, 0.1) > 0.5
     lin = model.linearize(whole[:, :6], whole[:, 6:])
     jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
-    assert jacobian.shape == (count, 12)
-    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4] * 3)
+    assert jacobian.shape == (count, 13)
+    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4] * 4)
     for i, step in enumerate(steps):
-        ends = [whole + sign * step * np.eye(12)[i] for sign in (1, -1)]
+        ends = [whole + sign * step * np.eye(13)[i] for sign in (1, -1)]
         high, low = (model.p_d(end[:, :6], end[:, 6:]) for end in ends)
         difference = (high - low) / (2 * step)
         assert_allclose(jacobian[:, i], difference, atol=2e-6 * np.abs(difference).max())
@@ -260,12 +260,12 @@ def test_the_attenuation_is_read_and_read_back():
     assert_allclose([m.attenuation for m in s.model.models], [5e-5, 1e-4, 0], rtol=1e-15)
     std = [radar.levels["one"].attenuation_std for radar in s.radars]
     assert_allclose(std, [1e-5, 1.5e-5, 0], rtol=1e-15)
-    each = s.states().radar.reshape(3, 6)
+    each = s.states().radar.reshape(3, 7)
     assert_array_equal(each[:, :4], s.radar_states)
     assert not each[:, 4:].any()
     cov = s.states().cov_radar[0]
-    assert_allclose(cov[4::6, 4::6], np.full((3, 3), 2.25), rtol=1e-12)  # one error of the RCS
-    assert_allclose(cov[5::6, 5::6], np.diag([0.04, 0.0225, 0]), rtol=1e-12)
+    assert_allclose(cov[4::7, 4::7], np.full((3, 3), 2.25), rtol=1e-12)  # one error of the RCS
+    assert_allclose(cov[5::7, 5::7], np.diag([0.04, 0.0225, 0]), rtol=1e-12)
     document = s.resolved()
     assert "attenuation_db_per_km" not in document["radars"][2]
     assert document["radars"][1]["attenuation_db_per_km"] == 0.1
@@ -274,13 +274,13 @@ def test_the_attenuation_is_read_and_read_back():
     assert again.resolved() == document
     assert_array_equal(again.states().cov_radar[0], cov)
     certain = parsed(uncertain=False)
-    assert not certain.states().cov_radar[0].reshape(3, 6, 18)[:, 4:].any()
+    assert not certain.states().cov_radar[0].reshape(3, 7, 21)[:, 4:].any()
     whole = {"covariance": np.eye(4).tolist(), "attenuation_db_per_km": 0.005}
     one = scenario(radar__attenuation_db_per_km=0.01, uncertainty__radar__low=whole)
     std = {name: level.attenuation_std for name, level in one.radars[0].levels.items()}
     assert std == {"low": 5e-6, "medium": 0, "high": 0}
-    assert not one.attenuation_uncertain
-    assert one.with_analysis(level="low").states().cov_radar[0, -1, -1] == pytest.approx(0.25)
+    assert not one.uncertain_parameters
+    assert one.with_analysis(level="low").states().cov_radar[0, -2, -2] == pytest.approx(0.25)
 
 
 def test_refusals_name_the_key(tool):
@@ -303,7 +303,9 @@ def test_refusals_name_the_key(tool):
     with pytest.raises(ValueError, match="attenuation_std"):
         with_arrays(parsed(("one",)), attenuation_std={"one": (1.0,)})
     with pytest.raises(ValueError, match="got inf for the error of the attenuation"):
-        rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(np.ones(6), np.array([0, 0, 0, 1, 0, np.inf]))
+        rs.DetectionModel(ConstantRCS(1.0), 1e-6).p_d(
+            np.ones(6), np.array([0, 0, 0, 1, 0, np.inf, 0])
+        )
 
 
 def test_the_detection_range_has_the_attenuation():

@@ -35,6 +35,11 @@ from radar_sense.scenario_file.sections import schema_text
 
 #: The scenario file of a case, and the files that a scenario may name.
 CONFIG, ROUTE, GPX, RCS = "my.yaml", "route.csv", "route.gpx", "rcs.csv"
+#: Files of a radar, each with its name.
+CURVES = {
+    "elevation_gain": b"elevation_deg,gain_db\n-5,-3\n1,0\n20,-9.5\n",
+    "mask": b"azimuth_deg,elevation_deg\n0,0.1\n120,-1\n250,2\n",
+}
 EXAMPLES = Path(__file__).parents[2] / "configs"
 #: Where the poses come from: an orbit, or the rows of an example.
 FLIGHTS = ("", "", "path_route.csv", "corridor_route.csv", GPX)
@@ -273,6 +278,9 @@ def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[s
         for key, names in kinds.items():
             radar.pop(key, None)
             radar |= {key: names[i % len(names)]} if names else {}
+        for key in CURVES.keys() & radar.keys():
+            radar[key] = f"{key}.csv"
+            files[radar[key]] = CURVES[key]
         if not one:
             radar["name"] = f"{radar['name'][:30]}{i}"
         _suit(radar, document["uncertainty"]["radar"] if one else radar["uncertainty"])
@@ -285,6 +293,9 @@ def _suit(radar: dict[str, Any], levels: dict[str, Any]) -> None:
     if "pulse_width_us" not in sheet:
         radar.pop("eclipsing", None)
     for level in levels.values():
+        if "elevation_gain" not in radar:
+            level.pop("tilt_deg", None)
+            radar.pop("tilt_deg", None)
         if "attenuation_db_per_km" in level:
             level["attenuation_db_per_km"] = radar.get("attenuation_db_per_km", 0) / 2
         if isinstance(level.get("constant"), dict):
@@ -355,7 +366,7 @@ def broken(draw: Any, ending: str) -> Case:
     case = draw(checked([flight for flight in FLIGHTS if ending in (".yaml", flight[-4:])]))
     name = draw(st.sampled_from([name for name in case.files if name.endswith(ending)]))
     pieces = re.split(rb"([\s:,<>={}\[\]\"]+)", case.files[name])
-    for _ in range(draw(st.integers(0, 2))):  # 0: other ends of lines alone
+    for _ in range(draw(st.integers(0, 3))):  # 0: other ends of lines alone
         at = draw(st.integers(0, len(pieces) - 1))
         word = draw(st.sampled_from(WORDS)).encode("utf-8", "surrogatepass")
         other, junk = draw(st.sampled_from(pieces)), draw(st.binary(max_size=3))

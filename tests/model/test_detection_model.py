@@ -492,7 +492,7 @@ def test_inputs_are_left_alone():
         (np.zeros((6, 1)), np.ones(4), "aircraft"),
         (0.0, np.ones(4), "aircraft"),
         (np.zeros(6), np.ones(3), "radar"),
-        (np.zeros(6), np.ones((4, 7)), "radar"),
+        (np.zeros(6), np.ones((4, 6)), "radar"),
         (np.zeros((2, 6)), np.ones((3, 4)), "broadcast"),
         (np.zeros(6), [1, 1, 1, -1e-300], "negative"),
         (np.zeros(6), [[1, 1, 1, 1], [1, 1, 1, -1]], "negative"),

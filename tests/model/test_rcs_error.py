@@ -62,9 +62,9 @@ def states(count):
 
 
 def with_error(radar, error):
-    """States (n, 6) of a radar with an error of the RCS."""
+    """States (n, 7) of a radar with an error of the RCS."""
     error = np.broadcast_to(error, len(radar))
-    return np.column_stack([radar, error, 0 * error])
+    return np.column_stack([radar, error, 0 * error, 0 * error])
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -88,8 +88,8 @@ def test_partials_are_those_of_differences(name):
     aircraft, radar, error = states(60)
     full = with_error(radar, error)
     lin = model.linearize(aircraft, full)
-    assert lin.jac_radar.shape == (60, 6)
-    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4, 1e-4, 1e-4])
+    assert lin.jac_radar.shape == (60, 7)
+    steps = np.array([1.0] * 3 + [1e-5] * 3 + [1.0] * 3 + [1e-4] * 4)
     whole = np.concatenate([aircraft, full], axis=1)
     jacobian = np.concatenate([lin.jac_aircraft, lin.jac_radar], axis=1)
     for i, step in enumerate(steps):
@@ -205,8 +205,8 @@ def test_the_rcs_error_is_read_and_read_back(tmp_path):
     plain = {"position_m": 10, "attitude_deg": 1}
     given = scenario(uncertainty__aircraft={**plain, "rcs_db": 1.5})
     assert (given.rcs_db, given.rcs_std) == (1.5, 1.5)
-    assert given.states().radar.tolist() == [[0, 0, 0, 167, 0, 0]]
-    assert_array_equal(np.diagonal(given.states().cov_radar[0]), [1e4, 1e4, 1e4, 25, 2.25, 0])
+    assert given.states().radar.tolist() == [[0, 0, 0, 167, 0, 0, 0]]
+    assert_array_equal(np.diagonal(given.states().cov_radar[0]), [1e4, 1e4, 1e4, 25, 2.25, 0, 0])
     assert given.resolved()["uncertainty"]["aircraft"] == {**plain, "rcs_db": 1.5}
     again = rs.parse_scenario(yaml_text(given.resolved()))
     assert again.resolved() == given.resolved()
@@ -290,8 +290,8 @@ def test_the_classes_refuse_what_the_reader_refuses():
             TableRCS(AZIMUTH, TABLE.rcs[:, 0], std_db=std)
     model = rs.DetectionModel(ConstantRCS(1.0), 1e-6)
     with pytest.raises(ValueError, match="got nan for the error of the RCS"):
-        model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan, 0]))
-    for network, sizes in ((NetworkModel((Radar(model),)), (3, 7)), (model, (3, 7))):
+        model.p_d(np.ones(6), np.array([0, 0, 0, 1, np.nan, 0, 0]))
+    for network, sizes in ((NetworkModel((Radar(model),)), (3, 6)), (model, (3, 6))):
         for size in sizes:
             with pytest.raises(ValueError, match="radar states must have shape"):
                 network.p_d(np.ones(6), np.zeros(size))

@@ -107,7 +107,7 @@ def test_every_part_has_a_unit_normal_of_its_own():
     s = mixed_network()
     states = s.states()
     # three of the position of each radar, c_r of the third, then the parts
-    assert list(states.columns) == [0, 1, 2, 6, 7, 8, 12, 13, 14, 15]
+    assert list(states.columns) == [0, 1, 2, 7, 8, 9, 14, 15, 16, 17]
     assert states.tolerance_normals == [[0, 1, 2], [3, 4, 5], []]
     sampler, nominal = Sampler(states), states.radar[0]
     assert sampler.radar_normals == 16
@@ -117,13 +117,13 @@ def test_every_part_has_a_unit_normal_of_its_own():
         for part, number in zip(parts, own, strict=True):
             drawn, negative = sampler.draw_radar(np.eye(16)[[10 + number]])
             changed = np.flatnonzero(drawn[0] != nominal)
-            assert list(changed) == [6 * i + 3]
+            assert list(changed) == [7 * i + 3]
             assert drawn[0, changed] / nominal[changed] == pytest.approx(
                 part.factor(np.array(1.0)), rel=1e-15
             )
             assert not negative
     # the third is a number still
-    assert sampler.draw_radar(np.eye(16)[[9]])[0][0, 15] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
+    assert sampler.draw_radar(np.eye(16)[[9]])[0][0, 17] == MIXED_NUMBER[0] + MIXED_NUMBER[1]
 
 
 #: A place known better across than along; its eigenvectors are not in the order of its axes.
@@ -143,7 +143,7 @@ def test_a_part_moves_its_constant_and_nothing_else():
         for i, numbers in enumerate(states.tolerance_normals):
             if not numbers:
                 continue
-            at, parts = 6 * i + 3, len(states.columns) + np.array(numbers)
+            at, parts = 7 * i + 3, len(states.columns) + np.array(numbers)
             assert np.all(moved[parts, at])
             assert_array_equal(np.delete(moved[parts], at, axis=1), 0.0)
             assert_array_equal(np.delete(moved[:, at], parts), 0.0)
@@ -176,4 +176,4 @@ def test_a_power_below_zero_is_counted_once_a_run():
     radar, negative = Sampler(states).draw_radar(errors)
     assert_array_equal(negative, [True, True, True, False, False])
     assert_array_equal(radar[:, 3] == 0, [True, False, True, False, False])
-    assert_array_equal(radar[:, 9] == 0, [True, True, False, False, False])
+    assert_array_equal(radar[:, 10] == 0, [True, True, False, False, False])

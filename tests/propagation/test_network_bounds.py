@@ -27,6 +27,7 @@ from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import METHODS, propagate_scenario
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario
+from radar_sense.states import of_radar
 
 PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model
@@ -115,7 +116,7 @@ def test_independence_understates_the_variance(attitude_deg, factor):
     miss = 1.0
     for i, s in enumerate(single_radar_scenarios(scenario).values()):
         normals = rng.standard_normal((scenario.runs, 1, 6))
-        drawn = Sampler(s.states()).draw_p_d(normals, radar[:, 6 * i : 6 * i + 6])[:, 0]
+        drawn = Sampler(s.states()).draw_p_d(normals, radar[:, of_radar(i)])[:, 0]
         miss = miss * (1 - drawn)
     assert_allclose(joint / apart, factor, rtol=0.02)
     assert_allclose(mc.std**2 / miss.var(), factor, rtol=0.1)
@@ -165,7 +166,7 @@ def test_every_constant_below_zero_is_set_to_zero_and_runs_are_counted():
     normals[2, 0] = -200
     radar, negative = sampler.draw_radar(normals)
     assert_array_equal(negative, [False, False, True])
-    assert_array_equal(radar[:, 9], [1, 0.5, 0])
+    assert_array_equal(radar[:, 10], [1, 0.5, 0])
     assert_array_equal(radar[:, 3], [100, 100, 0])
 
 

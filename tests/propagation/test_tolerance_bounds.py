@@ -63,7 +63,7 @@ def test_form_converges_where_one_radar_fades_and_the_others_do_not():
     cov = np.zeros((12, 12))
     cov[3, 3] = cov_by_level(s)["sheet"][3, 3]
     only = s.states().with_covariances(
-        np.zeros((6, 6)), np.zeros((18, 18)), (s.tolerances[0], (), ())
+        np.zeros((6, 6)), np.zeros((21, 21)), (s.tolerances[0], (), ())
     )
     found = Form(only)
     bounds = {beta: found.quantile(beta) for beta in (-3, 3)}

@@ -26,7 +26,7 @@ def test_p_d_of_the_independent_model_is_that_of_the_package(population):
         states = []
         for i in range(len(case.radars)):
             of_alpha = 0.0 if attenuation is None else attenuation[i]
-            errors = np.broadcast_to(rcs_error, 50), np.broadcast_to(of_alpha, 50)
+            errors = (np.broadcast_to(error, 50) for error in (rcs_error, of_alpha, 0.0))
             states += [*radars[4 * i : 4 * i + 4], *errors]
         found = scenario.model.p_d(aircraft.T, np.stack(states, axis=-1))
         expected = independent.p_d(aircraft, radars, rcs_error, attenuation)

@@ -1,0 +1,208 @@
+"""What a radar sees by direction: the gain of its antenna over elevation, and a mask of terrain.
+
+Azimuth and elevation of an aircraft are in the level axes of the radar, clockwise from north and
+upwards. Rays are straight. A vector d points from aircraft to radar, as in `model.geometry`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from radar_sense.errors import InputError
+from radar_sense.limits import DEG, Limit, check_number
+from radar_sense.model.geometry import Vector, radar_from_aircraft
+from radar_sense.states import DOWN, FloatArray, real_array
+
+#: Elevations [deg], azimuths [deg], gains relative to the greatest [dB], and tilts [deg].
+ELEVATION, AZIMUTH = Limit(at_least=-90, at_most=90), Limit(at_least=-180, at_most=360)
+GAIN_DB, TILT = Limit(at_least=-200, at_most=0), Limit(at_least=-90, at_most=90)
+#: A gain of 1 dB on the way there and back, in nepers of power.
+_NEPERS = 2.0 * np.log(10.0) / 10.0
+_TURN = 2.0 * np.pi
+_LEVEL = np.eye(3)
+
+
+@dataclass(frozen=True, eq=False)
+class _Directions:
+    """Values over a rising angle, in level axes.
+
+    Attributes:
+        axes: Columns (3, 3) are north, east and down at the radar, in the frame of the states.
+    """
+
+    axes: FloatArray = field(default_factory=_LEVEL.copy, kw_only=True)
+    #: The angle and the value, each with what is allowed and its unit.
+    NODES: ClassVar[Mapping[str, tuple[Limit, float]]]
+
+    def __post_init__(self) -> None:
+        for name in (*self.NODES, "axes"):
+            values = real_array(name, getattr(self, name)).copy()
+            values.flags.writeable = False
+            object.__setattr__(self, name, values)
+        if self.axes.shape != (3, 3) or not np.allclose(self.axes @ self.axes.T, _LEVEL):
+            raise InputError("axes must be a rotation (3, 3)")
+        angle, values = (getattr(self, name) for name in self.NODES)
+        if angle.ndim != 1 or angle.shape != values.shape or len(angle) < 2:
+            raise InputError(f"{' and '.join(self.NODES)} must be two arrays of 2 values or more")
+        for name, (limit, unit) in self.NODES.items():
+            for value in getattr(self, name):
+                check_number(name, round(float(value) / unit, 9), limit)
+        if not np.all(np.diff(angle) > 0):
+            raise InputError(f"{next(iter(self.NODES))} must ascend")
+
+    @property
+    def detail(self) -> float:
+        """Least distance [rad] of neighbouring nodes."""
+        return float(np.diff(getattr(self, next(iter(self.NODES)))).min())
+
+    def __setstate__(self, state: Mapping[str, Any]) -> None:
+        vars(self).update(state)
+        for name in (*self.NODES, "axes"):
+            getattr(self, name).flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class ElevationGain(_Directions):
+    """The gain of an antenna over elevation, relative to its greatest gain.
+
+    The gain counts twice, there and back. In decibels it is a monotone cubic between the nodes
+    (F. N. Fritsch and R. E. Carlson, "Monotone piecewise cubic interpolation", SIAM J. Numer. Anal.
+    17(2), 1980), so that it never exceeds them. Beyond the nodes the last gain holds.
+
+    Attributes:
+        elevation: Ascending elevations (n,) [rad], from the axis of the antenna.
+        gain_db: One-way gains (n,) [dB], 0 at most.
+        tilt: Elevation of the axis of the antenna [rad].
+    """
+
+    elevation: FloatArray
+    gain_db: FloatArray
+    tilt: float = 0.0
+    NODES: ClassVar = {"elevation": (ELEVATION, DEG), "gain_db": (GAIN_DB, 1.0)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_number("tilt [deg]", float(np.rad2deg(self.tilt)), TILT)
+
+    def __repr__(self) -> str:
+        return f"<ElevationGain: {len(self.elevation)} nodes, tilt {np.rad2deg(self.tilt):g} deg>"
+
+    def outside(self, line: Vector) -> FloatArray:
+        """Return how far (...) [rad] directions d are beyond the nodes, 0 between them."""
+        elevation = self._from_axis(line, np.zeros(()))
+        return np.asarray(abs(elevation - self._inside(elevation)))
+
+    def nepers(self, line: Vector, tilt_error: FloatArray) -> FloatArray:
+        """Return ln of the factor (...) of the signal along d, of an antenna with a tilt error."""
+        curve, _ = self._curves
+        return np.asarray(curve(self._inside(self._from_axis(line, tilt_error))))
+
+    def linearize(
+        self, line: Vector, tilt_error: FloatArray
+    ) -> tuple[FloatArray, Vector, FloatArray]:
+        """Return `nepers`, their gradient by d [1/m] and by the error of the tilt [1/rad].
+
+        The gradient is 0 straight above and below, where it does not exist.
+        """
+        elevation = self._from_axis(line, tilt_error)
+        inside, (curve, slope) = self._inside(elevation), self._curves
+        by_elevation = np.where(elevation == inside, slope(inside), 0.0)
+        # With ρ the level part of d and h along down, the elevation is atan2(h, ρ).
+        level, height, across = self._level_parts(line)
+        along = np.divide(-height, across, out=np.zeros_like(across), where=across > 0)
+        with np.errstate(divide="ignore", invalid="ignore"):  # where both are at one point
+            scale = by_elevation / (across * across + height * height)
+        down = self.axes[:, DOWN]
+        by_line = (scale * (along * u + across * d) for u, d in zip(level, down, strict=True))
+        return curve(inside), Vector(*by_line), -by_elevation
+
+    def _level_parts(self, line: Vector) -> tuple[list[FloatArray], FloatArray, FloatArray]:
+        """Return the level part of d by component, its part along down, and the level distance."""
+        down = self.axes[:, DOWN]
+        height = sum((d * x for d, x in zip(down, line, strict=True)), np.zeros(()))
+        level = [x - d * height for d, x in zip(down, line, strict=True)]
+        return level, height, np.sqrt(sum((u * u for u in level), np.zeros(())))
+
+    def _from_axis(self, line: Vector, tilt_error: FloatArray) -> FloatArray:
+        """Return the elevation (...) [rad] of the aircraft, from the axis of the antenna."""
+        _, height, across = self._level_parts(line)
+        return np.asarray(np.arctan2(height, across) - (self.tilt + tilt_error))
+
+    def _inside(self, elevation: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(elevation, self.elevation[0], self.elevation[-1]))
+
+    @cached_property
+    def _curves(self) -> tuple[Any, Any]:
+        """The curve of ln of the factor over elevation, and its slope."""
+        from scipy.interpolate import PchipInterpolator  # slow to import
+
+        # a further node on each side makes the slope 0 at the ends, as it is beyond them
+        ends = self.elevation[[0, -1]] + np.diff(self.elevation)[[0, -1]] * [-1.0, 1.0]
+        gain = np.pad(self.gain_db, 1, mode="edge")
+        curve = PchipInterpolator(np.insert(ends, 1, self.elevation), _NEPERS * gain)
+        return curve, curve.derivative()
+
+
+@dataclass(frozen=True, eq=False)
+class Mask(_Directions):
+    """The lowest elevation that terrain leaves visible, by azimuth.
+
+    Between the nodes it is linear, once around.
+
+    Attributes:
+        azimuth: Ascending azimuths (n,) [rad], within one turn.
+        elevation: Lowest visible elevations (n,) [rad].
+    """
+
+    azimuth: FloatArray
+    elevation: FloatArray
+    NODES: ClassVar = {"azimuth": (AZIMUTH, DEG), "elevation": (ELEVATION, DEG)}
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.azimuth[-1] - self.azimuth[0] > _TURN * (1.0 + 1e-12):
+            raise InputError("azimuth must be within one turn")
+        closed = np.isclose(self.azimuth[-1] - self.azimuth[0], _TURN, rtol=1e-12)
+        if closed and self.elevation[0] != self.elevation[-1]:
+            raise InputError("elevation must be the same at both ends of a full turn")
+
+    def __repr__(self) -> str:
+        highest = np.rad2deg(self.elevation.max())
+        return f"<Mask: {len(self.azimuth)} azimuths, up to {highest:.3g} deg>"
+
+    def clearance(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
+        """Return the elevation (...) [rad] of aircraft (..., 6) above the mask of a radar."""
+        azimuth, elevation, _ = self._direction(aircraft, radar)
+        lowest = np.interp(azimuth, self.azimuth, self.elevation, period=_TURN)
+        return np.asarray(elevation - lowest)
+
+    def clearance_within(
+        self, aircraft: FloatArray, radar: FloatArray, error: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return bounds of `clearance` (...) if positions are off by up to a distance (...) [m].
+
+        Nothing is known of the azimuth, so that the least and the greatest of the mask count.
+        """
+        _, elevation, distance = self._direction(aircraft, radar)
+        part = np.divide(error, distance, out=np.ones_like(distance), where=distance > error)
+        turn = np.arcsin(part)
+        low, high = elevation - turn, elevation + turn
+        return low - self.elevation.max(), high - self.elevation.min()
+
+    def _direction(
+        self, aircraft: ArrayLike, radar: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return azimuth, elevation [rad] and distance [m] of aircraft, each (...)."""
+        line = radar_from_aircraft(np.asarray(aircraft), np.asarray(radar))
+        north, east, down = (
+            sum((a * x for a, x in zip(axis, line, strict=True)), np.zeros(()))
+            for axis in self.axes.T
+        )
+        across = np.hypot(north, east)
+        return np.arctan2(-east, -north), np.arctan2(down, across), np.hypot(across, down)

@@ -1,0 +1,448 @@
+"""The gain of an antenna over elevation and a mask of terrain, against formulas of their own."""
+
+import dataclasses
+import itertools
+import math
+import pickle
+
+import numpy as np
+import pytest
+from helpers import document, scenario, yaml_text
+from numpy.testing import assert_allclose
+from scipy.constants import Boltzmann
+from scipy.special import erfc
+from scipy.stats import norm
+
+import radar_sense as rs
+from radar_sense.errors import InputError
+from radar_sense.model.radar import ALWAYS, NEVER
+from radar_sense.propagation import propagate_scenario
+from radar_sense.scenario_file.load import load_scenario
+from radar_sense.sources import error_budget
+
+P_FA, C_R, AREA, DISTANCE = 1e-6, 40.0, 0.09, 300e3
+SPHERE = {"model": "constant", "rcs_m2": AREA}
+GAIN = [(-4, -12), (-1, -2), (1, 0), (2, -1), (4, -8), (9, -20)]
+MASK = [(0, 0.2), (40, 1.5), (90, 0.4), (200, 3.0), (300, -1.0), (360, 0.2)]
+
+
+def csv(names, rows):
+    return "\n".join([names, *(",".join(map(str, row)) for row in rows)]) + "\n"
+
+
+def files(folder, gain=GAIN, mask=MASK):
+    (folder / "gain.csv").write_text(csv("elevation_deg,gain_db", gain))
+    (folder / "mask.csv").write_text(csv("azimuth_deg,elevation_deg", mask))
+
+
+def made(folder, **changes):
+    """The paper's scenario with a sphere, at few poses, with changes; files are in the folder."""
+    given = {
+        "aircraft__rcs": SPHERE,
+        "radar": {"position_m": [0, 0, 0], "constant": C_R, "p_fa": P_FA},
+        "geometry__range_km": DISTANCE / 1e3,
+        "geometry__down_km": -8,
+        "geometry__azimuth_from": "north",
+        "geometry__azimuth_deg": {"start": 0, "stop": 340, "step": 20},
+        **changes,
+    }
+    (folder / "my.yaml").write_text(yaml_text(document(**given)))
+    return load_scenario(folder / "my.yaml")
+
+
+def cubic(x, nodes):
+    """Fritsch and Carlson's curve by Fritsch and Butland's slopes, in plain Python; flat beyond."""
+    step = [nodes[0][0] - (nodes[1][0] - nodes[0][0]), nodes[-1][0] + nodes[-1][0] - nodes[-2][0]]
+    nodes = [(step[0], nodes[0][1]), *nodes, (step[1], nodes[-1][1])]
+    x = min(max(x, nodes[1][0]), nodes[-2][0])
+    h = [b[0] - a[0] for a, b in itertools.pairwise(nodes)]
+    d = [(b[1] - a[1]) / s for a, b, s in zip(nodes, nodes[1:], h, strict=False)]
+    slopes = [0.0]
+    for i in range(1, len(d)):
+        if d[i - 1] * d[i] <= 0:
+            slopes.append(0.0)
+            continue
+        one, two = 2 * h[i] + h[i - 1], h[i] + 2 * h[i - 1]
+        slopes.append((one + two) / (one / d[i - 1] + two / d[i]))
+    i = max(i for i in range(1, len(nodes) - 2) if nodes[i][0] <= x)
+    t = (x - nodes[i][0]) / h[i]
+    return (
+        (1 + 2 * t) * (1 - t) ** 2 * nodes[i][1]
+        + t * (1 - t) ** 2 * h[i] * slopes[i]
+        + t * t * (3 - 2 * t) * nodes[i + 1][1]
+        + t * t * (t - 1) * h[i] * slopes[i + 1]
+    )
+
+
+def p_d_at(place, *, constant=C_R, tilt_deg=0.0, gain=GAIN):
+    """P_D at north, east, down of the aircraft, of a radar at the origin, by formulas."""
+    north, east, down = place
+    level = math.hypot(north, east)
+    decibels = cubic(math.degrees(math.atan2(-down, level)) - tilt_deg, gain)
+    snr = constant * AREA / (Boltzmann * (level**2 + down**2) ** 2) * 10 ** (2 * decibels / 10)
+    return 0.5 * erfc(math.sqrt(-math.log(P_FA)) - math.sqrt(snr + 0.5))
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1.5])
+def test_the_gain_counts_there_and_back(tmp_path, tilt):
+    files(tmp_path)
+    for down in (-1, -8, -20, -60, 6):
+        s = made(
+            tmp_path,
+            radar__elevation_gain="gain.csv",
+            radar__tilt_deg=tilt,
+            geometry__down_km=down,
+            geometry__azimuth_deg={"start": 10, "stop": 10, "step": 1},
+        )
+        expected = p_d_at(s.aircraft[0, :3], tilt_deg=tilt)
+        assert_allclose(s.model.p_d(s.aircraft, s.radar), expected, rtol=1e-9, atol=1e-15)
+        ratio = s.model.snr(s.aircraft, s.radar) / made(
+            tmp_path,
+            geometry__down_km=down,
+            geometry__azimuth_deg={"start": 10, "stop": 10, "step": 1},
+        ).model.snr(s.aircraft, s.radar)
+        elevation = math.degrees(math.atan2(-down, DISTANCE / 1e3)) - tilt
+        assert_allclose(ratio, 10 ** (2 * cubic(elevation, GAIN) / 10), rtol=1e-12)
+
+
+def random_model(rng):
+    elevation = np.sort(rng.uniform(-0.3, 1.2, 9))
+    axes, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    gain = rs.ElevationGain(elevation, -rng.uniform(0, 30, 9), 0.02, axes=axes)
+    rcs = rs.EllipsoidRCS(0.2, 0.3, 0.25) if rng.random() < 0.5 else rs.ConstantRCS(0.1)
+    attenuation = rng.choice([0.0, 1e-5])
+    return rs.DetectionModel(rcs, P_FA, attenuation=attenuation, antenna=gain)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_partials_are_those_of_differences(seed):
+    rng = np.random.default_rng(seed)
+    model, n = random_model(rng), 60
+    aircraft = np.hstack([rng.uniform(-1e5, 1e5, (n, 3)), rng.uniform(-3, 3, (n, 3))])
+    radar = np.hstack(
+        [
+            rng.uniform(-2e3, 2e3, (n, 3)),
+            rng.uniform(30, 300, (n, 1)),
+            0.05 * rng.standard_normal((n, 3)),
+        ]
+    )
+    _, by_aircraft, by_radar = model.linearize_probit(aircraft, radar)
+    for states, by, first in ((aircraft, by_aircraft, True), (radar, by_radar, False)):
+        for i in range(states.shape[1]):
+            step = np.zeros(states.shape[1])
+            step[i] = 1.0 if i < 3 else 1e-6
+            ends = [
+                model.linearize_probit(*((states + e, radar) if first else (aircraft, states + e)))[
+                    0
+                ]
+                for e in (step, -step)
+            ]
+            assert_allclose(by[:, i], (ends[0] - ends[1]) / (2 * step[i]), rtol=1e-4, atol=2e-9)
+
+
+def test_a_tilt_is_a_source_with_the_band_of_draws(tmp_path):
+    """The aircraft is in the flank of the beam: P_D is far from Gaussian."""
+    files(tmp_path)
+    std, certain = 0.5, {"position_m": 0, "attitude_deg": 0}
+    s = made(
+        tmp_path,
+        radar__elevation_gain="gain.csv",
+        geometry__azimuth_deg={"start": 10, "stop": 10, "step": 1},
+        uncertainty={
+            "aircraft": certain,
+            "radar": {"low": {"position_m": 0, "constant": 2, "tilt_deg": std}},
+        },
+        analysis={"level": "low", "method": "automatic", "runs": 200_000, "seed": 3},
+    )
+    rng = np.random.default_rng(5)
+    place = s.aircraft[0, :3]
+    draws = np.array(
+        [
+            p_d_at(place, constant=C_R + 2 * c, tilt_deg=std * t)
+            for c, t in rng.standard_normal((40_000, 2))
+        ]
+    )
+    found = propagate_scenario(s)
+    exact = np.quantile(draws, norm.cdf([-3, 3]))
+    parts = np.quantile(draws.reshape(4, -1), norm.cdf([-3, 3]), axis=1)
+    allowed = 0.005 + 4 * np.hypot(parts.std(axis=1, ddof=1) / 2, found.error)
+    assert np.all(abs(np.concatenate([found.lower, found.upper]) - exact) < allowed)
+    assert found.std[0] == pytest.approx(draws.std(), rel=0.03)
+    budget = error_budget(s)
+    step = 1e-4
+    slope = (p_d_at(place, tilt_deg=step) - p_d_at(place, tilt_deg=-step)) / (2 * step)
+    assert budget.alone["radar_tilt"][0] == pytest.approx(abs(slope) * std, rel=1e-6)
+    assert budget.std[0] == pytest.approx(
+        math.hypot(budget.alone["radar_tilt"][0], budget.alone["radar_constant"][0]), rel=1e-12
+    )
+
+
+def lowest(azimuth_deg):
+    """The mask at an azimuth, in plain Python."""
+    azimuth_deg %= 360.0
+    for (a, low), (b, high) in itertools.pairwise(MASK):
+        if a <= azimuth_deg <= b:
+            return low + (high - low) * (azimuth_deg - a) / (b - a)
+    raise AssertionError(azimuth_deg)
+
+
+def test_a_mask_hides_what_is_below_it(tmp_path):
+    files(tmp_path)
+    azimuths = {"start": 0, "stop": 359, "step": 1}
+    s = made(tmp_path, radar__mask="mask.csv", geometry__azimuth_deg=azimuths)
+    free = made(tmp_path, geometry__azimuth_deg=azimuths)
+    elevation = math.degrees(math.atan2(8, DISTANCE / 1e3))
+    seen = np.array([elevation >= lowest(a) for a in range(360)])
+    assert 100 < seen.sum() < 300
+    np.testing.assert_array_equal(s.model.visible(s.aircraft, s.radar)[:, 0], seen)
+    p_d = s.model.p_d(s.aircraft, s.radar)
+    assert not p_d[~seen].any()
+    assert_allclose(p_d[seen], free.model.p_d(s.aircraft, s.radar)[seen], rtol=0)
+
+
+def test_draws_cross_the_mask(tmp_path):
+    """P_D is 0 below the mask: its mean is P_D times the probability to be above."""
+    files(tmp_path)
+    elevation, azimuth = math.atan2(8, DISTANCE / 1e3), 250.0
+    std = 1500.0
+    s = made(
+        tmp_path,
+        radar__mask="mask.csv",
+        geometry__azimuth_deg={"start": azimuth, "stop": azimuth, "step": 1},
+        uncertainty={
+            "aircraft": {"position_m": [0, 0, std], "attitude_deg": 0},
+            "radar": {"low": {"position_m": 0, "constant": 0}},
+        },
+        analysis={"level": "low", "method": "automatic"},
+    )
+    (p_d,) = s.model.p_d(s.aircraft, s.radar)
+    above = DISTANCE * (math.tan(elevation) - math.tan(math.radians(lowest(azimuth))))
+    found = propagate_scenario(s)
+    share = norm.cdf(above / std)
+    assert 0.9 < share < 1
+    assert found.mean[0] == pytest.approx(p_d * share, rel=0.01)
+    assert found.std[0] == pytest.approx(p_d * math.sqrt(share * (1 - share)), rel=0.05)
+    assert found.lower[0] == 0
+    drawn = rs.monte_carlo(s, 100_000, 4)
+    assert drawn.mean[0] == pytest.approx(p_d * share, rel=0.01)
+
+
+def test_sight_is_certain_where_it_says_so():
+    rng = np.random.default_rng(7)
+    mask = rs.Mask(np.deg2rad([0.0, 50.0, 180.0, 300.0]), np.deg2rad([1.0, 4.0, -2.0, 0.5]))
+    radar = rs.Radar(
+        rs.DetectionModel(rs.ConstantRCS(1.0), P_FA),
+        mask=mask,
+        max_range=8e4,
+        min_range=5e3,
+        horizon=rs.Horizon(),
+    )
+    n = 400
+    aircraft = np.zeros((n, 6))
+    aircraft[:, :2] = rng.uniform(-7e4, 7e4, (n, 2))
+    aircraft[:, 2] = -(10 ** rng.uniform(1, 4.3, n))
+    state = np.array([100.0, 50.0, -30.0, 50.0])
+    errors = 10 ** rng.uniform(0, 3.5, (2, n))
+    sight = radar.sight(aircraft, state, *errors)
+    assert {ALWAYS, NEVER} <= set(sight.tolist())
+    for _ in range(200):
+        moved, own = aircraft.copy(), np.tile(state, (n, 1))
+        for states, error in ((moved, errors[0]), (own, errors[1])):
+            way = rng.standard_normal((n, 3))
+            way /= np.linalg.norm(way, axis=1, keepdims=True)
+            states[:, :3] += way * (error * rng.uniform(0.8, 1.0, n))[:, np.newaxis]
+        visible = radar.visible(moved, own)
+        assert visible[sight == ALWAYS].all()
+        assert not visible[sight == NEVER].any()
+
+
+def test_a_gap_of_the_mask_between_two_rows_is_found(tool, tmp_path):
+    """The terrain hides the whole path but for a notch of 160 m between two rows."""
+    (tmp_path / "mask.csv").write_text(
+        csv(
+            "azimuth_deg,elevation_deg",
+            [(0, 30), (30, 30), (30.1, 0), (30.3, 0), (30.4, 30), (360, 30)],
+        )
+    )
+    place = "\n".join(f"{60 * i},{4e4},{1.5e4 + 9e3 * i},-3000" for i in range(4))
+    (tmp_path / "route.csv").write_text(f"time_s,north_m,east_m,down_m\n{place}\n")
+    s = document(
+        aircraft={"rcs": SPHERE},
+        radar={"position_m": [0, 0, 0], "constant": C_R, "p_fa": P_FA, "mask": "mask.csv"},
+        geometry={"type": "path", "file": "route.csv"},
+        uncertainty={
+            "aircraft": {"position_m": 1, "attitude_deg": 0.1},
+            "radar": {"low": {"position_m": 1, "constant": 0.1}},
+        },
+        analysis={"level": "low"},
+    )
+    (tmp_path / "my.yaml").write_text(yaml_text(s))
+    done = tool("variance", "my.yaml", "--threshold", "0.1", "--no-plot")
+    assert done.code == 3
+    assert "VIOLATED" in done.out
+
+
+def test_a_radar_on_earth_has_its_own_vertical(tmp_path):
+    """1000 km from the origin the vertical is 9 deg off that of the origin."""
+    files(tmp_path)
+    place = {"latitude_deg": 50.0, "longitude_deg": 20.0, "altitude_m": 0.0}
+    rows = [(0, 50.5, 20.0, 9000), (60, 50.5, 20.1, 9000)]
+    (tmp_path / "route.csv").write_text(csv("time_s,latitude_deg,longitude_deg,altitude_m", rows))
+    radar = {"position_geodetic": place, "constant": C_R, "p_fa": P_FA}
+    s = document(
+        aircraft={"rcs": SPHERE},
+        radar={**radar, "elevation_gain": "gain.csv", "mask": "mask.csv"},
+        geometry={
+            "type": "path",
+            "file": "route.csv",
+            "origin": {"latitude_deg": 41.0, "longitude_deg": 20.0, "altitude_m": 0},
+        },
+        analysis={"level": "low"},
+    )
+    (tmp_path / "my.yaml").write_text(yaml_text(s))
+    s = load_scenario(tmp_path / "my.yaml")
+    a, f = 6378137.0, 1 / 298.257223563
+    e2 = f * (2 - f)
+
+    def earth(latitude, longitude, height):
+        la, lo = math.radians(latitude), math.radians(longitude)
+        n = a / math.sqrt(1 - e2 * math.sin(la) ** 2)
+        level = (n + height) * math.cos(la)
+        return np.array(
+            [level * math.cos(lo), level * math.sin(lo), (n * (1 - e2) + height) * math.sin(la)]
+        )
+
+    la, lo = math.radians(50), math.radians(20)
+    up = np.array([math.cos(la) * math.cos(lo), math.cos(la) * math.sin(lo), math.sin(la)])
+    way = earth(50.5, 20, 9000) - earth(50, 20, 0)
+    elevation = math.asin(up @ way / np.linalg.norm(way))
+    (radar,) = s.radars
+    clearance = radar.mask.clearance(s.aircraft[0], radar.state)
+    assert clearance == pytest.approx(elevation - math.radians(0.2), abs=1e-9)
+    full = dataclasses.replace(radar.model, antenna=None)
+    ratio = radar.model.snr(s.aircraft[0], radar.state) / full.snr(s.aircraft[0], radar.state)
+    assert_allclose(ratio, 10 ** (2 * cubic(math.degrees(elevation), GAIN) / 10), rtol=1e-9)
+
+
+def test_a_network_has_a_row_for_each_tilt(tmp_path):
+    files(tmp_path)
+    level = {"low": {"position_m": 1, "constant": 0.5, "tilt_deg": 0.4}}
+    radars = [
+        {
+            "name": name,
+            "position_m": [0, east, 0],
+            "constant": C_R,
+            "p_fa": P_FA,
+            "elevation_gain": "gain.csv",
+            "tilt_deg": tilt,
+            "uncertainty": level,
+        }
+        for name, east, tilt in (("one", 0, 0), ("two", 2e4, 1))
+    ]
+    content = document(aircraft__rcs=SPHERE)
+    del content["radar"], content["uncertainty"]["radar"]
+    content |= {"radars": radars, "analysis": {"level": "low"}}
+    content["geometry"] |= {
+        "range_km": 300,
+        "down_km": -8,
+        "azimuth_deg": {"start": 0, "stop": 20, "step": 20},
+    }
+    (tmp_path / "my.yaml").write_text(yaml_text(content))
+    budget = error_budget(load_scenario(tmp_path / "my.yaml"))
+    assert min(budget.finer[f"{name}_tilt"].min() for name in ("one", "two")) > 0
+    for name in ("one", "two"):
+        parts = [budget.finer[f"{name}_{part}"] for part in ("position", "constant", "tilt")]
+        assert_allclose(budget.alone[name], np.sqrt(sum(np.square(parts))), rtol=1e-9)
+
+
+def test_files_are_recorded_read_back_and_pickled(tool, tmp_path):
+    files(tmp_path)
+    s = made(tmp_path, radar__elevation_gain="gain.csv", radar__tilt_deg=1, radar__mask="mask.csv")
+    again = pickle.loads(pickle.dumps(s))
+    assert_allclose(again.model.p_d(s.aircraft, s.radar), s.model.p_d(s.aircraft, s.radar), rtol=0)
+    done = tool("check", "my.yaml")
+    assert done.code == 0
+    (tmp_path / "again.yaml").write_text(done.out)
+    assert tool("check", "again.yaml").out == done.out
+    (tmp_path / "gain.csv").write_text(csv("elevation_deg,gain_db", GAIN[1:]))
+    changed = tool("check", "again.yaml")
+    assert changed.code == 2
+    assert "again.yaml" in changed.err
+    assert "elevation_gain.sha256: gain.csv is another file than it was" in changed.err
+
+
+def test_an_antenna_beyond_its_elevations_is_told(tool, tmp_path):
+    files(tmp_path, gain=GAIN[:4])
+    made(tmp_path, radar__elevation_gain="gain.csv", geometry__down_km=-60)
+    done = tool("check", "my.yaml")
+    assert done.code == 0
+    assert "the gain of an antenna is used up to 9.31 deg beyond its elevations" in done.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tilt_deg": 1}, "radar.tilt_deg: needs elevation_gain, the gain that is tilted"),
+        ({"mask": "none.csv"}, "none.csv: cannot be read: No such file"),
+        ({"mask": {"fill": "x"}}, "radar.mask: must be the name of a file"),
+        ({"elevation_gain": "mask.csv"}, "mask.csv:1: unknown column 'azimuth_deg'"),
+        ({"elevation_gain": "gain.csv", "tilt_deg": 100}, "radar.tilt_deg: must be a number not l"),
+    ],
+)
+def test_keys_that_are_not_allowed(tmp_path, changes, message):
+    files(tmp_path)
+    radar = {f"radar__{key}": value for key, value in changes.items()}
+    with pytest.raises(InputError) as error:
+        made(tmp_path, **radar)
+    assert message in str(error.value)
+
+
+def test_an_uncertain_tilt_needs_a_gain(tmp_path):
+    low = {"position_m": 0, "constant": 1, "tilt_deg": 1}
+    with pytest.raises(InputError, match="tilt_deg: needs elevation_gain of the radar"):
+        made(tmp_path, uncertainty__radar={"low": low}, analysis={"level": "low"})
+
+
+@pytest.mark.parametrize(
+    ("gain", "message"),
+    [
+        ([(0, 0), (0, -1)], "gain.csv:3: elevation_deg must ascend from row to row, got 0 after 0"),
+        ([(0, 0)], "gain.csv:1: needs two rows or more"),
+        (
+            [(0, 33), (1, 30)],
+            "gain.csv:2: gain_db: must be a number not less than -200 and not gre",
+        ),
+        ([(0, 0), (95, -1)], "gain.csv:3: elevation_deg: must be a number not less than -90"),
+    ],
+)
+def test_gains_that_are_not_allowed(tmp_path, gain, message):
+    files(tmp_path, gain=gain)
+    with pytest.raises(InputError) as error:
+        made(tmp_path, radar__elevation_gain="gain.csv")
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("mask", "message"),
+    [
+        ([(-90, 0), (280, 1)], "mask.csv:3: azimuth_deg must be within one turn, got 370 deg"),
+        ([(0, 0), (90, 2), (360, 1)], "mask.csv:4: must be the same at both ends of a full turn"),
+    ],
+)
+def test_masks_that_are_not_allowed(tmp_path, mask, message):
+    files(tmp_path, mask=mask)
+    with pytest.raises(InputError) as error:
+        made(tmp_path, radar__mask="mask.csv")
+    assert message in str(error.value)
+
+
+def test_objects_that_are_not_allowed():
+    for gain in ([0.0], [0.0, 3.0], [[0.0, 0.0]]):
+        with pytest.raises(InputError, match="gain_db"):
+            rs.ElevationGain(np.array([0.0, 0.1]), np.array(gain))
+    with pytest.raises(InputError, match="axes must be a rotation"):
+        rs.Mask(np.array([0.0, 1.0]), np.zeros(2), axes=np.ones((3, 3)))
+    with pytest.raises(InputError, match="antenna must be an ElevationGain"):
+        rs.DetectionModel(rs.ConstantRCS(1.0), P_FA, antenna="gain.csv")
+    with pytest.raises(InputError, match="mask must be a Mask"):
+        dataclasses.replace(scenario().radars[0], mask=1)
