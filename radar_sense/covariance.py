@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radar_sense.errors import InputError
-from radar_sense.states import FloatArray, at_pose, real_array
+from radar_sense.states import FloatArray, at_pose, components_first, real_array
 
 #: Largest deviation of a correlation matrix from symmetric and semidefinite by rounding.
 TOLERANCE = 1e-9
@@ -247,13 +247,14 @@ def draws(
         overwrite: Whether to overwrite the unit normals, to save memory.
     """
     n, r = sqrt_cov.shape[-2:]
-    present = np.any(sqrt_cov, axis=tuple(range(sqrt_cov.ndim - 2)))
-    entries = np.moveaxis(sqrt_cov, (-2, -1), (0, 1))
-    means, components = (np.moveaxis(a, -1, 0) for a in (mean, normals))
+    others = range(sqrt_cov.ndim - 2)
+    present = np.asarray(sqrt_cov.any(axis=tuple(others)))
+    entries = sqrt_cov.transpose(-2, -1, *others)
+    means, components = components_first(mean), components_first(normals)
     in_place = overwrite and n == r and not np.any(present & ~np.eye(n, dtype=bool))
     drawn = components if in_place else np.empty((n, *normals.shape[:-1]))
-    for i, out in enumerate(drawn):
-        columns = np.flatnonzero(present[i]).tolist()
+    for i, (out, used) in enumerate(zip(drawn, present.tolist(), strict=True)):
+        columns = [j for j in range(r) if used[j]]
         if not columns:
             out[:] = means[i]
             continue
@@ -261,7 +262,7 @@ def draws(
         for j in columns[1:]:
             out += entries[i, j] * components[j]
         out += means[i]
-    return np.moveaxis(drawn, 0, -1)
+    return drawn.transpose(*range(1, drawn.ndim), 0)
 
 
 def component_first(matrices: FloatArray) -> FloatArray:

@@ -84,6 +84,11 @@ def with_errors(array: FloatArray, radars: int, axes: int = 1) -> FloatArray:
     return whole
 
 
+def components_first(vectors: FloatArray) -> FloatArray:
+    """Return a view (n, ...) of vectors (..., n). `np.moveaxis` takes ten times as long."""
+    return vectors.transpose(-1, *range(vectors.ndim - 1))
+
+
 def real_array(name: str, values: ArrayLike) -> FloatArray:
     """Return values as an array of floats, the array itself if it is one.
 

@@ -154,7 +154,14 @@ class UncertainStates:
 
     def at(self, rows: NDArray[np.intp] | slice) -> UncertainStates:
         """Return the states of some poses."""
-        return self._with(*(a if len(a) == 1 < len(self) else a[rows] for a in self._arrays))
+
+        def some(array: FloatArray) -> FloatArray:
+            return array if len(array) == 1 < len(self) else array[rows]
+
+        part = self._with(*map(some, self._arrays))
+        roots = ("sqrt_cov_aircraft", "sqrt_cov_radar")
+        vars(part).update({name: some(vars(self)[name]) for name in roots if name in vars(self)})
+        return part
 
     def with_covariances(
         self,
@@ -244,15 +251,14 @@ class UncertainStates:
             u: Unit normals (k, d, n).
             rows: The k poses of the unit normals.
         """
-        normals = np.moveaxis(u, 1, -1)
-        of_aircraft, of_radars = np.split(normals, [len(AIRCRAFT)], axis=-1)
+        normals, first = u.swapaxes(1, 2), len(AIRCRAFT)
 
         def at(array: FloatArray) -> FloatArray:
             """Return an array of the poses (k, 1, ...), or of all of them (1, 1, ...)."""
             return (array if len(array) == 1 else array[rows])[:, np.newaxis]
 
-        aircraft = draws(at(self.aircraft), at(self.sqrt_cov_aircraft), of_aircraft)
-        return aircraft, self._radars(at(self.radar), at(self.sqrt_cov_radar), of_radars)
+        aircraft = draws(at(self.aircraft), at(self.sqrt_cov_aircraft), normals[..., :first])
+        return aircraft, self._radars(at(self.radar), at(self.sqrt_cov_radar), normals[..., first:])
 
     def radars_at(self, normals: FloatArray) -> FloatArray:
         """Return radar states (n, 7m) at unit normals (n, d − 6), for radars alike at all poses."""
@@ -260,12 +266,12 @@ class UncertainStates:
 
     def _radars(self, nominal: FloatArray, sqrt_cov: FloatArray, normals: FloatArray) -> FloatArray:
         """Return radar states (..., 7m) at unit normals (..., d − 6)."""
-        first, of_tolerances = np.split(normals, [len(self.columns)], axis=-1)
-        radar = draws(nominal, sqrt_cov, first)
+        first = len(self.columns)
+        radar = draws(nominal, sqrt_cov, normals[..., :first])
         constants = radar[..., component(CONSTANT, len(self.tolerances))]  # a view
         for i, tolerances in enumerate(self.tolerances):
             if tolerances:
-                own = of_tolerances[..., self.tolerance_normals[i]]
+                own = normals[..., [first + number for number in self.tolerance_normals[i]]]
                 constants[..., i] *= factors(tolerances, own)
         np.maximum(constants, 0.0, out=constants)
         return radar

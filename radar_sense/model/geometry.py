@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radar_sense.states import ATTITUDE, POSITION, FloatArray
+from radar_sense.states import ATTITUDE, POSITION, FloatArray, components_first
 
 
 class Vector(NamedTuple):
@@ -124,11 +124,6 @@ def join(components: Iterable[FloatArray]) -> FloatArray:
     for i, component in enumerate(components):
         joined[i] = component  # np.stack holds the interpreter lock while it copies
     return joined.transpose(*range(1, joined.ndim), 0)
-
-
-def components_first(vectors: FloatArray) -> FloatArray:
-    """Return a view (n, ...) of vectors (..., n). `np.moveaxis` takes ten times as long."""
-    return vectors.transpose(-1, *range(vectors.ndim - 1))
 
 
 def radar_from_aircraft(aircraft: FloatArray, radar: FloatArray) -> Vector:

@@ -48,8 +48,8 @@ NATURAL, WIDE, WIDTH = 0.2, 0.3, 2.0
 #: Share of the draws about centres that lower P_D, of those about any centre. And what a change of
 #: P_D counts at least, as a part of the greatest: a lobe or limit beside a centre may change more.
 FALLING, LEAST_PART = 0.25, 0.1
-#: Steps to an extreme. It need not be found exactly.
-STEPS = 6
+#: Most steps to an extreme, and how near it is near enough, in standard deviations.
+STEPS, NEAR = 6, 0.05
 #: Least c_r on the way to an extreme, as a part of its nominal value.
 LEAST_CONSTANT = 1e-3
 #: Least height [m] on the way above a horizon.
@@ -191,22 +191,32 @@ def _extreme(
     """Return u (k, d) near the greatest z within |u| ≤ β, or near the least within −β.
 
     Each step goes to β times the unit vector of the gradient (R. Rackwitz and B. Fiessler,
-    Computers & Structures 9(5), 1978), half of the way after the first step.
+    Computers & Structures 9(5), 1978), half of the way after the first step. A pose is done when a
+    step is shorter than `NEAR`.
     """
-    u, which = np.zeros((len(states), states.normals)), component(CONSTANT, len(states.tolerances))
+    found, which = (
+        np.zeros((len(states), states.normals)),
+        component(CONSTANT, len(states.tolerances)),
+    )
+    rows = np.arange(len(states))
     for step in range(STEPS):
-        aircraft, radar = (x[:, 0] for x in states.at_normals(u[..., np.newaxis]))
-        constants, nominal = radar[:, which], states.radar[:, which]
+        u, some = found[rows], states.at(rows)
+        aircraft, radar = (x[:, 0] for x in some.at_normals(u[..., np.newaxis]))
+        constants, nominal = radar[:, which], some.radar[:, which]
         np.maximum(constants, LEAST_CONSTANT * nominal, out=constants)
-        by_u = states.by_normals(*gradient(states, aircraft, radar), radar)
+        by_u = some.by_normals(*gradient(some, aircraft, radar), radar)
         length = np.sqrt(np.sum(by_u * by_u, axis=1, keepdims=True))
         with np.errstate(divide="ignore", invalid="ignore"):
             new = beta * by_u / length
             if step:
                 new += u
                 new *= abs(beta) / np.sqrt(np.sum(new * new, axis=1, keepdims=True))
-        u = np.where(np.isfinite(new), new, u)
-    return u
+        new = np.where(np.isfinite(new), new, u)
+        found[rows] = new
+        rows = rows[np.sum((new - u) ** 2, axis=1) > NEAR**2]
+        if not rows.size:
+            break
+    return found
 
 
 def _of_network(
