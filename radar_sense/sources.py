@@ -26,9 +26,8 @@ from radar_sense.propagation import (
     BOUND_CHANGE,
     MONTE_CARLO,
     STD_CHANGE,
-    Moments,
     distribution,
-    propagate_scenario,
+    mean_and_std,
 )
 from radar_sense.propagation.automatic import Automatic
 from radar_sense.propagation.draws import estimate
@@ -67,7 +66,6 @@ class Budget:
         std: Standard deviation of P_D from all sources together (n,).
         alone: Standard deviation from each source with the others certain (n,). Sobol' indices
             average over the other sources.
-        moments: Moments of P_D with all sources; None for Sobol' indices.
         finer: As `alone`, for the whole aircraft, and for position, constant and attenuation of
             each radar of a network (n,). Empty for a single radar, and for Sobol' indices.
         total_index: Total Sobol' index of each source (n,); None for other methods.
@@ -79,7 +77,6 @@ class Budget:
     mean: FloatArray
     std: FloatArray
     alone: Mapping[str, FloatArray]
-    moments: Moments | None = None
     finer: Mapping[str, FloatArray] = field(default_factory=dict)
     total_index: Mapping[str, FloatArray] | None = None
     share_error: Mapping[str, FloatArray] | None = None
@@ -109,11 +106,11 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     """
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
-    total = propagate_scenario(scenario, method=method)
     names = scenario.model.names
     finer_names = finer_sources(names, scenario.uncertain_parameters)
     groups = (sources_of(scenario), finer_names, parts_of(scenario))
     whole = distribution(scenario, method)
+    mean, std = mean_and_std(whole)
     count = sum(len(group) for group in groups)
     std_by_name: dict[str, FloatArray] = {}
     for name in itertools.chain(*groups):
@@ -121,10 +118,9 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         report("sources of the budget", len(std_by_name), count)
     alone, finer, parts = ({name: std_by_name[name] for name in group} for group in groups)
     return Budget(
-        mean=total.mean,
-        std=total.std,
+        mean=mean,
+        std=std,
         alone=alone,
-        moments=total,
         finer=finer,
         parts=parts,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from radar_sense.propagation import (
     STD_CHANGE,
     Moments,
     distribution,
+    std_off_in_scenario,
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
@@ -85,6 +86,10 @@ WARNINGS: dict[str, str] = {
         "differ from both. Let geometry.interpolate add poses."
     ),
     "runs-few": ("A rate is a slope over several numbers of runs. With fewer it is hardly known."),
+    "sigma-off": (
+        "Draws say that sigma by the method is off by more than 5 %. Use the method automatic, "
+        "which takes the numbers of the draws there."
+    ),
     "sigma-zero": ("Nothing is uncertain at these poses, so errors have no unit there."),
     "sources-correlated": (
         "Off-diagonal covariances connect sources, so the squares of their sigmas do not add up "
@@ -125,6 +130,9 @@ WARNINGS: dict[str, str] = {
 }
 #: What to use in place of a band that is off, where a table has the draws.
 BY_DRAWS = "use the columns of the draws there"
+REMEDY = f"use --method {AUTOMATIC}"
+#: Name of a warning, where it is, and its words before and after the place.
+_Problem: TypeAlias = tuple[str, NDArray[np.bool_], str, str]
 #: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
 
@@ -378,27 +386,15 @@ def validity_warnings(
         remedy: What to use instead; "" names another method.
     """
     off = unreliable_in_scenario(scenario, moments, method=method)
-    undefined = ~np.isfinite(moments.std)
     by_draws = np.full(off.shape, method == AUTOMATIC)
-    remedy = remedy or f"use --method {AUTOMATIC}"
+    remedy = remedy or REMEDY
     outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
     problems = (
-        (
-            "no-value",
-            undefined,
-            f"{method} has no value (not converged, or radar straight above or below the aircraft)",
-            f": {remedy}",
-        ),
+        *_problems_of_std(moments.std, off, method, remedy),
         ("band-outside", outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
         (
-            "uncertainty-large",
-            (3 * moments.std > 1) & ~off,
-            "3 sigma of P_D is above 1",
-            ": are the uncertainties in their units?",
-        ),
-        (
             "band-off",
-            off & ~undefined & ~by_draws,
+            off & np.isfinite(moments.std) & ~by_draws,
             f"the {method} band is off",
             f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over "
             f"{STD_CHANGE:.0%}; {remedy}",
@@ -410,10 +406,48 @@ def validity_warnings(
             f": a bound has a standard error above {BOUND_CHANGE:g}",
         ),
     )
+    return _placed(problems, scenario.axis)
+
+
+def std_warnings(
+    scenario: Scenario, mean: FloatArray, std: FloatArray, method: str
+) -> tuple[str, ...]:
+    """Return where σ by a method is off, of analyses that have no bounds."""
+    off = std_off_in_scenario(scenario, mean, std, method=method)
+    about = f"sigma by {method} is off"
+    problems = (
+        *_problems_of_std(std, off, method, REMEDY),
+        ("sigma-off", off & np.isfinite(std), about, f": by over {STD_CHANGE:.0%}; {REMEDY}"),
+    )
+    return _placed(problems, scenario.axis)
+
+
+def _problems_of_std(
+    std: FloatArray, off: NDArray[np.bool_], method: str, remedy: str
+) -> tuple[_Problem, ...]:
+    """Return where σ has no value, and where it is implausible."""
+    return (
+        (
+            "no-value",
+            ~np.isfinite(std),
+            f"{method} has no value (not converged, or radar straight above or below the aircraft)",
+            f": {remedy}",
+        ),
+        (
+            "uncertainty-large",
+            (3 * std > 1) & ~off,
+            "3 sigma of P_D is above 1",
+            ": are the uncertainties in their units?",
+        ),
+    )
+
+
+def _placed(problems: Iterable[_Problem], axis: Axis) -> tuple[str, ...]:
+    """Return a warning of each problem that is anywhere, with its poses."""
     return tuple(
         warning(name, f"{words} {place}{ending}")
         for name, mask, words, ending in problems
-        if (place := describe_poses(mask, scenario.axis))
+        if (place := describe_poses(mask, axis))
     )
 
 

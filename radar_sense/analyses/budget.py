@@ -23,7 +23,7 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, Moments, unreliable_in_scenario
+from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, std_off_in_scenario
 from radar_sense.propagation.automatic import STD_ERROR
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS
@@ -165,11 +165,9 @@ def budget(
     if method != MONTE_CARLO:
         words.add_radars(result, {scenario.level: scenario}, method)
     add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
-    result.warnings += (
-        words.table_warnings(scenario)
-        if found.moments is None
-        else words.method_warnings(scenario, found.moments, method)
-    )
+    if method != MONTE_CARLO:
+        result.warnings += words.std_warnings(scenario, found.mean, found.std, method)
+    result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
         result.warnings += words.vanishing_gradient(
             words.places(_missed(scenario, found, vanishes), axis)
@@ -275,11 +273,10 @@ def _missed(
     Where it is not off, the source that first order misses is small.
     """
     rows = np.flatnonzero(np.any(list(vanishes.values()), axis=0))
-    if found.moments is None or not rows.size:
-        return {}
-    moments = Moments(*(values[rows] for values in vars(found.moments).values()))
     off = np.zeros(len(scenario.axis), dtype=bool)
-    off[rows] = unreliable_in_scenario(scenario.at_poses(rows), moments, method="linear")
+    if rows.size:
+        of_rows = found.mean[rows], found.std[rows]
+        off[rows] = std_off_in_scenario(scenario.at_poses(rows), *of_rows, method="linear")
     return {name: mask & off for name, mask in vanishes.items()}
 
 

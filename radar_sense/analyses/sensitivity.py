@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from radar_sense import words
 from radar_sense.command import METHOD, ONE_RADAR, Result, command
-from radar_sense.propagation import propagate_scenario
+from radar_sense.propagation import distribution, mean_and_std
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -31,16 +31,17 @@ def sensitivity(scenario: Scenario) -> Result:
     method = scenario.method
     axis, result = scenario.axis, Result(scenario, method)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.levels}
-    moments = {level: propagate_scenario(s, method=method) for level, s in at_level.items()}
+    moments = {level: mean_and_std(distribution(s, method)) for level, s in at_level.items()}
 
     words.add_axis(result.table, axis)
-    for level, m in moments.items():
+    lines = {level: 3 * std for level, (_, std) in moments.items()}
+    for level, three_sigma in lines.items():
         meaning = f"3 sigma of P_D at the level {level} of radar uncertainty."
-        result.table.add(f"three_sigma_{level}", 3 * m.std, meaning)
-    for level, m in moments.items():
-        words.add_mean(result.table, m.mean, method, f"_{level}")
+        result.table.add(f"three_sigma_{level}", three_sigma, meaning)
+    for level, (mean, _) in moments.items():
+        words.add_mean(result.table, mean, method, f"_{level}")
 
-    worst = {level: words.peak(3 * m.std, axis) for level, m in moments.items()}
+    worst = {level: words.peak(three_sigma, axis) for level, three_sigma in lines.items()}
     result.summary["largest_three_sigma"] = worst
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
@@ -48,10 +49,10 @@ def sensitivity(scenario: Scenario) -> Result:
     words.add_radars(result, at_level, method)
     result.warnings += words.gathered(
         (level, text)
-        for level, m in moments.items()
-        for text in words.method_warnings(at_level[level], m, method)
+        for level, of_level in moments.items()
+        for text in words.std_warnings(at_level[level], *of_level, method)
     )
-    lines = {level: 3 * m.std for level, m in moments.items()}
+    result.warnings += words.table_warnings(scenario)
     result.draw = partial(_draw, axis=axis, lines=lines)
     return result
 

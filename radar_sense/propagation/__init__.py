@@ -10,8 +10,10 @@ from radar_sense.propagation.methods import JudgedMoments as JudgedMoments
 from radar_sense.propagation.methods import Moments as Moments
 from radar_sense.propagation.methods import check_method as check_method
 from radar_sense.propagation.methods import distribution as distribution
+from radar_sense.propagation.methods import mean_and_std as mean_and_std
 from radar_sense.propagation.methods import no_draws as no_draws
 from radar_sense.propagation.methods import propagate as propagate
 from radar_sense.propagation.methods import propagate_scenario as propagate_scenario
+from radar_sense.propagation.methods import std_off_in_scenario as std_off_in_scenario
 from radar_sense.propagation.methods import unreliable as unreliable
 from radar_sense.propagation.methods import unreliable_in_scenario as unreliable_in_scenario

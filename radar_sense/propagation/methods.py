@@ -33,6 +33,8 @@ from radar_sense.uncertain_states import UncertainStates, uncertain_states
 AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
 #: Numbers in memory for each draw at one pose.
 NUMBERS = 12
+#: β of the draws that judge mean and σ.
+JUDGED = 3.0
 #: Poses between two reports of progress.
 REPORTED = 16_384
 
@@ -198,6 +200,26 @@ def distribution(scenario: Scenario, method: str) -> Distribution:
     return METHODS[method](scenario.states())
 
 
+def mean_and_std(found: Distribution) -> tuple[FloatArray, FloatArray]:
+    """Return mean and σ (k,). Where nothing is uncertain, the mean is P_D without rounding."""
+    std = found.std
+    return np.where(std == 0, found.p_d, found.mean), std
+
+
+def std_off_in_scenario(
+    scenario: Scenario, mean: FloatArray, std: FloatArray, *, method: str
+) -> NDArray[np.bool_]:
+    """Return where (n,) draws say that mean and σ of a scenario by a method are off.
+
+    Few draws say it of σ, where `unreliable_in_scenario` needs many to say it of bounds.
+    """
+    if method == AUTOMATIC:  # these are by draws where FORM is off
+        return np.zeros(len(std), dtype=bool)
+    states = scenario.states()
+    _foresee(states, FIRST)
+    return moments_off(first_look(states, JUDGED), mean, std)
+
+
 def check_method(method: str) -> None:
     """Raise InputError, which is a ValueError, unless there is such a method."""
     check_choice("method", method, METHODS)
@@ -229,13 +251,10 @@ def _moments(
             drawn.append(found.drawn(beta))
         else:
             found = METHODS[method](part)
-        mean, std = found.mean, found.std
-        lower, upper = found.quantile(-beta), found.quantile(beta)
+        (mean, std), p_d = mean_and_std(found), found.p_d
         error = np.broadcast_to(found.error(beta), std.shape)
-        # Where nothing is uncertain, bounds and mean are P_D without rounding.
-        p_d, certain = found.p_d, std == 0
-        mean, lower, upper = (np.where(certain, p_d, x) for x in (mean, lower, upper))
-        parts.append((p_d, mean, std, lower, upper, error))
+        bounds = (np.where(std == 0, p_d, found.quantile(end)) for end in (-beta, beta))
+        parts.append((p_d, mean, std, *bounds, error))
         done += len(part)
         report(f"poses propagated by {method}", done, len(states))
     whole = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
