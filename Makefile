@@ -14,10 +14,15 @@ $(VENV)/installed: pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
 	touch $@
 
-$(VENV)/installed-dev: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+# Dependency groups need pip 25.1.
+$(VENV)/pip: $(VENV)/installed
+	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
+	touch $@
+
+$(VENV)/installed-dev: $(VENV)/pip
+	$(BIN)/python -m pip install --quiet --group dev
 	@# not for every platform; without it the tests in a browser are skipped
-	@$(BIN)/python -m pip install --quiet --only-binary :all: --editable '.[browser]' \
+	@$(BIN)/python -m pip install --quiet --only-binary :all: --group browser \
 		|| echo "playwright cannot be installed: no tests in a browser" >&2
 	touch $@
 
@@ -25,7 +30,7 @@ $(VENV)/installed-dev: $(VENV)/installed
 # itself, and where one cannot be had its rows are not measured. The stamp waits for all.
 $(VENV)/installed-bench: $(VENV)/installed-dev
 	@all=yes; for peer in numba jax openturns; do \
-		$(BIN)/python -m pip install --quiet --only-binary :all: --editable ".[bench-$$peer]" \
+		$(BIN)/python -m pip install --quiet --only-binary :all: --group "bench-$$peer" \
 			|| { all=; echo "$$peer cannot be installed: bench goes without it" >&2; }; \
 	done; test -z "$$all" || touch $@
 
@@ -72,8 +77,8 @@ study: $(VENV)/installed-dev
 reference: $(VENV)/installed
 	$(BIN)/python docs/make_reference.py
 
-docs: $(VENV)/installed
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+docs: $(VENV)/pip
+	$(BIN)/python -m pip install --quiet --group docs
 	$(BIN)/sphinx-build -W --keep-going --nitpicky -q -b html docs docs/_build
 	@echo "docs/_build/index.html"
 

@@ -43,7 +43,7 @@ class Limit:
 
     def allows(self, value: Any) -> bool:
         """Return whether the value is a number within the limit."""
-        if not isinstance(value, Real) or isinstance(value, bool):
+        if isinstance(value, bool) or not isinstance(value, Real):
             return False
         number: Any = value
         return (

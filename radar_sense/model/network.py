@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import reduce
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,9 +46,10 @@ class NetworkModel:
     radars: tuple[Radar, ...]
 
     def __post_init__(self) -> None:
-        if not isinstance(self.radars, tuple | list) or not self.radars:
-            raise InputError(f"radars must be a tuple of one radar or more, got {self.radars!r}")
-        for radar in self.radars:
+        given: Any = self.radars
+        if not isinstance(given, tuple | list) or not given:
+            raise InputError(f"radars must be a tuple of one radar or more, got {given!r}")
+        for radar in given:
             if not isinstance(radar, Radar):
                 raise InputError(f"radars must be of class Radar, got {radar!r}")
         object.__setattr__(self, "radars", tuple(self.radars))

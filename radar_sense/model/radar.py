@@ -56,10 +56,9 @@ class Level:
             )
         matrix.flags.writeable = False
         object.__setattr__(self, "covariance", matrix)
-        if not isinstance(self.tolerances, tuple | list) or not all(
-            isinstance(tolerance, Tolerance) for tolerance in self.tolerances
-        ):
-            raise InputError(f"tolerances must be a tuple of Tolerance, got {self.tolerances!r}")
+        given: Any = self.tolerances
+        if not isinstance(given, tuple | list) or not all(isinstance(t, Tolerance) for t in given):
+            raise InputError(f"tolerances must be a tuple of Tolerance, got {given!r}")
         object.__setattr__(self, "tolerances", tuple(self.tolerances))
         for name in ("attenuation_std", "tilt_std"):
             check_number(name, getattr(self, name), NOT_NEGATIVE)
@@ -135,7 +134,8 @@ class Radar:
     def _check_levels(self) -> None:
         if not isinstance(self.levels, Mapping):
             raise InputError("levels must be a mapping, {'medium': Level(...)}")
-        for name, level in self.levels.items():
+        given: Mapping[Any, Any] = self.levels
+        for name, level in given.items():
             if not isinstance(name, str) or not name:
                 raise InputError(f"levels must have names, got {name!r}")
             if not isinstance(level, Level):

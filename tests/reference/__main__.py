@@ -1,6 +1,6 @@
 """Make the reference set, in some fifteen minutes of CPU on one core.
 
-    pip install -e '.[reference]'
+    pip install -e . --group reference
     PYTHONPATH=tests nice python tests/reference
 
 `scenarios.json` and `poses.csv` are written beside this file; docs/reference_data.md explains them.
