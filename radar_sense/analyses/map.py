@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.analyses.map_export import geojson
+from radar_sense.analyses.verdict import K
 from radar_sense.command import (
     COURSE_DEG,
     DOWN_KM,
@@ -24,7 +25,6 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.coverage.grid import (
-    BETA,
     Grid,
     Plane,
     blocks_of,
@@ -65,7 +65,8 @@ SAMPLED = 20
 @command(
     LEVEL,
     ONE_RADAR,
-    Option("upper", "Show the upper 3-sigma bound in place of P_D.", flag=True),
+    Option("upper", "Show the upper bound in place of P_D.", flag=True),
+    replace(K, help="Number of sigma of --upper."),
     replace(METHOD, help=f"For --upper. {METHOD.help}"),
     Option(
         "north_km",
@@ -117,16 +118,17 @@ def coverage_map(
     course_deg: float | None = None,
     p_d: Sequence[float] = LEVELS,
     upper: bool = False,
+    k: float | None = None,
     worst_heading: bool = False,
     workers: int = 1,
 ) -> Result:
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
-    The upper bound adds upper_3sigma, and the worst heading adds worst_heading_deg. An origin
-    adds latitude_deg and longitude_deg. The figure shows the route in the same colours, by P_D at
-    the attitude of each pose. With an origin the map can be GeoJSON too: the contours of P_D and of
-    the bound, the radars, and the route with P_D of each leg.
+    The upper bound adds upper_3sigma, or that of another K, and the worst heading adds
+    worst_heading_deg. An origin adds latitude_deg and longitude_deg. The figure shows the route in
+    the same colours, by P_D at the attitude of each pose. With an origin the map can be GeoJSON
+    too: the contours of P_D and of the bound, the radars, and the route with P_D of each leg.
 
     Args:
         scenario: The scenario.
@@ -136,7 +138,8 @@ def coverage_map(
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
         p_d: P_D of the contour lines; of the bound with `upper`.
-        upper: Whether to compute the upper bound at Φ(3) too, and to show the bound.
+        upper: Whether to compute the upper bound too, and to show the bound.
+        k: Number of σ of the upper bound, 3 by default.
         worst_heading: Whether P_D is the largest over all headings.
         workers: Number of threads.
 
@@ -150,6 +153,9 @@ def coverage_map(
         raise InputError("worst_heading and upper exclude each other; give one of them")
     if worst_heading and course_deg is not None:
         raise InputError("worst_heading and course_deg exclude each other; give one of them")
+    if k is not None and not upper:
+        raise InputError("k is for the upper bound: it needs upper")
+    k = k or 3.0
     result, contours, bounding = (
         Result(scenario, method),
         sorted(set(p_d)),
@@ -161,7 +167,7 @@ def coverage_map(
     compute: Callable[..., tuple[Plane, Plane | None]] = (
         partial(worst_p_d_in_cells, scenario, **area)
         if worst_heading
-        else partial(p_d_in_cells, scenario, course=course, method=bounding, **area)
+        else partial(p_d_in_cells, scenario, course=course, method=bounding, beta=k, **area)
     )
 
     def leaves(border: Grid) -> bool:
@@ -170,7 +176,7 @@ def coverage_map(
 
     cells = grid(scenario, north_km=north_km, east_km=east_km, step_km=step_km, leaves=leaves)
     pose = pose_in_cells(scenario, down, course)
-    add = result.table.add
+    add, column = result.table.add, f"upper_{k:.12g}sigma" if upper else "p_d"
     add("north_m", cells.north, "North of the rows of cells, from the origin.", "m")
     add("east_m", cells.east, "East of the columns of cells, from the origin.", "m")
     shown, other = compute(cells)
@@ -179,7 +185,8 @@ def coverage_map(
         meaning = "With --worst-heading: the heading of the largest P_D."
         add("worst_heading_deg", other, meaning, "°")
     elif other is not None:
-        add("upper_3sigma", other, "With --upper: upper 3-sigma bound of P_D in each cell.")
+        meaning = f"With --upper: upper {k:g}-sigma bound of P_D in each cell."
+        add(column, other, meaning)
         shown = other
     if scenario.origin is not None:
         for name, degrees in zip(
@@ -191,7 +198,7 @@ def coverage_map(
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
     areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in contours}
-    route = _route(scenario, bounding)
+    route = _route(scenario, bounding, k)
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
@@ -199,13 +206,14 @@ def coverage_map(
         "down_km": float(pose[DOWN]) / 1e3,
         "attitude_deg": np.rad2deg(pose[ATTITUDE]).tolist(),
         "worst_heading": worst_heading,
-        "shown": "upper_3sigma" if upper else "p_d",
+        "shown": column,
+        **({"k": k} if upper else {}),
         "area_km2": area_km2,
         "contours": contours,
         "area_km2_at_or_above": areas,
         "route": [float(np.min(route)), float(np.max(route))],
     }
-    quantity = f"upper 3-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
+    quantity = f"upper {k:g}-sigma bound of P_D ({scenario.level}, {method})" if upper else "P_D"
     place = _pose_in_words(result.summary)
     result.report += [f"{quantity} in {cells.shape[0]} x {cells.shape[1]} cells, {place}:"]
     result.report += [
@@ -218,7 +226,7 @@ def coverage_map(
     result.warnings += below_ground(scenario, down_km)
     result.warnings += _warnings(scenario, cells, pose, shown, method)
     if upper:
-        result.warnings += _unreliable(scenario, cells, pose, method)
+        result.warnings += _unreliable(scenario, cells, pose, method, k)
     result.exports = {"geojson": partial(geojson, route=route)}
     result.draw = partial(_draw, result=result, route=route)
     return result
@@ -236,12 +244,12 @@ def _places(
     return latitude, longitude
 
 
-def _route(scenario: Scenario, method: str | None) -> FloatArray:
+def _route(scenario: Scenario, method: str | None, k: float) -> FloatArray:
     """Return P_D (n,) at each pose of the scenario, or its upper bound by a method."""
     if method is None:
         p_d: FloatArray = scenario.model.p_d(scenario.aircraft, scenario.radar)
         return p_d
-    return distribution(scenario, method).quantile(BETA)
+    return distribution(scenario, method).quantile(k)
 
 
 def _warnings(
@@ -276,13 +284,15 @@ def _warnings(
     return tuple(lines)
 
 
-def _unreliable(scenario: Scenario, cells: Grid, pose: FloatArray, method: str) -> tuple[str, ...]:
+def _unreliable(
+    scenario: Scenario, cells: Grid, pose: FloatArray, method: str, k: float
+) -> tuple[str, ...]:
     """Return a warning if the bound of a method is unreliable in some of the sampled cells."""
     sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
-    moments = propagate_scenario(checked, method=method)
-    unreliable = unreliable_in_scenario(checked, moments, method=method)
+    moments = propagate_scenario(checked, method=method, beta=k)
+    unreliable = unreliable_in_scenario(checked, moments, method=method, beta=k)
     count = int(np.count_nonzero(unreliable))
     if not count:
         return ()
@@ -297,11 +307,11 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
 
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
-    bounded, worst = "upper_3sigma" in table, "worst_heading_deg" in table
+    bounded, worst = "k" in result.summary, "worst_heading_deg" in table
     # A figure resolves no more than 1000 cells a side, and contours of more cells take long.
     stride = max(1, -(-max(len(north), len(east)) // 1000))
     north, east = north[::stride], east[::stride]
-    values = table["upper_3sigma" if bounded else "p_d"][::stride, ::stride]
+    values = table[result.summary["shown"]][::stride, ::stride]
     half = 0.5 * (east[1] - east[0]), 0.5 * (north[1] - north[0])
     extent = (east[0] - half[0], east[-1] + half[0], north[0] - half[1], north[-1] + half[1])
     shape = (extent[3] - extent[2]) / (extent[1] - extent[0])
@@ -317,7 +327,8 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
     image = axes.imshow(
         values, origin="lower", extent=extent, cmap=COLOURS, vmin=0, vmax=1, aspect="equal"
     )
-    name = rf"Upper $3\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
+    k = result.summary.get("k", 3.0)
+    name = rf"Upper ${k:g}\,\sigma$ bound of $P_D$ ({scenario.level}, {result.method})"
     of_headings = "Largest $P_D$ over all headings"
     bar = figure.colorbar(
         image,
@@ -382,7 +393,7 @@ def _draw_route(axes: Axes, result: Result, route: FloatArray) -> None:
     from radar_sense import plotting
 
     poses = result.scenario.aircraft / 1e3
-    bounded = "upper_3sigma" in result.table
+    bounded = "k" in result.summary
     label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
     plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, COLOURS, label)
 

@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 #: Most legs of a route in a file. More legs are joined, with the largest P_D of the legs.
 _MOST_LEGS = 5_000
 _COLOURS = "cividis"
-_NAMES = {"p_d": "P_D", "upper_3sigma": "upper 3-sigma bound of P_D"}
 Position = list[float]
 Feature = dict[str, Any]
 
@@ -55,7 +54,7 @@ def _contours(result: Result, origin: tuple[float, float, float]) -> Iterator[Fe
 
     table, scenario = result.table, result.scenario
     pose = pose_in_cells(scenario, result.summary["down_km"] * 1e3, None)
-    for column in (name for name in _NAMES if name in table):
+    for column in dict.fromkeys(["p_d", result.summary["shown"]]):
         for level in result.summary["contours"]:
             lines = plotting.contour_lines(table["east_m"], table["north_m"], table[column], level)
             places = [places_at(line[:, 1], line[:, 0], pose, origin) for line in lines]
@@ -63,11 +62,15 @@ def _contours(result: Result, origin: tuple[float, float, float]) -> Iterator[Fe
             if parts:
                 yield _feature(
                     "contour",
-                    f"{_NAMES[column]} = {level:g}",
+                    f"{_name(result, column)} = {level:g}",
                     ("MultiLineString", parts),
                     plotting.hex_colour(level, _COLOURS),
                     {"quantity": column, "value": level, "level": scenario.level},
                 )
+
+
+def _name(result: Result, column: str) -> str:
+    return "P_D" if column == "p_d" else f"upper {result.summary['k']:g}-sigma bound of P_D"
 
 
 def _radars(result: Result, origin: tuple[float, float, float]) -> Iterator[Feature]:
@@ -94,7 +97,7 @@ def _legs(
         parts = _cut(places[leg])
         yield _feature(
             "route",
-            f"{_NAMES[column]} {value:.4f}",
+            f"{_name(result, column)} {value:.4f}",
             ("MultiLineString", parts) if len(parts) > 1 else ("LineString", parts[0]),
             plotting.hex_colour(value, _COLOURS),
             {column: value},

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from radar_sense.analyses.verdict import K
 from radar_sense.axis import Axis, reached
 from radar_sense.command import (
     COURSE_DEG,
@@ -25,7 +26,6 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.coverage.grid import BETA
 from radar_sense.coverage.rays import (
     EVALUATIONS,
     FARTHEST,
@@ -89,8 +89,8 @@ class RangeAt:
         reach: Distance along each ray.
         slant: Slant range; 0 where P_D is nowhere as high.
         std: Standard deviation; NaN where a limit of the radar comes first or there is no range.
-        lower: Lower bound at Φ(−3).
-        upper: Upper bound at Φ(3).
+        lower: Lower bound at Φ(−k).
+        upper: Upper bound at Φ(k).
         by_source: Standard deviation from each source alone, to first order.
         unreliable: Where the method is unreliable.
     """
@@ -124,6 +124,7 @@ class RangeAt:
         choices=(BEARING, ASPECT),
     ),
     Option("step_deg", "Step of the angle.", Limit(at_least=0.1, at_most=90), "DEG", default=1.0),
+    K,
     DOWN_KM,
     COURSE_DEG,
     examples=(
@@ -140,13 +141,14 @@ def detection_range(
     p_d: Sequence[float] = (P_D,),
     by: str = BEARING,
     step_deg: float = 1.0,
+    k: float = 3.0,
     down_km: float | None = None,
     course_deg: float | None = None,
 ) -> Result:
     """How far each radar detects the aircraft, by bearing or by aspect.
 
     The aircraft is put around each radar at the height, roll, pitch and yaw of the first pose. The
-    range is the farthest slant range at which P_D has the chosen value. The band of 3 sigma is the
+    range is the farthest slant range at which P_D has the chosen value. The band of K sigma is the
     uncertainty of the range from the uncertain states and radar. By linear, sigma of the range is
     sigma of P_D divided by the slope of P_D along the ray. By other methods, the bounds of P_D have
     the value at the bounds of the range.
@@ -157,6 +159,7 @@ def detection_range(
         by: "bearing" from the radar, or "aspect". An aspect is the azimuth of the radar in the body
             frame. The aircraft then turns at the bearing of the first pose.
         step_deg: Step of the angle [deg].
+        k: Number of σ of the band.
         down_km: Down coordinate [km]; the first pose's if None.
         course_deg: Yaw [deg]; the first pose's if None.
 
@@ -184,13 +187,13 @@ def detection_range(
         name: survey(rays(single, np.deg2rad(angle_deg), **options))
         for name, single in singles.items()
     }
-    ranges = {name: _ranges(seen, values, method) for name, seen in surveys.items()}
+    ranges = {name: _ranges(seen, values, method, k) for name, seen in surveys.items()}
 
     result.table.add(axis.key, angle_deg, ANGLES[by], "°")
     for add in (_add_bands, _add_sources):
         for name, of_radar in ranges.items():
             for at in of_radar:
-                add(result.table, at, name)
+                add(result.table, at, name, k)
 
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
@@ -200,7 +203,7 @@ def detection_range(
     for name, of_radar in ranges.items():
         result.report += [f"{name}:"] if name else []
         for at in of_radar:
-            result.report += [f"  {line}" for line in (_line(at, axis), *_band(at, axis))]
+            result.report += [f"  {line}" for line in (_line(at, axis), *_band(at, axis, k))]
         result.report += [f"  {line}" for at in of_radar for line in _exceptions(at, axis)]
     names = list(singles) if len(singles) > 1 else []
     result.summary |= {
@@ -224,14 +227,14 @@ def detection_range(
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
     limits = {name: _limits(seen) for name, seen in surveys.items()}
-    label = rf"band of $3\,\sigma$ ({scenario.level})"
+    label = rf"band of ${k:g}\,\sigma$ ({scenario.level})"
     result.draw = partial(
         _draw, angle_deg=angle_deg, ranges=ranges, limits=limits, by=by, title=title, label=label
     )
     return result
 
 
-def _add_bands(table: Table, at: RangeAt, radar: str) -> None:
+def _add_bands(table: Table, at: RangeAt, radar: str, k: float) -> None:
     """Add the range and its band."""
     label, of = _label(at, radar)
     name = f"{at.p_d:g}"
@@ -239,11 +242,11 @@ def _add_bands(table: Table, at: RangeAt, radar: str) -> None:
     table.add(f"range_m_{label}", at.slant, meaning, "m")
     table.add(f"sigma_range_m_{label}", at.std, f"{of}Standard deviation of this range.", "m")
     for end, bound in (("lower", at.lower), ("upper", at.upper)):
-        meaning = f"{of}{end.capitalize()} 3-sigma bound of this range."
-        table.add(f"{end}_3sigma_m_{label}", bound, meaning, "m")
+        meaning = f"{of}{end.capitalize()} {k:g}-sigma bound of this range."
+        table.add(f"{end}_{k:.12g}sigma_m_{label}", bound, meaning, "m")
 
 
-def _add_sources(table: Table, at: RangeAt, radar: str) -> None:
+def _add_sources(table: Table, at: RangeAt, radar: str, _: float) -> None:
     """Add the sources of the range, the limit of the radar, and the edges."""
     label, of = _label(at, radar)
     for source, std in at.by_source.items():
@@ -272,7 +275,7 @@ def _check_values(scenario: Scenario, values: Sequence[float]) -> None:
         raise InputError("p_d must have one value or more, each once")
 
 
-def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
+def _ranges(seen: Survey, values: list[float], method: str, k: float) -> list[RangeAt]:
     """Return the detection range for each P_D, with σ and band."""
     around = seen.all_rays
     ranges = []
@@ -294,17 +297,17 @@ def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
             for name, alone in budget.alone.items()
         }
         if method == "linear":
-            lower, upper = _first_order_band(seen, _slant(around, distance), std)
-            moments = propagate_scenario(at, method="probit")
-            unreliable = exists & unreliable_in_scenario(at, moments, method="probit")
+            lower, upper = _first_order_band(seen, _slant(around, distance), k * std)
+            moments = propagate_scenario(at, method="probit", beta=k)
+            unreliable = exists & unreliable_in_scenario(at, moments, method="probit", beta=k)
         else:
             smooth = "form" if method == AUTOMATIC else method
-            band = bounds_of_reach(seen, value, smooth, BETA)
+            band = bounds_of_reach(seen, value, smooth, k)
             middle = bounds_of_reach(seen, value, smooth, NODE)
-            unreliable = _unreliable(around, band, smooth)
+            unreliable = _unreliable(around, band, smooth, k)
             if method == AUTOMATIC and unreliable.any():
                 some = around.part(np.flatnonzero(unreliable))
-                for ends, beta in ((band, BETA), (middle, NODE)):
+                for ends, beta in ((band, k), (middle, NODE)):
                     for end, sign in zip(ends, (-1.0, 1.0), strict=True):
                         end[unreliable] = _by_draws(some, end[unreliable], value, sign * beta)
                 unreliable = np.zeros_like(unreliable)
@@ -317,12 +320,12 @@ def _ranges(seen: Survey, values: list[float], method: str) -> list[RangeAt]:
 
 
 def _first_order_band(
-    seen: Survey, slant: FloatArray, std: FloatArray
+    seen: Survey, slant: FloatArray, width: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the range ∓ 3σ, between 0 and the limit of the radar."""
+    """Return the range ∓ a width, between 0 and the limit of the radar."""
     limit = _limits(seen)
     farthest = np.inf if limit is None else limit
-    lower, upper = (np.clip(slant + sign * BETA * std, 0.0, farthest) for sign in (-1, 1))
+    lower, upper = (np.clip(slant + sign * width, 0.0, farthest) for sign in (-1, 1))
     return lower, upper
 
 
@@ -335,15 +338,15 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
 
 
 def _unreliable(
-    around: Rays, band: tuple[FloatArray, FloatArray], method: str
+    around: Rays, band: tuple[FloatArray, FloatArray], method: str, k: float
 ) -> NDArray[np.bool_]:
     """Return where (n,) the method is unreliable at one end of the band."""
     unreliable = np.zeros(len(around.bearing), dtype=bool)
     for end in band:
         exists = np.nan_to_num(end) > 0
         at = around.at(np.where(exists, end, FARTHEST))
-        moments = propagate_scenario(at, method=method)
-        unreliable |= exists & unreliable_in_scenario(at, moments, method=method)
+        moments = propagate_scenario(at, method=method, beta=k)
+        unreliable |= exists & unreliable_in_scenario(at, moments, method=method, beta=k)
     return unreliable
 
 
@@ -433,7 +436,7 @@ def _line(at: RangeAt, axis: Axis) -> str:
     return words
 
 
-def _band(at: RangeAt, axis: Axis) -> list[str]:
+def _band(at: RangeAt, axis: Axis, k: float) -> list[str]:
     """Return the range and its band where the band is widest, and the sources of its width."""
     width = np.where(np.isnan(at.std), np.nan, at.upper - at.lower)
     if not np.isfinite(width).any():
@@ -443,8 +446,8 @@ def _band(at: RangeAt, axis: Axis) -> list[str]:
         return [f"P_D {at.p_d:g}: the band has no width"]
     middle, lower, upper = (x[widest] / 1e3 for x in (at.slant, at.lower, at.upper))
     words = (
-        f"P_D {at.p_d:g}: {middle:.4g} km, between {lower:.4g} and {upper:.4g} km (3 sigma), where "
-        f"the band is widest, at {axis.at(widest)}"
+        f"P_D {at.p_d:g}: {middle:.4g} km, between {lower:.4g} and {upper:.4g} km ({k:g} sigma), "
+        f"where the band is widest, at {axis.at(widest)}"
     )
     shares = sorted(_shares(at).items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]

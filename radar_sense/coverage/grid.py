@@ -38,8 +38,6 @@ CELLS = 500
 _ON_A_SIDE = 61
 #: Cells computed at a time.
 BLOCK = 16_384
-#: k of the upper bound.
-BETA = 3.0
 #: Headings at which the RCS is sampled to find the lobes, and half steps tried, in samples.
 CIRCLE = 32_768
 HALF_STEPS = (1, 2, 4, 8, 16, 32, 64, 128)
@@ -159,9 +157,10 @@ def p_d_in_cells(
     down: float | None = None,
     course: float | None = None,
     method: str | None = None,
+    beta: float = 3.0,
     workers: int = 1,
 ) -> tuple[Plane, Plane | None]:
-    """Return P_D in each cell, and its upper bound at Φ(3) if a method of propagation is given.
+    """Return P_D in each cell, and its upper bound at Φ(β) if a method of propagation is given.
 
     The first pose gives roll, pitch and the covariance of the aircraft. The first pose also
     gives height and course if these are left out.
@@ -173,6 +172,7 @@ def p_d_in_cells(
             above the origin. Every cell then has the same height above the ellipsoid.
         course: Yaw [rad].
         method: Method of propagation of the bound; None for no bound.
+        beta: β of the bound.
         workers: Threads to compute with; the result does not depend on their number.
 
     Returns:
@@ -185,7 +185,7 @@ def p_d_in_cells(
         p_d = scenario.model.p_d(aircraft, scenario.radar)
         if method is None:
             return (p_d,)
-        bound = distribution(scenario.at_states(aircraft), method).quantile(BETA)
+        bound = distribution(scenario.at_states(aircraft), method).quantile(beta)
         return p_d, bound.reshape(p_d.shape)
 
     count = 1 if method is None else 2

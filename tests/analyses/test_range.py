@@ -11,7 +11,9 @@ import yaml
 from helpers import (
     document,
     scenario,
+    sheet_document,
     with_arrays,
+    yaml_text,
 )
 
 import radar_sense as rs
@@ -305,3 +307,20 @@ def test_each_radar_of_a_network_has_a_range():
 def test_refused(options, message):
     with pytest.raises(rs.InputError, match=message):
         detection_range(scenario(), **options)
+
+
+@pytest.mark.parametrize("method", ["linear", "form"])
+def test_the_band_at_another_k(method):
+    """ln of the range is Gaussian, because c_r is log-normal and alone uncertain."""
+    content = sheet_document("tracking", tolerances={"gain_dbi": 0.4})
+    content["uncertainty"]["aircraft"] = {"position_m": 0, "attitude_deg": 0}
+    content["uncertainty"]["radar"]["sheet"]["position_m"] = 0
+    sheet = parse_scenario(yaml_text(content))
+    bands = {}
+    for k in (1.0, 2.0):
+        table = detection_range(sheet, method=method, k=k, **QUICK).table
+        ends = [table[f"{end}_{k:g}sigma_m_0.5"] for end in ("lower", "upper")]
+        bands[k] = np.log(ends) if method == "form" else np.array(ends)
+    width = {k: ends[1] - ends[0] for k, ends in bands.items()}
+    assert width[2.0] == pytest.approx(2 * width[1.0], rel=1e-4)
+    assert np.all(width[1.0] > 0)

@@ -513,3 +513,16 @@ def test_a_long_or_wide_map_still_fits():
         axes = figure.axes[0]
         assert axes.get_window_extent().width > 20
         assert axes.get_window_extent().height > 20
+
+
+def test_the_bound_at_another_k(tool):
+    """The bound by linear is P_D + k sigma in every cell."""
+    cells = {"north_km": (-100.0, 100.0), "east_km": (300.0, 500.0), "step_km": 40.0}
+    two, three = (
+        coverage_map(rs.load_scenario(), upper=True, k=k, **cells).table for k in (2.0, 3.0)
+    )
+    grown = (two["upper_2sigma"] - two["p_d"]) / 2 - (three["upper_3sigma"] - two["p_d"]) / 3
+    np.testing.assert_allclose(grown, 0, atol=1e-6)
+    code, out, err = tool("map", "--k", "2")
+    assert (code, out) == (2, "")
+    assert err == "Error: k is for the upper bound: it needs upper\n"
