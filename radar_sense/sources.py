@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from radar_sense import covariance
 from radar_sense.axis import reached
+from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.montecarlo.sobol import sobol_indices
@@ -31,6 +32,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.propagation.automatic import Automatic
 from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.looks import FIRST
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import (
     AIRCRAFT_RCS,
@@ -109,9 +111,13 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     names = scenario.model.names
     finer_names = finer_sources(names, scenario.uncertain_parameters)
     groups = (sources_of(scenario), finer_names, parts_of(scenario))
+    count = sum(len(group) for group in groups)
+    at_pose = EVALUATIONS.get(method, EVALUATIONS["form"] + FIRST)  # FORM, and draws that judge it
+    evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
+    what = f"{count:,} sources at {len(scenario.aircraft):,} poses"
+    foresee(what, count * evaluations, less="fewer poses")
     whole = distribution(scenario, method)
     mean, std = mean_and_std(whole)
-    count = sum(len(group) for group in groups)
     std_by_name: dict[str, FloatArray] = {}
     for name in itertools.chain(*groups):
         std_by_name[name] = whole.with_covariances(_alone(scenario, name)).std

@@ -182,7 +182,8 @@ def detection_range(
     }
     singles = single_radar_scenarios(scenario) or {"": scenario}
     rays_in_all = len(angle_deg) * len(singles)
-    foresee(f"{rays_in_all:,} rays", rays_in_all * EVALUATIONS, less="rays of a longer --step-deg")
+    evaluations = rays_in_all * EVALUATIONS[method]
+    foresee(f"{rays_in_all:,} rays", evaluations, less="rays of a longer --step-deg")
     surveys = {
         name: survey(rays(single, np.deg2rad(angle_deg), **options))
         for name, single in singles.items()

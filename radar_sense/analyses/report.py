@@ -27,7 +27,7 @@ from radar_sense.scenario import Scenario
 #: Most poses of the comparison, and most poses times radars. These bound the time.
 POSES, POSES_BY_RADARS = 31, 250
 #: Degrees between the bearings of the ranges.
-BEARINGS_DEG = 3.0
+BEARINGS_DEG = 5.0
 
 #: A command with its question, and how to ask it.
 Question = tuple[Command, str, Callable[[], Result]]
@@ -164,7 +164,6 @@ def _questions(
         "probability": probability,
     }
     compared = scenario.at_poses(compared_poses(scenario))
-    ranged = "form" if scenario.method == "automatic" else scenario.method
     yield (
         variance,
         "How sure is the probability of detection?",
@@ -189,7 +188,7 @@ def _questions(
     yield (
         detection_range,
         "How far does each radar see?",
-        lambda: detection_range(scenario, method=ranged, step_deg=BEARINGS_DEG),
+        lambda: detection_range(scenario, step_deg=BEARINGS_DEG),
     )
     yield (
         coverage_map,

@@ -43,8 +43,8 @@ INSIDE = 1.0 - 1e-9
 LARGEST_PROBIT = 40.0
 #: Rays computed at a time.
 _BLOCK = 64
-#: Evaluations of P_D that take as long as a ray with its band (docs/benchmarks.md).
-EVALUATIONS = 20_000
+#: Evaluations of P_D that take as long as a ray with its band, which draws judge or replace.
+EVALUATIONS = {"linear": 20_000, "probit": 50_000, "form": 150_000, "automatic": 150_000}
 
 #: Function from distances (n, k) to whether (n, k) the ray reaches the value there.
 Reaches = Callable[[FloatArray], NDArray[np.bool_]]
