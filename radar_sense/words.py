@@ -303,7 +303,6 @@ AXES = {
     "pose": ("Number of the pose, from 0, of states given in Python.", ""),
 }
 NOMINAL = "P_D at the nominal states, of all radars together."
-COVERAGE = "Share of the draws within the 3-sigma band of the method."
 
 
 def add_axis(table: Table, axis: Axis) -> None:
@@ -311,12 +310,13 @@ def add_axis(table: Table, axis: Axis) -> None:
     table.add(axis.key, axis.values, *AXES[axis.key])
 
 
-def add_band(table: Table, moments: Moments) -> None:
+def add_band(table: Table, moments: Moments, k: float = 3.0) -> None:
     """Add the columns of P_D with its band."""
     table.add("p_d", moments.p_d, NOMINAL)
     table.add("sigma_pd", moments.std, "Standard deviation of P_D.")
-    table.add("lower_3sigma", moments.lower, "Lower 3-sigma bound of P_D.")
-    table.add("upper_3sigma", moments.upper, "Upper 3-sigma bound of P_D.")
+    for end, bound in (("lower", moments.lower), ("upper", moments.upper)):
+        meaning = f"{end.capitalize()} {k:g}-sigma bound of P_D."
+        table.add(f"{end}_{k:.12g}sigma", bound, meaning)
 
 
 def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> None:
@@ -326,13 +326,13 @@ def add_mean(table: Table, mean: FloatArray, method: str, ending: str = "") -> N
         table.add(f"mean_pd{ending}", mean, f"Mean of P_D{level}; for linear the mean is p_d.")
 
 
-def add_draws(table: Table, draws: DrawStatistics) -> None:
+def add_draws(table: Table, draws: DrawStatistics, k: float = 3.0) -> None:
     """Add the columns of the draws."""
     table.add("mc_mean", draws.mean, "Mean of the draws of P_D.")
     table.add("mc_std", draws.std, "Standard deviation of the draws of P_D.")
-    for end, values, quantile in (("lower", draws.lower, 0.00135), ("upper", draws.upper, 0.99865)):
-        sign = "-" if end == "lower" else "+"
-        meaning = f"Quantile of the draws at {quantile}, as {sign}3 sigma of a normal distribution."
+    for end, values, sign in (("lower", draws.lower, -1), ("upper", draws.upper, 1)):
+        about = f"{sign * k:+g} sigma of a normal distribution"
+        meaning = f"Quantile of the draws at {ndtr(sign * k):.5f}, as {about}."
         table.add(f"mc_{end}", values, meaning)
 
 
@@ -363,10 +363,10 @@ def add_radars(result: Result, at_level: Mapping[str, Scenario], method: str) ->
     )
 
 
-def band_label(level: str, method: str) -> str:
-    """Return the label of the 3σ band in a figure."""
+def band_label(level: str, method: str, k: float = 3.0) -> str:
+    """Return the label of a band in a figure."""
     by = "" if method == "linear" else f" by {method}"
-    return rf"band of $3\,\sigma${by} ({level})"
+    return rf"band of ${k:g}\,\sigma${by} ({level})"
 
 
 def level_and_method(level: str, method: str) -> str:
@@ -375,7 +375,7 @@ def level_and_method(level: str, method: str) -> str:
 
 
 def validity_warnings(
-    scenario: Scenario, moments: Moments, method: str, remedy: str = ""
+    scenario: Scenario, moments: Moments, method: str, remedy: str = "", k: float = 3.0
 ) -> tuple[str, ...]:
     """Return where the band of a method is off, or not precise, and what to use there.
 
@@ -384,14 +384,15 @@ def validity_warnings(
         moments: Moments by the method.
         method: The method.
         remedy: What to use instead; "" names another method.
+        k: Number of σ of the bounds.
     """
-    off = unreliable_in_scenario(scenario, moments, method=method)
+    off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
     by_draws = np.full(off.shape, method == AUTOMATIC)
     remedy = remedy or REMEDY
     outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
     problems = (
         *_problems_of_std(moments.std, off, method, remedy),
-        ("band-outside", outside, f"the {method} 3-sigma band leaves [0, 1]", ""),
+        ("band-outside", outside, f"the {method} {k:g}-sigma band leaves [0, 1]", ""),
         (
             "band-off",
             off & np.isfinite(moments.std) & ~by_draws,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense import words
+from radar_sense.analyses.verdict import K
 from radar_sense.command import (
     DASK,
     LEVEL,
@@ -21,7 +22,7 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     LEVEL,
     ONE_RADAR,
     METHOD,
+    K,
     NUMBER_OF_RUNS,
     SEED_OF_DRAWS,
     SAMPLER,
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
 def montecarlo(
     scenario: Scenario,
     *,
+    k: float = 3.0,
     sampler: str = "random",
     workers: int = 1,
     executor: Executor | None = None,
@@ -57,6 +60,7 @@ def montecarlo(
 
     Args:
         scenario: The scenario.
+        k: Number of σ of the band.
         sampler: "random" or "sobol".
         workers: Threads to compute with; the result does not depend on their number.
         executor: Computes the blocks in place of threads.
@@ -67,17 +71,19 @@ def montecarlo(
     axis, method = scenario.axis, scenario.method
     no_draws(method)
     result = Result(scenario, method)
-    mc = monte_carlo(scenario, method=method, sampler=sampler, workers=workers, executor=executor)
+    how: dict[str, Any] = {"sampler": sampler, "workers": workers, "executor": executor}
+    mc = monte_carlo(scenario, method=method, k=k, **how)
     by_itself = words.largest_by_radar(scenario, method)
 
     words.add_axis(result.table, axis)
-    words.add_band(result.table, mc.band)
-    words.add_draws(result.table, mc)
-    result.table.add("coverage_3sigma", mc.coverage, words.COVERAGE)
+    words.add_band(result.table, mc.band, k)
+    words.add_draws(result.table, mc, k)
+    meaning = f"Share of the draws within the {k:g}-sigma band of the method."
+    result.table.add(f"coverage_{k:.12g}sigma", mc.coverage, meaning)
     words.add_mean(result.table, mc.band.mean, method)
 
     result.summary |= {"runs": mc.runs, "sampler": mc.sampler}
-    result.warnings += words.validity_warnings(scenario, mc.band, method, words.BY_DRAWS)
+    result.warnings += words.validity_warnings(scenario, mc.band, method, words.BY_DRAWS, k)
     _add_coverage(result, mc)
     result.summary |= {
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),
@@ -89,14 +95,14 @@ def montecarlo(
     )
     result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
-    label = words.band_label(scenario.level, method)
+    label = words.band_label(scenario.level, method, k)
     draw = _draw_histogram if len(axis) == 1 else _draw
     result.draw = partial(draw, scenario=scenario, mc=mc, band_label=label)
     return result
 
 
 def _add_coverage(result: Result, mc: MonteCarlo) -> None:
-    """Add the share of the draws in the 3σ band, beside the expected share."""
+    """Add the share of the draws in the band, beside the expected share."""
     axis, banded, method = result.scenario.axis, mc.has_band, result.method
     without = int(np.count_nonzero(~banded))
     pose = int(np.argmin(np.where(banded, mc.coverage, np.inf)))
@@ -106,7 +112,7 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         axis.key: float(axis.values[pose]) if banded.any() else float("nan"),
     }
     result.summary |= {
-        "coverage_expected": WITHIN_3_SIGMA,
+        "coverage_expected": mc.expected,
         "coverage_overall": overall,
         "coverage_lowest": lowest,
         "poses_without_band": without,
@@ -116,22 +122,23 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         low, high = mc.coverage_interval()
         # Bonferroni's correction: 95 % confidence for all poses together.
         least, most = mc.coverage_interval(1 - 0.05 / len(axis))
-        off = (most < WITHIN_3_SIGMA) | (least > WITHIN_3_SIGMA)
+        off = (most < mc.expected) | (least > mc.expected)
         confidence = f" (95 % confidence {low[pose]:.2%} to {high[pose]:.2%})"
         lowest["confidence_95"] = [float(low[pose]), float(high[pose])]
         result.summary["coverage_confidence_95"] = {"lower": low.tolist(), "upper": high.tolist()}
         result.summary["poses_inconsistent"] = int(np.count_nonzero(off))
         if off.any():
             told = (
-                f"the {method} band holds {_fewer_or_more(most, least)} than 99.73 % of the draws "
+                f"the {method} band holds {_fewer_or_more(mc, most, least)} than "
+                f"{100 * mc.expected:.2f} % of the draws "
                 f"{words.describe_poses(off, axis)} (95 % confidence for all poses together)"
             )
     drawn = f"{mc.runs} runs ({result.scenario.level}, seed {mc.seed}{words.points_named(mc)})"
     if banded.any():
         of_poses = f" at the {len(axis) - without} poses with a band" if without else ""
         result.report += [
-            f"{drawn}: {overall:.2%} of the draws lie in the {method} 3-sigma band{of_poses}, "
-            f"{WITHIN_3_SIGMA:.2%} expected",
+            f"{drawn}: {overall:.2%} of the draws lie in the {method} {mc.k:g}-sigma band"
+            f"{of_poses}, {mc.expected:.2%} expected",
             f"lowest coverage {mc.coverage[pose]:.2%} at {axis.at(pose)}{confidence}",
         ]
     else:
@@ -146,9 +153,9 @@ def _add_coverage(result: Result, mc: MonteCarlo) -> None:
         )
 
 
-def _fewer_or_more(most: FloatArray, least: FloatArray) -> str:
+def _fewer_or_more(mc: MonteCarlo, most: FloatArray, least: FloatArray) -> str:
     """Return "fewer", "more" or both, for coverages below and above the expected coverage."""
-    fewer, more = (most < WITHIN_3_SIGMA).any(), (least > WITHIN_3_SIGMA).any()
+    fewer, more = (most < mc.expected).any(), (least > mc.expected).any()
     return " or ".join(word for word, is_so in (("fewer", fewer), ("more", more)) if is_so)
 
 

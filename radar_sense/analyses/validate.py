@@ -81,7 +81,7 @@ def validate(scenario: Scenario, *, digits: int = 2, workers: int = 1) -> Result
         ("distance_lower", distance["lower"], "Distance of the method's lower bound."),
         ("distance_upper", distance["upper"], "Distance of the method's upper bound."),
         ("runs", verdict.draws.astype(float), "Number of draws with emphasis on the tails."),
-        ("coverage_3sigma", plain.coverage, words.COVERAGE),
+        ("coverage_3sigma", plain.coverage, "Share of the plain draws within the 3-sigma band."),
         ("coverage_low", low, "Lower end of the 95 % confidence interval of the coverage."),
         ("coverage_high", high, "Upper end of the 95 % confidence interval of the coverage."),
         ("stable", verdict.stable.astype(float), "1 where the draws are stable to the tolerance."),

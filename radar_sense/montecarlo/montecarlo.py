@@ -18,7 +18,7 @@ from scipy.special import ndtr
 
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError, describe
-from radar_sense.limits import WORKERS, check_number
+from radar_sense.limits import SIGMAS, WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
@@ -54,15 +54,16 @@ class MonteCarlo(DrawStatistics):
     Attributes:
         mean: Mean of the draws (n,).
         std: Standard deviation of the draws (n,).
-        lower: Quantile of the draws at Φ(−3) (n,), exact.
-        upper: Quantile of the draws at Φ(3) (n,), exact.
+        lower: Quantile of the draws at Φ(−k) (n,), exact.
+        upper: Quantile of the draws at Φ(k) (n,), exact.
         runs: Number of runs.
         seed: Seed of the draws.
-        band: Moments by the method, with bounds at Φ(−3) and Φ(3).
+        band: Moments by the method, with bounds at Φ(−k) and Φ(k).
         inside: Number of draws within the method's bounds (n,).
         clipped: Number of runs whose radar constant was drawn below zero and set to zero.
         sample_paths: P_D of the first runs (h, n), h at most MAX_SAMPLE_PATHS.
         sampler: Source of the draws, "random" or "sobol".
+        k: Number of σ of the bounds.
     """
 
     runs: int
@@ -72,6 +73,12 @@ class MonteCarlo(DrawStatistics):
     clipped: int
     sample_paths: FloatArray
     sampler: str = "random"
+    k: float = BETA
+
+    @property
+    def expected(self) -> float:
+        """Share of draws expected within the bounds."""
+        return 1.0 - 2.0 * float(ndtr(-self.k))
 
     @property
     def coverage(self) -> FloatArray:
@@ -94,7 +101,7 @@ class MonteCarlo(DrawStatistics):
     def __repr__(self) -> str:
         return (
             f"MonteCarlo({self.runs} runs of {len(self.mean)} poses, seed {self.seed}, "
-            f"{self.sampler}: {self.coverage.mean():.2%} within the 3-sigma band)"
+            f"{self.sampler}: {self.coverage.mean():.2%} within the {self.k:g}-sigma band)"
         )
 
 
@@ -126,6 +133,7 @@ def monte_carlo(
     *,
     level: str | None = None,
     method: str = "linear",
+    k: float = BETA,
     sampler: str = "random",
     executor: Executor | None = None,
 ) -> MonteCarlo:
@@ -138,6 +146,7 @@ def monte_carlo(
         workers: Threads to compute with; the result does not depend on their number.
         level: Level of radar uncertainty.
         method: Method of propagation of the band; the default is the paper's linearization.
+        k: Number of σ of the band, and of the quantiles of the draws.
         sampler: "random", or "sobol" for quasi-random points.
         executor: Computes in place of threads, with up to 8 calls pending for each of `workers`.
             The result does not depend on the executor.
@@ -148,8 +157,9 @@ def monte_carlo(
     """
     check_scenario(scenario)
     scenario = scenario.with_analysis(runs=runs, seed=seed, level=level)
-    _require_possible(scenario, sampler, workers, executor)
-    states, band = Sampler(scenario.states()), propagate_scenario(scenario, method=method)
+    tail = float(ndtr(-check_number("k", k, SIGMAS)))
+    _require_possible(scenario, sampler, workers, executor, tail)
+    states, band = Sampler(scenario.states()), propagate_scenario(scenario, method=method, beta=k)
     poses, runs = states.poses, scenario.runs
     # a power of two, for Sobol' points
     runs_per_block = 1 << max(0, (SAMPLES_PER_BLOCK // poses).bit_length() - 1)
@@ -160,13 +170,13 @@ def monte_carlo(
 
     def draw(block: int) -> tuple[Statistics, FloatArray, int, FloatArray]:
         p_d, negative = draw_block(states, source, block, runs)
-        statistics = Statistics(poses, runs, TAIL)
+        statistics = Statistics(poses, runs, tail)
         statistics.add(p_d)
         inside = np.count_nonzero((p_d >= lower) & (p_d <= upper), axis=0)
         sample_paths = p_d[: max(0, shown - block * runs_per_block)]
         return statistics, inside, int(np.count_nonzero(negative)), sample_paths.copy()
 
-    total, all_inside, clipped, paths = Statistics(poses, runs, TAIL), np.zeros(poses), 0, []
+    total, all_inside, clipped, paths = Statistics(poses, runs, tail), np.zeros(poses), 0, []
     blocks = math.ceil(runs / runs_per_block)
     for statistics, inside, negative, sample_paths in in_order(draw, blocks, workers, executor):
         total.merge(statistics)
@@ -183,11 +193,12 @@ def monte_carlo(
         clipped=clipped,
         sample_paths=np.concatenate(paths),
         sampler=sampler,
+        k=float(k),
     )
 
 
 def _require_possible(
-    scenario: Scenario, sampler: str, workers: int, executor: Executor | None
+    scenario: Scenario, sampler: str, workers: int, executor: Executor | None, tail: float
 ) -> None:
     """Raise InputError if sampler, workers, executor, time or memory do not allow the draws."""
     poses, runs, radars = len(scenario.aircraft), scenario.runs, len(scenario.radars)
@@ -195,6 +206,6 @@ def _require_possible(
     if not isinstance(executor, Executor | None):
         raise InputError(f"executor must be an Executor, got {describe(executor)}")
     check_sampler(sampler, runs)
-    Statistics(poses, runs, TAIL)
+    Statistics(poses, runs, tail)
     what = f"{runs:,} runs of {poses:,} poses and {radars} radar{'s' if radars > 1 else ''}"
     foresee(what, float(runs) * poses * radars, less="fewer --runs", workers=workers)

@@ -5,6 +5,7 @@ by chance once in 16 000 comparisons. For many comparisons the bound is the expe
 deviation.
 """
 
+import math
 import threading
 import tracemalloc
 
@@ -347,3 +348,15 @@ def test_running_out_of_memory_or_threads_says_what_to_reduce(monkeypatch):
     monkeypatch.setattr(threading.Thread, "start", no_thread)
     with pytest.raises(ComputationError, match=r"no more threads .* use fewer workers$"):
         monte_carlo(s, runs=100_000, workers=3)
+
+
+@pytest.mark.parametrize("k", [1.0, 2.0, 2.5])
+def test_the_band_at_another_k_holds_the_share_of_a_normal_distribution(k):
+    s = load_scenario().at_poses(slice(None, None, 60))
+    mc = rs.monte_carlo(s, runs=40_000, method="form", k=k)
+    assert mc.expected == pytest.approx(math.erf(k / math.sqrt(2)), rel=1e-12)
+    low, high = mc.coverage_interval(0.9999)
+    assert np.all((low - 0.003 < mc.expected) & (mc.expected < high + 0.003))  # FORM's own error
+    np.testing.assert_allclose(mc.lower, mc.band.lower, atol=0.01)
+    with pytest.raises(ValueError, match="k must be a number greater than 0"):
+        rs.monte_carlo(s, k=-1)
