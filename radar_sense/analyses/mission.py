@@ -18,13 +18,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import ndtr
 
 from radar_sense import words
+from radar_sense.analyses.verdict import K
 from radar_sense.axis import Axis
 from radar_sense.command import (
     LEVEL,
@@ -38,7 +40,7 @@ from radar_sense.command import (
 )
 from radar_sense.cost import foresee
 from radar_sense.errors import InputError
-from radar_sense.limits import RUNS, WINDOW
+from radar_sense.limits import RUNS, WINDOW, Limit
 from radar_sense.mission.draws import MissionDraws, draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import Cumulative, recombined_missions
@@ -50,6 +52,8 @@ from radar_sense.states import FloatArray
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
 
+#: Number of σ of a bound: the draws reach no farther than 3.
+REACHED = Limit(above=0, at_most=3)
 #: Probabilities whose times are in the report.
 MILESTONES = (0.5, 0.9)
 
@@ -100,6 +104,7 @@ class Source:
     Option("track", "M N: a track is M detections in N looks in a row.", WINDOW, "M N", count=2),
     Option("m", "With --n: detections that start a track.", WINDOW),
     Option("n", "With --m: length of the window of consecutive looks.", WINDOW),
+    replace(K, limit=REACHED),
     Option("runs", "Also make this number of plain draws.", RUNS, default_text="none"),
     SEED_OF_DRAWS,
     WORKER_THREADS,
@@ -114,6 +119,7 @@ def mission(
     track: Sequence[int] | None = None,
     m: int | None = None,
     n: int | None = None,
+    k: float = 3.0,
     runs: int | None = None,
     workers: int = 1,
 ) -> Result:
@@ -131,6 +137,7 @@ def mission(
         track: M and N of a track; None for detection alone.
         m: M, in place of `track`.
         n: N, in place of `track`.
+        k: Number of σ of the bounds, 3 at most: the draws reach no farther.
         runs: Plain draws of the mission to compare with; None draws none.
         workers: Threads to draw with; the result does not depend on their number.
 
@@ -143,15 +150,15 @@ def mission(
     if runs is not None:
         sizes = f"{len(axis):,} times x {runs:,} runs"
         foresee(sizes, sum(map(len, looks.times)) * runs, less="fewer --runs", workers=workers)
-    network, *radars = _sources(looks, recombined_missions(looks, window, workers=workers))
-    drawn = None if runs is None else draw_missions(looks, window, workers=workers)
+    network, *radars = _sources(looks, recombined_missions(looks, window, k=k, workers=workers))
+    drawn = None if runs is None else draw_missions(looks, window, k=k, workers=workers)
 
     result = Result(scenario, "montecarlo")
     words.add_axis(result.table, axis)
     for source in (network, *radars):
-        _add_columns(result.table, source, None if source.radar else drawn)
+        _add_columns(result.table, source, None if source.radar else drawn, k)
     for source in (network, *radars):
-        _add_errors(result.table, source)
+        _add_errors(result.table, source, k)
 
     names = ["detection", *(f"track, {window[0]} of {window[1]}" for window in [window] if window)]
     errors = _largest_errors(network, axis)
@@ -159,7 +166,7 @@ def mission(
     result.summary |= {
         "looks": len(axis),
         "m_of_n": None if window is None else list(window),
-        **_summaries(network, axis),
+        **_summaries(network, axis, k),
         "largest_standard_error_of_bounds": errors,
         "monte_carlo": None
         if drawn is None
@@ -175,12 +182,12 @@ def mission(
             source.radar: {
                 "scan_period_s": period,
                 "looks": len(times),
-                **_summaries(source, axis),
+                **_summaries(source, axis, k),
             }
             for source, period, times in zip(radars, periods, looks.times, strict=True)
         }
     for name, found in zip(names, network.events, strict=True):
-        result.report += _answer(name, found, scenario.level, axis)
+        result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
         result.report.append("each radar alone, by the end:")
         rows = {
@@ -193,13 +200,21 @@ def mission(
         }
         result.report += words.rows(rows)
     if drawn is not None:
-        result.report += _report_of_draws(drawn, names, differences, axis)
+        result.report += _report_of_draws(drawn, names, differences, axis, k)
         result.warnings += words.clipping_warnings(drawn.clipped)
     result.report.append(_describe_looks(looks))
     largest = (f"{key} {words.describe_extreme(top, axis)}" for key, top in errors.items())
     result.report.append(f"largest standard error of a bound: {', '.join(largest)}")
-    result.draw = partial(_draw, axis=axis, table=result.table, radars=scenario.model.names,
-                          window=window, periods=len({*periods}), level=scenario.level)  # fmt: skip
+    result.draw = partial(
+        _draw,
+        axis=axis,
+        table=result.table,
+        radars=scenario.model.names,
+        window=window,
+        periods=len({*periods}),
+        level=scenario.level,
+        k=k,
+    )
     return result
 
 
@@ -233,7 +248,7 @@ def _sources(looks: Looks, missions: Sequence[list[Cumulative]]) -> list[Source]
     return sources
 
 
-def _add_columns(table: Table, source: Source, drawn: MissionDraws | None) -> None:
+def _add_columns(table: Table, source: Source, drawn: MissionDraws | None, k: float) -> None:
     """Add P_D, and the probability, deviation and bounds of each event, and of draws."""
     of = f"For radar {source.radar} alone: " if source.radar else ""
     end = f"_{source.radar}" if source.radar else ""
@@ -243,27 +258,28 @@ def _add_columns(table: Table, source: Source, drawn: MissionDraws | None) -> No
         before, this = event.before, f"the probability {event.p}{end}"
         table.add(f"{event.p}{end}", found.p, f"{of}Probability that {event.meaning} by now.")
         table.add(f"sigma_{event.stem}{end}", found.std, f"{of}Standard deviation of {this}.")
-        table.add(f"{before}lower_3sigma{end}", found.lower, f"{of}Lower 3-sigma bound of {this}.")
-        table.add(f"{before}upper_3sigma{end}", found.upper, f"{of}Upper 3-sigma bound of {this}.")
+        for side, bound in (("lower", found.lower), ("upper", found.upper)):
+            meaning = f"{of}{side.capitalize()} {k:g}-sigma bound of {this}."
+            table.add(f"{before}{side}_{k:.12g}sigma{end}", bound, meaning)
         if drawn is not None:
             draws = drawn.events[i]
             for name, values, meaning in (
                 ("mean", draws.mean, "Mean of the draws"),
                 ("std", draws.std, "Standard deviation of the draws"),
-                ("lower", draws.lower, "Quantile 0.00135 of the draws"),
-                ("upper", draws.upper, "Quantile 0.99865 of the draws"),
+                ("lower", draws.lower, f"Quantile {ndtr(-k):.5f} of the draws"),
+                ("upper", draws.upper, f"Quantile {ndtr(k):.5f} of the draws"),
             ):
                 table.add(f"{before}mc_{name}", values, f"{meaning} of {this}.")
         table.add(f"mean_{event.stem}{end}", found.mean, f"{of}Mean of {this} over the errors.")
 
 
-def _add_errors(table: Table, source: Source) -> None:
+def _add_errors(table: Table, source: Source, k: float) -> None:
     """Add the standard errors of the bounds."""
     of = f"For radar {source.radar} alone: " if source.radar else ""
     end = f"_{source.radar}" if source.radar else ""
     for event, found in zip(EVENTS, source.events, strict=False):
         for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
-            name = f"{event.before}{side}_3sigma"
+            name = f"{event.before}{side}_{k:.12g}sigma"
             table.add(f"{name}_se{end}", error, f"{of}Standard error of {name}{end}.")
 
 
@@ -275,7 +291,7 @@ def _largest_errors(network: Source, axis: Axis) -> dict[str, Any]:
     }
 
 
-def _summaries(source: Source, axis: Axis) -> dict[str, Any]:
+def _summaries(source: Source, axis: Axis, k: float) -> dict[str, Any]:
     """Return the values of each event at the end, and the times of the milestones."""
     return {
         event.key: {
@@ -283,8 +299,8 @@ def _summaries(source: Source, axis: Axis) -> dict[str, Any]:
                 "p": float(found.p[-1]),
                 "mean": float(found.mean[-1]),
                 "sigma": float(found.std[-1]),
-                "lower_3sigma": float(found.lower[-1]),
-                "upper_3sigma": float(found.upper[-1]),
+                f"lower_{k:.12g}sigma": float(found.lower[-1]),
+                f"upper_{k:.12g}sigma": float(found.upper[-1]),
             },
             "reaches": {
                 f"{level:g}": {
@@ -326,11 +342,11 @@ def _band(found: Cumulative, to: str) -> str:
     return f"{words.probability(found.lower[-1])} {to} {words.probability(found.upper[-1])}"
 
 
-def _answer(name: str, found: Cumulative, level: str, axis: Axis) -> list[str]:
+def _answer(name: str, found: Cumulative, level: str, axis: Axis, k: float) -> list[str]:
     """Return the probability by the end with its bounds, and the times of the milestones."""
     lines = [
         f"{name} by {axis.at(-1)}: {words.probability(found.p[-1])}, between "
-        f"{_band(found, 'and')} (3 sigma, {level})"
+        f"{_band(found, 'and')} ({k:g} sigma, {level})"
     ]
     for milestone in MILESTONES:
         time, earliest, latest = (
@@ -367,7 +383,7 @@ def _describe_looks(looks: Looks) -> str:
 
 
 def _report_of_draws(
-    drawn: MissionDraws, names: Sequence[str], differences: dict[str, Any], axis: Axis
+    drawn: MissionDraws, names: Sequence[str], differences: dict[str, Any], axis: Axis, k: float
 ) -> list[str]:
     """Describe the largest differences from plain draws, and the draws at the end."""
     lines = [f"largest difference from {drawn.runs} plain runs (seed {drawn.seed}):"]
@@ -376,7 +392,7 @@ def _report_of_draws(
             f"  {name}: bounds {words.describe_extreme(largest['bounds'], axis)}, "
             f"sigma {words.describe_extreme(largest['sigma'], axis)}",
             f"    runs at the end: mean {draws.mean[-1]:.4f}, sigma {draws.std[-1]:.2g}, "
-            f"between {draws.lower[-1]:.4f} and {draws.upper[-1]:.4f} (3 sigma)",
+            f"between {draws.lower[-1]:.4f} and {draws.upper[-1]:.4f} ({k:g} sigma)",
         ]
     return lines
 
@@ -389,6 +405,7 @@ def _draw(
     window: tuple[int, int] | None,
     periods: int,
     level: str,
+    k: float,
 ) -> None:
     """Draw P_D of the looks, and the probability of each event with its band."""
     from radar_sense import plotting
@@ -414,8 +431,8 @@ def _draw(
             ends = table[f"{before}mc_lower"], table[f"{before}mc_upper"]
             plotting.draw_fill(axes, x, *ends, color="0.8", lw=0, label="Monte Carlo")
         plotting.draw_line(axes, x, table[event.p], ("black", "-"), label="nominal")
-        bounds = table[f"{before}lower_3sigma"], table[f"{before}upper_3sigma"]
-        plotting.draw_band(axes, x, *bounds, rf"$3\,\sigma$ bounds ({level})")
+        low, high = (table[f"{before}{end}_{k:.12g}sigma"] for end in ("lower", "upper"))
+        plotting.draw_band(axes, x, low, high, rf"${k:g}\,\sigma$ bounds ({level})")
         if f"{before}mc_mean" in table:
             some = slice(None, None, -(-len(x) // 40))
             mean = table[f"{before}mc_mean"]

@@ -6,10 +6,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtr
 
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.tracks import event_probabilities
-from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK, TAIL
+from radar_sense.montecarlo.montecarlo import SAMPLES_PER_BLOCK
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.statistics import DrawStatistics, Statistics
@@ -37,16 +38,21 @@ class MissionDraws:
 
 
 def draw_missions(
-    looks: Looks, m_of_n: tuple[int, int] | None = None, *, workers: int = 1
+    looks: Looks,
+    m_of_n: tuple[int, int] | None = None,
+    *,
+    k: float = 3.0,
+    workers: int = 1,
 ) -> MissionDraws:
     """Draw whole missions, as many as the runs of the scenario, and return their statistics.
 
     Args:
         looks: The looks.
         m_of_n: m and n of a track; None for detection alone.
+        k: Number of σ of the quantiles.
         workers: Threads to compute with; the result does not depend on their number.
     """
-    scenario, times = looks.scenario, len(looks.schedule.time)
+    scenario, times, tail = looks.scenario, len(looks.schedule.time), float(ndtr(-k))
     sampler, runs = Sampler(scenario.states()), scenario.runs
     runs_per_block = max(1, SAMPLES_PER_BLOCK // times)
 
@@ -62,11 +68,11 @@ def draw_missions(
         p_d = [looks.p_d(i, poses, s[:, np.newaxis]) for i, s in enumerate(states)]
         statistics = []
         for probability in event_probabilities(looks.schedule, p_d, m_of_n):
-            statistics.append(Statistics(times, runs, TAIL))
+            statistics.append(Statistics(times, runs, tail))
             statistics[-1].add(probability.T)
         return statistics, int(np.count_nonzero(negative))
 
-    totals = [Statistics(times, runs, TAIL) for _ in range(2 if m_of_n else 1)]
+    totals = [Statistics(times, runs, tail) for _ in range(2 if m_of_n else 1)]
     clipped = 0
     for statistics, negative in in_order(draw, math.ceil(runs / runs_per_block), workers):
         for total, more in zip(totals, statistics, strict=True):

@@ -28,7 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
+from scipy.special import ndtr, ndtri
 
 from radar_sense.cost import foresee
 from radar_sense.covariance import block_diagonal
@@ -63,8 +63,12 @@ REPLICATES = 8
 LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 5_000_000, 256, 8192, 256
 #: Draws of each radar for one path, and combinations of them, if there are several radars.
 DRAWS_PER_PATH, COMBINATIONS_PER_PATH = 8, 16
-#: Ranks of the quantiles of a replicate. TAIL, in the middle, is the rank of a bound.
-RANKS = TAIL * np.geomspace(1 / 4, 4, 33)
+#: Ranks of the quantiles of a replicate, as parts of the rank of a bound, which is in the middle.
+PARTS = np.geomspace(1 / 4, 4, 33)
+#: Least rank to which draws are spread: a quarter of that of a bound at 3σ.
+LEAST_RANK = 0.25 * TAIL
+#: Largest rank of a quantile.
+MOST_RANK = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,8 +79,8 @@ class Cumulative:
         p: Probability with the nominal states.
         mean: Mean over the errors of the states.
         std: Standard deviation.
-        lower: Bound that the probability falls below with probability Φ(−3).
-        upper: Bound that the probability stays below with probability Φ(3).
+        lower: Bound that the probability falls below with probability Φ(−k).
+        upper: Bound that the probability stays below with probability Φ(k).
         lower_se: Standard error of `lower`.
         upper_se: Standard error of `upper`.
     """
@@ -91,7 +95,11 @@ class Cumulative:
 
 
 def recombined_missions(
-    looks: Looks, m_of_n: tuple[int, int] | None = None, *, workers: int = 1
+    looks: Looks,
+    m_of_n: tuple[int, int] | None = None,
+    *,
+    k: float = 3.0,
+    workers: int = 1,
 ) -> list[list[Cumulative]]:
     """Return the probability of detection, and of a track, by each time.
 
@@ -101,9 +109,10 @@ def recombined_missions(
     Args:
         looks: The looks.
         m_of_n: m and n of a track; None for detection alone.
+        k: Number of σ of the bounds, at most 3: the draws reach no farther.
         workers: Threads to compute with. The result does not depend on their number.
     """
-    p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n)
+    p_d, plan = looks.nominal_p_d(), _Plan.of(looks, m_of_n, _ranks(k))
     plan.foresee(workers)
     replicates = []
     for replicate in in_order(plan.replicate, REPLICATES, workers):
@@ -113,7 +122,7 @@ def recombined_missions(
     for i in range(len(p_d) if len(p_d) > 1 else 0):
         nominal.append(event_probabilities(looks.schedule.of_radar(i), [p_d[i]], m_of_n))
     return [
-        [_pooled(*event) for event in zip(*source, strict=True)]
+        [_pooled(plan.ranks, *event) for event in zip(*source, strict=True)]
         for source in zip(nominal, *replicates, strict=True)
     ]
 
@@ -124,8 +133,8 @@ class _Weighted(NamedTuple):
     Attributes:
         mean: Mean (K,).
         variance: Variance (K,).
-        lower: Quantiles at `RANKS` (K, q).
-        upper: Quantiles at 1 − `RANKS` (K, q).
+        lower: Quantiles at ranks (K, q).
+        upper: Quantiles at 1 − ranks (K, q).
     """
 
     mean: FloatArray
@@ -155,9 +164,10 @@ class _Plan:
     work: float
     paths: int
     draws: int
+    ranks: FloatArray
 
     @classmethod
-    def of(cls, looks: Looks, m_of_n: tuple[int, int] | None) -> _Plan:
+    def of(cls, looks: Looks, m_of_n: tuple[int, int] | None, ranks: FloatArray) -> _Plan:
         """Choose the numbers of draws, and the looks at which P_D of candidates is computed."""
         scenario = looks.scenario
         # an error that radars share, of the RCS or of their type, keeps them together
@@ -174,7 +184,8 @@ class _Plan:
         work = 1.0 + histories / HISTORIES
         all_draws = np.clip(LOOKS / work / sum(map(len, looks.times)), MIN_DRAWS, MAX_DRAWS)
         draws = DRAWS_PER_PATH if len(samplers) > 1 else 1
-        return cls(looks, m_of_n, samplers, screening, work, int(all_draws) // draws, draws)
+        paths = int(all_draws) // draws
+        return cls(looks, m_of_n, samplers, screening, work, paths, draws, ranks)
 
     def foresee(self, workers: int) -> None:
         """Say what the replicates take if that is much.
@@ -209,10 +220,12 @@ class _Plan:
         tracks = [] if self.m_of_n is None else [m_of_n_track(p, *self.m_of_n) for p in p_d]
         seen = [times[p.any(axis=1)] for times, p in zip(looks.times, p_d, strict=True)]
         network = self._combined(p_d, tracks, picks)
-        results = [_statistics(looks.schedule, network, reduce(np.union1d, seen), weight)]
+        whole = reduce(np.union1d, seen)
+        results = [_statistics(looks.schedule, network, whole, weight, self.ranks)]
         for i in range(len(p_d) if len(p_d) > 1 else 0):
             alone = [[p_d[i]], *([t] for t in tracks[i : i + 1])]
-            results.append(_statistics(looks.schedule.of_radar(i), alone, seen[i], weights[i]))
+            own = looks.schedule.of_radar(i)
+            results.append(_statistics(own, alone, seen[i], weights[i], self.ranks))
         return results
 
     def _draw(
@@ -291,7 +304,7 @@ def choose(
     rank[order] = np.cumsum(share[order]) - 0.5 * share[order]
     # the densities of widened errors, and of even logarithms of ranks from either end
     widened = 1.0 / weight - 1.0 + SHARE
-    extreme = 1.0 / np.maximum(np.minimum(rank, 1.0 - rank), RANKS[0])
+    extreme = 1.0 / np.maximum(np.minimum(rank, 1.0 - rank), LEAST_RANK)
     tails = (widened / np.sum(share * widened) + extreme / np.sum(share * extreme)) / 2.0
     ratio = 1.0 - SHARE + SHARE * tails
     total = np.cumsum(share * ratio)
@@ -348,6 +361,7 @@ def _statistics(
     by_event: Sequence[Sequence[FloatArray]],
     seen: NDArray[np.intp],
     weight: FloatArray,
+    ranks: FloatArray,
 ) -> list[_Weighted]:
     """Return statistics of detection, and of a track, by each time.
 
@@ -356,6 +370,7 @@ def _statistics(
         by_event: P_D (L, n) of each scan group, and the probability of a track by each.
         seen: Times at which a radar may see the aircraft. P changes at no other times.
         weight: Weights of the draws (n,).
+        ranks: Ranks of the quantiles (q,).
     """
     times, share = np.union1d([0], seen), weight / weight.sum()
     latest = np.searchsorted(times, np.arange(len(schedule.time)), side="right") - 1
@@ -365,40 +380,47 @@ def _statistics(
         mean = np.einsum("kn,n->k", values, share)
         variance = [np.sum(share * (row - m) ** 2) for row, m in zip(values, mean, strict=True)]
         # Each draw grows with time. Its lower tail is therefore followed backwards.
-        lower = -upper_tails(-values[::-1], share)[::-1]
-        statistics = mean, np.array(variance), lower, upper_tails(values, share)
+        lower = -upper_tails(-values[::-1], share, ranks)[::-1]
+        statistics = mean, np.array(variance), lower, upper_tails(values, share, ranks)
         results.append(_Weighted(*(of_times[latest] for of_times in statistics)))
     return results
 
 
-def upper_tails(values: FloatArray, share: FloatArray) -> FloatArray:
-    """Return the quantiles (K, q) at 1 − `RANKS` of values (K, n), which grow with k.
+def _ranks(k: float) -> FloatArray:
+    """Return the ranks (q,) of the quantiles about a bound at kσ, which is in the middle."""
+    tail = float(ndtr(-k))
+    return tail * PARTS ** min(1.0, math.log(MOST_RANK / tail) / math.log(PARTS[-1]))
+
+
+def upper_tails(values: FloatArray, share: FloatArray, ranks: FloatArray) -> FloatArray:
+    """Return the quantiles (K, q) at 1 − ranks (q,) of values (K, n), which grow with k.
 
     The draws in the tail at one time are above the least draw of the tail at the time before.
 
     Args:
         values: Values (K, n) of n draws.
         share: Share of each draw in the distribution (n,).
+        ranks: Ascending ranks.
     """
-    quantiles, least = np.empty((len(values), len(RANKS))), -np.inf
+    quantiles, least = np.empty((len(values), len(ranks))), -np.inf
     for k, row in enumerate(values):
         largest = np.flatnonzero(row >= least)
         largest = largest[np.argsort(-row[largest])]
         rank = np.cumsum(share[largest])
         # the rank of a draw is the middle of its share
-        quantiles[k] = np.interp(RANKS, rank - 0.5 * share[largest], row[largest])
-        tail = min(np.searchsorted(rank, RANKS[-1]) + 1, len(largest) - 1)
+        quantiles[k] = np.interp(ranks, rank - 0.5 * share[largest], row[largest])
+        tail = min(np.searchsorted(rank, ranks[-1]) + 1, len(largest) - 1)
         least = row[largest[tail]]
     return quantiles
 
 
-def _pooled(nominal: FloatArray, *replicates: _Weighted) -> Cumulative:
+def _pooled(ranks: FloatArray, nominal: FloatArray, *replicates: _Weighted) -> Cumulative:
     """Return the bounds (K,) of all replicates, and their standard errors."""
-    p, middle = nominal[:, 0], len(RANKS) // 2
+    p, middle = nominal[:, 0], len(ranks) // 2
     means, variances, lowers, uppers = (np.array(v) for v in zip(*replicates, strict=True))
     mean = means.mean(axis=0)
     std = np.sqrt(variances.mean(axis=0) + means.var(axis=0))
-    lower, upper = pooled_quantiles(lowers), -pooled_quantiles(-uppers)
+    lower, upper = pooled_quantiles(lowers, ranks), -pooled_quantiles(-uppers, ranks)
     lower_se, upper_se = (
         tails[..., middle].std(axis=0, ddof=1) / math.sqrt(len(replicates))
         for tails in (lowers, uppers)
@@ -413,13 +435,14 @@ def _pooled(nominal: FloatArray, *replicates: _Weighted) -> Cumulative:
     return Cumulative(p, mean, std, lower, upper, lower_se, upper_se)
 
 
-def pooled_quantiles(tails: FloatArray) -> FloatArray:
-    """Return the quantiles (K,) at rank TAIL of the draws of all replicates together.
+def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
+    """Return the quantiles (K,) at the middle rank of the draws of all replicates together.
 
     The mean of the replicates' quantiles would have the bias of a quantile of few draws.
 
     Args:
-        tails: Quantiles at `RANKS` of each replicate (r, K, q).
+        tails: Quantiles at the ranks of each replicate (r, K, q).
+        ranks: The ranks (q,).
     """
     quantiles = np.empty(tails.shape[1])
     for k, of_time in enumerate(np.moveaxis(tails, 1, 0)):
@@ -427,6 +450,6 @@ def pooled_quantiles(tails: FloatArray) -> FloatArray:
             quantiles[k] = quantiles[k - 1]
             continue
         values = np.sort(of_time, axis=None)
-        rank = np.mean([np.interp(values, tail, RANKS, left=0.0) for tail in of_time], axis=0)
-        quantiles[k] = np.interp(TAIL, rank, values)
+        rank = np.mean([np.interp(values, tail, ranks, left=0.0) for tail in of_time], axis=0)
+        quantiles[k] = np.interp(ranks[len(ranks) // 2], rank, values)
     return quantiles

@@ -17,9 +17,10 @@ from scipy.special import ndtr
 
 import radar_sense as rs
 from radar_sense.mission import recombined
+from radar_sense.mission.draws import draw_missions
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import (
-    RANKS,
+    PARTS,
     choose,
     combine,
     pooled_quantiles,
@@ -42,6 +43,7 @@ RADARS = {
     "three": ((20e3, -20e3, -20.0), 0.001, 10, 1500.0, 3.0),
 }
 P_FA = 1e-4
+RANKS = ndtr(-3.0) * PARTS
 SIGMA = 0.05  # m²
 
 
@@ -347,25 +349,25 @@ def test_tails_are_those_of_repeated_values():
     steps, counts = rng.exponential(size=(6, 5000)), rng.integers(0, 5, 5000)
     steps[3] = 0
     values = np.cumsum(steps * rng.uniform(0, 1, 5000) ** 4, axis=0)
-    found = upper_tails(values, counts / counts.sum())
+    found = upper_tails(values, counts / counts.sum(), RANKS)
     for row, quantiles in zip(values, found, strict=True):
         exact = np.quantile(np.repeat(row, counts), 1 - RANKS, method="hazen")
         # the smallest ranks are of a few draws, where the definitions of a quantile differ
         np.testing.assert_allclose(quantiles[16:], exact[16:], rtol=0.03)
     np.testing.assert_array_equal(found[2], found[3])
-    assert RANKS[16] == pytest.approx(ndtr(-3.0))
+    assert PARTS[16] == 1.0
 
 
 def test_a_pooled_quantile_is_the_one_of_all_draws():
     """Few draws of an exponential tail: the mean of the replicates' quantiles is biased."""
     rng = np.random.default_rng(5)
     values, share = rng.exponential(size=(8, 40, 4000)), np.full(4000, 1 / 4000)
-    tails = np.array([[upper_tails(row[np.newaxis], share)[0] for row in v] for v in values])
+    tails = np.array([[upper_tails(row[np.newaxis], share, RANKS)[0] for row in v] for v in values])
     exact = np.quantile(np.concatenate(values, axis=1), ndtr(3.0), axis=1, method="hazen")
-    pooled = -pooled_quantiles(-tails)
+    pooled = -pooled_quantiles(-tails, RANKS)
     np.testing.assert_allclose(pooled, exact, atol=0.2)
     assert np.mean(pooled - exact) == pytest.approx(0.0, abs=0.03)
-    constant = pooled_quantiles(np.full((8, 3, len(RANKS)), 0.25))
+    constant = pooled_quantiles(np.full((8, 3, len(RANKS)), 0.25), RANKS)
     np.testing.assert_allclose(constant, 0.25, rtol=1e-15)
 
 
@@ -377,3 +379,12 @@ def test_replicates_and_then_runs_are_reported(tmp_path):
     shown = [step for step in seen if step[0] == "replicates"]
     assert [done for _, done, _ in shown] == list(range(1, 9))
     assert seen[-1] == ("runs", 20, 20)
+
+
+@pytest.mark.parametrize("k", [0.5, 1.0, 2.0])
+def test_bounds_at_another_k_are_those_of_plain_draws(tmp_path, k):
+    looks = Looks.of(load(tmp_path, ("one", "two"), 30.0).with_analysis(runs=20_000))
+    (network, *_) = recombined_missions(looks, k=k)
+    (plain,) = draw_missions(looks, k=k).events
+    np.testing.assert_allclose(network[0].lower, plain.lower, atol=0.015)
+    np.testing.assert_allclose(network[0].upper, plain.upper, atol=0.015)
