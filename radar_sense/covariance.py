@@ -127,7 +127,7 @@ def keep_components(covariance: FloatArray, components: Sequence[int]) -> FloatA
 
 
 def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
-    """Return the variance A C Aᵀ of a linear function of the state, `eq:pd_var`.
+    """Return the variance A C Aᵀ of a linear function of the state, eq. (35) of the paper.
 
     Args:
         jacobian: Partials A (..., n).

@@ -47,7 +47,7 @@ def cross_section(rcs, lam, phi):
 
 
 def cross_section_partials(rcs, lam, phi):
-    """∂σ_r/∂λ and ∂σ_r/∂φ: `eq:dsig_dlam` and `eq:dsig_dphi`, as corrected, for the ellipsoid."""
+    """∂σ_r/∂λ and ∂σ_r/∂φ: eq. (21) and eq. (22), as corrected, for the ellipsoid."""
     kind, *parameters = rcs
     if kind == "constant":
         return np.zeros_like(lam), np.zeros_like(lam)
@@ -66,7 +66,7 @@ def cross_section_partials(rcs, lam, phi):
 
 
 def ellipsoid_denominator(a, b, c, lam, phi):
-    """D, the root of the denominator of `eq:rcs_ellipsoid`."""
+    """D, the root of the denominator of eq. (13)."""
     return (
         (a * np.sin(lam) * np.cos(phi)) ** 2
         + (b * np.sin(lam) * np.sin(phi)) ** 2
@@ -75,7 +75,7 @@ def ellipsoid_denominator(a, b, c, lam, phi):
 
 
 def p_d(aircraft, radar, rcs, p_fa):
-    """P_D (m) of `eq:pd_approx`, without partials."""
+    """P_D (m) of eq. (1), without partials."""
     (roll, pitch, yaw), _ = elementary_turns(aircraft)
     line = radar[:, :3] - aircraft[:, :3]
     x, y, z = np.einsum("mij,mj->im", roll @ pitch @ yaw, line)
@@ -85,7 +85,7 @@ def p_d(aircraft, radar, rcs, p_fa):
 
 
 def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
-    """P_D (m), A_Pa (m, 6) and A_Pr (m, 4) of `eq:pd_partial_long`.
+    """P_D (m), A_Pa (m, 6) and A_Pr (m, 4) of eq. (17).
 
     Tests put misprinted partials in the place of `rcs_partials`.
     """
@@ -93,7 +93,7 @@ def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     (roll, pitch, yaw), (d_roll, d_pitch, d_yaw) = elementary_turns(aircraft)
     matrix = roll @ pitch @ yaw  # R_n^b
 
-    # eq:prb, and ∂ρ/∂(φ_a, θ_a, ψ_a)
+    # eq. (11), and ∂ρ/∂(φ_a, θ_a, ψ_a)
     line = (position - aircraft[:, :3])[:, :, np.newaxis]
     rho = (matrix @ line)[:, :, 0]
     drho_dattitude = np.concatenate(
@@ -101,7 +101,7 @@ def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
         axis=2,
     )
 
-    # eq:lambda, eq:phi and their partials
+    # eq. (8), eq. (9) and their partials
     x, y, z = rho.T
     flat = np.sqrt(x**2 + y**2)
     lam = np.arctan2(y, x)
@@ -110,14 +110,14 @@ def linearize(aircraft, radar, rcs, p_fa, rcs_partials=cross_section_partials):
     dlam_drho = np.stack((-y / (x**2 + y**2), x / (x**2 + y**2), np.zeros_like(x)), axis=1)
     dphi_drho = np.stack((-x * z / alpha, -y * z / alpha, flat / (x**2 + y**2 + z**2)), axis=1)
 
-    # eq:sig_r_partial; ∂ρ/∂p_r is R_n^b, ∂ρ/∂p_a its negative
+    # eq. (20); ∂ρ/∂p_r is R_n^b, ∂ρ/∂p_a its negative
     sigma = cross_section(rcs, lam, phi)
     dsigma_dlam, dsigma_dphi = rcs_partials(rcs, lam, phi)
     dsigma_drho = dsigma_dlam[:, np.newaxis] * dlam_drho + dsigma_dphi[:, np.newaxis] * dphi_drho
     dsigma_dposition = (dsigma_drho[:, np.newaxis, :] @ matrix)[:, 0, :]
     dsigma_dattitude = (dsigma_drho[:, np.newaxis, :] @ drho_dattitude)[:, 0, :]
 
-    # eq:SNR and eq:pd_approx
+    # eq. (3) and eq. (1)
     distance = np.sqrt(np.sum((aircraft[:, :3] - position) ** 2, axis=1))
     snr = constant * sigma / (BOLTZMANN * distance**4)
     p_d = 0.5 * erfc(np.sqrt(-np.log(p_fa)) - np.sqrt(snr + 0.5))

@@ -1,7 +1,7 @@
 """The whole detection model in fifty digits, written a second time without `radar_sense`.
 
 The formulas are the paper's, corrected where the paper has a misprint: the explicit matrix of
-`eq:DCM_zyx` transposed, and λ and φ as arctangents. Inner derivatives are difference quotients.
+eq. (12) transposed, and λ and φ as arctangents. Inner derivatives are difference quotients.
 
 An RCS is a tuple here: ("constant", σ), ("ellipsoid", a, b, c), ("spikeball", n, A, σ_min).
 States are sequences of floats, taken as exact numbers.
@@ -27,7 +27,7 @@ def _precisely(function):
 
 @_precisely
 def ned_to_body(roll, pitch, yaw):
-    """R_n^b: the matrix printed as `eq:DCM_zyx`, transposed."""
+    """R_n^b: the matrix printed as eq. (12), transposed."""
     roll, pitch, yaw = mpf(roll), mpf(pitch), mpf(yaw)
     cf, ct, cp = mp.cos(roll), mp.cos(pitch), mp.cos(yaw)
     sf, st, sp = mp.sin(roll), mp.sin(pitch), mp.sin(yaw)
@@ -40,7 +40,7 @@ def ned_to_body(roll, pitch, yaw):
 
 @_precisely
 def slant_range(aircraft, radar):
-    """R of `eq:range`."""
+    """R of eq. (5)."""
     return mp.sqrt(
         sum((mpf(r) - mpf(a)) ** 2 for a, r in zip(aircraft[:3], radar[:3], strict=True))
     )
@@ -48,7 +48,7 @@ def slant_range(aircraft, radar):
 
 @_precisely
 def body_vector(aircraft, radar):
-    """ρ of `eq:prb`: three components."""
+    """ρ of eq. (11): three components."""
     line = [mpf(r) - mpf(a) for a, r in zip(aircraft[:3], radar[:3], strict=True)]
     return [
         sum(m * d for m, d in zip(row, line, strict=True)) for row in ned_to_body(*aircraft[3:])
@@ -80,7 +80,7 @@ def cross_section(rcs, body):
 
 @_precisely
 def snr(aircraft, radar, rcs):
-    """S of `eq:SNR`, with the k that defines the kelvin."""
+    """S of eq. (3), with the k that defines the kelvin."""
     boltzmann = mpf("1.380649e-23")
     sigma = cross_section(rcs, body_vector(aircraft, radar))
     return mpf(radar[3]) * sigma / (boltzmann * slant_range(aircraft, radar) ** 4)
@@ -88,7 +88,7 @@ def snr(aircraft, radar, rcs):
 
 @_precisely
 def north(snr, p_fa):
-    """P_D of `eq:pd_approx`."""
+    """P_D of eq. (1)."""
     return mp.erfc(mp.sqrt(-mp.log(mpf(p_fa))) - mp.sqrt(mpf(snr) + mpf("0.5"))) / 2
 
 

@@ -1,7 +1,7 @@
 """The detection model: geometry, RCS, radar equation and detector in one chain, with its gradient.
 
 Each link of the chain has a function for its value and one called `linearize` for its value and
-derivative. Here the derivatives are multiplied together, `eq:pd_partial_long`. A block of poses is
+derivative. Here the derivatives are multiplied together, eq. (17) of the paper. A block of poses is
 small enough for all intermediate arrays to stay in the processor's cache.
 """
 
@@ -49,7 +49,7 @@ np.empty(3 << 20)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Linearization:
-    """P_D and its partials at the given states, `eq:pd_partial_short`.
+    """P_D and its partials at the given states, eq. (18) of the paper.
 
     Attributes:
         p_d: Probability of detection (...).
@@ -67,7 +67,7 @@ class Linearization:
         return f"<Linearization of P_D at {self.p_d.size} poses: p_d, jac_aircraft, jac_radar>"
 
     def std(self, cov_aircraft: ArrayLike, cov_radar: ArrayLike) -> FloatArray:
-        """Return the standard deviation of P_D to first order, `eq:pd_var`.
+        """Return the standard deviation of P_D to first order, eq. (35) of the paper.
 
         Args:
             cov_aircraft: C_aa (..., 6, 6), in metres and radians.

@@ -70,7 +70,7 @@ def detector(*names: str) -> Callable[[D], D]:
 @detector("north")
 @dataclass(frozen=True)
 class North:
-    """North's approximation to the detection of a steady target by one pulse, `eq:pd_approx`.
+    """North's approximation to the detection of a steady target by one pulse, eq. (1) of the paper.
 
     P_D ≈ ½ erfc(√(−ln P_fa) − √(S + ½)) (D. O. North, Proc. IEEE 51(7), 1963). ½ erfc(−x) is
     Φ(√2 x), so the probit is √2 times the argument, and exact where P_D rounds to 0 or 1.

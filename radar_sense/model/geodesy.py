@@ -234,7 +234,7 @@ def body_axes(attitude: ArrayLike) -> FloatArray:
         attitude: ZYX Euler angles (..., 3): roll, pitch, yaw [rad].
 
     Returns:
-        (..., 3, 3), the transpose of the matrix printed in the paper as `eq:DCM_zyx`.
+        (..., 3, 3), the transpose of the matrix printed as eq. (12) of the paper.
     """
     attitude = np.asarray(attitude, dtype=float)
     (sr, sp, sy), (cr, cp, cy) = (

@@ -2,7 +2,7 @@
 
 North-east-down (NED) to body is the ZYX Euler sequence (Beard and McLain, *Small Unmanned
 Aircraft*, 2012, ch. 2): a turn by yaw about z, then by pitch about the new y, then by roll about
-the new x. The paper's `eq:DCM_zyx` prints the transpose, body to NED.
+the new x. Eq. (12) of the paper prints the transpose, body to NED.
 
 Each turn mixes two components only. Vectors are therefore three arrays, one for each component. The
 turn by α takes the pair (u, v) to (u cos α + v sin α, v cos α − u sin α).
@@ -137,7 +137,9 @@ def radar_from_aircraft(aircraft: FloatArray, radar: FloatArray) -> Vector:
 
 
 def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Return the position of the radar relative to the aircraft in the body frame, `eq:prb`.
+    """Return the position of the radar relative to the aircraft in the body frame.
+
+    Eq. (11) of the paper.
 
     Args:
         aircraft: (..., 6), metres and radians.
@@ -150,7 +152,7 @@ def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
 
 
 def slant_range(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
-    """Return the distance from aircraft (..., 6) to radar (..., 4) [m], `eq:range`."""
+    """Return the distance from aircraft (..., 6) to radar (..., 4) [m], eq. (5) of the paper."""
     x, y, z = radar_from_aircraft(aircraft, radar)
     return np.sqrt(x * x + y * y + z * z)
 

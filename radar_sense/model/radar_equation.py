@@ -132,7 +132,7 @@ class SurveillanceRadar:
             raise InputError(f"search_factor must be 16 or 4π, got {self.search_factor}")
 
     def constant(self) -> float:
-        """Radar constant c_r [J m²/K], `eq:c_r_surv`: P_av A / (16 T_0 L F) · T_sc / Ω."""
+        """Radar constant c_r [J m²/K], eq. (4) of the paper: P_av A / (16 T_0 L F) · T_sc / Ω."""
         loss: float = 10.0 ** (
             (self.loss_db + self.noise_figure_db + sum(self.losses_db.values())) / 10.0
         )
@@ -210,7 +210,7 @@ def _check_losses(losses_db: Mapping[str, float]) -> None:
 
 
 def snr(constant: FloatArray, cross_section: FloatArray, range_squared: FloatArray) -> FloatArray:
-    """Signal-to-noise ratio S = c_r σ_r / (k R⁴), `eq:SNR`.
+    """Signal-to-noise ratio S = c_r σ_r / (k R⁴), eq. (3) of the paper.
 
     Args:
         constant: Radar constant c_r (...) [J m²/K].

@@ -156,7 +156,7 @@ class ConstantRCS:
 @rcs_model("ellipsoid")
 @dataclass(frozen=True)
 class EllipsoidRCS:
-    """The paper's ellipsoid, `eq:rcs_ellipsoid`, taken literally.
+    """The paper's ellipsoid, eq. (13), taken literally.
 
     σ_r = π (abc)² / D² with D = (a sinλ cosφ)² + (b sinλ sinφ)² + (c cosλ)². Nose-on (λ = 0), σ_r
     is π a²b²/c². In the formula c acts along the nose, a along the wing and b down. The paper's
@@ -216,7 +216,7 @@ class EllipsoidRCS:
     def _inverse(
         self, xx: FloatArray, yy: FloatArray, zz: FloatArray, hh: FloatArray, rr: FloatArray
     ) -> FloatArray:
-        """Return 1/D of `eq:rcs_ellipsoid`, from a sum of positive terms without cancellation."""
+        """Return 1/D of eq. (13), from a sum of positive terms without cancellation."""
         # sin²λ cos²φ = (y²/h²)(h²/r²),  sin²λ sin²φ = (y²/h²)(z²/r²),  cos²λ = x²/h²
         times_hh = (self.a**2 * hh + self.b**2 * zz) * (yy / rr) + self.c**2 * xx
         inverse, aside = hh / times_hh, hh != 0  # NaN != 0 keeps NaN
@@ -234,7 +234,7 @@ class ExactEllipsoidRCS:
     at the specular point (E. F. Knott, J. F. Shaeffer and M. T. Tuley, Radar Cross Section, 2nd ed.
     1993). σ_r is smooth in every direction.
 
-    `eq:rcs_ellipsoid` lacks a factor cos²φ in the term of the nose, and has a factor sin²λ too many
+    Eq. (13) lacks a factor cos²φ in the term of the nose, and has a factor sin²λ too many
     in the term of down. With (a, b, c) = (s_y, s_z, s_x) the paper's D exceeds the exact D by
     (s_x² − s_z²) cos²λ sin²φ. The difference is 0 at the horizon and abeam, and largest straight
     above and below, where λ is undefined.

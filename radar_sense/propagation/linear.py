@@ -1,4 +1,4 @@
-"""First order in P_D, `eq:pd_var`: the paper's method."""
+"""First order in P_D, eq. (35): the paper's method."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Linear:
         lin = gradient or states.model.linearize(states.aircraft, states.radar)
         cov_aircraft, cov_radar = states.covariances
         by_aircraft = variance_along(lin.jac_aircraft, cov_aircraft)
-        self.std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, cov_radar))  # eq:pd_var
+        self.std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, cov_radar))
         self.p_d = self.mean = np.broadcast_to(lin.p_d, self.std.shape)
         self._gradient = lin
 

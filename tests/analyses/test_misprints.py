@@ -38,7 +38,7 @@ def aircraft_at(azimuth_deg, azimuth_from="east"):
 
 
 def three_sigma(jac_aircraft, jac_radar, aircraft_variances, radar_variances):
-    """3σ_pd for independent components: `eq:pd_var` written out."""
+    """3σ_pd for independent components: eq. (35) written out."""
     variance = jac_aircraft**2 @ aircraft_variances + jac_radar**2 @ radar_variances
     return 3 * np.sqrt(variance).item()
 
@@ -49,11 +49,11 @@ def p_d_of(sigma, distance):
     return North().p_d(snr, P_FA)
 
 
-# eq:DCM_zyx: the matrix called R_n^b is body to north-east-down.
+# eq. (12): the matrix called R_n^b is body to north-east-down.
 
 
 def printed_matrix(roll, pitch, yaw):
-    """The matrix of `eq:DCM_zyx`, term by term."""
+    """The matrix of eq. (12), term by term."""
     cf, ct, cp = np.cos([roll, pitch, yaw])
     sf, st, sp = np.sin([roll, pitch, yaw])
     return np.array(
@@ -93,11 +93,11 @@ def test_printed_rotation_is_hidden_by_the_papers_scenario():
     assert p_d == pytest.approx(MODEL.p_d(aircraft, RADAR), rel=1e-12)
 
 
-# κ and D under eq:dsig_dphi.
+# κ and D under eq. (22).
 
 
 def printed_kappa(rcs, lam, phi):
-    """`eq:dsig_dlam` with the + c² of the print; the rest as corrected."""
+    """eq. (21) with the + c² of the print; the rest as corrected."""
     a, b, c = rcs[1:]
     kappa = (a * np.cos(phi)) ** 2 + (b * np.sin(phi)) ** 2 + c**2
     d = chain_rule.ellipsoid_denominator(a, b, c, lam, phi)
@@ -106,7 +106,7 @@ def printed_kappa(rcs, lam, phi):
 
 
 def printed_d(rcs, lam, phi):
-    """`eq:dsig_dlam` and `eq:dsig_dphi` with the D of the print; κ as corrected."""
+    """eq. (21) and eq. (22) with the D of the print; κ as corrected."""
     a, b, c = rcs[1:]
     d = (
         (a * np.sin(lam) * np.sin(phi)) ** 2
@@ -118,7 +118,7 @@ def printed_d(rcs, lam, phi):
 
 
 def slopes_by_difference(lam, phi):
-    """∂σ_r/∂λ and ∂σ_r/∂φ of `eq:rcs_ellipsoid` by central differences, good to some 1e-9."""
+    """∂σ_r/∂λ and ∂σ_r/∂φ of eq. (13) by central differences, good to some 1e-9."""
 
     def sigma(lam, phi):
         body = np.cos(phi) * np.cos(lam), np.cos(phi) * np.sin(lam), np.sin(phi)
@@ -273,7 +273,7 @@ def test_boltzmanns_constant():
     assert one * 1e24 * PAPERS_K - 1 == pytest.approx(-0.00047, abs=0.000005)
 
 
-# eq:lambda: the arctangent of all four quadrants.
+# eq. (8): the arctangent of all four quadrants.
 
 
 def test_arctangent_of_a_quotient_cannot_tell_nose_from_tail():

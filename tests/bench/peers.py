@@ -177,7 +177,7 @@ def numpy_monte_carlo(generator, runs, nominal, covariances, axes, p_fa, band, t
 
 
 def body_from_ned(aircraft):
-    """R_n^b (..., 3, 3), its nine elements written out as `eq:DCM_zyx` prints them."""
+    """R_n^b (..., 3, 3), its nine elements written out as eq. (12) prints them."""
     roll, pitch, yaw = (aircraft[..., i] for i in (3, 4, 5))
     cr, cp, cy = np.cos(roll), np.cos(pitch), np.cos(yaw)
     sr, sp, sy = np.sin(roll), np.sin(pitch), np.sin(yaw)

@@ -30,15 +30,15 @@ STATES = 11
 def snr(scenario, rcs, states, i=None):
     """Return S as a series in state i, or its value only."""
     x = [arb_series([s, 1] if j == i else [s], 2) for j, s in enumerate(states)]
-    line = [r - a for a, r in zip(x[:3], x[6:9], strict=True)]  # eq:prb without its rotation
-    distance = (line[0] * line[0] + line[1] * line[1] + line[2] * line[2]).sqrt()  # eq:range
+    line = [r - a for a, r in zip(x[:3], x[6:9], strict=True)]  # eq. (11) without its rotation
+    distance = (line[0] * line[0] + line[1] * line[1] + line[2] * line[2]).sqrt()  # eq. (5)
     body = [sum_of(m * d for m, d in zip(row, line, strict=True)) for row in ned_to_body(*x[3:6])]
     sigma = rcs(azimuth(body), elevation(body))
     error = x[10] * rcs.spread(azimuth(body), elevation(body)) * (arb(10).log() / 10)
     attenuation = arb(scenario["attenuation_db_per_m"]) * (arb(10).log() / 5)
     gain = (error - attenuation * distance).exp()
     far = distance * distance
-    return x[9] * sigma * gain / (BOLTZMANN * (far * far))  # eq:SNR
+    return x[9] * sigma * gain / (BOLTZMANN * (far * far))  # eq. (3)
 
 
 def sum_of(terms):
@@ -49,7 +49,7 @@ def sum_of(terms):
 
 
 def ned_to_body(roll, pitch, yaw):
-    """Return the matrix that is printed as eq:DCM_zyx, transposed."""
+    """Return the matrix that is printed as eq. (12), transposed."""
     (sf, cf), (st, ct), (sp, cp) = (angle.sin_cos() for angle in (roll, pitch, yaw))
     return (
         (cp * ct, ct * sp, -st),
@@ -59,7 +59,7 @@ def ned_to_body(roll, pitch, yaw):
 
 
 def azimuth(body):
-    """Return λ of eq:lambda with four quadrants."""
+    """Return λ of eq. (8) with four quadrants."""
     x, y, _ = body
     if abs(x[0]) > abs(y[0]):
         turn = arb.pi() * (0 if x[0] > 0 else 1 if y[0] > 0 else -1)
@@ -68,7 +68,7 @@ def azimuth(body):
 
 
 def elevation(body):
-    """Return φ of eq:phi, positive below the aircraft."""
+    """Return φ of eq. (9), positive below the aircraft."""
     x, y, z = body
     return (z / (x * x + y * y).sqrt()).atan()
 
@@ -108,7 +108,7 @@ class Formula:
             sign = 1 if wave[0] > 0 else -1
             return wave * sign * arb(rcs["amplitude_m2"]) + arb(rcs["floor_m2"])
         (sl, cl), (sp, cp) = lam.sin_cos(), phi.sin_cos()
-        if rcs["model"] == "ellipsoid":  # eq:rcs_ellipsoid
+        if rcs["model"] == "ellipsoid":  # eq. (13)
             a, b, c = (arb(rcs[key]) for key in ("a_m", "b_m", "c_m"))
             d = square(sl * cp * a) + square(sl * sp * b) + square(cl * c)
         else:  # the exact ellipsoid: semi-axes along nose, wing and down
@@ -283,7 +283,7 @@ def single_look(block, p_fa):
         alpha = root(of, guess, p_fa)
         return lambda s: by_series(lambda t: of(alpha / (1 + t)), s)
     t = -p_fa.log()
-    if model == "north":  # eq:pd_approx
+    if model == "north":  # eq. (1)
         return lambda s: by_series(lambda x: (t.sqrt() - (x + arb(1) / 2).sqrt()).erfc() / 2, s)
     if pulses > 1:
         t = root(
