@@ -48,3 +48,11 @@ def test_files_linked_exist():
 def test_every_command_is_named():
     for command in cli.list_commands(None):
         assert f"radar-sense {command}" in README or f"| `{command}` |" in README
+
+
+def test_the_text_of_the_package_has_no_link_that_leads_nowhere():
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    (text,) = re.findall(r'^readme = .*text = """(.*?)"""', project, re.S | re.M)
+    links = re.findall(r"\]\(([^)]*)\)", text)
+    assert links
+    assert all(link.startswith("https://") for link in links)
