@@ -423,6 +423,13 @@ def std_warnings(
     return _placed(problems, scenario.axis)
 
 
+def std_trust(result: Result) -> list[str]:
+    """Return what draws say of σ by the method; nothing where a warning says where it is off."""
+    if result.warnings:
+        return []
+    return [f"method: {result.method}, sigma checked by draws at {len(result.scenario.axis)} poses"]
+
+
 def _problems_of_std(
     std: FloatArray, off: NDArray[np.bool_], method: str, remedy: str
 ) -> tuple[_Problem, ...]:

@@ -173,6 +173,8 @@ def budget(
             words.places(_missed(scenario, found, vanishes), axis)
         )
         result.warnings += words.correlated_sources([c.three_sigma for c in sources], total)
+    if method != MONTE_CARLO:
+        result.report += words.std_trust(result)
     names = scenario.model.names if len(scenario.model.names) > 1 else ()
     result.draw = partial(_draw, axis=axis, sources=sources, parts=parts, total=total, radars=names)
     return result

@@ -53,6 +53,7 @@ def sensitivity(scenario: Scenario) -> Result:
         for text in words.std_warnings(at_level[level], *of_level, method)
     )
     result.warnings += words.table_warnings(scenario)
+    result.report += words.std_trust(result)
     result.draw = partial(_draw, axis=axis, lines=lines)
     return result
 
