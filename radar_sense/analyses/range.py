@@ -227,7 +227,7 @@ def detection_range(
             warnings.append((name, warning("band-off", text)))
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
-    if not warnings:
+    if not warnings and any(np.isfinite(at.std).any() for of in ranges.values() for at in of):
         checked = f"both ends of the band checked by draws on {rays_in_all:,} rays"
         result.report.append(f"method: {method}, {checked}")
     limits = {name: _limits(seen) for name, seen in surveys.items()}
