@@ -311,9 +311,11 @@ def _ranges(seen: Survey, values: list[float], method: str, k: float) -> list[Ra
             unreliable = _unreliable(around, band, smooth, k)
             if method == AUTOMATIC and unreliable.any():
                 some = around.part(np.flatnonzero(unreliable))
+                limit = np.nan_to_num(seen.limit)[unreliable]
                 for ends, beta in ((band, k), (middle, NODE)):
                     for end, sign in zip(ends, (-1.0, 1.0), strict=True):
-                        end[unreliable] = _by_draws(some, end[unreliable], value, sign * beta)
+                        drawn = _by_draws(some, end[unreliable], value, sign * beta)
+                        end[unreliable] = np.minimum(drawn, limit)
                 unreliable = np.zeros_like(unreliable)
             lower, upper = (_slant(around, end) for end in band)
             first, last = (_slant(around, end) for end in middle)

@@ -324,3 +324,16 @@ def test_the_band_at_another_k(method):
     width = {k: ends[1] - ends[0] for k, ends in bands.items()}
     assert width[2.0] == pytest.approx(2 * width[1.0], rel=1e-4)
     assert np.all(width[1.0] > 0)
+
+
+def test_a_band_by_draws_ends_at_the_limit_of_the_radar():
+    """A table of narrow lobes, where draws replace form, and a maximum range within the band."""
+    rcs = {"model": "spikeball", "lobes": 40, "amplitude_m2": 0.5, "floor_m2": 0.01}
+    free = scenario(aircraft__rcs=rcs, analysis={"level": "high"})
+    wide = detection_range(free, **QUICK).table
+    limit = 0.5 * float(wide["range_m_0.5"].max() + wide["upper_3sigma_m_0.5"].max())
+    s = scenario(aircraft__rcs=rcs, analysis={"level": "high"}, radar__max_range_km=limit / 1e3)
+    result = detection_range(s, **QUICK)
+    assert result.warnings == ()
+    assert np.all(result.table["upper_3sigma_m_0.5"] <= limit * (1 + 1e-6))
+    assert result.table["upper_3sigma_m_0.5"].max() == pytest.approx(limit, rel=1e-3)
