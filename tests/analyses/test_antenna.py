@@ -10,6 +10,7 @@ import pytest
 from helpers import document, scenario, yaml_text
 from numpy.testing import assert_allclose
 from scipy.constants import Boltzmann
+from scipy.interpolate import PchipInterpolator
 from scipy.special import erfc
 from scipy.stats import norm
 
@@ -446,3 +447,69 @@ def test_objects_that_are_not_allowed():
         rs.DetectionModel(rs.ConstantRCS(1.0), P_FA, antenna="gain.csv")
     with pytest.raises(InputError, match="mask must be a Mask"):
         dataclasses.replace(scenario().radars[0], mask=1)
+
+
+def random_network(rng):
+    """One or two radars with gains, tilts and masks at random, and an aircraft beside them."""
+    radars = []
+    for name in ("one", "two")[: rng.integers(1, 3)]:
+        elevation, gain = np.deg2rad(np.sort(rng.uniform(-8, 30, 8))), -rng.uniform(0, 18, 8)
+        antenna = rs.ElevationGain(elevation, gain, np.deg2rad(rng.uniform(-2, 3)))
+        azimuth = np.deg2rad(np.sort(rng.uniform(0, 360, 12)))
+        mask = rs.Mask(azimuth, np.deg2rad(rng.uniform(-1, 4, 12))) if rng.random() < 0.6 else None
+        state = np.array([*rng.uniform(-2e4, 2e4, 2), -50.0, 10 ** rng.uniform(-2.5, 0.0)])
+        std = np.array([*[rng.uniform(1, 300)] * 3, state[3] * rng.uniform(0, 0.15)])
+        level = rs.Level(np.diag(std**2), tilt_std=np.deg2rad(rng.uniform(0, 1)))
+        model = rs.DetectionModel(rs.ConstantRCS(AREA), P_FA, antenna=antenna)
+        radars.append(rs.Radar(model, name=name, state=state, levels={"one": level}, mask=mask))
+    azimuth, distance = rng.uniform(0, 2 * np.pi), rng.uniform(2e4, 9e4)
+    aircraft = np.zeros((1, 6))
+    aircraft[0, :2] = distance * np.cos(azimuth), distance * np.sin(azimuth)
+    aircraft[0, 2] = -rng.uniform(500, 6000)
+    std = [*[rng.uniform(10, 1500)] * 2, rng.uniform(10, 600), 0.01, 0.01, 0.01]
+    geometry = rs.States.of(aircraft, np.diag(np.square(std)))
+    return rs.Scenario("x", tuple(radars), geometry, level="one", seed=int(rng.integers(1e6)))
+
+
+def own_draws(scenario, rng, runs):
+    """Draws of P_D of a network by formulas, with SciPy's monotone cubic."""
+    aircraft = scenario.aircraft[0, :3] + rng.standard_normal((runs, 3)) * np.sqrt(
+        np.diag(scenario.cov_aircraft)[:3]
+    )
+    missed = np.ones(runs)
+    for radar in scenario.radars:
+        level, gain = radar.levels["one"], radar.model.antenna
+        state = radar.state + rng.standard_normal((runs, 4)) * np.sqrt(np.diag(level.covariance))
+        north, east, down = (aircraft - state[:, :3]).T
+        across, tilt = np.hypot(north, east), gain.tilt + level.tilt_std * rng.standard_normal(runs)
+        elevation = np.arctan2(-down, across)
+        nodes = np.concatenate(
+            [gain.elevation[:1] * 2 - gain.elevation[1:2], gain.elevation,
+             gain.elevation[-1:] * 2 - gain.elevation[-2:-1]]
+        )  # fmt: skip
+        curve = PchipInterpolator(nodes, np.pad(gain.gain_db, 1, mode="edge"))
+        decibels = curve(np.clip(elevation - tilt, gain.elevation[0], gain.elevation[-1]))
+        snr = np.maximum(state[:, 3], 0) * AREA / (Boltzmann * (across**2 + down**2) ** 2)
+        snr = snr * 10 ** (2 * decibels / 10)
+        p_d = 0.5 * erfc(math.sqrt(-math.log(P_FA)) - np.sqrt(snr + 0.5))
+        if radar.mask is not None:
+            low = np.interp(
+                np.arctan2(east, north), radar.mask.azimuth, radar.mask.elevation, period=2 * np.pi
+            )
+            p_d = np.where(elevation >= low, p_d, 0.0)
+        missed *= 1 - p_d
+    return 1 - missed
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_bands_of_random_antennas_and_masks_are_those_of_draws(seed):
+    rng = np.random.default_rng(seed)
+    scenario = random_network(rng)
+    draws = own_draws(scenario, rng, 200_000)
+    found = propagate_scenario(scenario)
+    ranks = norm.cdf([-3, 3])
+    error = np.quantile(draws.reshape(8, -1), ranks, axis=1).std(axis=1, ddof=1) / math.sqrt(8)
+    allowed = 0.005 + 4 * np.hypot(error, found.error)
+    off = abs(np.concatenate([found.lower, found.upper]) - np.quantile(draws, ranks))
+    assert np.all(off < allowed)
+    assert found.mean[0] == pytest.approx(draws.mean(), abs=0.005)
