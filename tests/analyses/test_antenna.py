@@ -468,7 +468,7 @@ def random_network(rng):
     aircraft[0, 2] = -rng.uniform(500, 6000)
     std = [*[rng.uniform(10, 1500)] * 2, rng.uniform(10, 600), 0.01, 0.01, 0.01]
     geometry = rs.States.of(aircraft, np.diag(np.square(std)))
-    return rs.Scenario("x", tuple(radars), geometry, level="one", seed=int(rng.integers(1e6)))
+    return rs.Scenario(radars=tuple(radars), geometry=geometry, seed=int(rng.integers(1e6)))
 
 
 def own_draws(scenario, rng, runs):
