@@ -76,12 +76,12 @@ def with_errors(array: FloatArray, radars: int, axes: int = 1) -> FloatArray:
     """
     if array.shape[-1] == len(RADAR_AND_ERRORS) * radars:
         return array
-    size = len(RADAR_AND_ERRORS) * radars
-    places = np.arange(size)[np.arange(size) % len(RADAR_AND_ERRORS) < len(RADAR)]
-    whole = np.zeros((*array.shape[:-axes], *(size,) * axes))
-    inside = (places,) if axes == 1 else (places[:, np.newaxis], places)
-    whole[(..., *inside)] = array
-    return whole
+    given, wanted = (radars, len(RADAR)) * axes, (radars, len(RADAR_AND_ERRORS)) * axes
+    shape = array.shape[:-axes]
+    whole = np.zeros(shape + wanted)
+    inside = (slice(None), slice(len(RADAR))) * axes
+    whole[(..., *inside)] = array.reshape(shape + given)
+    return whole.reshape(shape + (radars * len(RADAR_AND_ERRORS),) * axes)
 
 
 def components_first(vectors: FloatArray) -> FloatArray:

@@ -120,10 +120,14 @@ class UncertainStates:
         return 0 if 0 in lengths else max(lengths)
 
     @property
+    def nominal(self) -> tuple[FloatArray, FloatArray]:
+        """Nominal states, of the aircraft (6,) or (k, 6), and of the radars alike."""
+        return _without_axis(self.aircraft), _without_axis(self.radar)
+
+    @property
     def covariances(self) -> tuple[FloatArray, FloatArray]:
         """C_aa (6, 6) or (k, 6, 6), and C_rr alike."""
-        aircraft, radar = (c[0] if len(c) == 1 else c for c in (self.cov_aircraft, self.cov_radar))
-        return aircraft, radar
+        return _without_axis(self.cov_aircraft), _without_axis(self.cov_radar)
 
     @cached_property
     def log_constant(self) -> NDArray[np.bool_]:
@@ -325,6 +329,11 @@ def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], N
     of_each = zip(radars, sight[numbers], strict=True)
     seen = tuple(r.without_limits() if s == ALWAYS else r for r, s in of_each)
     return numbers, replace(model, radars=seen)
+
+
+def _without_axis(array: FloatArray) -> FloatArray:
+    """Return what is the same at all poses without their axis. Arithmetic of one row is slow."""
+    return array[0] if len(array) == 1 else array
 
 
 def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:

@@ -168,9 +168,9 @@ def _estimate(
         std_error = np.where(std > 0, 0.5 * np.sqrt(off) / std, 0.0)
 
     order = np.argsort(p_d, axis=1)
-    values = np.take_along_axis(p_d, order, axis=1)
-    weights = np.take_along_axis(weights, order, axis=1)
-    high, low = (np.take_along_axis(side, order, axis=1) for side in beyond)
+    order += np.arange(0, p_d.size, p_d.shape[1])[:, np.newaxis]  # places in the whole array
+    values, weights = (array.ravel()[order] for array in (p_d, weights))
+    high, low = (side.ravel()[order] for side in beyond)
     tail = float(ndtr(-beta))
     lower, lower_error = _quantile(values, weights, low, tail)
     upper, upper_error = _quantile(values[:, ::-1], weights[:, ::-1], high[:, ::-1], tail)
@@ -209,34 +209,23 @@ def _quantile(
     The standard error is a third of the way to the values at three standard errors of the weight.
     It is large beside a jump of P_D that the tail may or may not reach.
     """
-    n = values.shape[1]
-    known = weights * beyond
-    control = np.sum(known, axis=1, keepdims=True)
-    mass = np.cumsum(weights, axis=1)
-    covariance = np.cumsum(weights * known, axis=1)
-    of_control = covariance[:, -1:] - control * control / n
-    covariance -= mass * (control / n)
-    variance = np.cumsum(weights * weights, axis=1)
-    variance -= mass * mass / n
+    number, known = np.arange(values.shape[1]), weights * beyond
+    mass, control = np.cumsum(weights, axis=1), np.sum(known, axis=1, keepdims=True)
 
     def first(level: FloatArray | float) -> NDArray[np.intp]:
         index = np.count_nonzero(mass < level, axis=1, keepdims=True)
-        return np.asarray(np.minimum(index, n - 1))
+        return np.asarray(np.minimum(index, len(number) - 1))
 
     def at(array: FloatArray, index: NDArray[np.intp]) -> FloatArray:
         return np.take_along_axis(array, index, axis=1)
 
-    slope = np.divide(
-        at(covariance, first(tail)), of_control, out=np.zeros_like(control), where=of_control > 0
-    )
+    slope = _slope(weights * (number <= first(tail)), known)
     level = tail + slope * (control - tail)
     index = first(level)
-    squared = at(variance, index) - slope * (2.0 * at(covariance, index) - slope * of_control)
+    counted = weights * (number <= index)
     # Draws between plane and quantile are counted. That there are none may be chance.
-    heaviest = np.maximum(
-        2.0 * at(weights, index), at(np.maximum.accumulate(weights, axis=1), index)
-    )
-    error = np.sqrt(np.maximum(squared, 0.0) + heaviest * heaviest)
+    heaviest = np.maximum(2.0 * at(weights, index), np.max(counted, axis=1, keepdims=True))
+    error = np.sqrt(_variance(counted - slope * known) + heaviest * heaviest)
     quantile = at(values, index)
     beside = (abs(at(values, first(level + away * error)) - quantile) for away in (-3.0, 3.0))
     return quantile[:, 0], np.maximum(*beside)[:, 0] / 3.0
@@ -249,13 +238,30 @@ def _share(
 
     The weight beyond a plane is a control variate, as in `_quantile`.
     """
-    n = weights.shape[1]
     counted, known = weights * inside, weights * beyond
-    share, control = np.sum(counted, axis=1), np.sum(known, axis=1)
-    of_control = np.sum(known * known, axis=1) - control * control / n
-    covariance = np.sum(counted * known, axis=1) - share * control / n
-    variance = np.sum(counted * counted, axis=1) - share * share / n
-    slope = np.divide(covariance, of_control, out=np.zeros_like(share), where=of_control > 0)
+    slope = _slope(counted, known)
+    share = np.sum(counted, axis=1)
+    taken = slope[:, 0] * (np.sum(known, axis=1) - tail)
     resolution = 2.0 * share / np.maximum(np.count_nonzero(inside, axis=1), 1)
-    error = np.sqrt(np.maximum(variance - slope * covariance, 0.0) + resolution * resolution)
-    return np.clip(share - slope * (control - tail), 0.0, 1.0), error
+    variance = _variance(counted - slope * known)[:, 0]
+    return np.clip(share - taken, 0.0, 1.0), np.sqrt(variance + resolution * resolution)
+
+
+def _slope(counted: FloatArray, known: FloatArray) -> FloatArray:
+    """Return the slope (k, 1) of the sum of counted weights (k, n) by that of known weights."""
+    n = counted.shape[1]
+    total, control = (np.sum(w, axis=1, keepdims=True) for w in (counted, known))
+    of_both = np.sum(counted * known, axis=1, keepdims=True) - total * control / n
+    of_control = _variance(known)
+    slope: FloatArray = np.divide(
+        of_both, of_control, out=np.zeros_like(of_control), where=of_control > 0
+    )
+    return slope
+
+
+def _variance(weights: FloatArray) -> FloatArray:
+    """Return the variance (k, 1) of the sum of independent weights (k, n)."""
+    total = np.sum(weights, axis=1, keepdims=True)
+    squares = np.sum(weights * weights, axis=1, keepdims=True)
+    variance: FloatArray = np.maximum(squares - total * total / weights.shape[1], 0.0)
+    return variance

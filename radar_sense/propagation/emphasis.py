@@ -112,15 +112,15 @@ class Mixture:
             own += (WIDTH - 1.0) * (basis @ (basis.swapaxes(1, 2) @ own))
         places = (np.arange(central) + 0.5) / central
         ends = np.cumsum(self.shares, axis=1)[:, :-1, np.newaxis]
-        which = np.count_nonzero(ends <= places, axis=1)
-        own_centre = np.take_along_axis(self.centres, which[:, :, np.newaxis], axis=1)
-        u[:, :, end:] += own_centre.swapaxes(1, 2)
+        which = np.count_nonzero(ends <= places, axis=1)[:, np.newaxis]
+        chosen = (which == np.arange(self.centres.shape[1])[:, np.newaxis]).astype(float)
+        u[:, :, end:] += self.centres.swapaxes(1, 2) @ chosen
 
         density = np.full((len(u), n), natural / n)
         for basis in self.bases:
             along = basis.swapaxes(1, 2) @ u
             q = np.count_nonzero(basis.any(axis=1), axis=-1)[:, np.newaxis]
-            exponent = 0.5 * (1.0 - WIDTH**-2) * np.sum(along * along, axis=1)
+            exponent = 0.5 * (1.0 - WIDTH**-2) * np.einsum("kqn,kqn->kn", along, along)
             density += wide / n * np.exp(np.minimum(exponent - q * np.log(WIDTH), MOST))
         exponents = self.centres @ u
         squares = np.sum(self.centres**2, axis=-1)[..., np.newaxis]
@@ -129,9 +129,7 @@ class Mixture:
         exponents -= 0.5 * squares
         np.minimum(exponents, MOST, out=exponents)
         np.exp(exponents, out=exponents)
-        numbers = np.arange(self.centres.shape[1])[:, np.newaxis]
-        counts = np.count_nonzero(which[:, np.newaxis] == numbers, axis=2)
-        density += np.sum(counts[..., np.newaxis] / n * exponents, axis=1)
+        density += np.einsum("kc,kcn->kn", np.sum(chosen, axis=2) / n, exponents)
         return u, 1.0 / density, np.moveaxis(beyond, 1, 0)
 
 

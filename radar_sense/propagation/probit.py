@@ -23,13 +23,12 @@ class Probit:
     def __init__(
         self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
     ) -> None:
-        self._gradient = gradient or states.model.linearize_probit(states.aircraft, states.radar)
+        self._gradient = gradient or states.model.linearize_probit(*states.nominal)
         z, by_aircraft, by_radar = self._gradient
         cov_aircraft, cov_radar = states.covariances
-        self._s = np.sqrt(
-            variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
-        )
-        self._m = np.broadcast_to(z, self._s.shape)
+        variance = variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
+        self._s = np.broadcast_to(np.sqrt(variance), len(states))
+        self._m = np.broadcast_to(z, len(states))
         self.p_d = np.asarray(ndtr(self._m))
 
     @property
