@@ -15,15 +15,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.radar import Radar
-from radar_sense.propagation import JudgedMoments, Moments
-from radar_sense.propagation.draws import Estimate
+from radar_sense.propagation import Band
 from radar_sense.scenario import Scenario
 from radar_sense.states import POSITION, FloatArray
 
@@ -56,14 +55,14 @@ class Refined:
 
     Attributes:
         scenario: The scenario of n poses.
-        moments: The moments of P_D (n,).
+        band: The band of P_D (n,).
         rows: Numbers (m,) of the poses that were given.
         resolved: Whether the poses resolve P_D.
         tolerance: Tolerance of P_D and its bound between poses; None if no poses can be added.
     """
 
     scenario: Scenario
-    moments: Moments
+    band: Band
     rows: NDArray[np.intp]
     resolved: bool
     tolerance: float | None
@@ -85,9 +84,9 @@ def can_refine(scenario: Scenario) -> bool:
 
 def resolve(
     scenario: Scenario,
-    propagate: Callable[[Scenario], Moments],
+    propagate: Callable[[Scenario], Band],
     limit: float,
-    moments: Moments | None = None,
+    band: Band | None = None,
 ) -> Refined:
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
@@ -95,19 +94,19 @@ def resolve(
 
     Args:
         scenario: The scenario.
-        propagate: Returns the moments of a scenario.
+        propagate: Returns the band of a scenario.
         limit: The limit, which sets the tolerance.
-        moments: Moments of the scenario; computed if None.
+        band: Band of the scenario; computed if None.
     """
-    moments = moments or propagate(scenario)
+    band = band or propagate(scenario)
     if not can_refine(scenario):
-        return unrefined(scenario, moments)
-    return refined(scenario, moments, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
+        return unrefined(scenario, band)
+    return refined(scenario, band, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
 
 
-def unrefined(scenario: Scenario, moments: Moments) -> Refined:
-    """Return a scenario and its moments without poses between the rows."""
-    return Refined(scenario, moments, np.arange(len(moments.p_d)), True, None)
+def unrefined(scenario: Scenario, band: Band) -> Refined:
+    """Return a scenario and its band without poses between the rows."""
+    return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
 
 
 def unresolved(path: Refined) -> str:
@@ -118,8 +117,8 @@ def unresolved(path: Refined) -> str:
 
 def refined(
     scenario: Scenario,
-    moments: Moments,
-    propagate: Callable[[Scenario], Moments],
+    band: Band,
+    propagate: Callable[[Scenario], Band],
     tolerance: float,
 ) -> Refined:
     """Return a scenario with poses added until P_D and its upper bound are linear between poses.
@@ -131,8 +130,8 @@ def refined(
 
     Args:
         scenario: The scenario of a flight, see `can_refine`.
-        moments: Moments of P_D at the poses of the scenario.
-        propagate: Returns the moments of a scenario.
+        band: Band of P_D at the poses of the scenario.
+        propagate: Returns the band of a scenario.
         tolerance: Largest distance of P_D and its bound from straight lines.
     """
     place = scenario.geometry.coordinate
@@ -146,20 +145,20 @@ def refined(
     place, row = _divided(scenario, place, row, LARGEST_TURN, shortest, MAX_POSES)
     if len(place) > n:
         values = propagate(along(scenario, place[row < 0]))
-        moments = _merged(moments, values, row)
+        band = _merged(band, values, row)
     while len(place) < MAX_POSES:
-        bends = _bend(place, moments.p_d) > tolerance
-        noise = 2.0 * np.maximum(moments.error[1:], moments.error[:-1])
-        bends |= _bend(place, moments.upper) > tolerance + noise
+        bends = _bend(place, band.p_d) > tolerance
+        noise = 2.0 * np.maximum(band.error[1:], band.error[:-1])
+        bends |= _bend(place, band.upper) > tolerance + noise
         bends &= abs(np.diff(place)) > shortest
         if not bends.any():
             break
         place, new = _halved(place, np.arange(len(place)), bends)
         row = np.where(new < 0, -1, row[new])
-        moments = _merged(moments, propagate(along(scenario, place[new < 0])), new)
+        band = _merged(band, propagate(along(scenario, place[new < 0])), new)
     return Refined(
         _with_rows(scenario, place, row) if len(place) > n else scenario,
-        moments,
+        band,
         np.flatnonzero(row >= 0),
         scanned and len(place) < MAX_POSES,
         tolerance,
@@ -340,21 +339,10 @@ def _halved(
     return np.insert(place, after, middle), np.insert(row, after, -1)
 
 
-def _merged(old: Moments, new: Moments, row: NDArray[np.intp]) -> Moments:
-    """Return moments with the old moments by number in `row`, and new moments where `row` is −1."""
-    arrays = []
-    for field in fields(Moments):
-        values, added = getattr(old, field.name), getattr(new, field.name)
-        merged = np.empty(len(row), dtype=values.dtype)
-        merged[row >= 0], merged[row < 0] = values[row[row >= 0]], added
-        arrays.append(merged)
-    merged_moments = Moments(*arrays)
-    if not (isinstance(old, JudgedMoments) and isinstance(new, JudgedMoments)):
-        return merged_moments
-    drawn = Estimate.empty(len(row))
-    drawn.put(np.flatnonzero(row >= 0), old.drawn.at(row[row >= 0]))
-    drawn.put(np.flatnonzero(row < 0), new.drawn)
-    return JudgedMoments(**vars(merged_moments), drawn=drawn)
+def _merged(old: Band, new: Band, row: NDArray[np.intp]) -> Band:
+    """Return the band with the old poses by number in `row`, and new poses where `row` is −1."""
+    order = np.where(row >= 0, row, len(old.p_d) - 1 + np.cumsum(row < 0))
+    return Band.join([old, new]).at(order)
 
 
 def _with_rows(scenario: Scenario, place: FloatArray, row: NDArray[np.intp]) -> Scenario:

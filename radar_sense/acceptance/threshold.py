@@ -30,7 +30,7 @@ from scipy.special import ndtr, ndtri, pdtrc
 
 from radar_sense.acceptance import refinement
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
-from radar_sense.propagation import AUTOMATIC, JudgedMoments, Moments, propagate_scenario
+from radar_sense.propagation import AUTOMATIC, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_until
 from radar_sense.scenario import Scenario
@@ -105,7 +105,7 @@ def threshold_test(
     The bound is assumed to be linear between poses.
 
     Args:
-        upper: The upper bound (n,): P_D + kσ, or `Moments.upper` at β = k.
+        upper: The upper bound (n,): P_D + kσ, or `Band.upper` at β = k.
         p_max: P_max, greater than 0 and at most 1.
         coordinate: Time [s] of each pose (n,), or azimuth on an orbit [deg], in order.
         violated: Where (n,) the test is violated; None for where the bound is above P_max.
@@ -212,9 +212,7 @@ class PathTest:
     by_draws: NDArray[np.bool_]
 
 
-def path_test(
-    scenario: Scenario, method: str, p_max: float, k: float, moments: Moments
-) -> PathTest:
+def path_test(scenario: Scenario, method: str, p_max: float, k: float, band: Band) -> PathTest:
     """Test P_D + kσ ≤ P_max at every pose of a scenario, and on a path also between the poses.
 
     Args:
@@ -222,19 +220,17 @@ def path_test(
         method: The method of the bound.
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
-        moments: Moments of the scenario by the method, with bounds at Φ(k), and with p_max so that
-            no draws are made twice.
+        band: Band of the scenario by the method, with bounds at Φ(k), and with p_max so that no
+            draws are made twice.
     """
 
-    def propagate(path_scenario: Scenario) -> Moments:
-        return propagate_scenario(path_scenario, method=method, beta=k, p_max=p_max)
+    def propagate(path_scenario: Scenario) -> Band:
+        return band_of_scenario(path_scenario, method=method, beta=k, p_max=p_max)
 
-    path = refinement.resolve(scenario, propagate, p_max, moments)
-    moments = path.moments
-    drawn = moments.drawn if isinstance(moments, JudgedMoments) else None
-    decision = decide(path.scenario, p_max, k, drawn)
-    upper, by_draws = moments.upper.copy(), moments.error > 0
-    certain = moments.p_d > p_max
+    path = refinement.resolve(scenario, propagate, p_max, band)
+    decision = decide(path.scenario, p_max, k, path.band.drawn)
+    upper, by_draws = path.band.upper.copy(), path.band.error > 0
+    certain = path.band.p_d > p_max
     if method == AUTOMATIC:
         # FORM may be on the other side of the limit within its tolerance
         sides = (decision.holds & (upper > p_max)) | (decision.violated & ~(upper > p_max))

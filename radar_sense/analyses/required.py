@@ -16,7 +16,7 @@ from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
-from radar_sense.propagation import METHODS, MONTE_CARLO, propagate_scenario
+from radar_sense.propagation import METHODS, MONTE_CARLO, band_of_scenario
 from radar_sense.sources import (
     RequiredAccuracy,
     only_at,
@@ -74,7 +74,7 @@ def add_required_accuracy(
     scenario, method = result.scenario, result.method
     sigmas = None if threshold is None else 3.0 if k is None else k
     chosen = scenario if at is None else only_at(scenario, at)
-    propagate = partial(propagate_scenario, method=method, beta=sigmas or 3.0)
+    propagate = partial(band_of_scenario, method=method, beta=sigmas or 3.0)
     poses = refinement.resolve(chosen, propagate, limit)
     axis = poses.scenario.axis
     required = required_accuracies(poses.scenario, limit, k=sigmas, method=method)

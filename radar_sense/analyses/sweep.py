@@ -24,7 +24,7 @@ from radar_sense.command import LEVEL, METHOD, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
-from radar_sense.propagation import propagate_scenario
+from radar_sense.propagation import moments_and_band
 from radar_sense.scenario import Scenario
 from radar_sense.units import ascii_unit, unit_name
 
@@ -96,12 +96,12 @@ def sweep(
     highest, tests, found = [], [], []
     started = time.process_time()
     for one, value in zip(scenarios, values, strict=True):
-        moments = propagate_scenario(one, method=method, beta=k)
+        moments, band = moments_and_band(one, method=method, beta=k, p_max=threshold)
         pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if threshold is not None:
-            tests.append(path_test(one, method, threshold, k, moments))
+            tests.append(path_test(one, method, threshold, k, band))
         for text in words.method_warnings(one, moments, method):
             found.append((axis.format(value), text))
         if len(highest) == 1:
@@ -120,15 +120,15 @@ def sweep(
     ):
         result.table.add(name, numbers, meaning)
     result.summary["largest_three_sigma"] = words.peak(three_sigma, axis)
-    band = [words.describe_band(*ends[:3], k) for ends in highest]
+    bands = [words.describe_band(*ends[:3], k) for ends in highest]
     if threshold is not None:
-        band = _add_tests(result, axis, condition(threshold, k, probability), k, tests)
+        bands = _add_tests(result, axis, condition(threshold, k, probability), k, tests)
     else:
         low, high = words.trough(p_d, axis), words.peak(p_d, axis)
         result.summary |= {"lowest_p_d": low, "highest_p_d": high}
         result.report.append(f"by {key} the largest {words.describe_span(low, high, axis)}")
     if len(values) <= SHOWN:
-        result.report += words.rows(dict(zip(map(axis.format, values), band, strict=True)))
+        result.report += words.rows(dict(zip(map(axis.format, values), bands, strict=True)))
     result.warnings += words.gathered(found)
     result.draw = partial(
         _draw, axis=axis, lines=(p_d, lower, upper, bound), threshold=threshold, k=k

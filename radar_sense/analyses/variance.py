@@ -15,7 +15,7 @@ from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import AUTOMATIC, Moments, propagate_scenario
+from radar_sense.propagation import AUTOMATIC, Moments, moments_and_band, propagate_scenario
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
 
@@ -61,7 +61,7 @@ def variance(
     """
     axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
-    band = propagate_scenario(scenario, method=method, beta=k, p_max=threshold)
+    band, tested = moments_and_band(scenario, method=method, beta=k, p_max=threshold)
     moments = band if k == 3 else propagate_scenario(scenario, method=method)
     by_radar = {
         name: (alone, propagate_scenario(alone, method=method))
@@ -98,7 +98,7 @@ def variance(
     ]
     result.warnings += words.method_warnings(scenario, moments, method)
     if threshold is not None:
-        require_threshold(result, threshold, k, band, probability)
+        require_threshold(result, threshold, k, tested, probability)
     elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma
         result.report += _trust(result, band)
     _add_places(result.table, scenario)

@@ -14,7 +14,7 @@ from radar_sense.errors import InputError
 from radar_sense.flight import Path
 from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
-from radar_sense.propagation import AUTOMATIC, Moments
+from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
 from radar_sense.words import describe_band, describe_poses
 
@@ -57,7 +57,7 @@ def condition(p_max: float, k: float, probability: float | None) -> str:
 
 
 def require_threshold(
-    result: Result, p_max: float, k: float, moments: Moments, probability: float | None = None
+    result: Result, p_max: float, k: float, band: Band, probability: float | None = None
 ) -> None:
     """Add the threshold test P_D + kσ ≤ P_max to a result of `variance`, its verdict first.
 
@@ -68,11 +68,11 @@ def require_threshold(
         result: The result of `variance`.
         p_max: P_max, greater than 0 and at most 1.
         k: k, greater than 0.
-        moments: Moments of the scenario by the method, with bounds at Φ(k).
+        band: Band of the scenario by the method, with bounds at Φ(k).
         probability: Φ(−k), for the words, if it was given in place of k.
     """
     scenario, method = result.scenario, result.method
-    tested = path_test(scenario, method, p_max, k, moments)
+    tested = path_test(scenario, method, p_max, k, band)
     rows, test = tested.path.rows, tested.test
     column = f"upper_{k:.12g}sigma"
     for name, values, meaning in (
@@ -121,7 +121,7 @@ def _summary(tested: PathTest, column: str, k: float) -> dict[str, Any]:
         "poses_without_bound": int(np.count_nonzero(np.isnan(test.margin))),
         "poses_decided_by_draws": int(np.count_nonzero(tested.by_draws)),
         "probability_of_false_holds": 2.0 * CHANCE,
-        "p_d_itself_above": bool(np.any(tested.path.moments.p_d > test.p_max)),
+        "p_d_itself_above": bool(np.any(tested.path.band.p_d > test.p_max)),
         f"above_{unit}": test.above,
         f"total_{unit}": test.total,
         "share_above": _share(test),
@@ -189,10 +189,10 @@ def _worst(tested: PathTest, k: float) -> str:
 
 def worst_band(tested: PathTest, k: float) -> str:
     """Return P_D and its band at the pose of the least margin; no numbers without a bound."""
-    test, moments = tested.test, tested.path.moments
+    test, band = tested.test, tested.path.band
     pose = int(np.argmin(np.nan_to_num(test.margin, nan=np.inf)))
     upper = test.p_max - test.margin[pose]
-    return describe_band(moments.p_d[pose], moments.lower[pose], upper, k)
+    return describe_band(band.p_d[pose], band.lower[pose], upper, k)
 
 
 def _remedy(tested: PathTest, method: str) -> str:
@@ -212,7 +212,7 @@ def _remedy(tested: PathTest, method: str) -> str:
 
 def _why(tested: PathTest, k: float) -> str:
     """Return whether P_D itself is above P_max, or only its bound."""
-    test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.moments.p_d
+    test, axis, p_d = tested.test, tested.path.scenario.axis, tested.path.band.p_d
     place = describe_poses(p_d > test.p_max, axis)
     if place:
         return f"P_D itself is above {test.p_max:g} {place}: no better knowledge helps there"

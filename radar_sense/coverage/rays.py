@@ -20,7 +20,7 @@ from radar_sense.coverage.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
-from radar_sense.propagation import distribution, propagate_scenario
+from radar_sense.propagation import band_of_scenario, distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
 
@@ -118,8 +118,8 @@ class Rays:
 
     def bounds(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
         """Return the lower and the upper bound of P_D (2, n, k) by a method at distances (n, k)."""
-        moments = propagate_scenario(self.at(distance), method=method, beta=beta)
-        return np.stack([moments.lower, moments.upper]).reshape(2, *distance.shape)
+        band = band_of_scenario(self.at(distance), method=method, beta=beta)
+        return np.stack([band.lower, band.upper]).reshape(2, *distance.shape)
 
     def upper(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
         """Return the upper bound of P_D (n, k) by a method at distances (n, k)."""

@@ -5,7 +5,7 @@ To add a method, write a file with its class and add a row to `METHODS`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Protocol
 
@@ -104,15 +104,41 @@ class Moments:
         return f"<Moments of P_D at {np.size(self.p_d)} poses: {names}>"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class JudgedMoments(Moments):
-    """Moments by `automatic` with the draws that judge the bounds.
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Bounds of P_D at each of k poses, which cost less than `Moments`.
 
     Attributes:
-        drawn: What these draws say, also of P(P_D > p_max).
+        p_d: P_D of the nominal states (k,).
+        lower: Bound that P_D falls below with probability Φ(−β) (k,).
+        upper: Bound that P_D stays below with probability Φ(β) (k,).
+        error: Standard error of the bounds (k,), 0 where they are not by draws.
+        drawn: What the draws say that judge the bounds by `automatic`, also of P(P_D > p_max);
+            None of another method, or without p_max.
     """
 
-    drawn: Estimate
+    p_d: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    error: FloatArray
+    drawn: Estimate | None = None
+
+    @classmethod
+    def join(cls, parts: Sequence[Band]) -> Band:
+        """Return the band at the poses of all parts, one part after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        p_d, lower, upper, error = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("p_d", "lower", "upper", "error")
+        )
+        drawn = [part.drawn for part in parts if part.drawn is not None]
+        return cls(p_d, lower, upper, error, Estimate.join(drawn) if drawn else None)
+
+    def at(self, rows: NDArray[np.intp]) -> Band:
+        """Return the band at some poses."""
+        drawn = None if self.drawn is None else self.drawn.at(rows)
+        return Band(self.p_d[rows], self.lower[rows], self.upper[rows], self.error[rows], drawn)
 
 
 def propagate(
@@ -174,17 +200,40 @@ def unreliable(
 
 
 def propagate_scenario(
-    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0, p_max: float | None = None
+    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0
 ) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level.
-
-    With p_max, moments by `automatic` are `JudgedMoments`. Their values do not depend on p_max.
 
     Raises:
         InputError: If there is no such method.
     """
     check_method(method)
-    return _moments(scenario.states(), method, check_number("beta", beta, POSITIVE), p_max)
+    return _moments(scenario.states(), method, check_number("beta", beta, POSITIVE))
+
+
+def moments_and_band(
+    scenario: Scenario, *, method: str, beta: float = 3.0, p_max: float | None = None
+) -> tuple[Moments, Band]:
+    """Return the moments and the band of P_D at every pose of a scenario, from the same draws.
+
+    Raises:
+        InputError: If there is no such method.
+    """
+    check_method(method)
+    return _moments_and_band(scenario.states(), method, beta, p_max)
+
+
+def band_of_scenario(
+    scenario: Scenario, *, method: str, beta: float = 3.0, p_max: float | None = None
+) -> Band:
+    """Return the band of P_D at every pose of a scenario, without mean and σ.
+
+    Raises:
+        InputError: If there is no such method.
+    """
+    check_method(method)
+    parts = _distributions(scenario.states(), method, p_max)
+    return Band.join([_band(found, beta, p_max) for found in parts])
 
 
 def unreliable_in_scenario(
@@ -236,30 +285,47 @@ def no_draws(method: str) -> None:
         )
 
 
-def _moments(
-    states: UncertainStates, method: str, beta: float, p_max: float | None = None
-) -> Moments:
-    parts, drawn, done = [], [], 0
+def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
+    return _moments_and_band(states, method, beta, None)[0]
+
+
+def _moments_and_band(
+    states: UncertainStates, method: str, beta: float, p_max: float | None
+) -> tuple[Moments, Band]:
+    moments, bands = [], []
+    for found in _distributions(states, method, p_max):
+        mean, std = mean_and_std(found)  # first, because these may have the bounds by the way
+        band = _band(found, beta, p_max)
+        bounds = (np.where(std == 0, band.p_d, bound) for bound in (band.lower, band.upper))
+        moments.append((band.p_d, mean, std, *bounds, band.error))
+        bands.append(band)
+    whole = map(np.concatenate, zip(*moments, strict=True))
+    return Moments(*whole), Band.join(bands)
+
+
+def _distributions(
+    states: UncertainStates, method: str, p_max: float | None
+) -> Iterator[Distribution]:
+    """Yield the distributions of P_D by a method at parts of the poses."""
     if method == MONTE_CARLO:
         _foresee(states, states.runs, "fewer --runs")
     elif method == AUTOMATIC:
         _foresee(states, FIRST)
+    done = 0
     for part in states.cut(REPORTED):
-        found: Distribution
         if method == AUTOMATIC and p_max is not None:
-            found = Automatic(part, p_max=p_max)
-            drawn.append(found.drawn(beta))
+            yield Automatic(part, p_max=p_max)
         else:
-            found = METHODS[method](part)
-        (mean, std), p_d = mean_and_std(found), found.p_d
-        error = np.broadcast_to(found.error(beta), std.shape)
-        bounds = (np.where(std == 0, p_d, found.quantile(end)) for end in (-beta, beta))
-        parts.append((p_d, mean, std, *bounds, error))
+            yield METHODS[method](part)
         done += len(part)
         report(f"poses propagated by {method}", done, len(states))
-    whole = [np.concatenate(arrays) for arrays in zip(*parts, strict=True)]
-    moments = Moments(*whole)
-    return JudgedMoments(**vars(moments), drawn=Estimate.join(drawn)) if drawn else moments
+
+
+def _band(found: Distribution, beta: float, p_max: float | None) -> Band:
+    lower, upper = (found.quantile(end) for end in (-beta, beta))
+    error = np.broadcast_to(found.error(beta), lower.shape)
+    drawn = found.drawn(beta) if isinstance(found, Automatic) and p_max is not None else None
+    return Band(found.p_d, lower, upper, error, drawn)
 
 
 def _unreliable(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +22,13 @@ from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import decide, path_test
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import exceedance
-from radar_sense.propagation import METHODS, Moments, distribution, propagate_scenario
+from radar_sense.propagation import (
+    METHODS,
+    Band,
+    band_of_scenario,
+    distribution,
+    propagate_scenario,
+)
 from radar_sense.sources import required_accuracies
 
 FEW = {"start": 45, "stop": 60, "step": 15}
@@ -37,7 +44,7 @@ def past(tmp_path, text=PAST, **changes):
 
 
 def by_form(s):
-    return propagate_scenario(s, method="form")
+    return band_of_scenario(s, method="form")
 
 
 def drawn_p_d(s, runs, seed=5):
@@ -135,11 +142,12 @@ def test_draws_decide():
 
 def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
     s = past(tmp_path)
-    path = path_test(s, "automatic", 0.1, 3.0, propagate_scenario(s, p_max=0.1)).path
+    band_of = partial(band_of_scenario, method="automatic", p_max=0.1)
+    path = path_test(s, "automatic", 0.1, 3.0, band_of(s)).path
     assert path.added > 0
-    whole = propagate_scenario(path.scenario, p_max=0.1)
+    whole = band_of(path.scenario)
     for name, values in vars(whole.drawn).items():
-        np.testing.assert_allclose(getattr(path.moments.drawn, name), values, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(getattr(path.band.drawn, name), values, rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.usefixtures("few_judge")
@@ -247,9 +255,9 @@ def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
         linear = np.interp(
             dense.axis.values,
             own.scenario.axis.values[order],
-            getattr(own.moments, name)[order],
+            getattr(own.band, name)[order],
         )
-        assert np.abs(linear - getattr(added.moments, name)).max() < 0.001
+        assert np.abs(linear - getattr(added.band, name)).max() < 0.001
 
 
 def test_the_refined_path_is_within_its_tolerance(tmp_path):
@@ -260,10 +268,10 @@ def test_the_refined_path_is_within_its_tolerance(tmp_path):
     time = np.arange(0.0, 3600.5, 1.5)
     dense = by_form(refinement.along(s, time))
     for name in ("p_d", "upper"):
-        line = np.interp(time, found.scenario.time_s, getattr(found.moments, name))
+        line = np.interp(time, found.scenario.time_s, getattr(found.band, name))
         assert abs(line - getattr(dense, name)).max() < 0.002
     # rows that are dense already need few more poses
-    again = refinement.refined(found.scenario, found.moments, by_form, 0.001)
+    again = refinement.refined(found.scenario, found.band, by_form, 0.001)
     assert again.added == 0
 
 
@@ -272,7 +280,7 @@ def shaped(p_d, upper=None):
 
     def propagate(s):
         p, u = p_d(s.time_s), (upper or p_d)(s.time_s)
-        return Moments(p, p, p, p, u, np.zeros(len(p)))
+        return Band(p, p, u, np.zeros(len(p)))
 
     return propagate
 
