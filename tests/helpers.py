@@ -497,8 +497,8 @@ def parsed_network(*radars, **changes):
 
 def few_judging_draws(patch, most=4096):
     """Let few draws judge a method at each pose: how they judge is tested in `test_draws`."""
-    for name in ("LAST", "MOST_OF_NAMED"):
-        patch.setattr(f"radar_sense.propagation.automatic.{name}", most)
+    for name in ("automatic.LAST", "automatic.MOST_OF_NAMED", "looks.LOBED"):
+        patch.setattr(f"radar_sense.propagation.{name}", most)
 
 
 def few_draws(patch, draws=128, replicates=2):

@@ -86,7 +86,7 @@ def test_correlated_sources_are_warned_of():
 
 
 def test_a_band_that_is_off_is_warned_of_once():
-    s = load_scenario().at_poses(slice(None, None, 3))
+    s = load_scenario().at_poses(slice(None, None, 5))
     assert analyses.variance(s.with_analysis(level="low")).warnings == ()
     (unreliable,) = analyses.variance(s.with_analysis(level="high")).warnings
     assert unreliable.startswith("the linear band is off at 0 to 3")
