@@ -192,7 +192,9 @@ def twelve_radars():
 @pytest.mark.usefixtures("few_judge")
 def test_twelve_equal_radars_are_warned_of_once():
     """Equal warnings of several radars become one line."""
-    warnings = analyses.budget(twelve_radars().at_poses(slice(0, None, 8)), method="linear").warnings
+    warnings = analyses.budget(
+        twelve_radars().at_poses(slice(0, None, 8)), method="linear"
+    ).warnings
     assert len(warnings) == len(set(warnings)) <= 4
     (vanishing,) = [w for w in warnings if "gradient vanishes" in w]
     assert "13 sources at some poses, listed in the record" in vanishing

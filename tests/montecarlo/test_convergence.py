@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 from helpers import OVERHEAD, dashes, lay_out, legend_off_data, scenario
 
-from radar_sense.analyses.convergence import (
+from radar_sense.analyses.convergence import convergence
+from radar_sense.errors import InputError
+from radar_sense.montecarlo.convergence import (
     REFERENCES,
     REPLICATIONS,
     STATISTICS,
-    convergence,
     draw,
     estimate,
     measure,
     rate,
     root_mean_square,
 )
-from radar_sense.errors import InputError
 from radar_sense.montecarlo.montecarlo import TAIL
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.montecarlo.sequences import SAMPLERS

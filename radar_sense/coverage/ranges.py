@@ -1,0 +1,199 @@
+"""How far a radar detects the aircraft along rays, with σ and band of the range."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from radar_sense.coverage.rays import FARTHEST, Rays, Reach, Survey, bounds_of_reach
+from radar_sense.propagation import (
+    AUTOMATIC,
+    distribution,
+    propagate_scenario,
+    unreliable_in_scenario,
+)
+from radar_sense.propagation.draws import estimate
+from radar_sense.sources import error_budget
+from radar_sense.states import FloatArray
+
+#: Nodes ±√3 and 0 of the Gauss-Hermite rule of three points, exact for polynomials up to degree 5
+#: (M. Abramowitz and I. A. Stegun, Handbook of Mathematical Functions, 1964, 25.4.46).
+NODE = math.sqrt(3.0)
+#: Relative step of the distance for the slope of P_D along a ray. The error is the square.
+_STEP = 1e-5
+#: Bounds by draws: draws at each end, steps of Newton's method, the longest step in ln of the
+#: distance, the step of the slope, and |z| of a P_D that is 0 or 1 for the method.
+DRAWS, NEWTON_STEPS, MOST_STEP, WIDER, FAR = 4096, 3, 0.2, 0.01, 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class RangeAt:
+    """Detection range for one P_D by bearing or aspect (n,), in metres of slant range.
+
+    Attributes:
+        p_d: P_D.
+        reach: Distance along each ray.
+        slant: Slant range; 0 where P_D is nowhere as high.
+        std: Standard deviation; NaN where a limit of the radar comes first or there is no range.
+        lower: Lower bound at Φ(−k).
+        upper: Upper bound at Φ(k).
+        by_source: Standard deviation from each source alone, to first order.
+        unreliable: Where the method is unreliable.
+    """
+
+    p_d: float
+    reach: Reach
+    slant: FloatArray
+    std: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    by_source: Mapping[str, FloatArray]
+    unreliable: NDArray[np.bool_]
+
+    @property
+    def shares(self) -> dict[str, float]:
+        """Share of each source in the variance of the range, averaged over the angles."""
+        variances = {name: std**2 for name, std in self.by_source.items()}
+        total = np.sum(list(variances.values()), axis=0)
+        known = total > 0
+        if not known.any():
+            return {}
+        return {name: float(np.mean(v[known] / total[known])) for name, v in variances.items()}
+
+
+def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -> list[RangeAt]:
+    """Return the detection range for each P_D, with σ and band.
+
+    Args:
+        seen: P_D along the rays.
+        values: The values of P_D.
+        method: Method of the band. By linear, σ is σ of P_D divided by the slope of P_D.
+        k: Number of σ of the band.
+    """
+    around = seen.all_rays
+    ranges = []
+    for value in values:
+        reach = seen.reach(value)
+        exists = ~np.isnan(reach.distance)
+        slant = _slant(around, np.nan_to_num(reach.distance))
+        defined = exists & ~reach.limited
+        # Where a limit comes first, the band is computed without the limit and cut off there.
+        unlimited = seen.reach(value, limits=False).distance
+        distance = np.where(exists, unlimited, FARTHEST)
+        at = around.at(distance)
+        slope = _slope(around, distance)
+        slope = np.where(exists & (slope < 0), slope, np.nan)
+        budget = error_budget(at)
+        std = budget.std / abs(slope)
+        by_source = {
+            name: np.where(defined, alone / abs(slope), np.nan)
+            for name, alone in budget.alone.items()
+        }
+        if method == "linear":
+            lower, upper = _first_order_band(seen, _slant(around, distance), k * std)
+            moments = propagate_scenario(at, method="probit", beta=k)
+            unreliable = exists & unreliable_in_scenario(at, moments, method="probit", beta=k)
+        else:
+            smooth = "form" if method == AUTOMATIC else method
+            band = bounds_of_reach(seen, value, smooth, k)
+            middle = bounds_of_reach(seen, value, smooth, NODE)
+            unreliable = _unreliable(around, band, smooth, k)
+            if method == AUTOMATIC and unreliable.any():
+                some = around.part(np.flatnonzero(unreliable))
+                limit = np.nan_to_num(seen.limit)[unreliable]
+                for ends, beta in ((band, k), (middle, NODE)):
+                    for end, sign in zip(ends, (-1.0, 1.0), strict=True):
+                        drawn = _by_draws(some, end[unreliable], value, sign * beta)
+                        end[unreliable] = np.minimum(drawn, limit)
+                unreliable = np.zeros_like(unreliable)
+            lower, upper = (_slant(around, end) for end in band)
+            first, last = (_slant(around, end) for end in middle)
+            std = _std_of_quantiles(first, slant, last)
+        std = np.where(defined, std, np.nan)
+        ranges.append(RangeAt(value, reach, slant, std, lower, upper, by_source, unreliable))
+    return ranges
+
+
+def _first_order_band(
+    seen: Survey, slant: FloatArray, width: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the range ∓ a width, between 0 and the limit of the radar."""
+    limit = limit_of_radar(seen)
+    farthest = np.inf if limit is None else limit
+    lower, upper = (np.clip(slant + sign * width, 0.0, farthest) for sign in (-1, 1))
+    return lower, upper
+
+
+def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) -> FloatArray:
+    """Return the standard deviation (n,) of a function of a normal number, from three nodes."""
+    mean = (lower + 4.0 * middle + upper) / 6.0
+    variance = ((lower - mean) ** 2 + 4.0 * (middle - mean) ** 2 + (upper - mean) ** 2) / 6.0
+    std: FloatArray = np.sqrt(variance)
+    return std
+
+
+def _unreliable(
+    around: Rays, band: tuple[FloatArray, FloatArray], method: str, k: float
+) -> NDArray[np.bool_]:
+    """Return where (n,) the method is unreliable at one end of the band."""
+    unreliable = np.zeros(len(around.bearing), dtype=bool)
+    for end in band:
+        exists = np.nan_to_num(end) > 0
+        at = around.at(np.where(exists, end, FARTHEST))
+        moments = propagate_scenario(at, method=method, beta=k)
+        unreliable |= exists & unreliable_in_scenario(at, moments, method=method, beta=k)
+    return unreliable
+
+
+def _by_draws(around: Rays, end: FloatArray, value: float, beta: float) -> FloatArray:
+    """Return how far (n,) a bound at Φ(β) reaches a value by draws, from how far it does by form.
+
+    Newton's method for z of the bound over ln of the distance, with the slope by form.
+    """
+    moves = np.nan_to_num(end) > 0
+    distance = np.where(moves, end, FARTHEST)
+
+    def z(bound: FloatArray) -> FloatArray:
+        limited: FloatArray = np.clip(ndtri(np.clip(bound, 0.0, 1.0)), -FAR, FAR)
+        return limited
+
+    for _ in range(NEWTON_STEPS):
+        found = estimate(around.at(distance).states(), DRAWS, abs(beta))
+        off = z(found.lower if beta < 0 else found.upper) - ndtri(value)
+        ends = [around.at(distance * factor) for factor in (1.0 - WIDER, 1.0 + WIDER)]
+        near, far = (z(distribution(at, "form").quantile(beta)) for at in ends)
+        slope = (far - near) / np.log((1.0 + WIDER) / (1.0 - WIDER))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where(slope < 0, -off / slope, 0.0)
+        distance = distance * np.exp(np.clip(np.nan_to_num(step), -MOST_STEP, MOST_STEP))
+    return np.where(moves, distance, end)
+
+
+def _slope(around: Rays, distance: FloatArray) -> FloatArray:
+    """Return the slope (n,) of P_D by slant range along each ray [1/m]."""
+    ends = [distance * (1.0 + step) for step in (-_STEP, _STEP)]
+    low, high = (around.p_d(end[:, np.newaxis])[:, 0] for end in ends)
+    near, far = (around.slant_range(end) for end in ends)
+    # for an aircraft very far above or below, both ends round to one slant range
+    undefined = np.full_like(far, np.nan)
+    slope: FloatArray = np.divide(high - low, far - near, out=undefined, where=far != near)
+    return slope
+
+
+def _slant(around: Rays, distance: FloatArray) -> FloatArray:
+    """Return the slant ranges (n,) at distances (n,); 0 for 0, and NaN for NaN."""
+    exists = np.nan_to_num(distance) > 0
+    slant = around.slant_range(np.where(exists, distance, 1.0))
+    return np.where(exists, slant, distance)
+
+
+def limit_of_radar(seen: Survey) -> FloatArray | None:
+    """Return the slant range (n,) of the limit of the radar; None if no limit is reached."""
+    if seen.visible[:, -1].all():
+        return None
+    return _slant(seen.all_rays, np.nan_to_num(seen.limit))
