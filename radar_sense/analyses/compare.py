@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import words
+from radar_sense.analyses.verdict import K
 from radar_sense.command import (
     DASK,
     LEVEL,
@@ -56,11 +57,12 @@ COMPARED = {"bounds": ("lower", "upper"), "sigma": ("std",), "mean": ("mean",)}
     ),
     SEED_OF_DRAWS,
     SAMPLER,
+    K,
     WORKER_THREADS,
     DASK,
     examples=(
         "radar-sense compare",
-        "radar-sense compare my.yaml --level high --runs 1e5",
+        "radar-sense compare my.yaml --level high --runs 1e5 --k 2",
         "radar-sense compare network.yaml --radar ridge",
     ),
 )
@@ -69,6 +71,7 @@ def compare(
     *,
     runs: int | None = None,
     sampler: str = "random",
+    k: float = 3.0,
     workers: int = 1,
     executor: Executor | None = None,
 ) -> Result:
@@ -82,6 +85,7 @@ def compare(
         scenario: The scenario.
         runs: Number of plain runs; None for draws with emphasis on the tails.
         sampler: "random" or "sobol", for plain runs.
+        k: Number of σ of the bounds.
         workers: Threads of plain runs; the result does not depend on their number.
         executor: Computes the blocks of plain runs in place of threads.
 
@@ -94,29 +98,29 @@ def compare(
     if plain:
         draws, kind = scenario.runs, "plain runs" if sampler == "random" else "Sobol' points"
         drawn: DrawStatistics = monte_carlo(
-            scenario, sampler=sampler, workers=workers, executor=executor
+            scenario, k=k, sampler=sampler, workers=workers, executor=executor
         )
         error = DrawStatistics(*np.zeros((4, len(axis))))
     else:
         draws, kind = _affordable(scenario), "draws a pose with emphasis on the tails"
-        drawn, error = _draw_tails(scenario, draws)
-    moments = {method: propagate_scenario(scenario, method=method) for method in METHODS}
+        drawn, error = _draw_tails(scenario, draws, k)
+    moments = {method: propagate_scenario(scenario, method=method, beta=k) for method in METHODS}
 
     words.add_axis(result.table, axis)
     result.table.add("p_d", moments["linear"].p_d, words.NOMINAL)
-    words.add_draws(result.table, drawn)
+    words.add_draws(result.table, drawn, k)
     for method, m in moments.items():
         result.table.add(f"mean_pd_{method}", m.mean, f"Mean of P_D by {method}.")
         result.table.add(f"sigma_pd_{method}", m.std, f"Standard deviation of P_D by {method}.")
         for end, bound in (("lower", m.lower), ("upper", m.upper)):
-            meaning = f"{end.capitalize()} 3-sigma bound of P_D by {method}."
-            result.table.add(f"{end}_3sigma_{method}", bound, meaning)
+            meaning = f"{end.capitalize()} {k:g}-sigma bound of P_D by {method}."
+            result.table.add(f"{end}_{k:.12g}sigma_{method}", bound, meaning)
     for name, values in vars(error).items() if not plain else ():
         result.table.add(f"mc_{name}_error", values, f"Standard error of mc_{name}.")
 
     result.report += [
         f"largest difference from {draws:,} {kind} ({scenario.level}, seed {scenario.seed}):",
-        f"  {'':10} {'3-sigma bounds':28}{'sigma':28}{'mean'}",
+        f"  {'':10} {f'{k:g}-sigma bounds':28}{'sigma':28}{'mean'}",
     ]
     largest: dict[str, Any] = {}
     told = []
@@ -146,6 +150,7 @@ def compare(
         result.report.insert(0, f"nearest to {draws:,} draws a pose: {best}, bounds within {off}")
     result.summary |= {
         "runs": draws,
+        "k": k,
         "sampler": sampler,
         "emphasis_on_tails": not plain,
         "largest_difference": largest,
@@ -159,7 +164,7 @@ def compare(
         for method, place in words.places(missing, axis).items()
     ]
     result.warnings += words.table_warnings(scenario, runs=draws)
-    result.draw = partial(_draw, axis=axis, drawn=drawn, error=error, moments=moments)
+    result.draw = partial(_draw, axis=axis, k=k, drawn=drawn, error=error, moments=moments)
     return result
 
 
@@ -169,12 +174,12 @@ def _affordable(scenario: Scenario) -> int:
     return 1 << max(LEAST, min(draws, MOST)).bit_length() - 1
 
 
-def _draw_tails(scenario: Scenario, draws: int) -> tuple[DrawStatistics, DrawStatistics]:
+def _draw_tails(scenario: Scenario, draws: int, k: float) -> tuple[DrawStatistics, DrawStatistics]:
     """Return what draws with emphasis on the tails say, and its standard errors."""
     poses, radars = len(scenario.axis), len(scenario.model.radars)
     what = f"{draws:,} draws at {poses:,} poses"
     foresee(what, float(draws) * poses * radars, less="fewer poses")
-    drawn, error = draw_batch(scenario.states(), 0, draws)
+    drawn, error = draw_batch(scenario.states(), 0, draws, k)
     return DrawStatistics(*drawn), DrawStatistics(*error)
 
 
@@ -218,6 +223,7 @@ class _Difference:
 def _draw(
     figure: Figure,
     axis: Axis,
+    k: float,
     drawn: DrawStatistics,
     error: DrawStatistics,
     moments: Mapping[str, Moments],
@@ -234,6 +240,6 @@ def _draw(
         for bound, by_draws, label in ends:
             plotting.draw_line(top, x, bound, style, label=label)
             plotting.draw_line(bottom, x, bound - by_draws, style)
-    top.set_ylabel(r"$3\,\sigma$ bounds of $P_D$")
+    top.set_ylabel(rf"${k:g}\,\sigma$ bounds of $P_D$")
     bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
     plotting.draw_legend(figure, top)

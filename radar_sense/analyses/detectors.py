@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radar_sense.analyses.margin import OPTIONS, margin
+from radar_sense.analyses.verdict import K
 from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.errors import InputError
 from radar_sense.model.detectors import (
@@ -49,22 +50,29 @@ REQUIRED = (0.5, 0.9)
     ONE_RADAR,
     METHOD,
     *OPTIONS,
+    K,
     examples=(
         "radar-sense detectors",
         "radar-sense detectors --p-d 0.9 --pulses 24",
-        "radar-sense detectors my.yaml --p-d 0.9",
+        "radar-sense detectors my.yaml --p-d 0.9 --k 2",
     ),
 )
-def detectors(scenario: Scenario, p_d: float | None = None, pulses: int | None = None) -> Result:
+def detectors(
+    scenario: Scenario,
+    p_d: float | None = None,
+    pulses: int | None = None,
+    k: float | None = None,
+) -> Result:
     """P_D of every detector, the error of North's approximation, and the integration of pulses.
 
     With --p-d the SNR that a P_D needs, the margin that the radar has at the poses, and the terms
     that make its SNR.
     """
     if p_d is not None:
-        return margin(scenario, p_d, pulses, INTEGRATING)
-    if pulses is not None:
-        raise InputError("pulses needs p_d")
+        return margin(scenario, p_d, pulses, INTEGRATING, 3.0 if k is None else k)
+    for name, value in (("pulses", pulses), ("k", k)):
+        if value is not None:
+            raise InputError(f"{name} needs p_d")
     result = Result(scenario)
     p_fas = sorted({*P_FAS, *(model.p_fa for model in scenario.model.models)}, reverse=True)
     ratios = 10.0 ** (SNR_DB / 10.0)

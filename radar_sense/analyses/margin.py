@@ -77,7 +77,11 @@ class Margin:
 
 
 def margin(
-    scenario: Scenario, p_d: float, pulses: int | None, compared: Sequence[type[PulseDetector]]
+    scenario: Scenario,
+    p_d: float,
+    pulses: int | None,
+    compared: Sequence[type[PulseDetector]],
+    k: float,
 ) -> Result:
     """Return the SNR that a P_D needs, the margin left at the poses, and the terms of the SNR.
 
@@ -86,6 +90,7 @@ def margin(
         p_d: P_D.
         pulses: Pulses that are integrated; None for those of the radar's detector.
         compared: Detectors whose SNR is shown, too.
+        k: Number of σ of the band.
 
     Raises:
         InputError: If there are several radars, if P_D needs no signal, or if the detector of the
@@ -107,14 +112,14 @@ def margin(
     count = int(getattr(detector, "pulses", 1))
     others = {words.describe_detector(d): needed_db(d) for d in (of(count) for of in compared)}
     terms = snr_terms(scenario)
-    left, lower, upper = _add_margin(result, terms["snr"][0], needed)
+    left, lower, upper = _add_margin(result, terms["snr"][0], needed, k)
     meaning = "A term of the SNR in SI units, such as gain_dbi; snr is their sum."
     for name, (decibels, std) in terms.items():
         result.table.add(f"term_{name}", decibels, meaning, "dB")
         result.table.add(f"sigma_term_{name}", std, "Its standard deviation, first order.", "dB")
     result.summary |= {"p_d": p_d, "p_fa": p_fa, "detector": words.describe_detector(detector)}
     result.summary |= {"needed_db_after": after, "needed_db_by_fluctuation": others}
-    pose = _report_margin(result, left, (lower, upper))
+    pose = _report_margin(result, left, (lower, upper), k)
     changes = dict(zip(after, np.diff([0.0, *after.values()]).tolist(), strict=True))
     numbers = {name: f"{db:8.2f}" for name, db in (*changes.items(), ("needed", needed))}
     result.report += [f"SNR that a pulse needs at P_fa {p_fa:g} [dB]:", *words.rows(numbers)]
@@ -126,13 +131,13 @@ def margin(
     }
     numbers = {n: f"{db:8.2f} {std:6.2f}" for n, (db, std) in at_pose.items() if db or std}
     result.report += [f"terms of the SNR at {axis.at(pose)}, and sigma [dB]:", *words.rows(numbers)]
-    title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: $3\\,\\sigma$"
+    title = f"$P_D$ {p_d:.12g}, least margin at {axis.at(pose)}; lines: ${k:g}\\,\\sigma$"
     bounds = float(lower[pose]), float(upper[pose])
-    result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, title=title)
+    result.draw = partial(_draw, terms=at_pose, changes=changes, margin=bounds, k=k, title=title)
     return result
 
 
-def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray]) -> int:
+def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray], k: float) -> int:
     """Report the least and the largest margin over the poses (n,). Return the pose of the least."""
     axis, p_d = result.scenario.axis, result.summary["p_d"]
     seen = ~np.isnan(left)
@@ -145,7 +150,7 @@ def _report_margin(result: Result, left: FloatArray, bounds: Sequence[FloatArray
             continue  # the least, too
         result.report.append(
             f"{name} margin for P_D {p_d:g}: {value:.2f} dB {words.describe_poses(mask, axis)}, "
-            f"{_band_in_words(lower, upper)} (3 sigma)"
+            f"{_band_in_words(lower, upper)} ({k:g} sigma)"
         )
     if not seen.all():
         result.report.append(f"no margin {words.describe_poses(~seen, axis)}: beyond a limit")
@@ -190,7 +195,7 @@ def _steps(detector: Detector) -> dict[str, Detector]:
     return steps
 
 
-def _add_margin(result: Result, snr_db: FloatArray, needed_db: float) -> list[FloatArray]:
+def _add_margin(result: Result, snr_db: FloatArray, needed_db: float, k: float) -> list[FloatArray]:
     """Add the margin with its bounds (n,), by the scenario's method, and return the three."""
     scenario = result.scenario
     (radar,) = scenario.model.radars
@@ -198,16 +203,20 @@ def _add_margin(result: Result, snr_db: FloatArray, needed_db: float) -> list[Fl
     radars = (dataclasses.replace(radar.without_limits(), model=model),)
     free = dataclasses.replace(scenario, radars=radars)
     method = "probit" if scenario.method == "linear" else scenario.method
-    moments = propagate_scenario(free, method=method)
-    off = unreliable_in_scenario(free, moments, method=method)
+    moments = propagate_scenario(free, method=method, beta=k)
+    off = unreliable_in_scenario(free, moments, method=method, beta=k)
     lower, upper = (SPAN * ndtri(p) for p in (moments.lower, moments.upper))
     no_signal = lower + needed_db <= words.decibels(np.array(LEAST)) + 1e-6
     seen = scenario.model.visible(scenario.aircraft, scenario.radar)[:, 0]
     words.add_axis(result.table, scenario.axis)
     for name, values, meaning in (
         ("", snr_db - needed_db, "SNR less the SNR that P_D needs; NaN beyond a limit."),
-        ("lower_3sigma_", np.where(no_signal, -np.inf, lower), "Its lower 3-sigma bound."),
-        ("upper_3sigma_", upper, "Its upper 3-sigma bound."),
+        (
+            f"lower_{k:.12g}sigma_",
+            np.where(no_signal, -np.inf, lower),
+            f"Its lower {k:g}-sigma bound.",
+        ),
+        (f"upper_{k:.12g}sigma_", upper, f"Its upper {k:g}-sigma bound."),
     ):
         result.table.add(f"{name}margin_db", np.where(seen, values, np.nan), meaning, "dB")
     masks = seen & ~np.isfinite(moments.std), seen & off
@@ -267,6 +276,7 @@ def _draw(
     terms: Mapping[str, tuple[float, float]],
     changes: Mapping[str, float],
     margin: tuple[float, float],
+    k: float,
     title: str,
 ) -> None:
     """Draw losses, SNR, SNR that is needed, and margin with its bounds, as bars of one chain."""
@@ -290,7 +300,7 @@ def _draw(
     for row, (name, start, end) in enumerate(bars):
         axes.barh(row, end - start, left=start, height=0.72, color=colours.get(name, "0.6"))
         std = losses[name][1] if name in losses else 0.0
-        line = np.add(needed, margin) if name == "margin" else end + 3.0 * std * np.array([-1, 1])
+        line = np.add(needed, margin) if name == "margin" else end + k * std * np.array([-1, 1])
         axes.plot(line, [row, row], color="black", lw=plotting.points(0.8))
         beside = float(np.nanmax([0.0, start, *line])), row
         shift, size = (plotting.points(3), 0.0), plotting.points(6.5)

@@ -148,16 +148,17 @@ class Batch(NamedTuple):
     error: FloatArray
 
 
-def draw_batch(states: UncertainStates, number: int, draws: int) -> Batch:
+def draw_batch(states: UncertainStates, number: int, draws: int, beta: float = BETA) -> Batch:
     """Return what a batch of draws says. No method of propagation makes the same draws.
 
     Args:
         states: The uncertain states of k poses.
         number: Number of the batch, for its seeds.
         draws: Number of draws at each pose, of all `PARTS` together.
+        beta: β of the bounds.
     """
     seeds = random_stream(states.seed, Stream.BATCHES, number).integers(2**63, size=PARTS)
-    parts = [estimate(replace(states, seed=int(x)), draws // PARTS, BETA) for x in seeds]
+    parts = [estimate(replace(states, seed=int(x)), draws // PARTS, beta) for x in seeds]
     drawn = [[getattr(part, name) for name in QUANTITIES] for part in parts]
     error = [[getattr(part, f"{name}_error") for name in QUANTITIES] for part in parts]
     return Batch(np.mean(drawn, axis=0), np.sqrt(np.sum(np.square(error), axis=0)) / PARTS)

@@ -229,6 +229,18 @@ def test_compare_tells_the_methods_apart_or_says_that_it_cannot(level, seed):
     assert "form" in first
 
 
+@pytest.mark.usefixtures("few_judge")
+def test_compare_at_another_k():
+    s, compare = compared(level="high")
+    table = compare(k=2).table
+    for method in METHODS:
+        known = analyses.variance(s, method=method, k=2).table
+        np.testing.assert_array_equal(table[f"upper_2sigma_{method}"], known["upper_2sigma"])
+    assert np.all(abs(table["upper_2sigma_form"] - table["mc_upper"]) < 4 * table["mc_upper_error"])
+    plain = compare(k=2, runs=5_000).table
+    assert np.all(abs(plain["mc_upper"] - table["mc_upper"]) < 0.03)
+
+
 def test_the_draws_of_compare_are_not_those_of_automatic(monkeypatch):
     """A part of the draws of `compare` may be as large as the draws that judge `automatic`."""
     s = load_scenario().at_poses(slice(180, 181)).with_analysis(level="high")
