@@ -304,7 +304,8 @@ def _by_place(
                 text if option.limit is None else Number(option.limit).convert(text, None, None)
             )
         except click.BadParameter as error:
-            raise BadInput(f"{option.metavar} {error.message}") from error
+            first = "; CONFIG stands first" if Path(text).suffix in (".yaml", ".yml") else ""
+            raise BadInput(f"{option.metavar} {error.message}{first}") from error
     return config, chosen
 
 

@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 
 #: Default P_D of the range.
 P_D = 0.5
-#: A smaller σ, as a part of the range, is rounding.
-ROUNDING = 1e-12
+#: A smaller σ, as a part of the range, is rounding. And ranges that differ by less are shown alike.
+ROUNDING, ALIKE = 1e-12, 1e-6
 BEARING, ASPECT = "bearing", "aspect"
 ANGLES = {
     BEARING: "Bearing from the radar, clockwise from north.",
@@ -160,7 +160,7 @@ def detection_range(
     for name, of_radar in ranges.items():
         result.report += [f"{name}:"] if name else []
         for at in of_radar:
-            result.report += [f"  {line}" for line in (_line(at, axis), *_band(at, axis, k))]
+            result.report += [f"  P_D {at.p_d:g}: {line}" for line in _lines(at, axis, k)]
         result.report += [f"  {line}" for at in of_radar for line in _exceptions(at, axis)]
     names = list(singles) if len(singles) > 1 else []
     result.summary |= {
@@ -249,35 +249,31 @@ def _summary(at: RangeAt) -> dict[str, Any]:
     }
 
 
-def _line(at: RangeAt, axis: Axis) -> str:
-    """Describe the range for one P_D."""
+def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
+    """Describe the range for one P_D, and its band where it is widest, with the sources of it."""
     if not (at.slant > 0).any():
-        return f"P_D {at.p_d:g}: at no range; sigma has no value"
+        return ["at no range; sigma has no value"]
     least, greatest = (int(f(at.slant)) for f in (np.argmin, np.argmax))
-    words = f"P_D {at.p_d:g}: {at.slant[least] / 1e3:.4g} km at "
-    if np.ptp(at.slant) > 1e-6 * at.slant[greatest]:
-        words += f"{axis.at(least)} to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
+    first = f"{at.slant[least] / 1e3:.4g} km at "
+    alike = np.ptp(at.slant) <= ALIKE * at.slant[greatest]
+    if alike:
+        first += f"every {axis.name}"
     else:
-        words += f"every {axis.name}"
-    return words
-
-
-def _band(at: RangeAt, axis: Axis, k: float) -> list[str]:
-    """Return the range and its band where the band is widest, and the sources of its width."""
+        first += f"{axis.at(least)} to {at.slant[greatest] / 1e3:.4g} km at {axis.at(greatest)}"
     width = np.where(np.isnan(at.std), np.nan, at.upper - at.lower)
     if not np.isfinite(width).any():
-        return []
+        return [first]
     widest = int(np.argmax(reached(width)))
     if width[widest] <= ROUNDING * at.slant[widest]:
-        return [f"P_D {at.p_d:g}: the band has no width"]
+        return [first, "the band has no width"]
     middle, lower, upper = (x[widest] / 1e3 for x in (at.slant, at.lower, at.upper))
-    words = (
-        f"P_D {at.p_d:g}: {middle:.4g} km, between {lower:.4g} and {upper:.4g} km ({k:g} sigma), "
-        f"where the band is widest, at {axis.at(widest)}"
-    )
+    band = f"between {lower:.4g} and {upper:.4g} km ({k:g} sigma)"
     shares = sorted(at.shares.items(), key=lambda item: -item[1])
     sources = [f"{name} {share:.0%}" for name, share in shares if share >= 0.005]
-    return [f"{words}; from {listed(sources)}" if sources else words]
+    end = f"; from {listed(sources)}" if sources else ""
+    if alike and np.ptp(width) <= ALIKE * at.slant[greatest]:
+        return [f"{first}, {band}{end}"]
+    return [first, f"{middle:.4g} km, {band}, where the band is widest, at {axis.at(widest)}{end}"]
 
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
