@@ -244,7 +244,7 @@ def describe_detector(detector: Detector) -> str:
 def describe_band(p_d: float, lower: float, upper: float, k: float) -> str:
     """Return P_D and its band as two numbers."""
     middle, low, high = map(probability, (p_d, lower, upper))
-    return f"P_D {middle}, between {low} and {high} ({k:g} sigma)"
+    return f"P_D {middle}, between {low} and {high} ({k:.4g} sigma)"
 
 
 def percent(share: float, error: float | None = None) -> str:

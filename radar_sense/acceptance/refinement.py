@@ -279,11 +279,15 @@ def _maxima(
     flat = values - np.minimum(before, after) <= ROUNDING * abs(values).max()
     top = np.flatnonzero((values >= before) & (values >= after) & ~flat)
     low, high = place[np.maximum(top - 1, 0)], place[np.minimum(top + 1, len(place) - 1)]
+    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    at_left, at_right = (_in_any_order(scenario, x, value) for x in (left, right))
     for _ in range(SEARCH):
-        left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        at_left, at_right = (_in_any_order(scenario, x, value) for x in (left, right))
-        high = np.where(at_left >= at_right, right, high)
-        low = np.where(at_left >= at_right, low, left)
+        rises = at_left >= at_right  # towards the left
+        low, high = np.where(rises, low, left), np.where(rises, right, high)
+        new = np.where(rises, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        at_new = _in_any_order(scenario, new, value)
+        left, right = np.where(rises, new, right), np.where(rises, left, new)
+        at_left, at_right = np.where(rises, at_new, at_right), np.where(rises, at_left, at_new)
     return np.clip(np.round(0.5 * (low + high), DECIMALS), place[0], place[-1])
 
 

@@ -192,7 +192,7 @@ def _draw(
     (axes,), x = plotting.pose_panels(figure, 1, axis)
     plotting.draw_line(axes, x, p_d, ("black", "-"), label=r"largest $P_D$")
     plotting.draw_fill(axes, x, lower, upper, color=plotting.BAND[0], alpha=0.18, lw=0)
-    plotting.draw_band(axes, x, lower, upper, rf"its band of ${k:g}\,\sigma$")
+    plotting.draw_band(axes, x, lower, upper, rf"its band of ${k:.4g}\,\sigma$")
     if np.any(bound > upper):
         plotting.draw_line(axes, x, bound, ("black", ":"), label="largest bound")
     if threshold is not None:

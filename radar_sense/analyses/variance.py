@@ -15,7 +15,14 @@ from radar_sense.command import LEVEL, METHOD, ONE_RADAR, Result, Table, command
 from radar_sense.flight import Radial
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, slant_range
-from radar_sense.propagation import AUTOMATIC, Moments, moments_and_band, propagate_scenario
+from radar_sense.propagation import (
+    AUTOMATIC,
+    Band,
+    Moments,
+    band_of_scenario,
+    moments_and_band,
+    propagate_scenario,
+)
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import POSITION
 
@@ -61,8 +68,11 @@ def variance(
     """
     axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
-    band, tested = moments_and_band(scenario, method=method, beta=k, p_max=threshold)
-    moments = band if k == 3 else propagate_scenario(scenario, method=method)
+    if k == 3:
+        moments, band = moments_and_band(scenario, method=method, p_max=threshold)
+    else:
+        moments = propagate_scenario(scenario, method=method)
+        band = band_of_scenario(scenario, method=method, beta=k, p_max=threshold)
     by_radar = {
         name: (alone, propagate_scenario(alone, method=method))
         for name, alone in single_radar_scenarios(scenario).items()
@@ -98,7 +108,7 @@ def variance(
     ]
     result.warnings += words.method_warnings(scenario, moments, method)
     if threshold is not None:
-        require_threshold(result, threshold, k, tested, probability)
+        require_threshold(result, threshold, k, band, probability)
     elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma
         result.report += _trust(result, band)
     _add_places(result.table, scenario)
@@ -116,7 +126,7 @@ def variance(
     return result
 
 
-def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
+def _bands(scenario: Scenario, band: Band, k: float) -> list[str]:
     """Return P_D and its band where the band is widest, and where P_D is largest."""
     width = band.upper - band.lower
     if not np.isfinite(width).any():
@@ -132,7 +142,7 @@ def _bands(scenario: Scenario, band: Moments, k: float) -> list[str]:
     ]
 
 
-def _trust(result: Result, band: Moments) -> list[str]:
+def _trust(result: Result, band: Band) -> list[str]:
     """Return what draws say of the method; nothing where a warning says where it is off."""
     if result.warnings:
         return []
@@ -186,7 +196,7 @@ def _add_places(table: Table, scenario: Scenario) -> None:
 def _draw(
     figure: Figure,
     scenario: Scenario,
-    band: Moments,
+    band: Band,
     k: float,
     by_radar: Mapping[str, Any],
     threshold: float | None,
@@ -206,7 +216,7 @@ def _draw(
         radar_lines.append(axes.lines[-1])
         axes.lines[-1].set_linewidth(plotting.points(0.8))
     plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
-    label = rf"band of ${k:g}\,\sigma$ ({scenario.level})"
+    label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
     plotting.draw_band(axes, x, band.lower, band.upper, label)
     if threshold is not None:
         _draw_threshold(axes, x, threshold, violated)

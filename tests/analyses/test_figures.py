@@ -1,6 +1,5 @@
 """Figures: no overlaps, nothing cut off, units on all axes, lines of different dashes."""
 
-import dataclasses
 import re
 from functools import cache, partial
 from importlib import import_module
@@ -12,7 +11,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from radar_sense import analyses, plotting
 from radar_sense.montecarlo.montecarlo import monte_carlo
-from radar_sense.propagation import Moments
+from radar_sense.propagation import Band
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 
 pytestmark = pytest.mark.usefixtures("quick")
@@ -359,10 +358,10 @@ def test_very_many_poses_make_a_small_file():
     result = analyses.variance(few, threshold=0.9, method="linear")
     x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
     drawn = result.draw.keywords
-    band = Moments(
+    band = Band(
         *(
-            np.interp(x, few.axis.values, getattr(drawn["band"], f.name)) + noise
-            for f in dataclasses.fields(Moments)
+            np.interp(x, few.axis.values, getattr(drawn["band"], name)) + noise
+            for name in ("p_d", "lower", "upper", "error")
         )
     )
     violated = (noise > 0).astype(float)
