@@ -24,6 +24,9 @@ from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text
 from radar_sense.words import WARNINGS
 
+#: Folders whose claims are about the judgement of methods by draws, or about printed numbers.
+JUDGING = ("acceptance", "docs", "montecarlo", "propagation", "reference", "studies")
+
 
 def pytest_collection_finish() -> None:
     """Take modules and tests, which stay to the end, out of the garbage collection."""
@@ -77,12 +80,19 @@ def few_judge(monkeypatch: pytest.MonkeyPatch) -> None:
     few_judging_draws(monkeypatch)
 
 
+@pytest.fixture(autouse=True)
+def few_judge_elsewhere(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let few draws judge a method in tests whose claim is another.
+
+    The mark `all_draws` is for a test elsewhere whose claim is about the judgement.
+    """
+    if request.path.parent.name not in JUDGING and not request.node.get_closest_marker("all_draws"):
+        few_judging_draws(monkeypatch)
+
+
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch, few_judge: None) -> None:
-    """Let the embedded scenario have 13 poses in place of 361, and few draws judge a method.
-
-    For tests whose claim is about neither.
-    """
+    """Let the embedded scenario have 13 poses in place of 361, for tests whose claim is another."""
     text = default_text().replace("step: 0.5", "step: 15")
     monkeypatch.setattr("radar_sense.scenario_file.load.default_text", lambda: text)
 

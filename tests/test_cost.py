@@ -12,8 +12,6 @@ from radar_sense.coverage import grid
 from radar_sense.montecarlo import montecarlo
 from radar_sense.propagation import draws
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 
 @pytest.fixture(autouse=True)
 def warnings_are_heard(caplog: pytest.LogCaptureFixture) -> None:

@@ -189,7 +189,6 @@ def twelve_radars():
     return parse_scenario(yaml.safe_dump({**changed, "radars": several}, sort_keys=False))
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_twelve_equal_radars_are_warned_of_once():
     """Equal warnings of several radars become one line."""
     warnings = analyses.budget(

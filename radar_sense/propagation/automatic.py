@@ -21,16 +21,19 @@ from radar_sense.uncertain_states import UncertainStates
 #: A value of a method is off if the mean or a bound is off by more than BOUND_CHANGE or by more
 #: than PART_OF_BOUND of itself, or σ by more than STD_CHANGE of σ.
 BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
-#: Differences of P_D below this are never off: no output shows them.
-LEAST_CHANGE = 1e-6
+#: Differences of P_D below the first are never off: no output shows them. Below the second, they
+#: may hide in the noise of the draws.
+LEAST_CHANGE, LEAST_TOLD = 1e-6, 2e-5
 #: Most draws at a pose that judge a named method. What they do not confirm is not confirmed.
 MOST_OF_NAMED = LAST // GROWTH
 #: Draws at a pose for a probability.
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
-#: Standard errors that are good enough: of a bound that replaces another and of one that judges
-#: another, as parts of BOUND_CHANGE, and of σ as a part of σ.
+#: Mean and σ may be off by so many times their tolerance where more draws are not worth it.
+NEAR = 3.0
+#: Standard errors that are good enough: of a bound that replaces another, as a part of
+#: BOUND_CHANGE, of one that judges another, as a part of its tolerance, and of σ as a part of σ.
 PRECISE, DECISIVE, STD_ERROR = 0.5, 0.02, 0.01
 
 
@@ -47,8 +50,8 @@ def judged(
     """Return what draws say of P_D at each pose, and where (k,) they do not confirm two bounds.
 
     A bound is confirmed if its difference from that of the draws, and ERRORS standard errors, are
-    less than BOUND_CHANGE together. More draws are made where this is not settled. Bounds that
-    differ by more than half of BOUND_CHANGE, for certain, are replaced when the draws are precise.
+    within its tolerance together. More draws are made where this is not settled. Bounds that differ
+    by more than half of the tolerance, for certain, are replaced when the draws are precise.
 
     Args:
         states: The uncertain states of k poses.
@@ -64,19 +67,19 @@ def judged(
     def confirmed(rows: NDArray[np.intp] | slice, found: Estimate) -> NDArray[np.bool_]:
         """Return which bounds (2, k) are confirmed."""
         bounds, errors = found.bounds
-        within = abs(values[:, rows] - bounds) + ERRORS * errors <= BOUND_CHANGE
-        return within & _close(values[:, rows], bounds, errors, PART_OF_BOUND)
+        difference, noise = abs(values[:, rows] - bounds), ERRORS * errors
+        within = difference + noise <= tolerance(bounds, LEAST_TOLD)
+        return np.asarray(within & (difference <= tolerance(bounds) + noise))
 
     def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
         bounds, errors = found.bounds
-        difference = abs(values[:, rows] - bounds)
-        apart = ~_close(values[:, rows], bounds, errors, PART_OF_BOUND)
+        difference, allowed = abs(values[:, rows] - bounds), tolerance(bounds)
         if replace:
-            apart |= difference > np.maximum(PRECISE * BOUND_CHANGE, ERRORS * errors)
+            apart = difference > np.maximum(PRECISE * allowed, ERRORS * errors)
             apart &= errors.max(axis=0) <= PRECISE * BOUND_CHANGE
         else:
-            apart |= difference - ERRORS * errors > BOUND_CHANGE
-            apart |= errors.max(axis=0) <= DECISIVE * BOUND_CHANGE
+            apart = difference - ERRORS * errors > allowed
+            apart |= (errors <= DECISIVE * allowed).all(axis=0)
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 
     most = LAST if replace else MOST_OF_NAMED
@@ -84,19 +87,51 @@ def judged(
     return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
 
 
-def moments_off(found: Estimate, mean: FloatArray, std: FloatArray) -> NDArray[np.bool_]:
-    """Return where (k,) draws do not confirm mean and σ of P_D by a method."""
-    close = _close(mean, found.mean, found.mean_error, PART_OF_BOUND)
-    close &= abs(mean - found.mean) <= BOUND_CHANGE + ERRORS * found.mean_error
-    return ~(close & _close(std, found.std, found.std_error, STD_CHANGE))
+def judged_moments(
+    states: UncertainStates,
+    first: Estimate,
+    mean: FloatArray,
+    std: FloatArray,
+    beta: float,
+    p_max: float = np.nan,
+    *,
+    most: int,
+) -> tuple[Estimate, NDArray[np.bool_]]:
+    """Return what draws say of P_D at each pose, and where (k,) mean or σ of P_D is off.
+
+    More draws are made where a difference may be `NEAR` times its tolerance.
+
+    Args:
+        states: The uncertain states of k poses.
+        first: What the first look says.
+        mean: Mean by a method (k,).
+        std: Standard deviation by the method (k,).
+        beta: β of the draws.
+        p_max: Limit whose exceedance is counted; NaN for none.
+        most: Most draws at a pose.
+    """
+
+    def close(
+        rows: NDArray[np.intp] | slice, found: Estimate, factor: float, errors: float, least: float
+    ) -> NDArray[np.bool_]:
+        """Return where differences are at most so many tolerances and standard errors."""
+        of_mean = factor * tolerance(found.mean, least) + errors * found.mean_error
+        of_std = factor * np.maximum(STD_CHANGE * found.std, least) + errors * found.std_error
+        off = abs(mean[rows] - found.mean), abs(std[rows] - found.std)
+        return np.asarray((off[0] <= of_mean) & (off[1] <= of_std))
+
+    def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
+        near = close(rows, found, NEAR, -ERRORS, LEAST_TOLD)
+        return near | ~close(rows, found, 1.0, ERRORS, LEAST_CHANGE)
+
+    drawn = look_until(settled, states, first, beta, p_max, most=most)
+    return drawn, ~close(slice(None), drawn, 1.0, ERRORS, LEAST_CHANGE)
 
 
-def _close(
-    value: FloatArray, drawn: FloatArray, error: FloatArray, part: float
-) -> NDArray[np.bool_]:
-    """Return where values are within a part of what is drawn, and ERRORS standard errors."""
-    allowed = np.maximum(part * drawn, LEAST_CHANGE) + ERRORS * error
-    return np.asarray(abs(value - drawn) <= allowed)
+def tolerance(probability: FloatArray, least: float = LEAST_CHANGE) -> FloatArray:
+    """Return by how much (...) a mean or a bound (...) may be off."""
+    allowed: FloatArray = np.clip(PART_OF_BOUND * probability, least, BOUND_CHANGE)
+    return allowed
 
 
 class Automatic:
@@ -156,13 +191,15 @@ class Automatic:
     def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
         form, first = self._form, self._look(3.0)
-        off = moments_off(first, form.mean, form.std)
+        drawn, off = judged_moments(
+            self.states, first, form.mean, form.std, 3.0, self._p_max, most=LAST
+        )
 
         def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
             precise = found.std_error <= STD_ERROR * np.maximum(found.std, BOUND_CHANGE)
             return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
 
-        found = look_until(settled, self.states, first, 3.0, self._p_max, most=LAST)
+        found = look_until(settled, self.states, drawn, 3.0, self._p_max, most=LAST)
         return np.where(off, found.mean, form.mean), np.where(off, found.std, form.std)
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:

@@ -18,7 +18,13 @@ from radar_sense.limits import POSITIVE, check_number
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
-from radar_sense.propagation.automatic import BOUND_CHANGE, Automatic, judged, moments_off
+from radar_sense.propagation.automatic import (
+    BOUND_CHANGE,
+    MOST_OF_NAMED,
+    Automatic,
+    judged,
+    judged_moments,
+)
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
@@ -266,7 +272,8 @@ def std_off_in_scenario(
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
     _foresee(states, FIRST)
-    return moments_off(first_look(states, JUDGED), mean, std)
+    first = first_look(states, JUDGED)
+    return judged_moments(states, first, mean, std, JUDGED, most=MOST_OF_NAMED)[1]
 
 
 def check_method(method: str) -> None:
@@ -336,7 +343,8 @@ def _unreliable(
     _foresee(states, FIRST)
     first = first_look(states, beta)
     bounds_off = judged(states, first, moments.lower, moments.upper, beta)[1]
-    return bounds_off | moments_off(first, moments.mean, moments.std)
+    off = judged_moments(states, first, moments.mean, moments.std, beta, most=MOST_OF_NAMED)[1]
+    return bounds_off | off
 
 
 def _foresee(states: UncertainStates, draws: int, less: str = "fewer poses") -> None:

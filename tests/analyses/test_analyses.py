@@ -23,7 +23,6 @@ from radar_sense.words import describe_poses as where
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_the_analyses_agree_with_each_other():
     s = load_scenario().at_poses(slice(None, None, 12))
     total = analyses.budget(s).table["three_sigma_total"]
@@ -32,7 +31,6 @@ def test_the_analyses_agree_with_each_other():
     np.testing.assert_array_equal(total, 3 * analyses.montecarlo(s).table["sigma_pd"])
 
 
-@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("level", ["low", "medium", "high"])
 def test_total_is_the_root_sum_of_squares(level):
     s = load_scenario().at_poses(slice(None, None, 12))
@@ -41,7 +39,6 @@ def test_total_is_the_root_sum_of_squares(level):
     np.testing.assert_allclose(table["three_sigma_total"], np.sqrt(squares), rtol=1e-13)
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_the_numbers_of_the_paper():
     s = load_scenario()
     at_45 = {name: column[90] for name, column in analyses.budget(s).table.items()}
@@ -70,7 +67,6 @@ def test_variance_table_holds_the_chain():
     assert table["rcs_m2"][0] == pytest.approx(np.pi * (0.15 * 0.13 / 0.21) ** 2, rel=1e-4)
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_correlated_sources_are_warned_of():
     result = analyses.budget(load_scenario("configs/covariance.yaml"), method="linear")
     gap = result.table["three_sigma_total"] ** 2 - sum(
@@ -85,6 +81,7 @@ def test_correlated_sources_are_warned_of():
     assert not any("correlated" in warning for warning in independent.warnings)
 
 
+@pytest.mark.all_draws
 def test_a_band_that_is_off_is_warned_of_once():
     s = load_scenario().at_poses(slice(None, None, 5))
     assert analyses.variance(s.with_analysis(level="low")).warnings == ()
@@ -109,7 +106,6 @@ def test_a_vanishing_gradient_is_warned_of():
     assert "misses aircraft_orientation at 0, 180 deg, where the gradient vanishes" in warning
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_an_undefined_linearization_is_warned_of():
     s = scenario(
         **(OVERHEAD | {"geometry__azimuth_deg": {"start": 0, "stop": 90, "step": 90}}),
@@ -134,7 +130,6 @@ def test_negative_constants_are_reported():
     assert any(f"set to zero in {count} runs" in warning for warning in result.warnings)
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_a_coverage_below_the_nominal_one_is_reported_with_its_interval():
     s = load_scenario().with_analysis(level="high", runs=5000)
     result = analyses.montecarlo(s)
@@ -176,7 +171,6 @@ def compared(**analysis):
     return s, lambda **options: analyses.compare(s, **options)
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_compare_lays_all_methods_beside_plain_runs():
     s, compare = compared(level="high", runs=40_000)
     result = compare(runs=40_000)
@@ -229,7 +223,6 @@ def test_compare_tells_the_methods_apart_or_says_that_it_cannot(level, seed):
     assert "form" in first
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_compare_at_another_k():
     s, compare = compared(level="high")
     table = compare(k=2).table
@@ -298,7 +291,6 @@ def test_the_places_of_an_extreme_in_words(count, places):
     assert describe_extreme(top, along) == f"0.2500 at {places}"
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_no_uncertainty_at_all():
     certain = {"aircraft": {"position_m": 0, "attitude_deg": 0}}
     s = scenario(
@@ -312,7 +304,6 @@ def test_no_uncertainty_at_all():
     assert not analyses.budget(s).table["three_sigma_total"].any()
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_validate_without_any_result():
     s = scenario(
         **OVERHEAD,

@@ -13,8 +13,6 @@ from radar_sense.scenario_file.load import load_scenario
 from radar_sense.sources import error_budget, only_at, required_accuracies
 from radar_sense.words import describe_poses
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 FEW = {"start": 0, "stop": 90, "step": 15}
 NOTHING = {"position_m": 0, "attitude_deg": 0}
 

@@ -8,8 +8,6 @@ from helpers import scenario
 import radar_sense as rs
 from radar_sense import cli
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 ROOT = Path(__file__).parents[2]
 FEW = {"start": 40, "stop": 60, "step": 20}
 

@@ -34,8 +34,6 @@ from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
 from radar_sense.propagation import METHODS
 from radar_sense.propagation.linear import Linear
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 ROOT = Path(__file__).parents[2]
 ALL = {
     name: command_line.load(name)

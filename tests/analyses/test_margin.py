@@ -32,8 +32,6 @@ import radar_sense as rs
 from radar_sense.analyses.margin import snr_terms
 from radar_sense.errors import InputError
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 ROOT = Path(__file__).parents[2]
 K, C = 1.380649e-23, 299792458.0
 #: Shape of the gamma distribution of the energy of N pulses, by Swerling's case.

@@ -93,7 +93,6 @@ def test_each_radar_by_itself():
     assert_array_equal(propagate_scenario(parts["r1"]).std, expected.std)
 
 
-@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize(
     "analysis",
     [

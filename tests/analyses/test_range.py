@@ -25,8 +25,6 @@ from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.words import describe_poses
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 SPHERE = {"model": "constant", "rcs_m2": 0.09}
 QUICK = {"step_deg": 90.0}
 

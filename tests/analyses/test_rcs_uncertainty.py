@@ -22,8 +22,6 @@ from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import distribution, propagate_scenario
 from radar_sense.sources import error_budget, required_accuracies
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 BOLTZMANN = 1.380649e-23
 P_FA, AREA, DECIBELS = 1e-4, 0.05, 1.5
 TAILS = norm.cdf([-3, 3])

@@ -18,8 +18,6 @@ import radar_sense as rs
 from radar_sense.propagation import METHODS
 from radar_sense.scenario_file.load import default_text
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 HEADER = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
 STD = "std_north_m,std_east_m,std_down_m,std_roll_deg,std_pitch_deg,std_yaw_deg"
 UNCERTAIN = f"""{HEADER},{STD}

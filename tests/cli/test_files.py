@@ -277,7 +277,6 @@ def test_a_working_folder_that_is_gone(tool, fake):
 
 @pytest.mark.parametrize("command", ["rcs", "budget"])
 @pytest.mark.parametrize("which", ["table", "route", "scenario"])
-@pytest.mark.usefixtures("few_judge")
 def test_an_input_is_never_overwritten(tool, command, which):
     """An input file is protected under every spelling of its name."""
     from radar_sense.scenario_file.load import default_text

@@ -36,7 +36,6 @@ def test_broken_files_are_read_or_refused(ending):
     assert codes[2] > 10
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_command_lines_end_in_numbers_or_one_line():
     codes = ends(commands(FAST), 2)
     assert codes[0] + codes[3] > 3

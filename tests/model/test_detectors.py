@@ -231,6 +231,7 @@ def test_methods_of_propagation(detector, method):
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
 @pytest.mark.parametrize("detector", [North, *EXACT])
+@pytest.mark.all_draws
 def test_a_wide_spread_is_warned_of_and_a_narrow_one_is_not(detector, method):
     snr = np.array([3.0, 9.0, 20.0])
     # by form σ is good to 1 % there

@@ -156,6 +156,7 @@ def test_a_decibel_at_a_probability_of_a_half(detector, sigma):
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])  # others draw the two apart
 @pytest.mark.parametrize("limits", [{}, {"max_range": 220.3e3}])
+@pytest.mark.all_draws
 def test_the_rcs_error_of_one_radar_equals_a_loss(method, limits):
     """A loss with a tolerance of 1.5 dB gives c_r the distribution that σ_r has with rcs_db."""
     of_loss = rs.parse_scenario(yaml_text(sheet_document(tolerances={"loss_db": 1.5})))

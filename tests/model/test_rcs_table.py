@@ -531,7 +531,6 @@ def test_the_script_makes_the_synthetic_table(here):
     np.testing.assert_allclose(*values, atol=0.0101)
 
 
-@pytest.mark.usefixtures("few_judge")
 def test_the_numbers_in_the_comment_of_the_table_scenario():
     """The numbers in the comment of configs/table.yaml, by first order."""
     s = rs.load_scenario(CONFIGS / "table.yaml")

@@ -32,8 +32,6 @@ from hypothesis import strategies as st
 import radar_sense as rs
 from radar_sense.scenario_file.load import MAX_BYTES, default_text
 
-pytestmark = pytest.mark.usefixtures("few_judge")
-
 Lines = list[tuple[str, str]]
 
 

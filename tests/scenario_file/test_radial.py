@@ -80,6 +80,7 @@ def test_the_band_along_the_line():
         assert_allclose(table[f"{end}_3sigma"], exact, atol=1e-5)
 
 
+@pytest.mark.all_draws
 def test_the_greatest_p_d_between_two_ranges_is_found():
     """The line passes a radar of 5 km between the ranges of 100 and 150 km."""
     changes = {
