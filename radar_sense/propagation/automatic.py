@@ -75,10 +75,10 @@ def judged(
         bounds, errors = found.bounds
         difference, allowed = abs(values[:, rows] - bounds), tolerance(bounds)
         if replace:
-            apart = difference > np.maximum(PRECISE * allowed, ERRORS * errors)
+            apart = ~(difference <= np.maximum(PRECISE * allowed, ERRORS * errors))  # or NaN
             apart &= errors.max(axis=0) <= PRECISE * BOUND_CHANGE
         else:
-            apart = difference - ERRORS * errors > allowed
+            apart = ~(difference <= allowed + ERRORS * errors)
             apart |= (errors <= DECISIVE * allowed).all(axis=0)
         return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
 

@@ -427,7 +427,7 @@ def some_poses(scenario: rs.Scenario) -> rs.Scenario:
 
 
 #: Commands that run with every scenario; the others run with one scenario of each kind.
-CHEAP = ("check", "variance", "budget")
+CHEAP = ("check", "variance")
 KINDS = ("corridor", "covariance", "table", "x_band_tracking")
 PAIRS = [
     (command, config)

@@ -11,6 +11,7 @@ from helpers import (
     with_arrays,
 )
 
+import radar_sense as rs
 from radar_sense.acceptance.threshold import decide
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
@@ -26,6 +27,8 @@ from radar_sense.propagation import (
     unreliable,
     unreliable_in_scenario,
 )
+from radar_sense.propagation.automatic import judged
+from radar_sense.propagation.looks import first_look
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
@@ -219,3 +222,12 @@ def test_no_poses_give_no_moments(method, half_blind):
     assert unreliable(*states, method=method).shape == (0,)
     no_covariances = s.model, s.aircraft[:0], s.radar, s.cov_aircraft[np.newaxis][:0], states[-1]
     assert unreliable(*no_covariances, method=method).shape == (0,)
+
+
+@pytest.mark.parametrize("replace", [False, True])
+def test_no_more_draws_where_a_method_has_no_value(replace):
+    states = rs.load_scenario().at_poses(slice(0, None, 60)).states()
+    first, without = first_look(states, 3.0), np.full(len(states), np.nan)
+    drawn, off = judged(states, first, without, without, 3.0, replace=replace)
+    assert off.all()
+    np.testing.assert_array_equal(drawn.draws, first.draws)
