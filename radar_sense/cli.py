@@ -223,9 +223,9 @@ class Number(click.ParamType):  # type: ignore[type-arg, unused-ignore]
         except ValueError:
             number = math.nan
         if not self.limit.allows(number):
-            hint = "; write a point, as in 0.5" if "," in text else ""
-            hint = "; write 0.1 for 10%" if text.endswith("%") else hint
-            self.fail(f"must be {self.limit}, got {describe(value)}{hint}", param, ctx)
+            from radar_sense.scenario_file.text_file import advice
+
+            self.fail(f"must be {self.limit}, got {describe(value)}{advice(text)}", param, ctx)
         return int(number) if self.limit.whole else number
 
 

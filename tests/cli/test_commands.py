@@ -630,3 +630,20 @@ def test_a_method_that_does_not_exist(tool, command, method):
     assert "method must be one of linear, probit, form" in err
     assert len(err.splitlines()) == 1
     assert not Path("figures").exists()
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "advice"),
+    [
+        ("threshold", "0,1", "write 0.1 for 0,1"),
+        ("threshold", "10%", "write 0.1 for 10%"),
+        ("down-km", "-3km", "leave out the unit, it is in the name"),
+        ("at", "10:00:30", "write seconds, 36030 for 10:00:30"),
+    ],
+)
+def test_a_number_that_is_written_in_another_way(tool, option, text, advice):
+    command = {"threshold": "variance", "down-km": "range", "at": "budget"}[option]
+    code, out, err = tool(command, f"--{option}={text}")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"Error: Invalid value for '--{option}': must be a number")
+    assert err.endswith(f"got '{text}'; {advice}\n")
