@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from radar_sense import words
+from radar_sense.analyses.verdict import K
 from radar_sense.command import (
     LEVEL,
     METHOD,
@@ -19,7 +20,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.montecarlo.adaptive import DIGITS, DRAWS, MOST_BATCHES, Verdict, judge
-from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, MonteCarlo, monte_carlo
+from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import no_draws
 from radar_sense.scenario import Scenario
@@ -42,6 +43,7 @@ NAMES = {"mean": "mean", "std": "sigma", "lower": "lower bound", "upper": "upper
     Option(
         "digits", "Significant digits of the standard deviation that matter.", DIGITS, default=2
     ),
+    K,
     SEED_OF_DRAWS,
     WORKER_THREADS,
     examples=(
@@ -49,16 +51,17 @@ NAMES = {"mean": "mean", "std": "sigma", "lower": "lower bound", "upper": "upper
         "radar-sense validate my.yaml --method form --digits 1",
     ),
 )
-def validate(scenario: Scenario, *, digits: int = 2, workers: int = 1) -> Result:
+def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: int = 1) -> Result:
     """May a method be trusted here? A verdict by as many draws as it takes.
 
-    Mean, sigma and 3-sigma bounds of the method and of draws are compared, to the digits that
+    Mean, sigma and K-sigma bounds of the method and of draws are compared, to the digits that
     matter (the tolerance of JCGM 101, clauses 7.9.2 and 8.1). The exit code is 3 if the method does
     not agree with the draws at every pose, or if the draws are too few to tell.
 
     Args:
         scenario: The scenario.
         digits: Significant digits of the standard deviation that matter.
+        k: Number of σ of the bounds.
         workers: Threads to compute with; the result does not depend on their number.
 
     Raises:
@@ -67,21 +70,25 @@ def validate(scenario: Scenario, *, digits: int = 2, workers: int = 1) -> Result
     axis, method = scenario.axis, scenario.method
     no_draws(method)
     result = Result(scenario, method)
-    plain = monte_carlo(scenario, RUNS, workers=workers, method=method)
+    plain = monte_carlo(scenario, RUNS, workers=workers, method=method, k=k)
     band, (low, high) = plain.band, plain.coverage_interval()
-    verdict = judge(scenario.states(), band, digits)
+    verdict = judge(scenario.states(), band, digits, k)
     distance = dict(zip(NAMES, verdict.distance, strict=True))
     error = verdict.error.max(axis=0)
 
     words.add_axis(result.table, axis)
-    words.add_band(result.table, band)
-    words.add_draws(result.table, DrawStatistics(*verdict.drawn))
+    words.add_band(result.table, band, k)
+    words.add_draws(result.table, DrawStatistics(*verdict.drawn), k)
     for name, values, meaning in (
         ("delta", verdict.delta, "Numerical tolerance of P_D, from the digits of sigma."),
         ("distance_lower", distance["lower"], "Distance of the method's lower bound."),
         ("distance_upper", distance["upper"], "Distance of the method's upper bound."),
         ("runs", verdict.draws.astype(float), "Number of draws with emphasis on the tails."),
-        ("coverage_3sigma", plain.coverage, "Share of the plain draws within the 3-sigma band."),
+        (
+            f"coverage_{k:.12g}sigma",
+            plain.coverage,
+            f"Share of the plain draws within the {k:g}-sigma band.",
+        ),
         ("coverage_low", low, "Lower end of the 95 % confidence interval of the coverage."),
         ("coverage_high", high, "Upper end of the 95 % confidence interval of the coverage."),
         ("stable", verdict.stable.astype(float), "1 where the draws are stable to the tolerance."),
@@ -101,6 +108,7 @@ def validate(scenario: Scenario, *, digits: int = 2, workers: int = 1) -> Result
     result.summary |= {
         "verdict": verdict.word,
         "digits": digits,
+        "k": k,
         "plain_runs": plain.runs,
         "poses_agree": int(np.count_nonzero(verdict.agrees)),
         "poses_differ": int(np.count_nonzero(verdict.differs)),
@@ -108,7 +116,7 @@ def validate(scenario: Scenario, *, digits: int = 2, workers: int = 1) -> Result
         "largest_distance_by_delta": largest,
     }
     result.report += _report(result, verdict, plain, digits, ratio)
-    result.warnings += words.validity_warnings(scenario, band, method, words.BY_DRAWS)
+    result.warnings += words.validity_warnings(scenario, band, method, words.BY_DRAWS, k)
     result.warnings += words.clipping_warnings(plain.clipped)
     result.warnings += words.table_warnings(scenario)
     result.draw = partial(_draw, axis=axis, verdict=verdict, plain=plain, method=method)
@@ -149,7 +157,7 @@ def _report(
         "  largest difference over its tolerance: "
         + ", ".join(f"{n} {x:g}" for n, x in zip(name, tops, strict=True)),
         f"  coverage {np.nanmin(plain.coverage):.2%} to {np.nanmax(plain.coverage):.2%} "
-        f"of {plain.runs:,} plain draws a pose, {WITHIN_3_SIGMA:.2%} expected",
+        f"of {plain.runs:,} plain draws a pose, {plain.expected:.2%} expected",
     ]
 
 
@@ -168,7 +176,9 @@ def _draw(figure: Figure, axis: Axis, verdict: Verdict, plain: MonteCarlo, metho
     top.set_yscale("log")
     top.set_ylim(bottom=max(top.get_ylim()[0], 1e-3))  # far below 1 nothing is to be seen
     top.set_ylabel("Distance from Monte Carlo\nover its tolerance")
-    bottom.axhline(100 * WITHIN_3_SIGMA, color="black", lw=plotting.points(0.8), label="99.73 %")
+    expected = 100 * plain.expected
+    label = f"{expected:.2f} %"
+    bottom.axhline(expected, color="black", lw=plotting.points(0.8), label=label)
     low, high = plain.coverage_interval()
     plotting.draw_fill(
         bottom,

@@ -94,16 +94,17 @@ class Verdict:
         return f"Verdict({self.word}; agrees at {agree} of {len(self.delta)} poses)"
 
 
-def judge(states: UncertainStates, band: Moments, digits: int) -> Verdict:
+def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BETA) -> Verdict:
     """Return the verdict on the values of a method, by draws with emphasis on the tails.
 
     Batches are drawn at a pose until the method agrees or differs there.
 
     Args:
         states: The uncertain states of n poses.
-        band: Values by the method, with bounds at Φ(−3) and Φ(3).
+        band: Values by the method, with bounds at Φ(−β) and Φ(β).
         digits: Significant digits of the standard deviation that matter, 1 to 4. One more digit
             takes 100 times the draws.
+        beta: β of the bounds.
 
     Raises:
         InputError: If digits are out of range, or the draws take more than a day.
@@ -114,7 +115,7 @@ def judge(states: UncertainStates, band: Moments, digits: int) -> Verdict:
     total, variance = np.zeros((2, len(QUANTITIES), n))
     batches, rows = np.zeros(n, dtype=np.int64), np.arange(n)
     for number in range(MOST_BATCHES):
-        batch = draw_batch(states.at(rows), number, DRAWS)
+        batch = draw_batch(states.at(rows), number, DRAWS, beta)
         total[:, rows] += batch.drawn
         variance[:, rows] += np.square(batch.error)
         batches[rows] += 1

@@ -43,8 +43,6 @@ BETA = 3.0
 TAIL = float(ndtr(-BETA))
 #: Relative rounding of P_D. Method and draws may round the same value differently.
 ROUNDING = 1e-13
-#: Probability within 3 standard deviations of a normal distribution.
-WITHIN_3_SIGMA = 1.0 - 2.0 * TAIL
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -234,6 +234,16 @@ def test_compare_at_another_k():
     assert np.all(abs(plain["mc_upper"] - table["mc_upper"]) < 0.03)
 
 
+def test_validate_at_another_k():
+    s = load_scenario().at_poses(slice(40, 140, 25)).with_analysis(method="form")
+    result = analyses.validate(s, digits=1, k=2)
+    known = analyses.variance(s, k=2).table
+    np.testing.assert_array_equal(result.table["upper_2sigma"], known["upper_2sigma"])
+    assert result.summary["verdict"] == "agrees"
+    assert np.all(abs(result.table["mc_upper"] - known["upper_2sigma"]) < result.table["delta"])
+    assert np.all(abs(result.table["coverage_2sigma"] - 0.9545) < 0.01)
+
+
 def test_the_draws_of_compare_are_not_those_of_automatic(monkeypatch):
     """A part of the draws of `compare` may be as large as the draws that judge `automatic`."""
     s = load_scenario().at_poses(slice(180, 181)).with_analysis(level="high")

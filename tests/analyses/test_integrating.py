@@ -15,7 +15,7 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 import radar_sense as rs
-from radar_sense.montecarlo.montecarlo import WITHIN_3_SIGMA, monte_carlo
+from radar_sense.montecarlo.montecarlo import TAIL, monte_carlo
 
 pytestmark = pytest.mark.usefixtures("quick")
 
@@ -48,8 +48,8 @@ def test_band_by_form_holds_the_draws(detector, constant):
     assert (abs(mc.mean - mc.band.mean) < 4.5 * mc.std / np.sqrt(mc.runs)).all()
     assert_allclose(mc.std, mc.band.std, rtol=0.035)
     low, high = mc.coverage_interval(1 - 1e-4)
-    assert (low < WITHIN_3_SIGMA).all()
-    assert (high > WITHIN_3_SIGMA).all()
+    assert (low < 1 - 2 * TAIL).all()
+    assert (high > 1 - 2 * TAIL).all()
 
 
 @pytest.mark.parametrize(("detector", "constant"), CASES[:2])
