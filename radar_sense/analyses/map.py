@@ -125,10 +125,11 @@ def coverage_map(
     """P_D over an area at one height and course.
 
     The table is an NPZ file for numpy.load, with north_m, east_m, and p_d in single precision.
-    The upper bound adds upper_3sigma, or that of another K, and the worst heading adds
-    worst_heading_deg. An origin adds latitude_deg and longitude_deg. The figure shows the route in
-    the same colours, by P_D at the attitude of each pose. With an origin the map can be GeoJSON
-    too: the contours of P_D and of the bound, the radars, and the route with P_D of each leg.
+    The upper bound adds the column upper_3sigma, or upper_2sigma for a K of 2. The worst heading
+    adds worst_heading_deg. An origin adds latitude_deg and longitude_deg. The figure shows the
+    route in the same colours, by P_D at the attitude of each pose. With an origin the map can be
+    GeoJSON too: the contours of P_D and of the bound, the radars, and the route with P_D of each
+    leg.
 
     Args:
         scenario: The scenario.
@@ -307,7 +308,7 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
 
     table, scenario = result.table, result.scenario
     north, east = table["north_m"] / 1e3, table["east_m"] / 1e3
-    bounded, worst = "k" in result.summary, "worst_heading_deg" in table
+    bounded, worst = result.summary["shown"] != "p_d", "worst_heading_deg" in table
     # A figure resolves no more than 1000 cells a side, and contours of more cells take long.
     stride = max(1, -(-max(len(north), len(east)) // 1000))
     north, east = north[::stride], east[::stride]
@@ -393,7 +394,7 @@ def _draw_route(axes: Axes, result: Result, route: FloatArray) -> None:
     from radar_sense import plotting
 
     poses = result.scenario.aircraft / 1e3
-    bounded = "k" in result.summary
+    bounded = result.summary["shown"] != "p_d"
     label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
     plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, COLOURS, label)
 

@@ -71,8 +71,9 @@ def montecarlo(
     axis, method = scenario.axis, scenario.method
     no_draws(method)
     result = Result(scenario, method)
-    how: dict[str, Any] = {"sampler": sampler, "workers": workers, "executor": executor}
-    mc = monte_carlo(scenario, method=method, k=k, **how)
+    mc = monte_carlo(
+        scenario, method=method, k=k, sampler=sampler, workers=workers, executor=executor
+    )
     by_itself = words.largest_by_radar(scenario, method)
 
     words.add_axis(result.table, axis)

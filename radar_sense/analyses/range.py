@@ -147,10 +147,11 @@ def detection_range(
     ranges = {name: detection_ranges(seen, values, method, k) for name, seen in surveys.items()}
 
     result.table.add(axis.key, angle_deg, ANGLES[by], "°")
-    for add in (_add_bands, _add_sources):
-        for name, of_radar in ranges.items():
-            for at in of_radar:
-                add(result.table, at, name, k)
+    columns = [(at, name) for name, of_radar in ranges.items() for at in of_radar]
+    for at, name in columns:
+        _add_bands(result.table, at, name, k)
+    for at, name in columns:
+        _add_sources(result.table, at, name)
 
     pose = next(iter(surveys.values())).all_rays.pose
     title = f"{0.0 - pose[DOWN] / 1e3:.4g} km above the origin"
@@ -206,7 +207,7 @@ def _add_bands(table: Table, at: RangeAt, radar: str, k: float) -> None:
         table.add(f"{end}_{k:.12g}sigma_m_{label}", bound, meaning, "m")
 
 
-def _add_sources(table: Table, at: RangeAt, radar: str, _: float) -> None:
+def _add_sources(table: Table, at: RangeAt, radar: str) -> None:
     """Add the sources of the range, the limit of the radar, and the edges."""
     label, of = _label(at, radar)
     for source, std in at.by_source.items():

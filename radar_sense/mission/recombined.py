@@ -65,7 +65,7 @@ LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 5_000_000, 256, 8192, 256
 DRAWS_PER_PATH, COMBINATIONS_PER_PATH = 8, 16
 #: Ranks of the quantiles of a replicate, as parts of the rank of a bound, which is in the middle.
 PARTS = np.geomspace(1 / 4, 4, 33)
-#: Least rank to which draws are spread: a quarter of that of a bound at 3σ.
+#: Draws are spread down to this rank, a quarter of the rank of a bound at 3σ.
 LEAST_RANK = 0.25 * TAIL
 #: Largest rank of a quantile.
 MOST_RANK = 0.9

@@ -30,7 +30,7 @@ MOST_OF_NAMED = LAST // GROWTH
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
-#: Mean and σ may be off by so many times their tolerance where more draws are not worth it.
+#: More draws are made where the mean or σ may be off by more than this many tolerances.
 NEAR = 3.0
 #: Standard errors that are good enough: of a bound that replaces another, as a part of
 #: BOUND_CHANGE, of one that judges another, as a part of its tolerance, and of σ as a part of σ.
@@ -110,22 +110,30 @@ def judged_moments(
         p_max: Limit whose exceedance is counted; NaN for none.
         most: Most draws at a pose.
     """
+    values = np.stack([mean, std])
 
-    def close(
-        rows: NDArray[np.intp] | slice, found: Estimate, factor: float, errors: float, least: float
-    ) -> NDArray[np.bool_]:
-        """Return where differences are at most so many tolerances and standard errors."""
-        of_mean = factor * tolerance(found.mean, least) + errors * found.mean_error
-        of_std = factor * np.maximum(STD_CHANGE * found.std, least) + errors * found.std_error
-        off = abs(mean[rows] - found.mean), abs(std[rows] - found.std)
-        return np.asarray((off[0] <= of_mean) & (off[1] <= of_std))
+    def compared(rows: NDArray[np.intp] | slice, found: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Return the differences from the draws (2, k), and ERRORS standard errors."""
+        drawn, errors = found.moments
+        return abs(values[:, rows] - drawn), ERRORS * errors
+
+    def allowed(found: Estimate, least: float) -> FloatArray:
+        """Return the tolerances (2, k), which are at least `least`."""
+        of_std = np.maximum(STD_CHANGE * found.std, least)
+        return np.stack([tolerance(found.mean, least), of_std])
+
+    def off(rows: NDArray[np.intp] | slice, found: Estimate) -> NDArray[np.bool_]:
+        difference, noise = compared(rows, found)
+        within = difference <= allowed(found, LEAST_CHANGE) + noise
+        return np.asarray(~within.all(axis=0))
 
     def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-        near = close(rows, found, NEAR, -ERRORS, LEAST_TOLD)
-        return near | ~close(rows, found, 1.0, ERRORS, LEAST_CHANGE)
+        difference, noise = compared(rows, found)
+        near = difference + noise <= NEAR * allowed(found, LEAST_TOLD)
+        return np.asarray(near.all(axis=0) | off(rows, found))
 
     drawn = look_until(settled, states, first, beta, p_max, most=most)
-    return drawn, ~close(slice(None), drawn, 1.0, ERRORS, LEAST_CHANGE)
+    return drawn, off(slice(None), drawn)
 
 
 def tolerance(probability: FloatArray, least: float = LEAST_CHANGE) -> FloatArray:

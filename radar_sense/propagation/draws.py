@@ -61,6 +61,12 @@ class Estimate:
         errors = np.stack([self.lower_error, self.upper_error])
         return np.stack([self.lower, self.upper]), errors
 
+    @property
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation (2, k), and their standard errors (2, k)."""
+        errors = np.stack([self.mean_error, self.std_error])
+        return np.stack([self.mean, self.std]), errors
+
     @classmethod
     def empty(cls, poses: int) -> Estimate:
         """Return an estimate of unknown values at some poses, to be filled."""
@@ -248,7 +254,7 @@ def _share(
 
 
 def _slope(counted: FloatArray, known: FloatArray) -> FloatArray:
-    """Return the slope (k, 1) of the sum of counted weights (k, n) by that of known weights."""
+    """Return the change (k, 1) of the sum of counted weights (k, n) by that of known weights."""
     n = counted.shape[1]
     total, control = (np.sum(w, axis=1, keepdims=True) for w in (counted, known))
     of_both = np.sum(counted * known, axis=1, keepdims=True) - total * control / n

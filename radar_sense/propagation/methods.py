@@ -139,7 +139,8 @@ class Band:
             for name in ("p_d", "lower", "upper", "error")
         )
         drawn = [part.drawn for part in parts if part.drawn is not None]
-        return cls(p_d, lower, upper, error, Estimate.join(drawn) if drawn else None)
+        known = len(drawn) == len(parts)
+        return cls(p_d, lower, upper, error, Estimate.join(drawn) if known else None)
 
     def at(self, rows: NDArray[np.intp]) -> Band:
         """Return the band at some poses."""
@@ -178,7 +179,7 @@ def propagate(
     check_method(method)
     beta = check_number("beta", beta, POSITIVE)
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
-    moments = _moments(states, method, beta)
+    moments, _ = _moments_and_band(states, method, beta)
     return Moments(*(getattr(moments, f.name).reshape(shape)[()] for f in fields(Moments)))
 
 
@@ -200,7 +201,7 @@ def unreliable(
     check_method(method)
     beta = check_number("beta", beta, POSITIVE)
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
-    moments = _moments(states, method, beta)
+    moments, _ = _moments_and_band(states, method, beta)
     result: NDArray[np.bool_] = _unreliable(states, moments, method, beta).reshape(shape)[()]
     return result
 
@@ -213,8 +214,7 @@ def propagate_scenario(
     Raises:
         InputError: If there is no such method.
     """
-    check_method(method)
-    return _moments(scenario.states(), method, check_number("beta", beta, POSITIVE))
+    return moments_and_band(scenario, method=method, beta=beta)[0]
 
 
 def moments_and_band(
@@ -226,6 +226,7 @@ def moments_and_band(
         InputError: If there is no such method.
     """
     check_method(method)
+    beta = check_number("beta", beta, POSITIVE)
     return _moments_and_band(scenario.states(), method, beta, p_max)
 
 
@@ -292,12 +293,8 @@ def no_draws(method: str) -> None:
         )
 
 
-def _moments(states: UncertainStates, method: str, beta: float) -> Moments:
-    return _moments_and_band(states, method, beta, None)[0]
-
-
 def _moments_and_band(
-    states: UncertainStates, method: str, beta: float, p_max: float | None
+    states: UncertainStates, method: str, beta: float, p_max: float | None = None
 ) -> tuple[Moments, Band]:
     moments, bands = [], []
     for found in _distributions(states, method, p_max):

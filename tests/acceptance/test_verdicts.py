@@ -499,3 +499,16 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     first = [table[name][0] for name in ("latitude_deg", "longitude_deg", "altitude_m")]
     assert first == pytest.approx([33, -154, 9000], abs=1e-6)  # of the first row of the route
     assert "north_m" not in analyses.variance(scenario(geometry__azimuth_deg=FEW)).table
+
+
+def test_a_band_without_its_draws_gives_the_same_verdict(tmp_path):
+    """The first looks are then made by the decision."""
+    s = past(tmp_path)
+    with_draws, without = (
+        path_test(s, "automatic", 0.1, 3.0, band_of_scenario(s, method="automatic", p_max=p_max))
+        for p_max in (0.1, None)
+    )
+    assert without.path.added > 0
+    assert without.path.band.drawn is None
+    np.testing.assert_array_equal(without.decision.holds, with_draws.decision.holds)
+    np.testing.assert_array_equal(without.test.violated, with_draws.test.violated)
