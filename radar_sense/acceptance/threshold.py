@@ -51,7 +51,7 @@ class ThresholdTest:
 
     Attributes:
         p_max: P_max.
-        margin: P_max minus the bound (n,): negative above P_max, NaN without a bound.
+        upper: The bound (n,), NaN without a bound.
         violated: Where P_max is exceeded (n,).
         unknown: Where the test has no answer (n,).
         above: Length of the path with the bound above P_max, in the unit of the coordinate. Steps
@@ -60,11 +60,16 @@ class ThresholdTest:
     """
 
     p_max: float
-    margin: FloatArray
+    upper: FloatArray
     violated: NDArray[np.bool_]
     unknown: NDArray[np.bool_]
     above: float
     total: float
+
+    @property
+    def margin(self) -> FloatArray:
+        """P_max minus the bound (n,): negative above P_max, NaN without a bound."""
+        return self.p_max - self.upper
 
     @property
     def verdict(self) -> str:
@@ -117,7 +122,7 @@ def threshold_test(
     without = ~np.isfinite(margin) if violated is None else np.zeros(upper.shape, dtype=bool)
     return ThresholdTest(
         p_max=p_max,
-        margin=margin,
+        upper=upper,
         violated=exceeded,
         unknown=(without | np.asarray(unknown, dtype=bool)) & ~exceeded,
         above=math.fsum(abs(np.diff(coordinate)) * _share_above(margin)),

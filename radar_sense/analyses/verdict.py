@@ -76,7 +76,7 @@ def require_threshold(
     rows, test = tested.path.rows, tested.test
     column = f"upper_{k:.12g}sigma"
     for name, values, meaning in (
-        (column, p_max - test.margin, f"Upper bound of P_D at {k:g} sigma."),
+        (column, test.upper, f"Upper bound of P_D at {k:g} sigma."),
         ("margin", test.margin, "P_MAX minus the upper bound of P_D."),
         ("violated", test.violated.astype(float), "1 where the test is violated, else 0."),
         ("not_known", test.unknown.astype(float), "1 where the test has no answer, else 0."),
@@ -191,8 +191,7 @@ def worst_band(tested: PathTest, k: float) -> str:
     """Return P_D and its band at the pose of the least margin; no numbers without a bound."""
     test, band = tested.test, tested.path.band
     pose = int(np.argmin(np.nan_to_num(test.margin, nan=np.inf)))
-    upper = test.p_max - test.margin[pose]
-    return describe_band(band.p_d[pose], band.lower[pose], upper, k)
+    return describe_band(band.p_d[pose], band.lower[pose], test.upper[pose], k)
 
 
 def _remedy(tested: PathTest, method: str) -> str:

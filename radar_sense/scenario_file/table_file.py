@@ -177,6 +177,8 @@ class TableFile:
         """Yield the lines without comments."""
         for line, text in enumerate(self._file.lines(), start=1):
             text = text.partition("#")[0].strip()
+            if "\0" in text:  # only some versions of Python refuse it
+                raise self.error("is not text: it has a zero byte", line)
             if text.count('"') % 2:
                 raise self.error("is not valid CSV: a quote does not end on its line", line)
             yield text

@@ -264,7 +264,7 @@ REFUSED = {
         SIMPLE.encode() + b"# \xe9\n",
         "route.csv:5: is not UTF-8 text: byte 0xe9",
     ),
-    "zero bytes": (bytes(100), "route.csv:1: names none of the columns, allowed: time_s"),
+    "zero bytes": (bytes(100), "route.csv:1: is not text: it has a zero byte"),
     "a long line": (b"x" * 100_000, "route.csv:1: is longer than 65536 bytes"),
     "no header": ("1,2,3,4\n", "names none of the columns"),
     "tabs": (SIMPLE.replace(",", "\t"), "columns are separated by commas or semicolons"),
