@@ -211,16 +211,17 @@ class UncertainStates:
     def by_sight(self) -> Iterator[tuple[NDArray[np.intp], UncertainStates]]:
         """Yield poses (j,), and their states with the radars that may see the aircraft alone.
 
-        One radar stays where none does. A limit that is out of reach is left out. What a pose has
-        depends on this pose alone.
+        Poses that no radar may see are left out, and so is a limit that is out of reach. What a
+        pose has depends on this pose alone.
         """
         if len(self.cov_radar) > 1:
             yield np.arange(len(self)), self
             return
         kinds, which = np.unique(self.sight, axis=0, return_inverse=True)
         for i, sight in enumerate(kinds):
-            rows, (numbers, model) = np.flatnonzero(which.ravel() == i), in_sight(self.model, sight)
-            yield rows, self.at(rows).of_radars(numbers, model)
+            if np.any(sight != NEVER):
+                rows = np.flatnonzero(which.ravel() == i)
+                yield rows, self.at(rows).of_radars(*in_sight(self.model, sight))
 
     @cached_property
     def tolerance_normals(self) -> list[list[int]]:
@@ -318,13 +319,13 @@ class UncertainStates:
 
 
 def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], NetworkModel]:
-    """Return the radars that may see the aircraft, one if none does, and the network of them.
+    """Return the radars that may see the aircraft, one at least, and the network of them.
 
     Args:
         model: The network of m radars.
         sight: Whether each sees the aircraft (m,), see `Radar.sight`.
     """
-    numbers = np.flatnonzero(sight != NEVER).tolist() or [0]
+    numbers = np.flatnonzero(sight != NEVER).tolist()
     radars = [model.radars[i] for i in numbers]
     of_each = zip(radars, sight[numbers], strict=True)
     seen = tuple(r.without_limits() if s == ALWAYS else r for r, s in of_each)

@@ -74,9 +74,9 @@ class Sampler:
         edges = np.flatnonzero(np.any(sight[1:] != sight[:-1], axis=1)) + 1
         parts = []
         for start, end in itertools.pairwise([0, *edges.tolist(), self.poses]):
-            numbers, radars = in_sight(self.model, sight[start])
-            own = [c for i in numbers for c in range(of_radar(i).start, of_radar(i).stop)]
             if np.any(sight[start] != NEVER):
+                numbers, radars = in_sight(self.model, sight[start])
+                own = [c for i in numbers for c in range(of_radar(i).start, of_radar(i).stop)]
                 parts.append((slice(start, end), radars, own))
         return parts
 

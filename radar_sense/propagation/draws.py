@@ -68,9 +68,9 @@ class Estimate:
         return np.stack([self.mean, self.std]), errors
 
     @classmethod
-    def empty(cls, poses: int) -> Estimate:
-        """Return an estimate of unknown values at some poses, to be filled."""
-        return cls(*(np.full(poses, np.nan) for _ in fields(cls)))
+    def constant(cls, poses: int, value: float) -> Estimate:
+        """Return an estimate with one value of everything at all poses, to be filled."""
+        return cls(*(np.full(poses, value) for _ in fields(cls)))
 
     @classmethod
     def join(cls, parts: Sequence[Estimate]) -> Estimate:
@@ -91,7 +91,7 @@ class Estimate:
 def estimate(
     states: UncertainStates, draws: int, beta: float, p_max: float = np.nan, *, plain: bool = False
 ) -> Estimate:
-    """Return what draws say of P_D at each pose.
+    """Return what draws say of P_D at each pose: it is 0 where no radar may see the aircraft.
 
     Args:
         states: The uncertain states of k poses.
@@ -100,7 +100,10 @@ def estimate(
         p_max: Limit whose exceedance is counted; NaN for none.
         plain: Whether to draw from the natural density alone.
     """
-    found, size = Estimate.empty(len(states)), max(1, KEPT // draws)
+    found, size = Estimate.constant(len(states), 0.0), max(1, KEPT // draws)
+    found.draws[:] = draws
+    if np.isnan(p_max):
+        found.above[:] = found.above_error[:] = np.nan
     for poses, part in states.by_sight():
         first = 0
         for block in part.cut(BLOCK):

@@ -20,7 +20,7 @@ mixture, are exact for any choice.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -135,24 +135,22 @@ class Mixture:
 
 def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], list[FloatArray]]:
     """Return the centres (k, d) that raise P_D, and those that lower it."""
-    rising = [_extreme(states, beta, _of_network)]
-    falling = [_extreme(states, -beta, _of_network)]
+    both = (beta, -beta)
+    greatest, least = _extremes(states, both, _of_network)
+    rising, falling = [greatest], [least]
     for i, radar in enumerate(states.model.radars):
         if len(states.model.radars) > 1:
-            rising.append(_extreme(states, beta, partial(_of_radar, number=i)))
+            rising += _extremes(states, (beta,), partial(_of_radar, number=i))
         rising.append(_approach(states, beta, i))
         if radar.min_range > 0:
             falling.append(rising[-1])
         if radar.max_range < math.inf:
             falling.append(_approach(states, -beta, i))
-        if radar.horizon is not None:
-            of_horizon = partial(_of_horizon, number=i)
-            rising.append(_extreme(states, beta, of_horizon))
-            falling.append(_extreme(states, -beta, of_horizon))
-        if radar.mask is not None:
-            of_mask = partial(_of_mask, number=i)
-            rising.append(_extreme(states, beta, of_mask))
-            falling.append(_extreme(states, -beta, of_mask))
+        for limit, gradient in ((radar.horizon, _of_horizon), (radar.mask, _of_mask)):
+            if limit is not None:
+                above, below = _extremes(states, both, partial(gradient, number=i))
+                rising.append(above)
+                falling.append(below)
     return rising, falling
 
 
@@ -181,40 +179,38 @@ def _shares(states: UncertainStates, centres: FloatArray, falling: int) -> Float
     return np.concatenate(shares, axis=1)
 
 
-def _extreme(
+def _extremes(
     states: UncertainStates,
-    beta: float,
+    betas: Sequence[float],
     gradient: Callable[[UncertainStates, FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
-) -> FloatArray:
-    """Return u (k, d) near the greatest z within |u| ≤ β, or near the least within −β.
+) -> list[FloatArray]:
+    """Return u (k, d) for each β, near the greatest z within |u| ≤ β, or near the least within −β.
 
     Each step goes to β times the unit vector of the gradient (R. Rackwitz and B. Fiessler,
-    Computers & Structures 9(5), 1978), half of the way after the first step. A pose is done when a
-    step is shorter than `NEAR`.
+    Computers & Structures 9(5), 1978), half of the way after the first step. A search is done when
+    a step is shorter than `NEAR`.
     """
-    found, which = (
-        np.zeros((len(states), states.normals)),
-        component(CONSTANT, len(states.tolerances)),
-    )
-    rows = np.arange(len(states))
+    k, which = len(states), component(CONSTANT, len(states.tolerances))
+    beta, found = np.repeat(betas, k)[:, np.newaxis], np.zeros((len(betas) * k, states.normals))
+    rows = np.arange(len(found))
     for step in range(STEPS):
-        u, some = found[rows], states.at(rows)
+        u, some = found[rows], states.at(rows % k)
         aircraft, radar = (x[:, 0] for x in some.at_normals(u[..., np.newaxis]))
         constants, nominal = radar[:, which], some.radar[:, which]
         np.maximum(constants, LEAST_CONSTANT * nominal, out=constants)
         by_u = some.by_normals(*gradient(some, aircraft, radar), radar)
         length = np.sqrt(np.sum(by_u * by_u, axis=1, keepdims=True))
         with np.errstate(divide="ignore", invalid="ignore"):
-            new = beta * by_u / length
+            new = beta[rows] * by_u / length
             if step:
                 new += u
-                new *= abs(beta) / np.sqrt(np.sum(new * new, axis=1, keepdims=True))
+                new *= abs(beta[rows]) / np.sqrt(np.sum(new * new, axis=1, keepdims=True))
         new = np.where(np.isfinite(new), new, u)
         found[rows] = new
         rows = rows[np.sum((new - u) ** 2, axis=1) > NEAR**2]
         if not rows.size:
             break
-    return found
+    return np.split(found, len(betas))
 
 
 def _of_network(

@@ -27,7 +27,7 @@ def first_look(states: UncertainStates, beta: float, p_max: float = np.nan) -> E
         beta: β of the bounds.
         p_max: Limit whose exceedance is counted; NaN for none.
     """
-    found, with_lobes = Estimate.empty(len(states)), lobed(states)
+    found, with_lobes = Estimate.constant(len(states), np.nan), lobed(states)
     for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
         rows = np.flatnonzero(mask)
         if rows.size:
