@@ -75,13 +75,15 @@ def documents(name: str):
 
 
 @pytest.mark.parametrize("name", ALL)
-def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
+def test_every_analysis_keeps_the_contract(name, tool, monkeypatch):
+    """A notebook gets the table that the shell writes."""
     # Pixels of each figure are drawn by the tests of the command line.
     without_pixels(monkeypatch, then=lay_out)
     small_batches(monkeypatch)
     few_draws(monkeypatch)
     for number, content in enumerate(documents(name)):
-        s = rs.parse_scenario(yaml_text(content))
+        Path("my.yaml").write_text(yaml_text(content), encoding="utf-8")
+        s = rs.load_scenario("my.yaml")
         assert len(s.model.radars) == (1, 3)[number]
         result = ALL[name](s, **SHORT.get(name, {}))
         assert isinstance(result, Result)
@@ -94,7 +96,7 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
         assert len(repr(result)) < 400
         assert "<pre>" in result._repr_html_()
         with no_physics():  # a figure, a table and a record are made from the result alone
-            table, figure, record = result.save(tmp_path, ["png"])
+            table, figure, record = result.save("notebook", ["png"])
         assert table.stem == figure.stem == record.stem == f"{s.name}_{name}"
         written = json.loads(record.read_text(encoding="utf-8"))
         assert written["analysis"] == name
@@ -105,23 +107,13 @@ def test_every_analysis_keeps_the_contract(name, tmp_path, monkeypatch):
             assert column["meaning"].isascii()
             assert column["meaning"].endswith(".")
             assert "<" not in column["meaning"]
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_a_notebook_gets_what_the_shell_writes(name, tool, monkeypatch):
-    small_batches(monkeypatch)
-    few_draws(monkeypatch)
     by_place = [option.name for option in ALL[name].options if option.positional]
     options = [
         f"{v}" if key in by_place else f"--{key.replace('_', '-')}={v}"
         for key, v in SHORT.get(name, {}).items()
     ]
-    *_, network = documents(name)
-    Path("my.yaml").write_text(yaml_text(network), encoding="utf-8")
     code = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code
-    result = ALL[name](rs.load_scenario("my.yaml"), **SHORT.get(name, {}))
     assert code == (0 if result.passed else 3)
-    table, *_ = result.save("notebook", [])
     assert table.read_bytes() == Path("shell", table.name).read_bytes()
 
 
