@@ -1,4 +1,4 @@
-"""Contributions of the sources to the uncertainty of P_D, and the accuracy required of them.
+"""Contributions of the sources to the uncertainty of P_D.
 
 A source of the budget is a block of a state's covariance, see `source_names`. A radar constant with
 tolerances has parts, one for each parameter with a tolerance.
@@ -10,28 +10,16 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense import covariance
-from radar_sense.axis import reached
 from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
-from radar_sense.propagation import (
-    AUTOMATIC,
-    BOUND_CHANGE,
-    MONTE_CARLO,
-    STD_CHANGE,
-    distribution,
-    mean_and_std,
-)
-from radar_sense.propagation.automatic import Automatic
-from radar_sense.propagation.draws import estimate
+from radar_sense.propagation import MONTE_CARLO, distribution, mean_and_std
 from radar_sense.propagation.looks import FIRST
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import (
@@ -44,19 +32,6 @@ from radar_sense.source_names import (
 )
 from radar_sense.states import AIRCRAFT, ATTITUDE, CONSTANT, POSITION, FloatArray, component
 from radar_sense.uncertain_states import UncertainStates
-
-#: Draws at a pose that verify a factor of 3σ.
-DRAWS = 65_536
-#: Poses at which draws verify a factor: as many with the largest values, and as many over all.
-VERIFIED = 16
-#: Step down in ln of a factor that draws refuse, and halvings of the step that brackets the factor.
-STEP_DOWN, HALVINGS = 0.35, 6
-#: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
-#: be off by `STD_CHANGE`, as elsewhere.
-SLACK, FIRST_ORDER = 0.005, ("linear", "probit")
-#: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
-#: smaller factor as 0.
-LARGEST_LOG_FACTOR = float(np.log(1e6))
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,193 +162,6 @@ def parts_of(scenario: Scenario) -> dict[str, ConstantPart]:
     return found
 
 
-@dataclass(frozen=True)
-class RequiredAccuracy:
-    """Accuracy of a source at which 3σ of P_D, or the upper bound of P_D, is within a limit.
-
-    Attributes:
-        factor: Largest factor on the standard deviations of the source. Below 1 the source has to
-            shrink. None if the limit is exceeded at factor 0, and 0 if exceeded at a millionth.
-            Infinite if a million is within the limit.
-        residual: Value at `factor`, or at factor 0 if `factor` is None.
-        place: Place of the residual on the scenario's axis.
-        residual_from: Largest of the other sources at the place. "P_D itself" where P_D exceeds the
-            limit. None if all sources are scaled together.
-        known: False if a larger factor may do: beyond `factor` there is no value, or no draw has
-            confirmed one.
-    """
-
-    factor: float | None
-    residual: float
-    place: float
-    residual_from: str | None
-    known: bool = True
-
-
-def required_accuracies(
-    scenario: Scenario,
-    limit: float,
-    *,
-    k: float | None = None,
-    method: str = "linear",
-) -> dict[str, RequiredAccuracy]:
-    """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
-
-    The value is assumed to grow with the source. Strong correlations can violate the assumption.
-    Draws verify every factor, at the deviations it leads to. A factor that they refuse is reduced
-    until they confirm it.
-
-    Args:
-        scenario: The scenario, at its level.
-        limit: Limit of 3σ of P_D, or of its upper bound; positive.
-        k: k of the upper bound at Φ(k), which is P_D + kσ by `linear`. None limits 3σ.
-        method: Method of propagation.
-
-    Returns:
-        The accuracy required of each source, and of each part of a radar constant (`parts_of`).
-        The other sources are unchanged. "all" scales all sources together.
-    """
-
-    @cache
-    def budget_at(pose: int) -> Budget:
-        return error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
-
-    search = "form" if method == AUTOMATIC else method
-    at_all_poses = value_function(scenario, search, k)
-    # If poses are above the limit, the factor depends on these poses alone.
-    above = ~(at_all_poses((), 1.0) <= limit)
-    critical, at_critical_poses = scenario, at_all_poses
-    if above.any():
-        critical = scenario.at_poses(np.flatnonzero(above))
-        at_critical_poses = value_function(critical, search, k)
-
-    def largest_factor(names: Collection[str]) -> tuple[float | None, bool]:
-        """Return the factor, and whether the method has a value at larger factors."""
-
-        def beyond(log_factor: float) -> NDArray[np.bool_]:
-            """Return the critical poses beyond the limit, or without a value."""
-            return ~(at_critical_poses(names, float(np.exp(log_factor))) <= limit)
-
-        least = float(np.max(at_critical_poses(names, 0.0)))
-        if not least <= limit:
-            return None, not np.isnan(least)
-        low, high, step = 0.0, 0.0, np.log(4.0)
-        outside = beyond(0.0)
-        if not outside.any():
-            while not outside.any():
-                if high == LARGEST_LOG_FACTOR:
-                    return np.inf, True
-                low, high = high, min(high + step, LARGEST_LOG_FACTOR)
-                outside = beyond(high)
-        else:
-            at_low = outside
-            while at_low.any():
-                if low == -LARGEST_LOG_FACTOR:
-                    return 0.0, not np.isnan(at_critical_poses(names, float(np.exp(low)))).any()
-                low, high = max(low - step, -LARGEST_LOG_FACTOR), low
-                outside, at_low = at_low, beyond(low)
-        # The value grows with the factor: the poses outside at the larger factor decide.
-        deciding = value_function(critical.at_poses(np.flatnonzero(outside)), search, k)
-        factor, known = _root(lambda f: float(np.max(deciding(names, f))) - limit, low, high)
-        if beyond(np.log(factor)).any():  # another pose is beyond at a smaller factor
-            factor, known = _root(
-                lambda f: float(np.max(at_critical_poses(names, f))) - limit, low, np.log(factor)
-            )
-        return factor, known
-
-    def confirmed(names: Collection[str], factor: float) -> bool:
-        """Return whether draws confirm the limit, at the deviations of a factor."""
-        values = at_all_poses(names, factor)
-        largest = np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED]
-        spread = np.linspace(0, len(values) - 1, min(VERIFIED, len(values))).astype(int)
-        poses = np.union1d(largest, spread)
-        changed = _scaled(scenario.at_poses(poses), names, factor)
-        if k is None:
-            found = estimate(changed, DRAWS, 3.0)
-            slack = STD_CHANGE if method in FIRST_ORDER else SLACK
-            return bool(np.all(3.0 * found.std <= (1.0 + slack) * limit))
-        by_draws = Automatic(changed)
-        allowed = 2.0 * by_draws.error(k) if method == AUTOMATIC else BOUND_CHANGE
-        return bool(np.all(by_draws.quantile(k) <= limit + allowed))
-
-    def verified(
-        names: Collection[str], factor: float | None, known: bool
-    ) -> tuple[float | None, bool]:
-        """Return the factor if draws confirm it, else the largest one that they do."""
-        if not factor or confirmed(names, min(factor, np.exp(LARGEST_LOG_FACTOR))):
-            return factor, known
-        high = min(float(np.log(factor)), LARGEST_LOG_FACTOR)
-        low = high - STEP_DOWN
-        while not confirmed(names, float(np.exp(low))):
-            low, high = low - 2.0 * (high - low), low
-            if low < -LARGEST_LOG_FACTOR:
-                return 0.0, False
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if confirmed(names, float(np.exp(middle))) else (low, middle)
-        return float(np.exp(low)), False
-
-    def required(names: Collection[str]) -> RequiredAccuracy:
-        factor, known = verified(names, *largest_factor(names))
-        finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
-        residual = at_all_poses(names, finite_factor)
-        unknown = np.isnan(residual)
-        pose = int(np.argmax(unknown if unknown.any() else reached(residual)))
-        return RequiredAccuracy(
-            factor=factor,
-            residual=float(residual[pose]),
-            place=float(scenario.axis.values[pose]),
-            residual_from=_residual_from(
-                scenario.at_poses(slice(pose, pose + 1)),
-                budget_at(pose),
-                names,
-                None if k is None else limit,
-            ),
-            known=known,
-        )
-
-    whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
-    return {**{name: required([name]) for name in whole + parts}, "all": required(whole)}
-
-
-def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
-    """Return the factor at which the excess rises above 0, between the exponentials of two numbers.
-
-    The excess is at most 0 at `low`, and above 0 or NaN at `high`, but for rounding.
-
-    Returns:
-        The factor, and whether the excess has a value at all larger factors that were tried.
-    """
-    from scipy.optimize import brentq  # slow to import
-
-    @cache
-    def excess_at(log_factor: float) -> float:
-        return excess(float(np.exp(log_factor)))
-
-    # Comparisons are `not <=` because NaN is not within the limit.
-    while np.isnan(excess_at(high)):
-        if high - low < 0.01:
-            return float(np.exp(low)), False
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if excess_at(middle) <= 0 else (low, middle)
-    undefined: list[float] = []
-
-    def defined_excess(log_factor: float) -> float:
-        value = excess_at(log_factor)
-        if np.isnan(value):
-            undefined.append(log_factor)
-            return 1.0
-        return value
-
-    if not defined_excess(low) < 0:
-        return float(np.exp(low)), True
-    if not defined_excess(high) > 0:
-        return float(np.exp(high - 1e-9)), True
-    root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
-    known = not undefined or min(undefined) > root + 1e-9
-    return float(np.exp(root - 1e-9)), known  # the side within the limit
-
-
 def value_function(
     scenario: Scenario, method: str, k: float | None = None
 ) -> Callable[[Collection[str], float], FloatArray]:
@@ -385,48 +173,10 @@ def value_function(
     whole = distribution(scenario, method)
 
     def value(names: Collection[str], factor: float) -> FloatArray:
-        changed = whole.with_covariances(_scaled(scenario, names, factor))
+        changed = whole.with_covariances(scaled(scenario, names, factor))
         return 3.0 * changed.std if k is None else changed.quantile(k)
 
     return value
-
-
-def _residual_from(
-    scenario: Scenario, budget: Budget, names: Collection[str], p_max: float | None
-) -> str | None:
-    """Return the largest of the other sources at a pose; "P_D itself" if P_D is above p_max."""
-    if p_max is not None and scenario.model.p_d(scenario.aircraft[0], scenario.radar) > p_max:
-        return "P_D itself"
-    parts, others = parts_of(scenario), dict(budget.alone)
-    # The source of a part is replaced by its parts and, in a network, by the radar's position.
-    for part in [parts[name] for name in names if name in parts]:
-        del others[part.source]
-        siblings = [name for name, other in parts.items() if other.source == part.source]
-        others.update({name: budget.parts[name] for name in siblings})
-        if part.source != part.constant:
-            others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
-    at_pose = {name: std[0] for name, std in others.items() if name not in names}
-    return max(at_pose, key=at_pose.__getitem__) if at_pose else None
-
-
-def only_at(scenario: Scenario, at: float) -> Scenario:
-    """Return the scenario with only the pose at one place.
-
-    Args:
-        scenario: The scenario.
-        at: Place on the scenario's axis.
-
-    Raises:
-        InputError: If there is no pose at that place.
-    """
-    axis = scenario.axis
-    pose = axis.find(at)
-    if pose is None:
-        raise InputError(
-            f"there is no pose at {axis.format(at)}, the nearest of {len(axis)} is at "
-            f"{axis.at(axis.nearest(at))}"
-        )
-    return scenario.at_poses(slice(pose, pose + 1))
 
 
 def _alone(scenario: Scenario, name: str) -> UncertainStates:
@@ -443,7 +193,7 @@ def _alone(scenario: Scenario, name: str) -> UncertainStates:
     return states.with_covariances(kept["aircraft"], kept["radar"], tolerances)
 
 
-def _scaled(scenario: Scenario, names: Collection[str], factor: float) -> UncertainStates:
+def scaled(scenario: Scenario, names: Collection[str], factor: float) -> UncertainStates:
     """Return the states with the standard deviations of some sources and parts multiplied."""
     covariances = {"aircraft": scenario.cov_aircraft, "radar": _without_tolerances(scenario)}
     parts = parts_of(scenario)

@@ -19,6 +19,7 @@ STOREYS = (
     ("command",),
     ("plotting", "files"),
     ("acceptance", "coverage"),
+    ("accuracy",),
     ("sources",),
     ("mission",),
     ("montecarlo",),

@@ -11,17 +11,13 @@ import numpy as np
 
 from radar_sense import words
 from radar_sense.acceptance import refinement
+from radar_sense.accuracy import RequiredAccuracy, only_at, required_accuracies
 from radar_sense.analyses.verdict import PROBABILITY
 from radar_sense.axis import Axis
 from radar_sense.command import Option, Result
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY, SIGMAS, TARGET, THRESHOLD
 from radar_sense.propagation import METHODS, MONTE_CARLO, band_of_scenario
-from radar_sense.sources import (
-    RequiredAccuracy,
-    only_at,
-    required_accuracies,
-)
 
 OPTIONS = (
     Option("target", "Also the accuracy at which 3 sigma is X.", TARGET, metavar="X"),

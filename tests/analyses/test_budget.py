@@ -5,12 +5,13 @@ import pytest
 from helpers import OVERHEAD, SOURCES, scenario
 
 import radar_sense as rs
+from radar_sense import accuracy as module
 from radar_sense import analyses
-from radar_sense import sources as module
+from radar_sense.accuracy import only_at, required_accuracies
 from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario
-from radar_sense.sources import error_budget, only_at, required_accuracies
+from radar_sense.sources import error_budget
 from radar_sense.words import describe_poses
 
 FEW = {"start": 0, "stop": 90, "step": 15}

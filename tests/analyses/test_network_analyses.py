@@ -15,6 +15,7 @@ from helpers import (
 from numpy.testing import assert_allclose, assert_array_equal
 
 from radar_sense import analyses
+from radar_sense.accuracy import required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.propagation import (
     propagate,
@@ -22,7 +23,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import single_radar_scenarios
 from radar_sense.scenario_file.load import load_scenario
-from radar_sense.sources import error_budget, required_accuracies
+from radar_sense.sources import error_budget
 
 PAPER = load_scenario()
 RADAR_MODEL = PAPER.model.radars[0].model

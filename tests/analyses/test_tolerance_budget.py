@@ -17,9 +17,10 @@ from helpers import (
 )
 
 from radar_sense import analyses
+from radar_sense.accuracy import required_accuracies
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
-from radar_sense.sources import error_budget, required_accuracies
+from radar_sense.sources import error_budget
 
 #: Any method but the linear one takes the factor of a tolerance in decibels as log-normal.
 LARGE = {"loss_db": 2, "noise_figure_db": 1}

@@ -21,10 +21,11 @@ from helpers import (
 from numpy.testing import assert_allclose
 
 from radar_sense import analyses
+from radar_sense.accuracy import required_accuracies
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.load import parse_scenario
 from radar_sense.source_names import name_problem
-from radar_sense.sources import error_budget, required_accuracies, value_function
+from radar_sense.sources import error_budget, value_function
 
 # The budget.
 

@@ -19,6 +19,7 @@ from helpers import (
 
 import radar_sense as rs
 from radar_sense import analyses, axis, covariance
+from radar_sense.accuracy import only_at, required_accuracies
 from radar_sense.analyses.rcs import rcs
 from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
@@ -27,7 +28,7 @@ from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sampler import Sampler
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file import table_file
-from radar_sense.sources import error_budget, only_at, required_accuracies
+from radar_sense.sources import error_budget
 from radar_sense.words import describe_extreme as at
 from radar_sense.words import describe_poses, peak
 

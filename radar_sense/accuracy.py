@@ -1,0 +1,271 @@
+"""The accuracy of each source at which a limit of the uncertainty of P_D is met.
+
+A method says how far the standard deviations of a source may grow, or must shrink. Draws verify it
+at the deviations that this leads to.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radar_sense.axis import reached
+from radar_sense.errors import InputError
+from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
+from radar_sense.propagation.automatic import Automatic
+from radar_sense.propagation.draws import estimate
+from radar_sense.scenario import Scenario
+from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
+from radar_sense.states import FloatArray
+
+#: Draws at a pose that verify a factor of 3σ.
+DRAWS = 65_536
+#: Poses at which draws verify a factor: as many with the largest values, and as many over all.
+VERIFIED = 16
+#: Steps in ln of a factor: outwards to bracket it, and down from one that draws refuse, with the
+#: halvings of the last step down.
+STEP, STEP_DOWN, HALVINGS = float(np.log(4.0)), 0.35, 6
+#: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
+#: be off by `STD_CHANGE`, as elsewhere.
+SLACK, FIRST_ORDER = 0.005, ("linear", "probit")
+#: Factors are searched from a millionth to a million. A larger factor counts as infinite, and a
+#: smaller factor as 0.
+LARGEST_LOG_FACTOR = float(np.log(1e6))
+
+
+@dataclass(frozen=True)
+class RequiredAccuracy:
+    """Accuracy of a source at which 3σ of P_D, or the upper bound of P_D, is within a limit.
+
+    Attributes:
+        factor: Largest factor on the standard deviations of the source. Below 1 the source has to
+            shrink. None if the limit is exceeded at factor 0, and 0 if exceeded at a millionth.
+            Infinite if a million is within the limit.
+        residual: Value at `factor`, or at factor 0 if `factor` is None.
+        place: Place of the residual on the scenario's axis.
+        residual_from: Largest of the other sources at the place. "P_D itself" where P_D exceeds the
+            limit. None if all sources are scaled together.
+        known: False if a larger factor may do: beyond `factor` there is no value, or no draw has
+            confirmed one.
+    """
+
+    factor: float | None
+    residual: float
+    place: float
+    residual_from: str | None
+    known: bool = True
+
+
+def required_accuracies(
+    scenario: Scenario,
+    limit: float,
+    *,
+    k: float | None = None,
+    method: str = "linear",
+) -> dict[str, RequiredAccuracy]:
+    """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
+
+    The value is assumed to grow with the source. Strong correlations can violate the assumption.
+    Draws verify every factor, at the deviations it leads to. A factor that they refuse is reduced
+    until they confirm it.
+
+    Args:
+        scenario: The scenario, at its level.
+        limit: Limit of 3σ of P_D, or of its upper bound; positive.
+        k: k of the upper bound at Φ(k), which is P_D + kσ by `linear`. None limits 3σ.
+        method: Method of propagation.
+
+    Returns:
+        The accuracy required of each source, and of each part of a radar constant (`parts_of`).
+        The other sources are unchanged. "all" scales all sources together.
+    """
+    goal = _Goal(scenario, limit, k, method)
+    whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
+    return {**{name: goal.required([name]) for name in whole + parts}, "all": goal.required(whole)}
+
+
+class _Goal:
+    """A limit of 3σ of P_D, or of its upper bound, that is to be met at all poses.
+
+    `names` are names of `sources_of` and `parts_of`. A factor is one on their standard deviations.
+    """
+
+    def __init__(self, scenario: Scenario, limit: float, k: float | None, method: str) -> None:
+        self.scenario, self.limit, self.k, self.method = scenario, limit, k, method
+        self.budget_at = cache(
+            lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
+        )
+        self.values = self._values_of(scenario)
+        # If poses are above the limit, the factor depends on these poses alone.
+        above = ~(self.values((), 1.0) <= limit)
+        self.critical, self.critical_values = scenario, self.values
+        if above.any():
+            self.critical = scenario.at_poses(np.flatnonzero(above))
+            self.critical_values = self._values_of(self.critical)
+
+    def required(self, names: Collection[str]) -> RequiredAccuracy:
+        """Return the largest factor that the method finds and draws confirm."""
+        factor, known = self._confirmed(names, *self._largest(names))
+        finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
+        residual = self.values(names, finite_factor)
+        unknown = np.isnan(residual)
+        pose = int(np.argmax(unknown if unknown.any() else reached(residual)))
+        return RequiredAccuracy(
+            factor=factor,
+            residual=float(residual[pose]),
+            place=float(self.scenario.axis.values[pose]),
+            residual_from=self._largest_other(names, pose),
+            known=known,
+        )
+
+    def _values_of(self, scenario: Scenario) -> Callable[[Collection[str], float], FloatArray]:
+        """Return 3σ of P_D, or its upper bound, at each pose, as a function of names and factor."""
+        return value_function(scenario, "form" if self.method == AUTOMATIC else self.method, self.k)
+
+    def _largest(self, names: Collection[str]) -> tuple[float | None, bool]:
+        """Return the largest factor by the method, and whether larger factors have a value."""
+
+        def beyond(log_factor: float) -> NDArray[np.bool_]:
+            """Return the critical poses beyond the limit, or without a value."""
+            return ~(self.critical_values(names, float(np.exp(log_factor))) <= self.limit)
+
+        least = float(np.max(self.critical_values(names, 0.0)))
+        if not least <= self.limit:
+            return None, not np.isnan(least)
+        low = high = 0.0
+        outside = beyond(0.0)
+        if not outside.any():
+            while not outside.any():
+                if high == LARGEST_LOG_FACTOR:
+                    return np.inf, True
+                low, high = high, min(high + STEP, LARGEST_LOG_FACTOR)
+                outside = beyond(high)
+        else:
+            at_low = outside
+            while at_low.any():
+                if low == -LARGEST_LOG_FACTOR:
+                    least_values = self.critical_values(names, float(np.exp(low)))
+                    return 0.0, not np.isnan(least_values).any()
+                low, high = max(low - STEP, -LARGEST_LOG_FACTOR), low
+                outside, at_low = at_low, beyond(low)
+        # The value grows with the factor: the poses outside at the larger factor decide.
+        deciding = self._values_of(self.critical.at_poses(np.flatnonzero(outside)))
+        factor, known = _root(lambda f: float(np.max(deciding(names, f))) - self.limit, low, high)
+        if beyond(np.log(factor)).any():  # another pose is beyond at a smaller factor
+            factor, known = _root(
+                lambda f: float(np.max(self.critical_values(names, f))) - self.limit,
+                low,
+                np.log(factor),
+            )
+        return factor, known
+
+    def _confirmed(
+        self, names: Collection[str], factor: float | None, known: bool
+    ) -> tuple[float | None, bool]:
+        """Return the factor if draws confirm it, else the largest one that they do."""
+        if not factor or self._is_confirmed(names, min(factor, np.exp(LARGEST_LOG_FACTOR))):
+            return factor, known
+        high = min(float(np.log(factor)), LARGEST_LOG_FACTOR)
+        low = high - STEP_DOWN
+        while not self._is_confirmed(names, float(np.exp(low))):
+            low, high = low - 2.0 * (high - low), low
+            if low < -LARGEST_LOG_FACTOR:
+                return 0.0, False
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            holds = self._is_confirmed(names, float(np.exp(middle)))
+            low, high = (middle, high) if holds else (low, middle)
+        return float(np.exp(low)), False
+
+    def _is_confirmed(self, names: Collection[str], factor: float) -> bool:
+        """Return whether draws confirm the limit, at the deviations of a factor."""
+        values = self.values(names, factor)
+        largest = np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED]
+        spread = np.linspace(0, len(values) - 1, min(VERIFIED, len(values))).astype(int)
+        changed = scaled(self.scenario.at_poses(np.union1d(largest, spread)), names, factor)
+        if self.k is None:
+            found = estimate(changed, DRAWS, 3.0)
+            slack = STD_CHANGE if self.method in FIRST_ORDER else SLACK
+            return bool(np.all(3.0 * found.std <= (1.0 + slack) * self.limit))
+        by_draws = Automatic(changed)
+        allowed = 2.0 * by_draws.error(self.k) if self.method == AUTOMATIC else BOUND_CHANGE
+        return bool(np.all(by_draws.quantile(self.k) <= self.limit + allowed))
+
+    def _largest_other(self, names: Collection[str], pose: int) -> str | None:
+        """Return the largest of the other sources; "P_D itself" where it exceeds the limit."""
+        at = self.scenario.at_poses(slice(pose, pose + 1))
+        if self.k is not None and at.model.p_d(at.aircraft[0], at.radar) > self.limit:
+            return "P_D itself"
+        budget, parts = self.budget_at(pose), parts_of(at)
+        others = dict(budget.alone)
+        # The source of a part is replaced by its parts and, in a network, by the radar's position.
+        for part in [parts[name] for name in names if name in parts]:
+            del others[part.source]
+            siblings = [name for name, other in parts.items() if other.source == part.source]
+            others.update({name: budget.parts[name] for name in siblings})
+            if part.source != part.constant:
+                others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
+        at_pose = {name: std[0] for name, std in others.items() if name not in names}
+        return max(at_pose, key=at_pose.__getitem__) if at_pose else None
+
+
+def _root(excess: Callable[[float], float], low: float, high: float) -> tuple[float, bool]:
+    """Return the factor at which the excess rises above 0, between the exponentials of two numbers.
+
+    The excess is at most 0 at `low`, and above 0 or NaN at `high`, but for rounding.
+
+    Returns:
+        The factor, and whether the excess has a value at all larger factors that were tried.
+    """
+    from scipy.optimize import brentq  # slow to import
+
+    @cache
+    def excess_at(log_factor: float) -> float:
+        return excess(float(np.exp(log_factor)))
+
+    # Comparisons are `not <=` because NaN is not within the limit.
+    while np.isnan(excess_at(high)):
+        if high - low < 0.01:
+            return float(np.exp(low)), False
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if excess_at(middle) <= 0 else (low, middle)
+    undefined: list[float] = []
+
+    def defined_excess(log_factor: float) -> float:
+        value = excess_at(log_factor)
+        if np.isnan(value):
+            undefined.append(log_factor)
+            return 1.0
+        return value
+
+    if not defined_excess(low) < 0:
+        return float(np.exp(low)), True
+    if not defined_excess(high) > 0:
+        return float(np.exp(high - 1e-9)), True
+    root = brentq(defined_excess, low, high, xtol=1e-10, rtol=1e-15)
+    known = not undefined or min(undefined) > root + 1e-9
+    return float(np.exp(root - 1e-9)), known  # the side within the limit
+
+
+def only_at(scenario: Scenario, at: float) -> Scenario:
+    """Return the scenario with only the pose at one place.
+
+    Args:
+        scenario: The scenario.
+        at: Place on the scenario's axis.
+
+    Raises:
+        InputError: If there is no pose at that place.
+    """
+    axis = scenario.axis
+    pose = axis.find(at)
+    if pose is None:
+        raise InputError(
+            f"there is no pose at {axis.format(at)}, the nearest of {len(axis)} is at "
+            f"{axis.at(axis.nearest(at))}"
+        )
+    return scenario.at_poses(slice(pose, pose + 1))
