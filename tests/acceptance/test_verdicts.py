@@ -20,6 +20,7 @@ import radar_sense as rs
 from radar_sense import analyses
 from radar_sense.acceptance import refinement
 from radar_sense.acceptance.threshold import decide, path_test
+from radar_sense.accuracy import required_accuracies
 from radar_sense.model.rcs import SpikeballRCS
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import (
@@ -29,7 +30,6 @@ from radar_sense.propagation import (
     distribution,
     propagate_scenario,
 )
-from radar_sense.sources import required_accuracies
 
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far away, where P_D is small.

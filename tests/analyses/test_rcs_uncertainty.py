@@ -16,11 +16,12 @@ from scipy.stats import norm
 
 import radar_sense as rs
 from radar_sense import analyses
+from radar_sense.accuracy import required_accuracies
 from radar_sense.mission.looks import Looks
 from radar_sense.mission.recombined import recombined_missions
 from radar_sense.montecarlo.exceedance import exceedance
 from radar_sense.propagation import distribution, propagate_scenario
-from radar_sense.sources import error_budget, required_accuracies
+from radar_sense.sources import error_budget
 
 BOLTZMANN = 1.380649e-23
 P_FA, AREA, DECIBELS = 1e-4, 0.05, 1.5
