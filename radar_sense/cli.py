@@ -87,10 +87,7 @@ def commands() -> dict[str, Path]:
     return {
         name: path
         for name, path in files.items()
-        if any(
-            mark in path.read_text(encoding="utf-8")
-            for mark in ("\n@command(", "\n@analysis(", " = Gathering(")
-        )
+        if any(mark in path.read_text("utf-8") for mark in ("\n@command(", " = Gathering("))
     }
 
 

@@ -270,7 +270,7 @@ def test_the_route_has_its_own_probabilities():
     (image,) = axes.images
     assert line.get_clim() == image.get_clim() == (0, 1)
     assert line.get_cmap().name == image.get_cmap().name
-    assert axes.get_title() == r"9 km above the origin, heading 90$^\circ$"
+    assert axes.get_title() == "9 km above the origin, heading 90 deg"
     upper = coverage_map(s, step_km=20, upper=True, method="probit")
     np.testing.assert_allclose(
         upper.draw.keywords["route"], rs.analyses.variance(s, method="probit").table["upper_3sigma"]
