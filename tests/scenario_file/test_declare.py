@@ -17,7 +17,7 @@ from helpers import document, yaml_text
 
 import radar_sense as rs
 from radar_sense.limits import ANY, LEVEL_NAME, NAME, NOT_NEGATIVE, POSITIVE, RUNS, SEED, Limit
-from radar_sense.scenario_file import build, declare, sections
+from radar_sense.scenario_file import build_radar, declare, sections
 from radar_sense.scenario_file.declare import (
     by_word,
     deviations,
@@ -298,10 +298,10 @@ def test_a_new_key_is_one_line_and_one_where_it_becomes_si(monkeypatch):
     class File(sections.File):
         radar: Radar | None = key("The radar.", Radar, one_of="radars")
 
-    made = build._min_range
+    made = build_radar._min_range
     monkeypatch.setattr(sections, "File", File)
     monkeypatch.setattr(
-        build,
+        build_radar,
         "_min_range",
         lambda radar, *args: max(made(radar, *args), 150.0 * radar.dead_time_us),
     )

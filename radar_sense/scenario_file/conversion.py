@@ -1,0 +1,81 @@
+"""What the sections of a scenario file become in SI, and errors about files that they name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from radar_sense import covariance
+from radar_sense.flight import Geometry, Path
+from radar_sense.limits import DEG
+from radar_sense.scenario_file import sections
+from radar_sense.scenario_file.place import Place
+from radar_sense.scenario_file.text_file import DigestError, FileError
+from radar_sense.states import FloatArray
+
+#: One kilometre in metres, and one per kilometre in one per metre.
+KM, PER_KM = 1e3, 1e-3
+
+
+def origin_of(geometry: Geometry) -> tuple[float, float, float] | None:
+    """Return the origin of the frame on the earth; None if the frame is flat."""
+    return geometry.origin if isinstance(geometry, Path) else None
+
+
+def on_earth(place: sections.Place) -> tuple[float, float, float]:
+    """Return latitude, longitude [rad] and height [m]."""
+    return place.latitude_deg * DEG, place.longitude_deg * DEG, float(place.altitude_m)
+
+
+def read_from(place: Place, read: Any, *args: Any, **options: Any) -> Any:
+    """Read another file. Errors about the file as a whole get the place of the key that names it.
+
+    Errors with a line of the other file stay as they are.
+    """
+    try:
+        return read(*args, **options)
+    except DigestError as error:
+        raise place["sha256"].error(f"{error}") from error
+    except FileError as error:
+        raise (place["file"] if place.is_mapping else place).error(f"{error}") from error
+
+
+def covariance_of(
+    stated: sections.PoseUncertainty | sections.RadarUncertainty,
+    place: Place,
+    parts: Mapping[str, tuple[int, float]],
+) -> FloatArray:
+    """Return a covariance in SI from its parts, or from the whole.
+
+    Args:
+        stated: The section.
+        place: The section, for errors.
+        parts: Size of each part, and SI value of 1 in the unit of the part.
+    """
+    if stated.covariance is not None:
+        units = np.concatenate([np.full(size, unit) for size, unit in parts.values()])
+        return _matrix(stated.covariance, place["covariance"]) * np.outer(units, units)
+    total = np.zeros((sum(size for size, _ in parts.values()),) * 2)
+    start = 0
+    for name, (size, unit) in parts.items():
+        block = slice(start, start + size)
+        value = getattr(stated, name)
+        if value is None:
+            raise place.error(f"missing key '{name}', required without covariance")
+        if isinstance(value, tuple) and isinstance(value[0], tuple):
+            total[block, block] = _matrix(value, place[name]) * unit**2
+        else:
+            total[block, block] = covariance.from_std(np.broadcast_to(value, size)) * unit**2
+        start += size
+    return total
+
+
+def _matrix(rows: Sequence[Sequence[float]], place: Place) -> FloatArray:
+    matrix = np.array(rows)
+    problem = covariance.problem(matrix)
+    if problem:
+        raise place.error(problem)
+    symmetric: FloatArray = (matrix + matrix.T) / 2
+    return symmetric
