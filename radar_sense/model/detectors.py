@@ -392,17 +392,25 @@ def _marcum(snr: FloatArray, p_fa: float) -> Tail:
 
         Σ_{k≥1} = w₁ (1 + w₂ (1 + w₃ (...))).
 
-    The recurrence starts from I_k/I_{k−1} ≈ z/(k − ½ + √(k² + z²)) at z = ab. For large z this
-    start has an error of 1/(8z²) (Digital Library of Mathematical Functions, 10.40.1). The error
-    decreases with each step of the recurrence. The slope dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab)
-    contains w₁.
+    The recurrence starts from Debye's expansion of ln I_ν (Digital Library of Mathematical
+    Functions, 10.41.3), differentiated by ν halfway between both orders. With ν = k − ½ and
+    s² = ν² + z² at z = ab,
+
+        ln(I_k/I_{k−1}) ≈ −arsinh(ν/z) − ν/(2s²) (1 + 1/s − 5ν²/(4s³)).
+
+    The error decreases with each step of the recurrence. The slope
+    dP_D/dS = (b/a) exp(−(a² + b²)/2) I₁(ab) contains w₁.
     """
     threshold = -math.log(p_fa)
     snr = np.asarray(snr)
     m, n = np.minimum(snr, threshold), np.maximum(snr, threshold)
     # Terms for a relative 1e-14 of every tail above 1e-300, found by experiment.
-    last = math.ceil(10.0 * math.sqrt(threshold)) + 40
-    w = np.asarray(2.0 * m / (last - 0.5 + np.sqrt(last * last + 4.0 * m * n)))
+    last = math.ceil(8.0 * math.sqrt(threshold)) + 30
+    order = last - 0.5
+    square = order * order + 4.0 * m * n
+    root = np.sqrt(square)
+    correction = 0.5 * order / square * (1.0 + (1.0 - 1.25 * order * order / square) / root)
+    w = np.asarray(2.0 * m / (order + root) * np.exp(-correction))
     rest = np.zeros_like(w)
     for k in range(last - 1, 0, -1):
         rest += 1.0

@@ -32,8 +32,8 @@ ECCENTRICITY_2 = FLATTENING * (2.0 - FLATTENING)
 SECOND_ECCENTRICITY_2 = ECCENTRICITY_2 / (1.0 - ECCENTRICITY_2)
 #: Iterations of Bowring's method. One iteration has an error of 1 µm within 10 km of the ellipsoid
 #: and of 5 cm far out. Two are exact to rounding from 1000 km below the ellipsoid to 100 000 km
-#: above.
-_ROUNDS = 2
+#: above. A height alone is exact there after one, as it is stationary in the latitude.
+_ROUNDS, _ROUNDS_OF_HEIGHT = 2, 1
 
 
 def is_place(geodetic: object) -> bool:
@@ -162,7 +162,7 @@ def height_from_ned(ned: FloatArray, origin: ArrayLike) -> FloatArray:
     x, _, z = ecef_from_geodetic((latitude, 0.0, height))
     x = x - sin * north - cos * down
     z = z + cos * north - sin * down
-    _, _, above = _meridian(np.sqrt(x * x + east * east), z)
+    _, _, above = _meridian(np.sqrt(x * x + east * east), z, _ROUNDS_OF_HEIGHT)
     return above
 
 
@@ -270,11 +270,13 @@ def euler_angles(axes: FloatArray) -> FloatArray:
     return join((roll, pitch, yaw))
 
 
-def _meridian(p: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _meridian(
+    p: FloatArray, z: FloatArray, rounds: int = _ROUNDS
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return sine and cosine of the latitude, and height [m], from p and z of Bowring's formula."""
     # A pair in proportion to sine and cosine of φ. The pair of β is (1 − f) sin φ, cos φ.
     sin, cos = z / (1.0 - FLATTENING) ** 2, p
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         s, c = _unit((1.0 - FLATTENING) * sin, cos)
         # Products, because powers of arrays are slow.
         sin = z + SECOND_ECCENTRICITY_2 * SEMI_MINOR * (s * s * s)
