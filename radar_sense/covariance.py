@@ -62,16 +62,16 @@ def first_wrong(matrices: FloatArray) -> tuple[int, str] | None:
 
 def _suspects(matrices: FloatArray) -> NDArray[np.intp]:
     """Return which matrices (k, n, n) may be no covariances, much faster than `problem`."""
-    unit = np.eye(matrices.shape[-1])
-    wrong = np.asarray(~np.isfinite(matrices).all(axis=(-2, -1)))
-    known = np.where(wrong[:, np.newaxis, np.newaxis], unit, matrices) if wrong.any() else matrices
-    asymmetry = abs(known - np.swapaxes(known, -1, -2))
-    if not wrong.any() and not asymmetry.any():
+    if (matrices == np.swapaxes(matrices, -1, -2)).all():
         try:
-            np.linalg.cholesky(known)
-            return np.zeros(0, dtype=np.intp)
+            if np.isfinite(np.linalg.cholesky(matrices)).all():
+                return np.zeros(0, dtype=np.intp)
         except np.linalg.LinAlgError:  # not definite, and semidefinite is enough
             pass
+    unit = np.eye(matrices.shape[-1])
+    wrong = np.asarray(~np.isfinite(matrices).all(axis=(-2, -1)))
+    known = np.where(wrong[:, np.newaxis, np.newaxis], unit, matrices)
+    asymmetry = abs(known - np.swapaxes(known, -1, -2))
     variances = np.diagonal(known, axis1=-2, axis2=-1)
     std = np.sqrt(abs(variances))
     rounding = TOLERANCE * std[:, :, np.newaxis] * std[:, np.newaxis, :]
@@ -82,20 +82,26 @@ def _suspects(matrices: FloatArray) -> NDArray[np.intp]:
     return np.flatnonzero(wrong)
 
 
-def checked(whose: str, covariance: ArrayLike) -> FloatArray:
+def checked(whose: str, covariance: ArrayLike, size: int | None = None) -> FloatArray:
     """Return covariances (..., n, n) as an array, if they are covariances.
 
     Args:
         whose: Name of the state in errors.
         covariance: One matrix or many.
+        size: Number n of components; None for any.
 
     Raises:
         InputError: If a matrix is not square, finite, symmetric and positive semidefinite.
     """
     matrices = real_array(f"{whose} covariance", covariance)
-    n, poses = matrices.shape[-1] if matrices.ndim else 0, matrices.shape[:-2]
+    poses, n = matrices.shape[:-2], size
+    if n is None:
+        n = matrices.shape[-1] if matrices.ndim else 0
     if matrices.shape[-2:] != (n, n):
-        raise InputError(f"{whose} covariance must have shape (..., n, n), got {matrices.shape}")
+        wanted = "n" if size is None else size
+        raise InputError(
+            f"{whose} covariance must have shape (..., {wanted}, {wanted}), got {matrices.shape}"
+        )
     wrong = first_wrong(matrices.reshape(-1, n, n))
     if wrong:
         place = at_pose([int(i) for i in np.unravel_index(wrong[0], poses)])
@@ -144,7 +150,7 @@ def variance_along(jacobian: FloatArray, covariance: ArrayLike) -> FloatArray:
     if covariance.shape[-2:] != (n, n):
         raise InputError(f"covariance must have shape (..., {n}, {n}), got {covariance.shape}")
     # An undefined partial of a certain component must not make the variance NaN.
-    uncertain = np.any(covariance != 0, axis=-1)
+    uncertain = covariance.any(axis=-1)
     if not uncertain.all():
         jacobian = np.where(uncertain, jacobian, 0.0)
     variance: FloatArray

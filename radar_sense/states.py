@@ -111,8 +111,8 @@ def real_array(name: str, values: ArrayLike) -> FloatArray:
 
 def checked_states(
     aircraft: ArrayLike, radar: ArrayLike, radars: int = 1
-) -> tuple[FloatArray, list[FloatArray]]:
-    """Return states of the aircraft (..., 6), and of each radar (..., 4) or (..., 7), as arrays.
+) -> tuple[FloatArray, FloatArray]:
+    """Return states of the aircraft (..., 6), and of the radars (..., 4m) or (..., 7m), as arrays.
 
     Raises:
         ValueError: If a shape does not fit, a state is not finite or a radar constant is negative.
@@ -124,13 +124,13 @@ def checked_states(
             f"got {aircraft.shape}"
         )
     radar = real_array("radar states", radar)
-    states = of_each(radar, radars)
+    of_each(radar, radars)
     check_finite("aircraft", aircraft)
     check_finite("radar", radar, radars)
     constants = radar[..., CONSTANT :: radar.shape[-1] // radars]
     if constants.min(initial=0.0) < 0:
         raise ValueError(f"radar constant must not be negative, got {constants.min()}")
-    return aircraft, states
+    return aircraft, radar
 
 
 def check_finite(whose: str, states: FloatArray, radars: int = 1) -> None:

@@ -29,7 +29,6 @@ from radar_sense.covariance import (
     largest_variance,
     square_root,
 )
-from radar_sense.errors import InputError
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel, as_network
 from radar_sense.model.radar import ALWAYS, NEVER
@@ -38,13 +37,11 @@ from radar_sense.states import (
     AIRCRAFT,
     CONSTANT,
     POSITION,
-    RADAR,
     RADAR_AND_ERRORS,
     FloatArray,
-    check_finite,
+    checked_states,
     component,
     of_radar,
-    real_array,
     with_errors,
 )
 
@@ -116,8 +113,12 @@ class UncertainStates:
 
     def __len__(self) -> int:
         """Number of poses."""
-        lengths = {len(array) for array in self._arrays}
-        return 0 if 0 in lengths else max(lengths)
+        return self._poses
+
+    @cached_property
+    def _poses(self) -> int:
+        lengths = [len(array) for array in self._arrays]
+        return max(lengths) if min(lengths) else 0
 
     @property
     def nominal(self) -> tuple[FloatArray, FloatArray]:
@@ -410,35 +411,19 @@ def uncertain_states(
         ValueError: If a shape does not fit, a state is not finite, or a matrix is not a covariance.
     """
     model = as_network(model)
-    radars = len(model.radars)
-    radar = real_array("radar states", radar)
-    full = len(RADAR_AND_ERRORS) * radars
-    size = full if radar.shape[-1:] == (full,) else len(RADAR) * radars
-    arrays: list[tuple[FloatArray, tuple[int, ...]]] = []
-    wanted: tuple[tuple[str, ArrayLike, tuple[int, ...]], ...] = (
-        ("aircraft states", aircraft, (len(AIRCRAFT),)),
-        ("radar states", radar, (size,)),
-        ("aircraft covariance", cov_aircraft, 2 * (len(AIRCRAFT),)),
-        ("radar covariance", cov_radar, 2 * (size,)),
-    )
-    for name, values, tail in wanted:
-        array = real_array(name, values)
-        if array.shape[-len(tail) :] != tail:
-            expected = ", ".join(("...", *map(str, tail)))
-            raise InputError(f"{name} must have shape ({expected}), got {array.shape}")
-        whose = name.split()[0]
-        if len(tail) == 1:
-            check_finite(whose, array, radars if whose == "radar" else 1)
-        else:
-            checked(whose, array)
-        if whose == "radar":
-            array, tail = with_errors(array, radars, len(tail)), len(tail) * (full,)
-        arrays.append((array, tail))
-    shape = np.broadcast_shapes(*(array.shape[: -len(tail)] for array, tail in arrays))
-    rows = []
-    for array, tail in arrays:
-        if math.prod(array.shape[: -len(tail)]) != 1:
+    m = len(model.radars)
+    x_a, x_r = checked_states(aircraft, radar, m)
+    c_aa = checked("aircraft", cov_aircraft, x_a.shape[-1])
+    c_rr = checked("radar", cov_radar, x_r.shape[-1])
+    x_r, c_rr = with_errors(x_r, m), with_errors(c_rr, m, 2)
+    shape = np.broadcast(x_a[..., 0], x_r[..., 0], c_aa[..., 0, 0], c_rr[..., 0, 0]).shape
+
+    def rows(array: FloatArray, axes: int) -> FloatArray:
+        """Return a row for each pose, or one row that all poses have."""
+        tail = array.shape[-axes:]
+        if array.size != math.prod(tail):
             array = np.broadcast_to(array, shape + tail)
-        rows.append(array.reshape(-1, *tail))
-    x_a, x_r, c_aa, c_rr = rows
-    return shape, UncertainStates.of(model, (x_a, x_r), (c_aa, c_rr), ((),) * radars)
+        return array.reshape(-1, *tail)
+
+    nominal, covariances = (rows(x_a, 1), rows(x_r, 1)), (rows(c_aa, 2), rows(c_rr, 2))
+    return shape, UncertainStates.of(model, nominal, covariances, ((),) * m)

@@ -134,7 +134,7 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        aircraft, (radar,) = checked_states(aircraft, radar)
+        aircraft, radar = checked_states(aircraft, radar)
         return self.unchecked_snr(aircraft, radar)
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
@@ -144,7 +144,7 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        aircraft, (radar,) = checked_states(aircraft, radar)
+        aircraft, radar = checked_states(aircraft, radar)
         return self.unchecked_p_d(aircraft, radar)
 
     def linearize(self, aircraft: ArrayLike, radar: ArrayLike) -> Linearization:
@@ -154,7 +154,7 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        aircraft, (radar,) = checked_states(aircraft, radar)
+        aircraft, radar = checked_states(aircraft, radar)
         return Linearization(*self._partials(partial(linearize, self.detector), aircraft, radar))
 
     def linearize_probit(
@@ -169,7 +169,7 @@ class DetectionModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        aircraft, (radar,) = checked_states(aircraft, radar)
+        aircraft, radar = checked_states(aircraft, radar)
         return self.unchecked_probit(aircraft, radar)
 
     def unchecked_snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:

@@ -98,7 +98,7 @@ class NetworkModel:
             ValueError: If a shape does not fit.
         """
         states = of_each(real_array("radar states", radar), len(self.radars))
-        return self._visible(np.asarray(aircraft, dtype=float), states)
+        return np.stack(self._visible(np.asarray(aircraft, dtype=float), states), axis=-1)
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the signal-to-noise ratio at each radar (..., m), 0 where the aircraft is unseen.
@@ -107,6 +107,7 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
+        aircraft, radar = checked_states(aircraft, radar, len(self.radars))
         return join(self._each(DetectionModel.unchecked_snr, aircraft, radar))
 
     def p_d(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
@@ -116,6 +117,10 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
+        return self.unchecked_p_d(*checked_states(aircraft, radar, len(self.radars)))
+
+    def unchecked_p_d(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
+        """Return `p_d` of states that have been checked."""
         # one radar after the other: no more than two arrays at a time
         return reduce(either, self._each(DetectionModel.unchecked_p_d, aircraft, radar))
 
@@ -129,10 +134,13 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        aircraft, states = checked_states(aircraft, radar, len(self.radars))
-        visible = self._visible(aircraft, states)
+        return self.unchecked_linearize(*checked_states(aircraft, radar, len(self.radars)))
+
+    def unchecked_linearize(self, aircraft: FloatArray, radar: FloatArray) -> Linearization:
+        """Return `linearize` of states that have been checked."""
+        states = of_each(radar, len(self.radars))
         z, by_aircraft, by_radar = self._each_probit(
-            DetectionModel.unchecked_probit, aircraft, states, visible
+            DetectionModel.unchecked_probit, aircraft, states, self._visible(aircraft, states)
         )
         fused = reduce(either, (ndtr(one) for one in z))
         return Linearization(fused, *_weighted(slopes_of_p_d(z), by_aircraft, by_radar))
@@ -149,11 +157,12 @@ class NetworkModel:
             ValueError: If a shape does not fit, a state is not finite or a radar constant is
                 negative.
         """
-        aircraft, states = checked_states(aircraft, radar, len(self.radars))
+        aircraft, radar = checked_states(aircraft, radar, len(self.radars))
+        states = of_each(radar, len(self.radars))
         visible = self._visible(aircraft, states)
         each = self._each_probit(DetectionModel.unchecked_probit, aircraft, states, visible)
         z, by_aircraft, by_radar = _fused(*each)
-        return np.where(visible.any(axis=-1), z, -np.inf)[()], by_aircraft, by_radar
+        return np.where(np.any(visible, axis=0), z, -np.inf)[()], by_aircraft, by_radar
 
     def extrapolated_probit(
         self,
@@ -174,7 +183,7 @@ class NetworkModel:
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
         """
         states = of_each(radar, len(self.radars))
-        return _fused(*self._each_probit(_extrapolated, aircraft, states, visible))
+        return _fused(*self._each_probit(_extrapolated, aircraft, states, list(visible.T)))
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
@@ -182,20 +191,20 @@ class NetworkModel:
         lowest = [np.where(visible[..., i], z, UNSEEN) for i, z in enumerate(floors)]
         return fuse_probits(np.stack(lowest))
 
-    def _visible(self, aircraft: FloatArray, states: Sequence[FloatArray]) -> NDArray[np.bool_]:
-        visible = [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
-        return np.stack(visible, axis=-1)
+    def _visible(
+        self, aircraft: FloatArray, states: Sequence[FloatArray]
+    ) -> list[NDArray[np.bool_]]:
+        return [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
 
     def _each(
         self,
         quantity: Callable[[DetectionModel, FloatArray, FloatArray], FloatArray],
-        aircraft: ArrayLike,
-        radar: ArrayLike,
+        aircraft: FloatArray,
+        radar: FloatArray,
     ) -> Iterator[FloatArray]:
         """Yield a quantity (...) of each radar, 0 where the radar does not see the aircraft."""
-        aircraft, states = checked_states(aircraft, radar, len(self.radars))
         heights: dict[Horizon, FloatArray] = {}
-        for single, state in zip(self.radars, states, strict=True):
+        for single, state in zip(self.radars, of_each(radar, len(self.radars)), strict=True):
             if not single.limited:
                 yield quantity(single.model, aircraft, state)
                 continue
@@ -214,20 +223,19 @@ class NetworkModel:
         linearized: Callable[..., tuple[FloatArray, FloatArray, FloatArray]],
         aircraft: FloatArray,
         states: Sequence[FloatArray],
-        visible: NDArray[np.bool_],
+        visible: Sequence[NDArray[np.bool_]],
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
         """Return z_i (m, ...) of a function, and its partials by the aircraft and by each radar."""
         values, by_aircraft, by_radar = [], [], []
-        for i, (model, state) in enumerate(zip(self.models, states, strict=True)):
-            one = visible[..., i : i + 1]
+        for model, state, seen in zip(self.models, states, visible, strict=True):
             z, by_a, by_r = linearized(model, aircraft, state)
-            if not one.all():
-                z = np.where(one[..., 0], z, UNSEEN)
-                by_a, by_r = np.where(one, by_a, 0.0), np.where(one, by_r, 0.0)
+            if not seen.all():
+                z = np.where(seen, z, UNSEEN)
+                by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))
             values.append(z)
             by_aircraft.append(by_a)
             by_radar.append(by_r)
-        return np.stack(values), by_aircraft, by_radar
+        return np.array(values), by_aircraft, by_radar
 
 
 def as_network(model: DetectionModel | NetworkModel) -> NetworkModel:

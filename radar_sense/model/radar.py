@@ -184,7 +184,7 @@ class Radar:
             height: Heights (...) [m] of the aircraft for the horizon; computed if None.
         """
         aircraft, radar = np.asarray(aircraft, dtype=float), np.asarray(radar, dtype=float)
-        visible = np.ones(np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1]), dtype=bool)
+        visible = np.ones(np.broadcast(aircraft[..., 0], radar[..., 0]).shape, dtype=bool)
         if not self.limited:
             return visible
         distance = slant_range(aircraft, radar)

@@ -119,7 +119,10 @@ def linearize_with_error(
     spread: RCS | None = getattr(rcs, "spread", None)
     sigma, gradient = rcs.linearize(body_vector)
     decibels, slope = error, np.full(np.shape(error), NEPERS)
-    if spread is not None:
+    if spread is None:
+        if not error.any():
+            return sigma, gradient, slope
+    else:
         scale, by_vector = spread.linearize(body_vector)
         decibels, slope = error * scale, NEPERS * scale
         gradient = gradient + (NEPERS * sigma * error)[..., np.newaxis] * by_vector

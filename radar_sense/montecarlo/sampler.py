@@ -101,5 +101,5 @@ class Sampler:
             for start in range(0, len(p_d), size):
                 runs = slice(start, start + size)
                 aircraft = draws(nominal, root, normals[runs, poses], overwrite=overwrite)
-                p_d[runs, poses] = radars.p_d(aircraft, radar[runs, np.newaxis, own])
+                p_d[runs, poses] = radars.unchecked_p_d(aircraft, radar[runs, np.newaxis, own])
         return p_d

@@ -139,7 +139,7 @@ def _draw(
             else:
                 u, ratio, beyond[:, rows, columns] = mixture.at(rows).draw(normals)
                 weights[rows, columns] *= ratio
-            p_d[rows, columns] = states.model.p_d(*states.at_normals(u, rows))
+            p_d[rows, columns] = states.model.unchecked_p_d(*states.at_normals(u, rows))
     return p_d, weights, beyond
 
 

@@ -166,7 +166,7 @@ def _shares(states: UncertainStates, centres: FloatArray, falling: int) -> Float
     """
     nominal = np.zeros_like(centres[:, :1])
     points = np.concatenate([nominal, centres], axis=1).swapaxes(1, 2)
-    p_d = states.model.p_d(*states.at_normals(points))
+    p_d = states.model.unchecked_p_d(*states.at_normals(points))
     shares = []
     for change, share in (
         (p_d[:, 1 : 1 + falling], 1.0 - FALLING),

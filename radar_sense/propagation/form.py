@@ -61,7 +61,7 @@ class Form:
     @cached_property
     def p_d(self) -> FloatArray:
         """P_D of the nominal states (k,)."""
-        p_d = self.states.model.p_d(self.states.aircraft, self.states.radar)
+        p_d = self.states.model.unchecked_p_d(self.states.aircraft, self.states.radar)
         return p_d + np.zeros(len(self.states))
 
     @property

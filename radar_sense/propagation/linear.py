@@ -15,12 +15,13 @@ class Linear:
     """P_D of uncertain states, taken to be normal with σ from the gradient of P_D."""
 
     def __init__(self, states: UncertainStates, gradient: Linearization | None = None) -> None:
-        lin = gradient or states.model.linearize(*states.nominal)
+        lin = gradient or states.model.unchecked_linearize(*states.nominal)
         cov_aircraft, cov_radar = states.covariances
         by_aircraft = variance_along(lin.jac_aircraft, cov_aircraft)
         std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, cov_radar))
-        self.std = np.broadcast_to(std, len(states))
-        self.p_d = self.mean = np.broadcast_to(lin.p_d, len(states))
+        each = np.zeros(len(states))
+        self.std = each + std
+        self.p_d = self.mean = each + lin.p_d
         self._gradient = lin
 
     def quantile(self, beta: float) -> FloatArray:

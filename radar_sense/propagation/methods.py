@@ -180,7 +180,7 @@ def propagate(
     beta = check_number("beta", beta, POSITIVE)
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
     moments, _ = _moments_and_band(states, method, beta)
-    return Moments(*(getattr(moments, f.name).reshape(shape)[()] for f in fields(Moments)))
+    return Moments(*(values.reshape(shape)[()] for values in vars(moments).values()))
 
 
 def unreliable(
@@ -300,10 +300,11 @@ def _moments_and_band(
     for found in _distributions(states, method, p_max):
         mean, std = mean_and_std(found)  # first, because these may have the bounds by the way
         band = _band(found, beta, p_max)
-        bounds = (np.where(std == 0, band.p_d, bound) for bound in (band.lower, band.upper))
+        certain = std == 0
+        bounds = (np.where(certain, band.p_d, bound) for bound in (band.lower, band.upper))
         moments.append((band.p_d, mean, std, *bounds, band.error))
         bands.append(band)
-    whole = map(np.concatenate, zip(*moments, strict=True))
+    whole = moments[0] if len(moments) == 1 else map(np.concatenate, zip(*moments, strict=True))
     return Moments(*whole), Band.join(bands)
 
 
@@ -327,7 +328,7 @@ def _distributions(
 
 def _band(found: Distribution, beta: float, p_max: float | None) -> Band:
     lower, upper = (found.quantile(end) for end in (-beta, beta))
-    error = np.broadcast_to(found.error(beta), lower.shape)
+    error = found.error(beta) + np.zeros(lower.shape)
     drawn = found.drawn(beta) if isinstance(found, Automatic) and p_max is not None else None
     return Band(found.p_d, lower, upper, error, drawn)
 

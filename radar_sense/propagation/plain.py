@@ -15,7 +15,7 @@ class PlainDraws:
     def __init__(self, states: UncertainStates) -> None:
         self.states = states
         self._by_beta: dict[float, Estimate] = {}
-        self.p_d = states.model.p_d(states.aircraft, states.radar) + np.zeros(len(states))
+        self.p_d = states.model.unchecked_p_d(states.aircraft, states.radar) + np.zeros(len(states))
 
     @property
     def mean(self) -> FloatArray:

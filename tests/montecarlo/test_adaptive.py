@@ -36,7 +36,7 @@ class LinearModel(NetworkModel):
     by_radar: float = 0.0
     exaggerate: float = 1.0
 
-    def p_d(self, aircraft, radar):
+    def unchecked_p_d(self, aircraft, radar):
         return 0.5 + self.by_aircraft * aircraft[..., 0] + self.by_radar * radar[..., 1]
 
     def moments(self, states):
