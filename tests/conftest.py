@@ -75,19 +75,20 @@ def every_warning_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
-def few_judge(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let few draws judge a method: how they judge is tested in `tests/propagation`."""
-    few_judging_draws(monkeypatch)
+def few_judge(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let few draws judge a method: how they judge is tested in `tests/propagation`.
+
+    The mark `all_draws` is for a test whose claim is about the judgement.
+    """
+    if not request.node.get_closest_marker("all_draws"):
+        few_judging_draws(monkeypatch)
 
 
 @pytest.fixture(autouse=True)
-def few_judge_elsewhere(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let few draws judge a method in tests whose claim is another.
-
-    The mark `all_draws` is for a test elsewhere whose claim is about the judgement.
-    """
-    if request.path.parent.name not in JUDGING and not request.node.get_closest_marker("all_draws"):
-        few_judging_draws(monkeypatch)
+def few_judge_elsewhere(request: pytest.FixtureRequest) -> None:
+    """Let few draws judge a method in tests whose claim is another."""
+    if request.path.parent.name not in JUDGING:
+        request.getfixturevalue("few_judge")
 
 
 @pytest.fixture

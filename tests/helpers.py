@@ -495,8 +495,9 @@ def parsed_network(*radars, **changes):
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
-def few_judging_draws(patch, most=4096):
+def few_judging_draws(patch, first=256, most=1024):
     """Let few draws judge a method at each pose: how they judge is tested in `test_draws`."""
+    patch.setattr("radar_sense.propagation.looks.FIRST", first)
     for name in ("automatic.LAST", "automatic.MOST_OF_NAMED", "looks.LOBED"):
         patch.setattr(f"radar_sense.propagation.{name}", most)
 

@@ -501,6 +501,7 @@ def own_draws(scenario, rng, runs):
     return 1 - missed
 
 
+@pytest.mark.all_draws
 @pytest.mark.parametrize("seed", range(8))
 def test_bands_of_random_antennas_and_masks_are_those_of_draws(seed):
     rng = np.random.default_rng(seed)

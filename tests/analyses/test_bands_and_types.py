@@ -107,6 +107,7 @@ def test_p_d_and_its_band_are_those_of_draws_with_common_errors(bands):
     assert drawn.std[0] == pytest.approx(draws.std(), rel=0.02)
 
 
+@pytest.mark.all_draws
 def test_errors_that_are_not_shared_make_a_band_that_is_too_narrow():
     """What the keys are for: three radars of one type are no three independent draws."""
     lower, upper = bounds(fused("sss"))[0]

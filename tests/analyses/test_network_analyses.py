@@ -60,6 +60,7 @@ def test_budget_has_rows_for_the_aircraft_and_each_radar():
     assert list(allowed) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "all"]
 
 
+@pytest.mark.all_draws
 def test_budget_by_sobol_indices_of_a_network():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 271, 90))
     linear = error_budget(scenario, "linear")

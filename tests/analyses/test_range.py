@@ -191,6 +191,7 @@ def test_the_deviation_is_of_the_gauss_hermite_rule():
     assert column(result, "sigma_range_m_0.5") == pytest.approx(std, rel=1e-4)
 
 
+@pytest.mark.all_draws
 def test_a_band_is_unreliable_where_one_of_its_ends_is():
     s = scenario().with_analysis(level="high")
     result = detection_range(s, p_d=0.5, method="probit", step_deg=20.0)

@@ -190,6 +190,7 @@ ANALYSES = {
 }
 
 
+@pytest.mark.all_draws
 @pytest.mark.parametrize("name", ANALYSES)
 def test_every_analysis_depends_on_the_rcs_error(name):
     content = network()

@@ -328,6 +328,7 @@ def test_undefined_numbers_are_null_in_json_and_nan_in_csv(tool, command):
     assert any(np.isnan(columns[c]).all() for c in uncertain), uncertain
 
 
+@pytest.mark.all_draws
 def test_another_process_and_no_setting_of_the_user_change_a_byte(tool, tmp_path):
     """A backend that is not installed, broken settings, no folder for Matplotlib, no locale."""
     kinds = [f"--format={kind}" for kind in ("pdf", "svg")]
