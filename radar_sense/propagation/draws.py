@@ -7,6 +7,7 @@ from pose to pose.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
@@ -21,6 +22,8 @@ from radar_sense.uncertain_states import BLOCK, UncertainStates
 
 #: Draws of the mixture at a time. A matrix product of this size stays in one thread.
 DRAWS = 1024
+#: Width of a stratum [standard deviations]. Twice or a quarter of it hardly changes an error.
+STRATUM = 0.5
 #: Numbers of an array that is computed at a time (2 MB), and of P_D that are kept (8 MB).
 TOGETHER, KEPT = 2**18, 2**20
 
@@ -120,12 +123,12 @@ def estimate(
 
 def _draw(
     states: UncertainStates, mixture: Mixture | None, draws: int
-) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-    """Return P_D (k, n), weights (k, n), and what is beyond the planes of the mixture (2, k, n).
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return P_D (k, n), weights (k, n), and how far draws are towards two centres (2, k, n).
 
     Each of the parts of `DRAWS` draws is a whole mixture.
     """
-    p_d, beyond = np.empty((len(states), draws)), np.zeros((2, len(states), draws), dtype=bool)
+    p_d, towards = np.empty((len(states), draws)), np.zeros((2, len(states), draws))
     weights = np.full(p_d.shape, 1.0 / draws)
     rng, d = random_stream(states.seed, Stream.EMPHASIS, draws), states.normals
     size = max(1, TOGETHER // (min(draws, DRAWS) * d))
@@ -137,10 +140,10 @@ def _draw(
             if mixture is None:
                 u = np.broadcast_to(normals, (len(p_d[rows]), d, n))
             else:
-                u, ratio, beyond[:, rows, columns] = mixture.at(rows).draw(normals)
+                u, ratio, towards[:, rows, columns] = mixture.at(rows).draw(normals)
                 weights[rows, columns] *= ratio
             p_d[rows, columns] = states.model.unchecked_p_d(*states.at_normals(u, rows))
-    return p_d, weights, beyond
+    return p_d, weights, towards
 
 
 def _row_by_row(states: UncertainStates) -> UncertainStates:
@@ -152,125 +155,130 @@ def _row_by_row(states: UncertainStates) -> UncertainStates:
     )
 
 
+class _Strata:
+    """Weights of draws, so that every stratum along a direction has its probability.
+
+    A change of P_D along the direction then adds little to an error (post-stratification:
+    W. G. Cochran, Sampling Techniques, 3rd ed., 1977, 5A.9).
+
+    Args:
+        weights: Weights of the draws (k, n).
+        towards: Unit normals of the draws along the direction (k, n), 0 where there is none.
+        beta: β of the bounds. −β and β are limits of strata.
+    """
+
+    def __init__(self, weights: FloatArray, towards: FloatArray, beta: float) -> None:
+        half = math.ceil(beta / STRATUM)
+        limits = beta / half * np.arange(-half, half + 1)
+        probability = np.diff(ndtr([-np.inf, *limits, np.inf]))
+        self._shape = len(weights), len(probability)
+        place = np.clip(np.floor(towards * (half / beta)) + (half + 1), 0, 2 * half + 1)
+        place += np.arange(0, math.prod(self._shape), len(probability))[:, np.newaxis]
+        self._place = place.astype(np.intp)
+        drawn = self._sum(weights)
+        ratio = np.divide(probability, drawn, out=np.zeros(self._shape), where=drawn > 0)
+        ratio /= np.sum(ratio * drawn, axis=1, keepdims=True)
+        self.weights = weights * self._each(ratio)
+        self._mass = ratio * drawn
+
+    def error(self, values: FloatArray) -> FloatArray:
+        """Return the standard error (k,) of the weighted sum of values (k, n)."""
+        total = self._sum(self.weights * values)
+        mean = np.divide(total, self._mass, out=np.zeros(self._shape), where=self._mass > 0)
+        residual = self.weights * (values - self._each(mean))
+        error: FloatArray = np.sqrt(np.sum(residual * residual, axis=1))
+        return error
+
+    def error_of_share(self, inside: NDArray[np.bool_]) -> FloatArray:
+        """Return the standard error (k,) of the weight of the draws that are inside (k, n).
+
+        That all draws of a stratum are inside, or none, may be chance. The greatest weight on the
+        rarer side stands for this.
+        """
+        share = np.sum(self.weights, axis=1, where=inside)
+        rarer = inside != (share > 0.5)[:, np.newaxis]
+        heaviest = np.max(self.weights, axis=1, where=rarer, initial=0.0)
+        error: FloatArray = np.hypot(self.error(inside.astype(float)), heaviest)
+        return error
+
+    def _sum(self, values: FloatArray) -> FloatArray:
+        """Return the sums (k, s) of values (k, n) in the strata."""
+        sums = np.bincount(self._place.ravel(), values.ravel(), math.prod(self._shape))
+        return np.asarray(sums, dtype=float).reshape(self._shape)
+
+    def _each(self, values: FloatArray) -> FloatArray:
+        """Return the values of the strata (k, s) at each draw (k, n)."""
+        return np.asarray(values.ravel()[self._place])
+
+
 def _estimate(
-    p_d: FloatArray, weights: FloatArray, beyond: NDArray[np.bool_], beta: float, p_max: float
+    p_d: FloatArray, weights: FloatArray, towards: FloatArray, beta: float, p_max: float
 ) -> Estimate:
-    """Return the estimate from P_D (k, n), weights (k, n), which add up to about 1, and planes.
+    """Return the estimate from draws.
 
     Args:
         p_d: P_D of the draws (k, n).
-        weights: Weights of the draws (k, n).
-        beyond: Which draws are beyond a plane near the greatest P_D, and one near the least
-            (2, k, n), each with probability Φ(−β); none if there is no such plane.
+        weights: Weights of the draws (k, n), which add up to about 1.
+        towards: Unit normals of the draws towards the greatest and the least P_D (2, k, n).
         beta: β of the bounds.
         p_max: Limit whose exceedance is counted; NaN for none.
     """
-    total = np.sum(weights, axis=1)
-    mean = np.sum(weights * p_d, axis=1) / total
+    rising, falling = (_Strata(weights, side, beta) for side in towards)
+    mean = np.sum(rising.weights * p_d, axis=1)
     mean = np.where(np.ptp(p_d, axis=1) == 0, p_d[:, 0], mean)  # without rounding
     square = np.square(p_d - mean[:, np.newaxis])
-    variance = np.sum(weights * square, axis=1) / total
-    std = np.sqrt(variance)
-    mean_error = np.sqrt(np.sum(weights * weights * square, axis=1))
-    off = np.sum(np.square(weights * (square - variance[:, np.newaxis])), axis=1)
-    with np.errstate(invalid="ignore"):
-        std_error = np.where(std > 0, 0.5 * np.sqrt(off) / std, 0.0)
-
-    order = np.argsort(p_d, axis=1)
-    order += np.arange(0, p_d.size, p_d.shape[1])[:, np.newaxis]  # places in the whole array
-    values, weights = (array.ravel()[order] for array in (p_d, weights))
-    high, low = (side.ravel()[order] for side in beyond)
-    tail = float(ndtr(-beta))
-    lower, lower_error = _quantile(values, weights, low, tail)
-    upper, upper_error = _quantile(values[:, ::-1], weights[:, ::-1], high[:, ::-1], tail)
-    above, above_error = np.full(len(p_d), np.nan), np.full(len(p_d), np.nan)
+    std = np.sqrt(np.sum(rising.weights * square, axis=1))
+    of_std = np.divide(0.5 * rising.error(square), std, out=np.zeros_like(std), where=std > 0)
+    order, tail = np.argsort(p_d, axis=1), float(ndtr(-beta))
+    lower, of_lower = _quantile(p_d, falling, order, tail)
+    upper, of_upper = _quantile(-p_d, rising, order[:, ::-1], tail)
+    above, of_above = np.full(len(p_d), np.nan), np.full(len(p_d), np.nan)
     if not np.isnan(p_max):
-        # from the rarer of the two sides, so that the probability is at most 1
-        up, up_error = _share(weights, values > p_max, high, tail)
-        down, down_error = _share(weights, values <= p_max, low, tail)
-        above = np.where(up <= down, up, 1.0 - down)
-        above_error = np.where(up <= down, up_error, down_error)
+        exceeds = p_d > p_max
+        above = np.sum(rising.weights, axis=1, where=exceeds)
+        of_above = rising.error_of_share(exceeds)
     return Estimate(
         mean,
-        mean_error,
+        rising.error(p_d),
         std,
-        std_error,
+        of_std,
         lower,
-        lower_error,
-        upper,
-        upper_error,
+        of_lower,
+        -upper,
+        of_upper,
         above,
-        above_error,
+        of_above,
         np.full(len(p_d), float(p_d.shape[1])),
     )
 
 
 def _quantile(
-    values: FloatArray, weights: FloatArray, beyond: NDArray[np.bool_], tail: float
+    values: FloatArray, strata: _Strata, order: NDArray[np.intp], tail: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the first of the values (k, n) with this weight up to it, and its standard error (k,).
-
-    The weight beyond a plane is a control variate: it should be `tail`, and what it has too much
-    goes to the quantile (T. Hesterberg and B. Nelson, Management Science 44(9), 1998). Where P_D
-    changes along one direction, all draws up to the quantile are beyond the plane, and no error is
-    left.
+    """Return the least of the values (k, n) with this weight up to it, and its standard error (k,).
 
     The standard error is a third of the way to the values at three standard errors of the weight.
     It is large beside a jump of P_D that the tail may or may not reach.
+
+    Args:
+        values: The values (k, n).
+        strata: Weights of the values.
+        order: Places of the values in ascending order (k, n).
+        tail: The weight.
     """
-    number, known = np.arange(values.shape[1]), weights * beyond
-    mass, control = np.cumsum(weights, axis=1), np.sum(known, axis=1, keepdims=True)
+    number = np.arange(values.shape[1])
+    mass = np.cumsum(np.take_along_axis(strata.weights, order, axis=1), axis=1)
 
     def first(level: FloatArray | float) -> NDArray[np.intp]:
         index = np.count_nonzero(mass < level, axis=1, keepdims=True)
-        return np.asarray(np.minimum(index, len(number) - 1))
+        return np.asarray(np.minimum(index, number[-1]))
 
-    def at(array: FloatArray, index: NDArray[np.intp]) -> FloatArray:
-        return np.take_along_axis(array, index, axis=1)
+    def at(index: NDArray[np.intp]) -> FloatArray:
+        return np.take_along_axis(values, np.take_along_axis(order, index, axis=1), axis=1)
 
-    slope = _slope(weights * (number <= first(tail)), known)
-    level = tail + slope * (control - tail)
-    index = first(level)
-    counted = weights * (number <= index)
-    # Draws between plane and quantile are counted. That there are none may be chance.
-    heaviest = np.maximum(2.0 * at(weights, index), np.max(counted, axis=1, keepdims=True))
-    error = np.sqrt(_variance(counted - slope * known) + heaviest * heaviest)
-    quantile = at(values, index)
-    beside = (abs(at(values, first(level + away * error)) - quantile) for away in (-3.0, 3.0))
+    index = first(tail)
+    quantile, counted = at(index), np.empty(values.shape, dtype=bool)
+    np.put_along_axis(counted, order, number <= index, axis=1)  # of equal values, some
+    error = strata.error_of_share(counted)[:, np.newaxis]
+    beside = (abs(at(first(tail + away * error)) - quantile) for away in (-3.0, 3.0))
     return quantile[:, 0], np.maximum(*beside)[:, 0] / 3.0
-
-
-def _share(
-    weights: FloatArray, inside: NDArray[np.bool_], beyond: NDArray[np.bool_], tail: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return the weight (k,) of draws (k, n) that are inside, and its standard error.
-
-    The weight beyond a plane is a control variate, as in `_quantile`.
-    """
-    counted, known = weights * inside, weights * beyond
-    slope = _slope(counted, known)
-    share = np.sum(counted, axis=1)
-    taken = slope[:, 0] * (np.sum(known, axis=1) - tail)
-    resolution = 2.0 * share / np.maximum(np.count_nonzero(inside, axis=1), 1)
-    variance = _variance(counted - slope * known)[:, 0]
-    return np.clip(share - taken, 0.0, 1.0), np.sqrt(variance + resolution * resolution)
-
-
-def _slope(counted: FloatArray, known: FloatArray) -> FloatArray:
-    """Return the change (k, 1) of the sum of counted weights (k, n) by that of known weights."""
-    n = counted.shape[1]
-    total, control = (np.sum(w, axis=1, keepdims=True) for w in (counted, known))
-    of_both = np.sum(counted * known, axis=1, keepdims=True) - total * control / n
-    of_control = _variance(known)
-    slope: FloatArray = np.divide(
-        of_both, of_control, out=np.zeros_like(of_control), where=of_control > 0
-    )
-    return slope
-
-
-def _variance(weights: FloatArray) -> FloatArray:
-    """Return the variance (k, 1) of the sum of independent weights (k, n)."""
-    total = np.sum(weights, axis=1, keepdims=True)
-    squares = np.sum(weights * weights, axis=1, keepdims=True)
-    variance: FloatArray = np.maximum(squares - total * total / weights.shape[1], 0.0)
-    return variance

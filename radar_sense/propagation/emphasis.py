@@ -25,7 +25,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft, slant_range
 from radar_sense.states import (
@@ -91,12 +90,11 @@ class Mixture:
         bases = tuple(basis[rows] for basis in self.bases)
         return replace(self, bases=bases, centres=self.centres[rows], shares=self.shares[rows])
 
-    def draw(self, normals: FloatArray) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
+    def draw(self, normals: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return unit normals u (k, d, n) of the mixture, and their weights (k, n).
 
-        Also returned is which of them are beyond the planes through the first centre that raises
-        and the first that lowers P_D, normal to the centre (2, k, n). The probability of each is
-        Φ(−β); no draw is beyond a centre 0.
+        Also returned is how far they are towards the first centre that raises P_D and the first
+        that lowers it (2, k, n): a unit normal each, 0 where the centre is 0.
 
         Args:
             normals: Independent unit normals (d, n), the same at all poses.
@@ -124,13 +122,15 @@ class Mixture:
             density += wide / n * np.exp(np.minimum(exponent - q * np.log(WIDTH), MOST))
         exponents = self.centres @ u
         squares = np.sum(self.centres**2, axis=-1)[..., np.newaxis]
-        planes = [0, self.falling]
-        beyond = (exponents[:, planes] >= squares[:, planes]) & (squares[:, planes] > 0.0)
+        towards = np.zeros((2, len(u), n))
+        for side, first in zip(towards, (0, self.falling), strict=True):
+            length = np.sqrt(squares[:, first])
+            np.divide(exponents[:, first], length, out=side, where=length > 0)
         exponents -= 0.5 * squares
         np.minimum(exponents, MOST, out=exponents)
         np.exp(exponents, out=exponents)
         density += np.einsum("kc,kcn->kn", np.sum(chosen, axis=2) / n, exponents)
-        return u, 1.0 / density, np.moveaxis(beyond, 1, 0)
+        return u, 1.0 / density, towards
 
 
 def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], list[FloatArray]]:

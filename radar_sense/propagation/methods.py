@@ -340,8 +340,8 @@ def _unreliable(
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, FIRST)
     first = first_look(states, beta)
-    bounds_off = judged(states, first, moments.lower, moments.upper, beta)[1]
-    off = judged_moments(states, first, moments.mean, moments.std, beta, most=MOST_OF_NAMED)[1]
+    drawn, bounds_off = judged(states, first, moments.lower, moments.upper, beta)
+    off = judged_moments(states, drawn, moments.mean, moments.std, beta, most=MOST_OF_NAMED)[1]
     return bounds_off | off
 
 

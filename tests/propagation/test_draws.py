@@ -262,14 +262,16 @@ def test_p_d_of_the_problems_is_that_of_the_package(name):
 def test_weights_add_up_to_one(name, beta):
     states, n = states_of(PROBLEMS[name]), 40_000
     normals = np.random.default_rng(3).standard_normal((states.normals, n))
-    u, weights, beyond = Mixture.of(states, beta).draw(normals)
+    u, weights, towards = Mixture.of(states, beta).draw(normals)
     assert u.shape == (1, states.normals, n)
     assert np.all(weights > 0)
     assert weights.max() <= 5 * (1 + 1e-12)  # a fifth is from the natural density
     assert abs(weights.mean() - 1) < 5 * weights.std() / np.sqrt(n)
-    assert beyond.shape == (2, 1, n)
-    for plane in weights * beyond:
-        assert abs(plane.mean() - ndtr(-beta)) < 5 * plane.std() / np.sqrt(n)
+    assert towards.shape == (2, 1, n)
+    for side in towards:  # a unit normal
+        for limit in (-beta, 0.5, beta):
+            beyond = weights * (side > limit)
+            assert abs(beyond.mean() - ndtr(-limit)) < 5 * beyond.std() / np.sqrt(n)
     # with their weights, all components are unit normals
     for power, expected, spread in ((1, 0.0, 1.0), (2, 1.0, 3.0)):
         moments = np.mean(weights * u**power, axis=-1)
