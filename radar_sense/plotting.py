@@ -96,11 +96,11 @@ _POINTS: dict[Any, float] = {
     **{f"{axis}tick.minor.{name}": size for axis in "xy" for name, size in _MINOR},
 }
 _LEGEND_ROW = 0.16
+#: Most labels in a legend with letters of 7.5 pt. More have letters of 6 pt.
+MOST_LARGE = 12
 _FOOTER_ROW = 0.12
 #: Letters of the footer in a line of a figure that is one column wide.
 _FOOTER_LETTERS = 78
-#: Most lines in a legend. The labels of more lines are on the lines.
-MOST_IN_LEGEND = 6
 #: Colours of differing lightness (Okabe and Ito's set) with a dash pattern each.
 LINES: tuple[tuple[str, Any], ...] = (
     ("#0072B2", "-"),
@@ -397,7 +397,7 @@ def pose_lines(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray], labe
         draw_line(axes, x, values, style, label=name)
     axes.set_ylabel(label)
     from_zero(axes)
-    draw_legend(figure, axes, on_lines=axes.lines)
+    draw_legend(figure, axes)
 
 
 def key_in_words(key: str) -> str:
@@ -618,22 +618,14 @@ def _widths(entries: Sequence[int], columns: int) -> list[int]:
     return [max(entries[a:b]) for a, b in zip([0, *ends], ends, strict=False)]
 
 
-def draw_legend(
-    figure: Figure, *panels: Axes, title: str = "", on_lines: Sequence[Line2D] = ()
-) -> None:
+def draw_legend(figure: Figure, *panels: Axes, title: str = "") -> None:
     """Put the legend above the axes, in the number of columns that the labels allow.
 
     Args:
         figure: The figure.
         panels: Axes with the labels.
         title: Line above the labels.
-        on_lines: Lines of one panel. The labels of more than MOST_IN_LEGEND lines are on the
-            lines. A line without room for a label stays in the legend.
     """
-    if len(on_lines) > MOST_IN_LEGEND:
-        figure.draw_without_rendering()
-        for line in _label_lines(on_lines):
-            line.set_label("_")  # Matplotlib's mark of a line without a label
     handles, labels = [], []
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -641,80 +633,27 @@ def draw_legend(
             labels.append(label)
     if not labels:
         return
-    letters = 70 if style_of(figure).ieee else 54  # STIX is narrower
+    size = 7.5 if len(labels) <= MOST_LARGE else 6.0
+    letters = (70 if style_of(figure).ieee else 54) * 7.5 / size  # STIX is narrower
     room = int(letters * nominal_width(figure) / STYLES[DEFAULT_STYLE].width)
     width = [7 + len(re.sub(r"\\\w+|[\\${}_^]", "", label)) for label in labels]
-    most = max(3, room // 18)
-    columns = min(most, max(1, room // max(width)))
+    columns = min(max(3, room // 18), max(1, room // max(width)))
     if len(labels) > 6:  # columns of different widths leave room for more columns
-        counts = range(min(most, len(labels)), 0, -1)
+        counts = range(len(labels), 0, -1)
         columns = next(c for c in counts if c == 1 or sum(_widths(width, c)) <= room)
     # The figure grows with the legend, to keep the size of the axes.
     rows = -(-len(labels) // columns) + bool(title)
-    _set_height(figure, figure.get_figheight() + points(_LEGEND_ROW * rows))
+    _set_height(figure, figure.get_figheight() + points(_LEGEND_ROW * rows * size / 7.5))
     figure.legend(
         handles,
         labels,
         title=title or None,
         title_fontsize=points(7.5),
+        fontsize=points(size),
         loc="outside upper center",
         ncols=columns,
         columnspacing=1.2,
     )
-
-
-def _label_lines(lines: Sequence[Line2D]) -> list[Line2D]:
-    """Write labels on lines of a panel with a layout, and return the labelled lines.
-
-    A label is clear of all other lines and labels, as near to the peak of its line as possible. A
-    line without room for a label is not labelled.
-    """
-    axes = lines[0].axes
-    assert isinstance(axes, Axes)
-    paths = {line: _dense(axes.transData.transform(line.get_xydata())) for line in axes.lines}
-    taken: list[Bbox] = []
-    labelled = []
-    for line in lines:
-        text = axes.annotate(
-            str(line.get_label()),
-            (0, 0),
-            ha="center",
-            va="center",
-            fontsize=points(6),
-            color="0.15",
-            path_effects=[withStroke(linewidth=points(1.6), foreground="white")],
-        )
-        box = text.get_window_extent()
-        size = np.array([box.width, box.height]) + points(2.0)
-        inside = axes.bbox.padded(-points(1.5))
-        others = np.concatenate([path for other, path in paths.items() if other is not line])
-        path = paths[line]
-        for x, y in path[np.argsort(-path[:, 1], kind="stable")][:: max(1, len(path) // 200)]:
-            low, high = (x, y) - size / 2, (x, y) + size / 2
-            place = Bbox([low, high])
-            if not (inside.contains(*low) and inside.contains(*high)):
-                continue
-            if any(place.overlaps(box) for box in taken):
-                continue
-            if not np.any(np.all((others > low) & (others < high), axis=1)):
-                text.xy = tuple(axes.transData.inverted().transform((x, y)))
-                text.set_position(text.xy)
-                taken.append(place)
-                labelled.append(line)
-                break
-        else:
-            text.remove()
-    return labelled
-
-
-def _dense(path: FloatArray) -> FloatArray:
-    """Return points of a path at distances of 2 at most, without points at infinity."""
-    path = path[np.isfinite(path).all(axis=1)]
-    if len(path) < 2:
-        return path
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
-    at = np.linspace(0.0, length[-1], int(length[-1] / 2.0) + 2)
-    return np.column_stack([np.interp(at, length, path[:, i]) for i in (0, 1)])
 
 
 def label_points(axes: Axes, places: FloatArray, names: Sequence[str]) -> None:

@@ -47,8 +47,8 @@ VANISHING = 1e-3
 FURTHER = (AIRCRAFT_RCS, *(f"radar_{name}" for name in PARAMETERS))
 #: Half the deviation of a part must reduce the total by this part, to be worth a measurement.
 LEAST_GAIN = 0.01
-#: A line below this part of the total lies on the axis, and is left out of a full figure.
-VISIBLE = 0.01
+#: A line below this part of the total lies on the axis, and is left out of a figure of many lines.
+VISIBLE, MANY = 0.01, 6
 #: Sources within this part of the largest are equal, as they are printed.
 TIE = 1e-3
 
@@ -294,8 +294,8 @@ def _draw(
     from radar_sense import plotting
 
     lines, top = (*sources, *parts), np.nanmax(total, initial=0.0)
-    full = len(lines) >= plotting.MOST_IN_LEGEND
-    zero = [c for c in lines if full and np.nanmax(c.three_sigma, initial=0.0) < VISIBLE * top]
+    many = len(lines) >= MANY
+    zero = [c for c in lines if many and np.nanmax(c.three_sigma, initial=0.0) < VISIBLE * top]
     if zero:
         left_out = ", ".join(plotting.key_in_words(c.label) for c in zero)
         plotting.add_small_print(figure, f"below {VISIBLE:.0%} of the total: {left_out}")
@@ -310,7 +310,6 @@ def _draw(
         if c not in zero:
             label = plotting.key_in_words(c.label)
             plotting.draw_line(axes, x, c.three_sigma, style_of[c.name], label=label)
-    drawn = len(axes.lines)
     for i, c in enumerate(c for c in parts if c not in zero):
         style = style_of[c.part_of][0], plotting.LINES[i % len(plotting.LINES)][1]
         of = "" if c.part_of == "radar_constant" else f"{c.part_of} "
@@ -322,4 +321,4 @@ def _draw(
         axes.lines[-1].set(linewidth=plotting.points(2.2), zorder=1.8)
     axes.set_ylabel(r"$3\,\sigma$ of $P_D$")
     plotting.from_zero(axes)
-    plotting.draw_legend(figure, axes, on_lines=axes.lines[:drawn])
+    plotting.draw_legend(figure, axes)

@@ -416,7 +416,6 @@ def _draw(
         looks = np.isfinite(table[f"p_d_{name}"])
         plotting.draw_line(top, x[looks], table[f"p_d_{name}"][looks], style, label=name)
         top.lines[-1].set_linewidth(plotting.points(0.8))
-    radar_lines = list(top.lines)
     if not styles:
         plotting.draw_line(top, x, table["p_d"], ("black", "-"), label=r"$P_D$ of a look")
         if len(x) <= 100:
@@ -442,4 +441,4 @@ def _draw(
     if window is not None:
         together = "\nlooks of one period" if periods > 1 else ""
         below[1].set_ylabel("Track, {} of {}".format(*window) + together)
-    plotting.draw_legend(figure, *([top] if styles else []), *below[:1], on_lines=radar_lines)
+    plotting.draw_legend(figure, *([top] if styles else []), *below[:1])

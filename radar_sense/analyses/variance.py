@@ -208,12 +208,10 @@ def _draw(
     by_range = isinstance(scenario.geometry, Radial)
     (axes, *others), x = plotting.pose_panels(figure, 1 + by_range, scenario.axis)
     plotting.draw_line(axes, x, band.p_d, ("black", "-"), label=r"$P_D$")
-    radar_lines = []
     for name, style in zip(by_radar, plotting.styles(plotting.BAND), strict=False):
         # Where one radar alone sees the aircraft, the network's line is under the radar's line.
         axes.lines[0].set(linewidth=plotting.points(2.2), zorder=1.8)
         plotting.draw_line(axes, x, by_radar[name], style, label=name)
-        radar_lines.append(axes.lines[-1])
         axes.lines[-1].set_linewidth(plotting.points(0.8))
     plotting.draw_fill(axes, x, band.lower, band.upper, color=plotting.BAND[0], alpha=0.18, lw=0)
     label = rf"band of ${k:.4g}\,\sigma$ ({scenario.level})"
@@ -227,7 +225,7 @@ def _draw(
         for values, style in zip(snr.reshape(len(x), -1).T, styles, strict=False):
             plotting.draw_line(snr_axes, x, values, style)
         snr_axes.set_ylabel("SNR [dB]")
-    plotting.draw_legend(figure, axes, on_lines=radar_lines)
+    plotting.draw_legend(figure, axes)
 
 
 def _draw_threshold(axes: Axes, x: Any, threshold: float, violated: Any) -> None:
