@@ -23,7 +23,7 @@ from radar_sense.sources import error_budget, parts_of, scaled, sources_of, valu
 from radar_sense.states import FloatArray
 
 #: Draws at a pose that verify a factor of 3σ.
-DRAWS = 65_536
+DRAWS = 16_384
 #: Poses at which draws verify a factor: as many with the largest values, and as many over all.
 VERIFIED = 16
 #: Steps in ln of a factor: outwards to bracket it, and down from one that draws refuse, with the

@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -81,9 +82,10 @@ class Run:
     written: str = "nothing was written"
 
 
-def commands() -> dict[str, Path]:
+@cache
+def commands(folder: Path = FOLDER) -> Mapping[str, Path]:
     """Return the file of each analysis by the name of its command."""
-    files = {path.stem: path for path in sorted(FOLDER.glob("*.py"))}
+    files = {path.stem: path for path in sorted(folder.glob("*.py"))}
     return {
         name: path
         for name, path in files.items()

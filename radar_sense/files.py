@@ -16,6 +16,7 @@ import platform
 import secrets
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -77,7 +78,8 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def versions() -> dict[str, str]:
+@cache
+def versions() -> Mapping[str, str]:
     """Return the versions of the tool, of Python and of the packages, or "unknown"."""
     found = dict.fromkeys(_PACKAGES, "unknown")
     for package in _PACKAGES:

@@ -23,8 +23,8 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, std_off_in_scenario
-from radar_sense.propagation.automatic import STD_ERROR
+from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, std_off_in_scenario
+from radar_sense.propagation.automatic import ERRORS
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS
 from radar_sense.sources import (
@@ -137,7 +137,7 @@ def budget(
     result.report += [_row(c, pose, width) for c in rows]
     spread = errors["interaction"][pose] if errors else None
     # a variance by draws has twice the relative error of σ; 5e-4 is shown as 0.1 %
-    noise = spread or (2.0 * STD_ERROR if method == AUTOMATIC else 5e-4)
+    noise = spread or (2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else 5e-4)
     if abs(interaction[pose]) >= noise:
         between = words.percent(interaction[pose], spread)
         result.report += [f"  {'interaction':{width + 6}}{between}"]

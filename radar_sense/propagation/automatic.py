@@ -7,6 +7,7 @@ elsewhere the numbers of the draws, with their standard errors.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -30,116 +31,81 @@ MOST_OF_NAMED = LAST // GROWTH
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
 ERRORS = 2.5
-#: More draws are made where the mean or σ may be off by more than this many tolerances.
-NEAR = 3.0
-#: Standard errors that are good enough: of a bound that replaces another, as a part of
-#: BOUND_CHANGE, of one that judges another, as a part of its tolerance, and of σ as a part of σ.
-PRECISE, DECISIVE, STD_ERROR = 0.5, 0.02, 0.01
 
 
 def judged(
     states: UncertainStates,
     first: Estimate,
-    lower: FloatArray,
-    upper: FloatArray,
+    values: Sequence[FloatArray],
+    read: Callable[[Estimate], tuple[FloatArray, ...]],
     beta: float,
     p_max: float = np.nan,
     *,
-    replace: bool = False,
-) -> tuple[Estimate, NDArray[np.bool_]]:
-    """Return what draws say of P_D at each pose, and where (k,) they do not confirm two bounds.
+    to_precision: bool,
+) -> tuple[Estimate, NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return what draws say of P_D, where (k,) they confirm two values, and where one is off.
 
-    A bound is confirmed if its difference from that of the draws, and ERRORS standard errors, are
-    within its tolerance together. More draws are made where this is not settled. Bounds that differ
-    by more than half of the tolerance, for certain, are replaced when the draws are precise.
+    A value is confirmed if its difference from that of the draws, and `ERRORS` standard errors, are
+    within its tolerance together. It is off if the difference exceeds the tolerance and these
+    errors. More draws are made until both values are confirmed or one is off.
+
+    Draws to precision are made until both values are confirmed, or until a value that is not
+    differs by more than its errors, and no errors are above the largest tolerance. Such draws are
+    better than the method.
 
     Args:
         states: The uncertain states of k poses.
         first: What the first look says.
-        lower: Lower bound by a method (k,).
-        upper: Upper bound by the method (k,).
-        beta: β of the bounds.
-        p_max: Limit whose exceedance is counted; NaN for none.
-        replace: Whether the bounds of the draws replace those of the method.
-    """
-    values = np.stack([lower, upper])
-
-    def confirmed(rows: NDArray[np.intp] | slice, found: Estimate) -> NDArray[np.bool_]:
-        """Return which bounds (2, k) are confirmed."""
-        bounds, errors = found.bounds
-        difference, noise = abs(values[:, rows] - bounds), ERRORS * errors
-        within = difference + noise <= tolerance(bounds, LEAST_TOLD)
-        return np.asarray(within & (difference <= tolerance(bounds) + noise))
-
-    def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-        bounds, errors = found.bounds
-        difference, allowed = abs(values[:, rows] - bounds), tolerance(bounds)
-        if replace:
-            apart = ~(difference <= np.maximum(PRECISE * allowed, ERRORS * errors))  # or NaN
-            apart &= errors.max(axis=0) <= PRECISE * BOUND_CHANGE
-        else:
-            apart = ~(difference <= allowed + ERRORS * errors)
-            apart |= (errors <= DECISIVE * allowed).all(axis=0)
-        return np.asarray(confirmed(rows, found).all(axis=0) | apart.any(axis=0))
-
-    most = LAST if replace else MOST_OF_NAMED
-    drawn = look_until(settled, states, first, beta, p_max, most=most)
-    return drawn, np.asarray(~confirmed(slice(None), drawn).all(axis=0))
-
-
-def judged_moments(
-    states: UncertainStates,
-    first: Estimate,
-    mean: FloatArray,
-    std: FloatArray,
-    beta: float,
-    p_max: float = np.nan,
-    *,
-    most: int,
-) -> tuple[Estimate, NDArray[np.bool_]]:
-    """Return what draws say of P_D at each pose, and where (k,) mean or σ of P_D is off.
-
-    More draws are made where a difference may be `NEAR` times its tolerance.
-
-    Args:
-        states: The uncertain states of k poses.
-        first: What the first look says.
-        mean: Mean by a method (k,).
-        std: Standard deviation by the method (k,).
+        values: Two values by a method, each (k,): the bounds, or mean and σ.
+        read: `of_bounds` or `of_moments`.
         beta: β of the draws.
         p_max: Limit whose exceedance is counted; NaN for none.
-        most: Most draws at a pose.
+        to_precision: Whether draws are made to precision.
     """
-    values = np.stack([mean, std])
+    both = np.stack(values)
 
-    def compared(rows: NDArray[np.intp] | slice, found: Estimate) -> tuple[FloatArray, FloatArray]:
-        """Return the differences from the draws (2, k), and ERRORS standard errors."""
-        drawn, errors = found.moments
-        return abs(values[:, rows] - drawn), ERRORS * errors
-
-    def allowed(found: Estimate, least: float) -> FloatArray:
-        """Return the tolerances (2, k), which are at least `least`."""
-        of_std = np.maximum(STD_CHANGE * found.std, least)
-        return np.stack([tolerance(found.mean, least), of_std])
-
-    def off(rows: NDArray[np.intp] | slice, found: Estimate) -> NDArray[np.bool_]:
-        difference, noise = compared(rows, found)
-        within = difference <= allowed(found, LEAST_CHANGE) + noise
-        return np.asarray(~within.all(axis=0))
+    def compared(
+        rows: NDArray[np.intp] | slice, found: Estimate
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return where both values are confirmed, one is off, and the draws are better."""
+        drawn, errors, tolerance, largest = read(found)
+        difference, noise = abs(both[:, rows] - drawn), ERRORS * errors
+        told = np.maximum(tolerance, LEAST_TOLD)
+        # `not <=` is also true of NaN, where a method has no value
+        off = ~(difference <= np.maximum(tolerance, LEAST_CHANGE) + noise)
+        confirmed = ~off & (difference + noise <= told)
+        better = np.any(~(confirmed | (difference <= noise)), axis=0)
+        better &= np.all(noise <= largest, axis=0)
+        return np.all(confirmed, axis=0), np.any(off, axis=0), better
 
     def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-        difference, noise = compared(rows, found)
-        near = difference + noise <= NEAR * allowed(found, LEAST_TOLD)
-        return np.asarray(near.all(axis=0) | off(rows, found))
+        confirmed, off, better = compared(rows, found)
+        return confirmed | (better if to_precision else off)
 
+    most = LAST if to_precision else MOST_OF_NAMED
     drawn = look_until(settled, states, first, beta, p_max, most=most)
-    return drawn, off(slice(None), drawn)
+    confirmed, off, _ = compared(slice(None), drawn)
+    return drawn, confirmed, off
 
 
-def tolerance(probability: FloatArray, least: float = LEAST_CHANGE) -> FloatArray:
+def of_bounds(found: Estimate) -> tuple[FloatArray, ...]:
+    """Return the bounds by draws (2, k), their standard errors, tolerance and its largest value."""
+    drawn, errors = found.bounds
+    return drawn, errors, _tolerance(drawn), np.full_like(drawn, BOUND_CHANGE)
+
+
+def of_moments(found: Estimate) -> tuple[FloatArray, ...]:
+    """Return mean and σ by draws (2, k), their standard errors, tolerance and its largest value."""
+    drawn, errors = found.moments
+    of_std = STD_CHANGE * found.std
+    largest = np.maximum(of_std, STD_CHANGE * BOUND_CHANGE)
+    tolerance = np.stack([_tolerance(found.mean), of_std])
+    return drawn, errors, tolerance, np.stack([np.full_like(of_std, BOUND_CHANGE), largest])
+
+
+def _tolerance(probability: FloatArray) -> FloatArray:
     """Return by how much (...) a mean or a bound (...) may be off."""
-    allowed: FloatArray = np.clip(PART_OF_BOUND * probability, least, BOUND_CHANGE)
-    return allowed
+    return np.minimum(PART_OF_BOUND * probability, BOUND_CHANGE)
 
 
 class Automatic:
@@ -199,27 +165,34 @@ class Automatic:
     def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
         form, first = self._form, self._look(3.0)
-        drawn, off = judged_moments(
-            self.states, first, form.mean, form.std, 3.0, self._p_max, most=LAST
+        drawn, confirmed, _ = judged(
+            self.states,
+            first,
+            (form.mean, form.std),
+            of_moments,
+            3.0,
+            self._p_max,
+            to_precision=True,
         )
-
-        def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
-            precise = found.std_error <= STD_ERROR * np.maximum(found.std, BOUND_CHANGE)
-            return ~off[rows] | (precise & (found.mean_error <= BOUND_CHANGE))
-
-        found = look_until(settled, self.states, drawn, 3.0, self._p_max, most=LAST)
-        return np.where(off, found.mean, form.mean), np.where(off, found.std, form.std)
+        return np.where(confirmed, form.mean, drawn.mean), np.where(confirmed, form.std, drawn.std)
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
         """Return lower and upper bound at β, their standard error (k,), and the draws."""
         if beta not in self._bands:
             lower, upper = self._form.quantile(-beta), self._form.quantile(beta)
-            first = self._look(beta)
-            drawn, off = judged(self.states, first, lower, upper, beta, self._p_max, replace=True)
+            drawn, confirmed, _ = judged(
+                self.states,
+                self._look(beta),
+                (lower, upper),
+                of_bounds,
+                beta,
+                self._p_max,
+                to_precision=True,
+            )
             self._bands[beta] = (
-                np.where(off, drawn.lower, lower),
-                np.where(off, drawn.upper, upper),
-                np.where(off, np.max(drawn.bounds[1], axis=0), 0.0),
+                np.where(confirmed, lower, drawn.lower),
+                np.where(confirmed, upper, drawn.upper),
+                np.where(confirmed, 0.0, np.max(drawn.bounds[1], axis=0)),
                 drawn,
             )
         return self._bands[beta]

@@ -20,10 +20,10 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
 from radar_sense.propagation.automatic import (
     BOUND_CHANGE,
-    MOST_OF_NAMED,
     Automatic,
     judged,
-    judged_moments,
+    of_bounds,
+    of_moments,
 )
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
@@ -274,7 +274,7 @@ def std_off_in_scenario(
     states = scenario.states()
     _foresee(states, FIRST)
     first = first_look(states, JUDGED)
-    return judged_moments(states, first, mean, std, JUDGED, most=MOST_OF_NAMED)[1]
+    return judged(states, first, (mean, std), of_moments, JUDGED, to_precision=True)[2]
 
 
 def check_method(method: str) -> None:
@@ -340,9 +340,14 @@ def _unreliable(
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, FIRST)
     first = first_look(states, beta)
-    drawn, bounds_off = judged(states, first, moments.lower, moments.upper, beta)
-    off = judged_moments(states, drawn, moments.mean, moments.std, beta, most=MOST_OF_NAMED)[1]
-    return bounds_off | off
+    bounds = moments.lower, moments.upper
+    drawn, confirmed, _ = judged(states, first, bounds, of_bounds, beta, to_precision=False)
+    off, rows = ~confirmed, np.flatnonzero(confirmed)
+    of_rows = moments.mean[rows], moments.std[rows]
+    off[rows] = judged(
+        states.at(rows), drawn.at(rows), of_rows, of_moments, beta, to_precision=True
+    )[2]
+    return off
 
 
 def _foresee(states: UncertainStates, draws: int, less: str = "fewer poses") -> None:

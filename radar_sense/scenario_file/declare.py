@@ -139,8 +139,13 @@ class Key:
         return " ".join(filter(None, parts))
 
 
-def keys_of(cls: Any) -> list[Key]:
+_KEYS: dict[Any, tuple[Key, ...]] = {}
+
+
+def keys_of(cls: Any) -> tuple[Key, ...]:
     """Return the keys of a section, in order."""
+    if cls in _KEYS:  # a file asks some sixty times
+        return _KEYS[cls]
     keys = []
     for f in dataclasses.fields(cls) if dataclasses.is_dataclass(cls) else ():
         if "kind" not in f.metadata:
@@ -160,7 +165,8 @@ def keys_of(cls: Any) -> list[Key]:
                 **declared,
             )
         )
-    return keys
+    _KEYS[cls] = tuple(keys)
+    return _KEYS[cls]
 
 
 def groups_of(keys: Sequence[Key]) -> list[list[str]]:

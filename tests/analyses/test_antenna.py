@@ -141,6 +141,7 @@ def test_the_partials_are_those_of_differences(seed):
             assert_allclose(by[:, i], (ends[0] - ends[1]) / (2 * step[i]), rtol=1e-4, atol=2e-9)
 
 
+@pytest.mark.all_draws
 def test_a_tilt_is_a_source_with_the_band_of_draws(tmp_path):
     """The aircraft is in the flank of the beam: P_D is far from Gaussian."""
     files(tmp_path)

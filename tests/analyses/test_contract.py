@@ -252,7 +252,8 @@ def test_a_new_command_is_one_file(tool, monkeypatch, tmp_path):
     folder = tmp_path / "analyses"
     folder.mkdir()
     (folder / "ramp.py").write_text(RAMP)
-    monkeypatch.setattr(command_line, "FOLDER", folder)
+    found = command_line.commands(folder)
+    monkeypatch.setattr(command_line, "commands", lambda: found)
     monkeypatch.setattr(rs.analyses, "__path__", [str(folder), *rs.analyses.__path__])
     assert "A straight line." in tool("--help").out
     help_text = tool("ramp", "--help").out

@@ -35,6 +35,7 @@ from radar_sense.scenario_file.sections import schema_text
 
 #: The scenario file of a case, and the files that a scenario may name.
 CONFIG, ROUTE, GPX, RCS = "my.yaml", "route.csv", "route.gpx", "rcs.csv"
+SCHEMA = json.loads(schema_text())
 #: Files of a radar, each with its name.
 CURVES = {
     "elevation_gain": b"elevation_deg,gain_db\n-5,-3\n1,0\n20,-9.5\n",
@@ -258,7 +259,7 @@ def scenarios(draw: Any, flights: Any = FLIGHTS) -> tuple[dict[str, Any], dict[s
         **{f"geometry.{key}": False for key in _OF_FILES},
     }
     need = {path for path in given if given[path]}
-    document = Values(draw, need, given.keys() - need).of(json.loads(schema_text()), "")
+    document = Values(draw, need, given.keys() - need).of(SCHEMA, "")
     geometry, rcs, files = document["geometry"], document["aircraft"]["rcs"], {}
     if flight:
         geometry["file"] = GPX if flight == GPX else ROUTE

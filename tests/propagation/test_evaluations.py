@@ -27,7 +27,7 @@ from radar_sense.propagation import (
     unreliable,
     unreliable_in_scenario,
 )
-from radar_sense.propagation.automatic import judged
+from radar_sense.propagation.automatic import judged, of_bounds, of_moments
 from radar_sense.propagation.looks import first_look
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
@@ -224,10 +224,14 @@ def test_no_poses_give_no_moments(method, half_blind):
     assert unreliable(*no_covariances, method=method).shape == (0,)
 
 
-@pytest.mark.parametrize("replace", [False, True])
-def test_no_more_draws_where_a_method_has_no_value(replace):
+@pytest.mark.parametrize("to_precision", [False, True])
+@pytest.mark.parametrize("read", [of_bounds, of_moments])
+def test_no_more_draws_where_a_method_has_no_value(read, to_precision):
     states = rs.load_scenario().at_poses(slice(0, None, 60)).states()
     first, without = first_look(states, 3.0), np.full(len(states), np.nan)
-    drawn, off = judged(states, first, without, without, 3.0, replace=replace)
+    drawn, confirmed, off = judged(
+        states, first, (without, without), read, 3.0, to_precision=to_precision
+    )
     assert off.all()
+    assert not confirmed.any()
     np.testing.assert_array_equal(drawn.draws, first.draws)
