@@ -167,7 +167,7 @@ def test_a_coverage_above_the_nominal_one_is_warned_of(monkeypatch):
 
 
 def compared(**analysis):
-    s = load_scenario().at_poses(slice(0, None, 12)).with_analysis(**analysis)
+    s = load_scenario().at_poses(slice(0, None, 30)).with_analysis(**analysis)
     return s, lambda **options: analyses.compare(s, **options)
 
 
