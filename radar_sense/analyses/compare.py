@@ -232,7 +232,7 @@ def _draw(
     from radar_sense import plotting
 
     (top, bottom), x = plotting.pose_panels(figure, 2, axis)
-    plotting.draw_fill(top, x, drawn.lower, drawn.upper, color="0.8", lw=0, label="Monte Carlo")
+    plotting.draw_fill(top, x, drawn.lower, drawn.upper, color="0.8", lw=0, label="reference")
     noise = ERRORS * np.maximum(error.lower, error.upper)
     plotting.draw_fill(bottom, x, -noise, noise, color="0.8", lw=0)
     for (method, m), style in zip(moments.items(), plotting.LINES, strict=False):
@@ -241,5 +241,5 @@ def _draw(
             plotting.draw_line(top, x, bound, style, label=label)
             plotting.draw_line(bottom, x, bound - by_draws, style)
     top.set_ylabel(rf"${k:g}\,\sigma$ bounds of $P_D$")
-    bottom.set_ylabel("Bounds minus\nMonte Carlo bounds")
+    bottom.set_ylabel("Bounds minus reference")
     plotting.draw_legend(figure, top)
