@@ -19,7 +19,7 @@ from unittest import mock
 
 import numpy as np
 from click.testing import CliRunner
-from fuzz.drawing import CALLED, CONFIG, Case
+from fuzz.drawing import CALLED, Case
 
 import radar_sense as rs
 from radar_sense import cli as command_line
@@ -129,7 +129,7 @@ def _check_refusal(case: Case, outcome: Outcome, written: list[Path]) -> None:
         place = re.match(r"Error: ([\w./ -]+?):(\d+)?:? ", outcome.err)
         _require(place, "no file named", outcome)
         assert place
-        lines = case.files.get(place[1], b"").count(b"\n") + case.files[CONFIG].count(b"\r") + 1
+        lines = len(re.findall(rb"\r\n?|\n", case.files.get(place[1], b""))) + 1
         _require(
             _WHOLE_FILE.search(outcome.err)
             if place[2] is None
