@@ -164,15 +164,16 @@ class _Strata:
     Args:
         weights: Weights of the draws (k, n).
         towards: Unit normals of the draws along the direction (k, n), 0 where there is none.
-        beta: β of the bounds. −β and β are limits of strata.
+        beta: β of the bounds. −β and β are limits of strata, unless β is within a stratum.
     """
 
     def __init__(self, weights: FloatArray, towards: FloatArray, beta: float) -> None:
-        half = math.ceil(beta / STRATUM)
-        limits = beta / half * np.arange(-half, half + 1)
+        half = max(1, math.ceil(beta / STRATUM))
+        width = beta / half if beta > STRATUM else STRATUM
+        limits = width * np.arange(-half, half + 1)
         probability = np.diff(ndtr([-np.inf, *limits, np.inf]))
         self._shape = len(weights), len(probability)
-        place = np.clip(np.floor(towards * (half / beta)) + (half + 1), 0, 2 * half + 1)
+        place = np.clip(np.floor(towards / width) + (half + 1), 0, 2 * half + 1)
         place += np.arange(0, math.prod(self._shape), len(probability))[:, np.newaxis]
         self._place = place.astype(np.intp)
         drawn = self._sum(weights)

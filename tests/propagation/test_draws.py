@@ -290,6 +290,20 @@ def test_weighted_draws_agree_with_plain_draws(name):
     assert 0 < exact["above"][0] < 1
 
 
+@pytest.mark.parametrize("beta", [0.0, 1e-300, 0.3])
+@pytest.mark.parametrize("name", ["one radar", "short range, 4 km"])
+def test_bounds_beside_the_median(name, beta):
+    found = estimate(states_of(PROBLEMS[name]), 16_384, beta)
+    drawn = np.sort(plain_p_d(PROBLEMS[name], 100_000))
+    for end, value, error in (
+        (-beta, found.lower[0], found.lower_error[0]),
+        (beta, found.upper[0], found.upper_error[0]),
+    ):
+        place = 100_000 * ndtr(end) + 4 * 160 * np.array([-1, 1])  # √(n/4) of four
+        low, high = drawn[place.astype(int)]
+        assert low - 4 * error <= value <= high + 4 * error
+
+
 @pytest.mark.parametrize(("name", "seeds"), [("one radar", 100), ("maximum range", 60)])
 def test_standard_errors_are_honest(name, seeds):
     """Over many seeds, values spread as their standard errors say, about the truth."""
