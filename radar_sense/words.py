@@ -24,7 +24,6 @@ from radar_sense.propagation import (
     STD_CHANGE,
     Moments,
     distribution,
-    std_off_in_scenario,
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
@@ -411,16 +410,22 @@ def validity_warnings(
 
 
 def std_warnings(
-    scenario: Scenario, mean: FloatArray, std: FloatArray, method: str
+    axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str
 ) -> tuple[str, ...]:
-    """Return where σ by a method is off, of analyses that have no bounds."""
-    off = std_off_in_scenario(scenario, mean, std, method=method)
+    """Return where σ by a method is off, of analyses that have no bounds.
+
+    Args:
+        axis: Axis of the poses.
+        std: σ by the method (n,).
+        off: Where mean or σ is off (n,), by `std_off_in_scenario`.
+        method: Name of the method.
+    """
     about = f"sigma by {method} is off"
     problems = (
         *_problems_of_std(std, off, method, REMEDY),
         ("sigma-off", off & np.isfinite(std), about, f": by over {STD_CHANGE:.0%}; {REMEDY}"),
     )
-    return _placed(problems, scenario.axis)
+    return _placed(problems, axis)
 
 
 def std_trust(result: Result) -> list[str]:

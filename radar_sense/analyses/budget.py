@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -28,7 +28,6 @@ from radar_sense.propagation.automatic import ERRORS
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import AIRCRAFT_RCS, PARAMETERS
 from radar_sense.sources import (
-    Budget,
     Contribution,
     contributions,
     error_budget,
@@ -166,12 +165,13 @@ def budget(
         words.add_radars(result, {scenario.level: scenario}, method)
     add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
     if method != MONTE_CARLO:
-        result.warnings += words.std_warnings(scenario, found.mean, found.std, method)
+        off = std_off_in_scenario(scenario, found.mean, found.std, method=method)
+        result.warnings += words.std_warnings(axis, found.std, off, method)
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
-        result.warnings += words.vanishing_gradient(
-            words.places(_missed(scenario, found, vanishes), axis)
-        )
+        # where σ of all sources is not off, the source that first order misses is small
+        missed = {name: mask & off for name, mask in vanishes.items()}
+        result.warnings += words.vanishing_gradient(words.places(missed, axis))
         result.warnings += words.correlated_sources([c.three_sigma for c in sources], total)
     if method != MONTE_CARLO:
         result.report += words.std_trust(result)
@@ -265,21 +265,6 @@ def _vanishing(
         vanishes = (share < VANISHING * share.max()) & (total > 0)
         masks[c.name] = vanishes & visible_by.get(c.name, True)
     return masks
-
-
-def _missed(
-    scenario: Scenario, found: Budget, vanishes: Mapping[str, NDArray[np.bool_]]
-) -> dict[str, NDArray[np.bool_]]:
-    """Return where (n,) a gradient vanishes and sigma of all sources together is off.
-
-    Where it is not off, the source that first order misses is small.
-    """
-    rows = np.flatnonzero(np.any(list(vanishes.values()), axis=0))
-    off = np.zeros(len(scenario.axis), dtype=bool)
-    if rows.size:
-        of_rows = found.mean[rows], found.std[rows]
-        off[rows] = std_off_in_scenario(scenario.at_poses(rows), *of_rows, method="linear")
-    return {name: mask & off for name, mask in vanishes.items()}
 
 
 def _draw(

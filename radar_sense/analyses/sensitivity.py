@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from radar_sense import words
 from radar_sense.command import METHOD, ONE_RADAR, Result, command
-from radar_sense.propagation import distribution, mean_and_std
+from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -47,10 +47,14 @@ def sensitivity(scenario: Scenario) -> Result:
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
     words.add_radars(result, at_level, method)
+    off = {
+        level: std_off_in_scenario(at_level[level], *of_level, method=method)
+        for level, of_level in moments.items()
+    }
     result.warnings += words.gathered(
         (level, text)
-        for level, of_level in moments.items()
-        for text in words.std_warnings(at_level[level], *of_level, method)
+        for level, (_, std) in moments.items()
+        for text in words.std_warnings(axis, std, off[level], method)
     )
     result.warnings += words.table_warnings(scenario)
     result.report += words.std_trust(result)
