@@ -135,7 +135,8 @@ def budget(
     width = max(21, *(len(c.label) + 2 * bool(c.part_of) + 1 for c in rows))
     result.report += [_row(c, pose, width) for c in rows]
     spread = errors["interaction"][pose] if errors else None
-    # a variance by draws has twice the relative error of σ; 5e-4 is shown as 0.1 %
+    # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much;
+    # 5e-4 is shown as 0.1 %
     noise = spread or (2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else 5e-4)
     if abs(interaction[pose]) >= noise:
         between = words.percent(interaction[pose], spread)

@@ -25,7 +25,8 @@ BOUND_CHANGE, PART_OF_BOUND, STD_CHANGE = 0.005, 0.1, 0.05
 #: Differences of P_D below the first are never off: no output shows them. Below the second, they
 #: may hide in the noise of the draws.
 LEAST_CHANGE, LEAST_TOLD = 1e-6, 2e-5
-#: Most draws at a pose that judge a named method. What they do not confirm is not confirmed.
+#: Most draws at a pose that judge the bounds of a named method. A bound that they do not confirm is
+#: warned of.
 MOST_OF_NAMED = LAST // GROWTH
 #: Draws at a pose for a probability.
 FOR_PROBABILITY = 16 * FIRST
@@ -45,13 +46,15 @@ def judged(
 ) -> tuple[Estimate, NDArray[np.bool_], NDArray[np.bool_]]:
     """Return what draws say of P_D, where (k,) they confirm two values, and where one is off.
 
-    A value is confirmed if its difference from that of the draws, and `ERRORS` standard errors, are
-    within its tolerance together. It is off if the difference exceeds the tolerance and these
-    errors. More draws are made until both values are confirmed or one is off.
+    The noise of a drawn value is `ERRORS` standard errors. A value by a method is
 
-    Draws to precision are made until both values are confirmed, or until a value that is not
-    differs by more than its errors, and no errors are above the largest tolerance. Such draws are
-    better than the method.
+    - confirmed if its difference from the drawn value, plus the noise, is at most its tolerance;
+    - off if the difference is more than the tolerance plus the noise.
+
+    More draws are made until both values are confirmed or one is off. Draws to precision may
+    replace the values: they are made until both values are confirmed, or until the draws are
+    better. They are better if a value that is not confirmed differs by more than the noise, and
+    the noise of both is small enough.
 
     Args:
         states: The uncertain states of k poses.
@@ -68,14 +71,13 @@ def judged(
         rows: NDArray[np.intp] | slice, found: Estimate
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]:
         """Return where both values are confirmed, one is off, and the draws are better."""
-        drawn, errors, tolerance, largest = read(found)
+        drawn, errors, tolerance, small = read(found)
         difference, noise = abs(both[:, rows] - drawn), ERRORS * errors
-        told = np.maximum(tolerance, LEAST_TOLD)
         # `not <=` is also true of NaN, where a method has no value
         off = ~(difference <= np.maximum(tolerance, LEAST_CHANGE) + noise)
-        confirmed = ~off & (difference + noise <= told)
+        confirmed = ~off & (difference + noise <= np.maximum(tolerance, LEAST_TOLD))
         better = np.any(~(confirmed | (difference <= noise)), axis=0)
-        better &= np.all(noise <= largest, axis=0)
+        better &= np.all(noise <= small, axis=0)
         return np.all(confirmed, axis=0), np.any(off, axis=0), better
 
     def settled(rows: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
@@ -89,18 +91,18 @@ def judged(
 
 
 def of_bounds(found: Estimate) -> tuple[FloatArray, ...]:
-    """Return the bounds by draws (2, k), their standard errors, tolerance and its largest value."""
+    """Return the bounds by draws (2, k), their standard errors, tolerances, and a small noise."""
     drawn, errors = found.bounds
     return drawn, errors, _tolerance(drawn), np.full_like(drawn, BOUND_CHANGE)
 
 
 def of_moments(found: Estimate) -> tuple[FloatArray, ...]:
-    """Return mean and σ by draws (2, k), their standard errors, tolerance and its largest value."""
+    """Return mean and σ by draws (2, k), their standard errors, tolerances, and a small noise."""
     drawn, errors = found.moments
     of_std = STD_CHANGE * found.std
-    largest = np.maximum(of_std, STD_CHANGE * BOUND_CHANGE)
     tolerance = np.stack([_tolerance(found.mean), of_std])
-    return drawn, errors, tolerance, np.stack([np.full_like(of_std, BOUND_CHANGE), largest])
+    small = np.maximum(of_std, STD_CHANGE * BOUND_CHANGE)
+    return drawn, errors, tolerance, np.stack([np.full_like(of_std, BOUND_CHANGE), small])
 
 
 def _tolerance(probability: FloatArray) -> FloatArray:

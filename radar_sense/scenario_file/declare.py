@@ -139,6 +139,7 @@ class Key:
         return " ".join(filter(None, parts))
 
 
+#: Keys of the sections asked for. mypy does not let `functools.cache` take a class.
 _KEYS: dict[Any, tuple[Key, ...]] = {}
 
 
