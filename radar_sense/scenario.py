@@ -36,14 +36,10 @@ from radar_sense.model.radar_constant import Tolerance
 from radar_sense.source_names import PARAMETERS, name_problem
 from radar_sense.states import (
     AIRCRAFT,
-    ATTENUATION_ERROR,
     RADAR,
-    RADAR_AND_ERRORS,
     RCS_ERROR,
-    TILT_ERROR,
     FloatArray,
     component,
-    of_radar,
     real_array,
     with_errors,
 )
@@ -289,35 +285,18 @@ class Scenario:
 
     @cached_property
     def _states(self) -> UncertainStates:
-        m, cov_aircraft = len(self.radars), self.cov_aircraft
-        return UncertainStates.of(
-            self.model,
-            (self.aircraft, with_errors(self.radar, m)[np.newaxis]),
-            (
-                cov_aircraft[np.newaxis] if cov_aircraft.ndim == 2 else cov_aircraft,
-                self._cov_radar_and_errors()[np.newaxis],
-            ),
-            self.tolerances,
-            self.seed,
-            self.runs,
+        m, geometry, rcs_std = len(self.radars), self.geometry, self.rcs_std
+        cov_radar = covariance.block_diagonal([r.covariance(self.level) for r in self.radars])
+        bands, of_rcs = np.array(self.bands), component(RCS_ERROR, m)
+        cov_radar[of_rcs, of_rcs] = np.outer(rcs_std, rcs_std) * np.equal.outer(bands, bands)
+        nominal = geometry.aircraft, with_errors(self.radar, m)[np.newaxis]
+        covariances = (
+            geometry.covariance.reshape(-1, len(AIRCRAFT), len(AIRCRAFT)),
+            cov_radar[np.newaxis],
         )
-
-    def _cov_radar_and_errors(self) -> FloatArray:
-        """Return C_rr (7m, 7m) with the errors of RCS, attenuation and tilt."""
-        m = len(self.radars)
-        matrix = np.zeros((len(RADAR_AND_ERRORS) * m,) * 2)
-        for i, radar in enumerate(self.radars):
-            level, own = radar.levels[self.level], of_radar(i, slice(0, len(RADAR)))
-            matrix[own, own] = level.covariance
-            if level.attenuation_std:
-                at = of_radar(i).start + ATTENUATION_ERROR
-                matrix[at, at] = (level.attenuation_std / radar.model.attenuation) ** 2
-            at = of_radar(i).start + TILT_ERROR
-            matrix[at, at] = level.tilt_std**2
-        bands = np.array(self.bands)
-        shared = np.outer(self.rcs_std, self.rcs_std) * (bands[:, np.newaxis] == bands)
-        matrix[component(RCS_ERROR, m), component(RCS_ERROR, m)] = shared
-        return matrix
+        return UncertainStates.of(
+            self.model, nominal, covariances, self.tolerances, self.seed, self.runs
+        )
 
     def at_poses(self, poses: slice | NDArray[np.intp]) -> Scenario:
         """Return the scenario with only some poses.

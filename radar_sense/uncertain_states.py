@@ -113,22 +113,13 @@ class UncertainStates:
 
     def __len__(self) -> int:
         """Number of poses."""
-        return self._poses
-
-    @cached_property
-    def _poses(self) -> int:
         lengths = [len(array) for array in self._arrays]
         return max(lengths) if min(lengths) else 0
 
     @property
-    def nominal(self) -> tuple[FloatArray, FloatArray]:
-        """Nominal states, of the aircraft (6,) or (k, 6), and of the radars alike."""
-        return _without_axis(self.aircraft), _without_axis(self.radar)
-
-    @property
-    def covariances(self) -> tuple[FloatArray, FloatArray]:
-        """C_aa (6, 6) or (k, 6, 6), and C_rr alike."""
-        return _without_axis(self.cov_aircraft), _without_axis(self.cov_radar)
+    def squeezed(self) -> tuple[FloatArray, ...]:
+        """The states and covariances, without an axis where they have one row for all poses."""
+        return tuple(array[0] if len(array) == 1 else array for array in self._arrays)
 
     @cached_property
     def log_constant(self) -> NDArray[np.bool_]:
@@ -331,11 +322,6 @@ def in_sight(model: NetworkModel, sight: NDArray[np.int8]) -> tuple[list[int], N
     of_each = zip(radars, sight[numbers], strict=True)
     seen = tuple(r.without_limits() if s == ALWAYS else r for r, s in of_each)
     return numbers, replace(model, radars=seen)
-
-
-def _without_axis(array: FloatArray) -> FloatArray:
-    """Return what is the same at all poses without their axis. Arithmetic of one row is slow."""
-    return array[0] if len(array) == 1 else array
 
 
 def _numbered(tolerances: Sequence[Sequence[Tolerance]]) -> list[list[int]]:

@@ -447,7 +447,7 @@ def nonlinear_by_its_own_moments(scenario, method):
 
 def log_normal(states, which=True):
     """Return uncertain states in which ln c_r of some radars (m,) is Gaussian, with the same σ."""
-    aircraft, radar = states.covariances
+    *_, aircraft, radar = states.squeezed
     which = np.broadcast_to(which, len(states.tolerances))
     tolerances = []
     for i, log in enumerate(which):

@@ -249,7 +249,7 @@ def snr_terms(scenario: Scenario) -> dict[str, tuple[FloatArray, FloatArray]]:
     )
     snr_db = words.decibels(radar.model.snr(states.aircraft, states.radar))
     by_owner = dict(zip(("aircraft", "radar"), partials, strict=True))
-    covariances = dict(zip(by_owner, states.covariances, strict=True))
+    covariances = dict(zip(by_owner, states.squeezed[2:], strict=True))
     variances = dict.fromkeys((*TERMS.values(), "radar_constant"), 0.0 * ones)
     for name, source in sources_of(scenario).items():
         partials_of, own = by_owner[source.owner], list(source.components)

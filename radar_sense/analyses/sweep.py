@@ -24,7 +24,7 @@ from radar_sense.command import LEVEL, METHOD, Option, Result, command
 from radar_sense.cost import RATE, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import ANY
-from radar_sense.propagation import moments_and_band
+from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.units import ascii_unit, unit_name
 
@@ -96,12 +96,12 @@ def sweep(
     highest, tests, found = [], [], []
     started = time.process_time()
     for one, value in zip(scenarios, values, strict=True):
-        moments, band = moments_and_band(one, method=method, beta=k, p_max=threshold)
+        moments = propagate_scenario(one, method=method, beta=k, p_max=threshold)
         pose = int(np.argmax(np.nan_to_num(moments.p_d, nan=-1.0)))
         ends = (moments.p_d[pose], moments.lower[pose], moments.upper[pose])
         highest.append((*ends, np.max(moments.upper), 3.0 * np.max(moments.std)))
         if threshold is not None:
-            tests.append(path_test(one, method, threshold, k, band))
+            tests.append(path_test(one, method, threshold, k, moments))
         for text in words.method_warnings(one, moments, method):
             found.append((axis.format(value), text))
         if len(highest) == 1:

@@ -20,7 +20,6 @@ from radar_sense.propagation import (
     Band,
     Moments,
     band_of_scenario,
-    moments_and_band,
     propagate_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
@@ -68,10 +67,9 @@ def variance(
     """
     axis, method, k = scenario.axis, scenario.method, sigmas(threshold, k, probability) or 3.0
     result = Result(scenario, method)
-    if k == 3:
-        moments, band = moments_and_band(scenario, method=method, p_max=threshold)
-    else:
-        moments = propagate_scenario(scenario, method=method)
+    moments = propagate_scenario(scenario, method=method, p_max=threshold if k == 3 else None)
+    band: Band = moments
+    if k != 3:
         band = band_of_scenario(scenario, method=method, beta=k, p_max=threshold)
     by_radar = {
         name: (alone, propagate_scenario(alone, method=method))

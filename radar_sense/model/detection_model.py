@@ -25,7 +25,6 @@ from radar_sense.model.geometry import Attitude, Vector, join, radar_from_aircra
 from radar_sense.model.radar_equation import MOST_NEPERS, NEPERS, snr
 from radar_sense.model.rcs import RCS, check_rcs, linearize_with_error, with_error
 from radar_sense.states import (
-    AIRCRAFT,
     ATTENUATION_ERROR,
     CONSTANT,
     RADAR,
@@ -41,7 +40,7 @@ BLOCK = 16_384
 COINCIDE = 1e-100
 #: From S and P_fa to a value of a detector, and its slope by S.
 Slope: TypeAlias = Callable[[FloatArray, float], tuple[FloatArray, ...]]
-_ONE = np.ones(())
+_ONE, _ZERO = np.ones(()), np.zeros(())
 # glibc returns free memory beyond twice the largest array freed so far (mallopt(3)). Blocks would
 # fetch it again page by page, and a gradient would take twice the time. Never touched.
 np.empty(3 << 20)
@@ -155,7 +154,8 @@ class DetectionModel:
                 negative.
         """
         aircraft, radar = checked_states(aircraft, radar)
-        return Linearization(*self._partials(partial(linearize, self.detector), aircraft, radar))
+        chain = partial(self._chain, partial(linearize, self.detector))
+        return Linearization(*_in_blocks(chain, aircraft, radar))
 
     def linearize_probit(
         self, aircraft: ArrayLike, radar: ArrayLike
@@ -174,17 +174,13 @@ class DetectionModel:
 
     def unchecked_snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return `snr` of states that have been checked."""
-        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), ((),), aircraft, radar, BLOCK)
+        (snr,) = _in_blocks(lambda a, r: (self._snr(a, r),), aircraft, radar)
         return snr
 
     def unchecked_p_d(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         """Return `p_d` of states that have been checked."""
         (p_d,) = _in_blocks(
-            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),),
-            ((),),
-            aircraft,
-            radar,
-            BLOCK,
+            lambda a, r: (self.detector.p_d(self._snr(a, r), self.p_fa),), aircraft, radar
         )
         return p_d
 
@@ -192,17 +188,9 @@ class DetectionModel:
         self, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return `linearize_probit` of checked states, NaN where a state is not finite."""
-        value, by_aircraft, by_radar = self._partials(
-            self.detector.linearize_probit, aircraft, radar
-        )
-        return value, by_aircraft, by_radar
-
-    def _partials(
-        self, detector: Slope, aircraft: FloatArray, radar: FloatArray
-    ) -> tuple[FloatArray, ...]:
-        """Return the value of a detector, and its partials by both states."""
-        tails = ((), (len(AIRCRAFT),), radar.shape[-1:])
-        return _in_blocks(lambda a, r: self._chain(detector, a, r), tails, aircraft, radar, BLOCK)
+        chain = partial(self._chain, self.detector.linearize_probit)
+        z, by_aircraft, by_radar = _in_blocks(chain, aircraft, radar)
+        return z, by_aircraft, by_radar
 
     def _snr(self, aircraft: FloatArray, radar: FloatArray) -> FloatArray:
         line = radar_from_aircraft(aircraft, radar)
@@ -230,6 +218,7 @@ class DetectionModel:
     def _chain(
         self, detector: Slope, aircraft: FloatArray, radar: FloatArray
     ) -> tuple[FloatArray, ...]:
+        """Return the value of a detector, and its partials by both states."""
         line = radar_from_aircraft(aircraft, radar)
         attitude = None if self.rcs.isotropic else Attitude.from_state(aircraft)
         body = line if attitude is None else attitude.to_body(line)
@@ -241,12 +230,12 @@ class DetectionModel:
             )
         else:
             sigma, sigma_gradient = self.rcs.linearize(join(body))
+        # S is a product, and each partial is S without a factor. It exists where the factor is 0.
         constant = radar[..., CONSTANT]
         ratio = snr(constant, sigma, range_squared)
-        # S is a product. ∂S/∂c_r and ∂S/∂σ_r are S without that factor, and exist where the factor
-        # is 0.
         ds_dconstant = snr(_ONE, sigma, range_squared)
-        path_loss = by_tilt = 0.0 * _ONE  # path_loss is −ln of the factor of the attenuation
+        ds_dsigma = snr(constant, _ONE, range_squared)
+        path_loss = by_tilt = _ZERO  # path_loss is −ln of the factor of the attenuation
         gain = None
         if self.attenuation:
             path_loss = 2.0 * NEPERS * self._attenuation(radar) * np.sqrt(range_squared)
@@ -255,34 +244,28 @@ class DetectionModel:
             nepers, by_line, by_tilt = self.antenna.linearize(line, _tilt_error(radar))
             gain = np.exp(nepers - path_loss)
         if gain is not None:
-            ratio, ds_dconstant = gain * ratio, gain * ds_dconstant
+            ratio, ds_dconstant, ds_dsigma = gain * ratio, gain * ds_dconstant, gain * ds_dsigma
         value, by_snr = detector(ratio, self.p_fa)
 
         # ∂S/∂R ∂R/∂p_r = −4 S/R · d/R, and −S · path_loss/R · d/R with an attenuation
-        by_range = -4.0 * by_snr * ratio / range_squared
-        if self.attenuation:
-            by_range *= 1.0 + 0.25 * path_loss
-        by_position = Vector(*(by_range * d for d in line))
+        by_log = by_snr * ratio
+        by_range = -by_log * (4.0 + path_loss) / range_squared
+        by_position = [by_range * d for d in line]
         if self.antenna is not None:
-            by_position = Vector(
-                *(p + by_snr * ratio * g for p, g in zip(by_position, by_line, strict=True))
-            )
+            by_position = [p + by_log * g for p, g in zip(by_position, by_line, strict=True)]
         if attitude is None:
             by_attitude = Vector(*[0.0 * by_snr] * 3)  # NaN where aircraft and radar coincide
         else:
             # σ_r depends on the body-frame vector, the range does not.
-            by_sigma = by_snr * snr(constant, _ONE, range_squared)
-            if gain is not None:
-                by_sigma *= gain
+            by_sigma = by_snr * ds_dsigma
             by_aspect, by_attitude = attitude.pull_back(
                 body, Vector(*(by_sigma * sigma_gradient[..., i] for i in range(3)))
             )
-            by_position = Vector(*(g + p for g, p in zip(by_aspect, by_position, strict=True)))
+            by_position = [p + g for p, g in zip(by_position, by_aspect, strict=True)]
         of_radar = [*by_position, by_snr * ds_dconstant]
         if with_errors:
-            by_log = by_snr * ratio
             of_radar += [by_log * by_error, -by_log * path_loss, by_log * by_tilt]
-        return value, join((*(-g for g in by_position), *by_attitude)), join(of_radar)
+        return value, join([*(-p for p in by_position), *by_attitude]), join(of_radar)
 
 
 def _tilt_error(radar: FloatArray) -> FloatArray:
@@ -302,53 +285,49 @@ def _range_squared(line: Vector) -> FloatArray:
 
 def _in_blocks(
     function: Callable[[FloatArray, FloatArray], tuple[FloatArray, ...]],
-    tails: tuple[tuple[int, ...], ...],
     aircraft: FloatArray,
     radar: FloatArray,
-    size: int,
 ) -> tuple[FloatArray, ...]:
     """Return the arrays that a function computes from states, block after block of poses.
 
     Args:
         function: From aircraft (..., 6) and radar (..., 4) to arrays (..., *tail).
-        tails: Shape of each array at one pose.
         aircraft: (..., 6).
         radar: (..., 4).
-        size: Poses of a block.
 
     Returns:
-        An array (..., *tail) for each of `tails`, with each component contiguous in memory.
+        The arrays (..., *tail), with each component contiguous in memory.
     """
     shape = np.broadcast_shapes(aircraft.shape[:-1], radar.shape[:-1])
     aircraft, radar = (
         s if s.shape[:-1] == shape else np.broadcast_to(s, shape + s.shape[-1:])
         for s in (aircraft, radar)
     )
-    if math.prod(shape) <= size:
+    if math.prod(shape) <= BLOCK:
         return function(aircraft, radar)
-    results = tuple(_component_first(shape, tail) for tail in tails)
-    for block in _blocks(shape, size):
+    results: list[FloatArray] = []
+    for block in _blocks(shape):
         values = function(aircraft[block], radar[block])
+        if not results:
+            results = [_component_first(shape, value.shape[len(shape) :]) for value in values]
         for result, value in zip(results, values, strict=True):
             result[block] = value
-    return tuple(result[()] for result in results)
+    return tuple(results)
 
 
-def _blocks(shape: tuple[int, ...], size: int) -> Iterator[tuple[slice, ...]]:
-    """Yield the slices that cut an array of a shape into parts of at most `size` elements."""
-    if not shape:
-        yield ()
-        return
-    inner = int(np.prod(shape[1:]))
-    together = max(1, size // max(1, inner))
+def _blocks(shape: tuple[int, ...]) -> Iterator[tuple[slice, ...]]:
+    """Yield the slices that cut an array of a shape into parts of at most `BLOCK` elements."""
+    inner = math.prod(shape[1:])
+    together = max(1, BLOCK // max(1, inner))
     for start in range(0, shape[0], together):
         first = slice(start, start + together)
-        if inner <= size:
+        if inner <= BLOCK:
             yield (first,)
         else:
-            yield from ((first, *rest) for rest in _blocks(shape[1:], size))
+            yield from ((first, *rest) for rest in _blocks(shape[1:]))
 
 
 def _component_first(shape: tuple[int, ...], tail: tuple[int, ...]) -> FloatArray:
+    """Return an empty array (*shape, *tail) with each component contiguous in memory."""
     empty = np.empty(tail + shape)
     return np.moveaxis(empty, range(len(tail)), range(-len(tail), 0))

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from radar_sense.states import ATTITUDE, POSITION, FloatArray, components_first
+from radar_sense.states import ATTITUDE, FloatArray, components_first
 
 
 class Vector(NamedTuple):
@@ -128,12 +128,7 @@ def join(components: Iterable[FloatArray]) -> FloatArray:
 
 def radar_from_aircraft(aircraft: FloatArray, radar: FloatArray) -> Vector:
     """Return the vector from aircraft (..., 6) to radar (..., 4) in north-east-down [m]."""
-    to, of = radar[..., POSITION], aircraft[..., POSITION]
-    if to.shape != of.shape:
-        to, of = np.broadcast_arrays(to, of)
-    to, of = components_first(to), components_first(of)
-    # One call for all components. order="C" makes each component contiguous.
-    return Vector(*np.subtract(to, of, order="C"))
+    return Vector(*(radar[..., i] - aircraft[..., i] for i in range(3)))
 
 
 def body_vector(aircraft: FloatArray, radar: FloatArray) -> FloatArray:

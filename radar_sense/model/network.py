@@ -98,7 +98,8 @@ class NetworkModel:
             ValueError: If a shape does not fit.
         """
         states = of_each(real_array("radar states", radar), len(self.radars))
-        return np.stack(self._visible(np.asarray(aircraft, dtype=float), states), axis=-1)
+        each = zip(self.radars, states, strict=True)
+        return np.stack([single.visible(aircraft, state) for single, state in each], axis=-1)
 
     def snr(self, aircraft: ArrayLike, radar: ArrayLike) -> FloatArray:
         """Return the signal-to-noise ratio at each radar (..., m), 0 where the aircraft is unseen.
@@ -138,11 +139,10 @@ class NetworkModel:
 
     def unchecked_linearize(self, aircraft: FloatArray, radar: FloatArray) -> Linearization:
         """Return `linearize` of states that have been checked."""
-        states = of_each(radar, len(self.radars))
         z, by_aircraft, by_radar = self._each_probit(
-            DetectionModel.unchecked_probit, aircraft, states, self._visible(aircraft, states)
+            DetectionModel.unchecked_probit, aircraft, radar
         )
-        fused = reduce(either, (ndtr(one) for one in z))
+        fused = reduce(either, map(ndtr, z))
         return Linearization(fused, *_weighted(slopes_of_p_d(z), by_aircraft, by_radar))
 
     def linearize_probit(
@@ -158,11 +158,10 @@ class NetworkModel:
                 negative.
         """
         aircraft, radar = checked_states(aircraft, radar, len(self.radars))
-        states = of_each(radar, len(self.radars))
-        visible = self._visible(aircraft, states)
-        each = self._each_probit(DetectionModel.unchecked_probit, aircraft, states, visible)
+        each = self._each_probit(DetectionModel.unchecked_probit, aircraft, radar)
         z, by_aircraft, by_radar = _fused(*each)
-        return np.where(np.any(visible, axis=0), z, -np.inf)[()], by_aircraft, by_radar
+        unseen = np.all(each[0] == UNSEEN, axis=0)
+        return np.where(unseen, -np.inf, z)[()], by_aircraft, by_radar
 
     def extrapolated_probit(
         self,
@@ -182,19 +181,13 @@ class NetworkModel:
             radar: (k, 7m); c_r may be negative.
             visible: Radars (k, m) that see the aircraft, at all states; z is -1e6 where none does.
         """
-        states = of_each(radar, len(self.radars))
-        return _fused(*self._each_probit(_extrapolated, aircraft, states, list(visible.T)))
+        return _fused(*self._each_probit(_extrapolated, aircraft, radar, visible))
 
     def floor(self, visible: NDArray[np.bool_]) -> FloatArray:
         """Return the fused z (...) without any signal; -1e6 where no radar sees the aircraft."""
         floors = [m.detector.linearize_probit(np.zeros(()), m.p_fa)[0] for m in self.models]
         lowest = [np.where(visible[..., i], z, UNSEEN) for i, z in enumerate(floors)]
         return fuse_probits(np.stack(lowest))
-
-    def _visible(
-        self, aircraft: FloatArray, states: Sequence[FloatArray]
-    ) -> list[NDArray[np.bool_]]:
-        return [r.visible(aircraft, state) for r, state in zip(self.radars, states, strict=True)]
 
     def _each(
         self,
@@ -222,13 +215,21 @@ class NetworkModel:
         self,
         linearized: Callable[..., tuple[FloatArray, FloatArray, FloatArray]],
         aircraft: FloatArray,
-        states: Sequence[FloatArray],
-        visible: Sequence[NDArray[np.bool_]],
+        radar: FloatArray,
+        visible: NDArray[np.bool_] | None = None,
     ) -> tuple[FloatArray, list[FloatArray], list[FloatArray]]:
-        """Return z_i (m, ...) of a function, and its partials by the aircraft and by each radar."""
+        """Return z_i (m, ...) of a function, and its partials by the aircraft and by each radar.
+
+        Args:
+            linearized: From a detection model and states to z and its partials.
+            aircraft: States of the aircraft.
+            radar: States of all radars.
+            visible: Radars (..., m) that see the aircraft; from the states if None.
+        """
         values, by_aircraft, by_radar = [], [], []
-        for model, state, seen in zip(self.models, states, visible, strict=True):
-            z, by_a, by_r = linearized(model, aircraft, state)
+        for i, state in enumerate(of_each(radar, len(self.radars))):
+            z, by_a, by_r = linearized(self.radars[i].model, aircraft, state)
+            seen = self.radars[i].visible(aircraft, state) if visible is None else visible[..., i]
             if not seen.all():
                 z = np.where(seen, z, UNSEEN)
                 by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))

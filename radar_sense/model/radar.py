@@ -25,7 +25,16 @@ from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.horizon import Horizon, horizon_range
 from radar_sense.model.radar_constant import DataSheet, Tolerance
-from radar_sense.states import CONSTANT, RADAR, FloatArray, check_finite, real_array
+from radar_sense.states import (
+    ATTENUATION_ERROR,
+    CONSTANT,
+    RADAR,
+    RADAR_AND_ERRORS,
+    TILT_ERROR,
+    FloatArray,
+    check_finite,
+    real_array,
+)
 
 #: Whether a radar sees an aircraft whose position is uncertain, see `Radar.sight`.
 NEVER, PERHAPS, ALWAYS = np.arange(3, dtype=np.int8)
@@ -235,6 +244,16 @@ class Radar:
         return np.where(
             must & (far <= least), ALWAYS, np.where(may & (near <= most), PERHAPS, NEVER)
         )
+
+    def covariance(self, level: str) -> FloatArray:
+        """Return C_rr (7, 7) at a level, with the errors of attenuation and tilt, see `states`."""
+        chosen, matrix = self.levels[level], np.zeros((len(RADAR_AND_ERRORS),) * 2)
+        matrix[: len(RADAR), : len(RADAR)] = chosen.covariance
+        if chosen.attenuation_std:
+            relative = chosen.attenuation_std / self.model.attenuation
+            matrix[ATTENUATION_ERROR, ATTENUATION_ERROR] = relative**2
+        matrix[TILT_ERROR, TILT_ERROR] = chosen.tilt_std**2
+        return matrix
 
     def without_limits(self) -> Radar:
         """Return the radar without minimum and maximum range, horizon and mask."""

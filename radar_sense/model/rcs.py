@@ -186,7 +186,8 @@ class EllipsoidRCS:
         hh = xx + yy
         rr = hh + zz
         with np.errstate(invalid="ignore"):
-            return self._numerator * self._inverse(xx, yy, zz, hh, rr) ** 2
+            inverse = self._inverse(xx, yy, zz, hh, rr)
+        return np.pi * (self.a * self.b * self.c) ** 2 * inverse**2
 
     def linearize(self, body_vector: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return σ_r (...) [m²] and its gradient (..., 3) [m²/m], NaN straight above and below."""
@@ -197,7 +198,7 @@ class EllipsoidRCS:
         rr = hh + zz
         with np.errstate(divide="ignore", invalid="ignore"):
             inverse = self._inverse(xx, yy, zz, hh, rr)
-            sigma = self._numerator * inverse**2
+            sigma = np.pi * (self.a * self.b * self.c) ** 2 * inverse**2
             # D = c² + s (b² − c² + (a² − b²) q) with s = sin²λ = y²/h² and q = cos²φ = h²/r²;
             # ∇s = 2xy/h⁴ (−y, x, 0), ∇q = 2z/r⁴ (xz, yz, −h²), and dσ = −2 σ/D dD.
             outer = -4.0 * sigma * inverse
@@ -211,10 +212,6 @@ class EllipsoidRCS:
                 )
             )
         return sigma, gradient
-
-    @property
-    def _numerator(self) -> float:
-        return float(np.pi * (self.a * self.b * self.c) ** 2)
 
     def _inverse(
         self, xx: FloatArray, yy: FloatArray, zz: FloatArray, hh: FloatArray, rr: FloatArray

@@ -123,7 +123,7 @@ class Automatic:
         self, states: UncertainStates, form: Form | None = None, p_max: float = np.nan
     ) -> None:
         self.states = states
-        self._form, self._p_max = form or Form(states), p_max
+        self.p_max, self._form = p_max, form or Form(states)
         self._first: dict[float, Estimate] = {}
         self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
 
@@ -161,7 +161,7 @@ class Automatic:
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
-        return Automatic(changed, self._form.with_covariances(changed), self._p_max)
+        return Automatic(changed, self._form.with_covariances(changed), self.p_max)
 
     @cached_property
     def _moments(self) -> tuple[FloatArray, FloatArray]:
@@ -173,7 +173,7 @@ class Automatic:
             (form.mean, form.std),
             of_moments,
             3.0,
-            self._p_max,
+            self.p_max,
             to_precision=True,
         )
         return np.where(confirmed, form.mean, drawn.mean), np.where(confirmed, form.std, drawn.std)
@@ -188,7 +188,7 @@ class Automatic:
                 (lower, upper),
                 of_bounds,
                 beta,
-                self._p_max,
+                self.p_max,
                 to_precision=True,
             )
             self._bands[beta] = (
@@ -202,5 +202,5 @@ class Automatic:
     def _look(self, beta: float) -> Estimate:
         """Return what the first draws say."""
         if beta not in self._first:
-            self._first[beta] = first_look(self.states, beta, self._p_max)
+            self._first[beta] = first_look(self.states, beta, self.p_max)
         return self._first[beta]

@@ -15,8 +15,8 @@ class Linear:
     """P_D of uncertain states, taken to be normal with σ from the gradient of P_D."""
 
     def __init__(self, states: UncertainStates, gradient: Linearization | None = None) -> None:
-        lin = gradient or states.model.unchecked_linearize(*states.nominal)
-        cov_aircraft, cov_radar = states.covariances
+        aircraft, radar, cov_aircraft, cov_radar = states.squeezed
+        lin = gradient or states.model.unchecked_linearize(aircraft, radar)
         by_aircraft = variance_along(lin.jac_aircraft, cov_aircraft)
         std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, cov_radar))
         each = np.zeros(len(states))

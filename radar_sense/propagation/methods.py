@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,6 +34,9 @@ from radar_sense.propagation.probit import Probit
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates, uncertain_states
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 #: The method that is right, and the default; and the method of plain draws.
 AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
@@ -85,42 +88,12 @@ METHODS: Mapping[str, Callable[[UncertainStates], Distribution]] = {
 }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Moments:
-    """Mean, standard deviation and bounds of a probability at each pose.
-
-    Attributes:
-        p_d: P_D of the nominal states (...).
-        mean: Mean of P_D (...).
-        std: Standard deviation of P_D (...).
-        lower: Bound that P_D falls below with probability Φ(−β) (...).
-        upper: Bound that P_D stays below with probability Φ(β) (...).
-        error: Standard error of the bounds (...), 0 where they are not by draws.
-    """
-
-    p_d: FloatArray
-    mean: FloatArray
-    std: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    error: FloatArray
-
-    def __repr__(self) -> str:
-        names = ", ".join(f.name for f in fields(self))
-        return f"<Moments of P_D at {np.size(self.p_d)} poses: {names}>"
-
-
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Band:
-    """Bounds of P_D at each of k poses, which cost less than `Moments`.
+    """Bounds of P_D at each pose, which cost less than `Moments`.
 
     Attributes:
-        p_d: P_D of the nominal states (k,).
-        lower: Bound that P_D falls below with probability Φ(−β) (k,).
-        upper: Bound that P_D stays below with probability Φ(β) (k,).
-        error: Standard error of the bounds (k,), 0 where they are not by draws.
-        drawn: What the draws say that judge the bounds by `automatic`, also of P(P_D > p_max);
-            None of another method, or without p_max.
+        p_d, lower, upper, error, drawn: As of `Moments`.
     """
 
     p_d: FloatArray
@@ -130,22 +103,66 @@ class Band:
     drawn: Estimate | None = None
 
     @classmethod
-    def join(cls, parts: Sequence[Band]) -> Band:
-        """Return the band at the poses of all parts, one part after the other."""
+    def of(cls, found: Distribution, beta: float) -> Self:
+        """Return the values of a distribution, with bounds at Φ(−β) and Φ(β)."""
+        lower, upper = found.quantile(-beta), found.quantile(beta)
+        error = found.error(beta) + np.zeros(len(lower))
+        drawn = None
+        if isinstance(found, Automatic) and not np.isnan(found.p_max):
+            drawn = found.drawn(beta)
+        return cls(p_d=found.p_d, lower=lower, upper=upper, error=error, drawn=drawn)
+
+    @classmethod
+    def join(cls, parts: Sequence[Self]) -> Self:
+        """Return the values at the poses of all parts, one part after the other."""
         if len(parts) == 1:
             return parts[0]
-        p_d, lower, upper, error = (
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("p_d", "lower", "upper", "error")
-        )
+        names = [f.name for f in fields(cls) if f.name != "drawn"]
+        arrays = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
         drawn = [part.drawn for part in parts if part.drawn is not None]
         known = len(drawn) == len(parts)
-        return cls(p_d, lower, upper, error, Estimate.join(drawn) if known else None)
+        return cls(**arrays, drawn=Estimate.join(drawn) if known else None)
 
-    def at(self, rows: NDArray[np.intp]) -> Band:
-        """Return the band at some poses."""
-        drawn = None if self.drawn is None else self.drawn.at(rows)
-        return Band(self.p_d[rows], self.lower[rows], self.upper[rows], self.error[rows], drawn)
+    @property
+    def arrays(self) -> dict[str, Any]:
+        """The arrays with a value for each pose, by name."""
+        return {name: values for name, values in vars(self).items() if name != "drawn"}
+
+    def at(self, rows: NDArray[np.intp]) -> Self:
+        """Return the values at some poses (k,)."""
+        arrays = {name: values[rows] for name, values in self.arrays.items()}
+        return type(self)(**arrays, drawn=None if self.drawn is None else self.drawn.at(rows))
+
+    def __repr__(self) -> str:
+        names = ", ".join(self.arrays)
+        return f"<{type(self).__name__} of P_D at {np.size(self.p_d)} poses: {names}>"
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Moments(Band):
+    """Mean, standard deviation and bounds of P_D at each pose.
+
+    Attributes:
+        p_d: P_D of the nominal states (...).
+        mean: Mean of P_D (...).
+        std: Standard deviation of P_D (...).
+        lower: Bound that P_D falls below with probability Φ(−β) (...).
+        upper: Bound that P_D stays below with probability Φ(β) (...).
+        error: Standard error of the bounds (...), 0 where they are not by draws.
+        drawn: What the draws say that judge the bounds by `automatic`, also of P(P_D > p_max);
+            None of another method, or without p_max.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+
+    @classmethod
+    def of(cls, found: Distribution, beta: float) -> Moments:
+        """Return the values of a distribution. All are P_D where nothing is uncertain."""
+        mean, std = mean_and_std(found)  # first, because these may have the bounds by the way
+        values = vars(Band.of(found, beta))
+        bounds = {end: np.where(std == 0, found.p_d, values[end]) for end in ("lower", "upper")}
+        return cls(**values | bounds, mean=mean, std=std)
 
 
 def propagate(
@@ -176,11 +193,9 @@ def propagate(
     Raises:
         ValueError: If there is no such method, β is not positive or a shape does not fit.
     """
-    check_method(method)
-    beta = check_number("beta", beta, POSITIVE)
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
-    moments, _ = _moments_and_band(states, method, beta)
-    return Moments(*(values.reshape(shape)[()] for values in vars(moments).values()))
+    moments = _moments(states, method, beta)
+    return Moments(**{name: v.reshape(shape)[()] for name, v in moments.arrays.items()})
 
 
 def unreliable(
@@ -198,49 +213,35 @@ def unreliable(
     Mean and bounds are off by more than 0.005, or by more than a tenth of themselves below 0.05.
     σ is off by more than 5 %. The arguments are those of `propagate`.
     """
-    check_method(method)
-    beta = check_number("beta", beta, POSITIVE)
     shape, states = uncertain_states(model, aircraft, radar, cov_aircraft, cov_radar)
-    moments, _ = _moments_and_band(states, method, beta)
+    moments = _moments(states, method, beta)
     result: NDArray[np.bool_] = _unreliable(states, moments, method, beta).reshape(shape)[()]
     return result
 
 
 def propagate_scenario(
-    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0
+    scenario: Scenario, *, method: str = AUTOMATIC, beta: float = 3.0, p_max: float | None = None
 ) -> Moments:
     """Return the moments of P_D (n,) at every pose of a scenario, at its level.
 
-    Raises:
-        InputError: If there is no such method.
-    """
-    return moments_and_band(scenario, method=method, beta=beta)[0]
-
-
-def moments_and_band(
-    scenario: Scenario, *, method: str, beta: float = 3.0, p_max: float | None = None
-) -> tuple[Moments, Band]:
-    """Return the moments and the band of P_D at every pose of a scenario, from the same draws.
+    Args:
+        scenario: The scenario.
+        method: Name of the method.
+        beta: β > 0; the bounds are at Φ(−β) and Φ(β).
+        p_max: Limit whose exceedance the draws of `automatic` count; None for none.
 
     Raises:
-        InputError: If there is no such method.
+        InputError: If there is no such method, or β is not positive.
     """
-    check_method(method)
-    beta = check_number("beta", beta, POSITIVE)
-    return _moments_and_band(scenario.states(), method, beta, p_max)
+    return _moments(scenario.states(), method, beta, p_max)
 
 
 def band_of_scenario(
     scenario: Scenario, *, method: str, beta: float = 3.0, p_max: float | None = None
 ) -> Band:
-    """Return the band of P_D at every pose of a scenario, without mean and σ.
-
-    Raises:
-        InputError: If there is no such method.
-    """
-    check_method(method)
+    """Return what `propagate_scenario` returns without mean and σ, which cost more."""
     parts = _distributions(scenario.states(), method, p_max)
-    return Band.join([_band(found, beta, p_max) for found in parts])
+    return Band.join([Band.of(found, beta) for found in parts])
 
 
 def unreliable_in_scenario(
@@ -252,7 +253,7 @@ def unreliable_in_scenario(
 
 def distribution(scenario: Scenario, method: str) -> Distribution:
     """Return the distribution of P_D at every pose of a scenario, at its level."""
-    check_method(method)
+    check_choice("method", method, METHODS)
     return METHODS[method](scenario.states())
 
 
@@ -277,14 +278,9 @@ def std_off_in_scenario(
     return judged(states, first, (mean, std), of_moments, JUDGED, to_precision=True)[2]
 
 
-def check_method(method: str) -> None:
-    """Raise InputError, which is a ValueError, unless there is such a method."""
-    check_choice("method", method, METHODS)
-
-
 def no_draws(method: str) -> None:
     """Raise InputError for plain draws, where a command draws itself or needs a smooth method."""
-    check_method(method)
+    check_choice("method", method, METHODS)
     if method == MONTE_CARLO:
         others = ", ".join(name for name in METHODS if name != MONTE_CARLO)
         raise InputError(
@@ -293,25 +289,19 @@ def no_draws(method: str) -> None:
         )
 
 
-def _moments_and_band(
+def _moments(
     states: UncertainStates, method: str, beta: float, p_max: float | None = None
-) -> tuple[Moments, Band]:
-    moments, bands = [], []
-    for found in _distributions(states, method, p_max):
-        mean, std = mean_and_std(found)  # first, because these may have the bounds by the way
-        band = _band(found, beta, p_max)
-        certain = std == 0
-        bounds = (np.where(certain, band.p_d, bound) for bound in (band.lower, band.upper))
-        moments.append((band.p_d, mean, std, *bounds, band.error))
-        bands.append(band)
-    whole = moments[0] if len(moments) == 1 else map(np.concatenate, zip(*moments, strict=True))
-    return Moments(*whole), Band.join(bands)
+) -> Moments:
+    beta = check_number("beta", beta, POSITIVE)
+    parts = _distributions(states, method, p_max)
+    return Moments.join([Moments.of(found, beta) for found in parts])
 
 
 def _distributions(
     states: UncertainStates, method: str, p_max: float | None
 ) -> Iterator[Distribution]:
     """Yield the distributions of P_D by a method at parts of the poses."""
+    check_choice("method", method, METHODS)
     if method == MONTE_CARLO:
         _foresee(states, states.runs, "fewer --runs")
     elif method == AUTOMATIC:
@@ -324,13 +314,6 @@ def _distributions(
             yield METHODS[method](part)
         done += len(part)
         report(f"poses propagated by {method}", done, len(states))
-
-
-def _band(found: Distribution, beta: float, p_max: float | None) -> Band:
-    lower, upper = (found.quantile(end) for end in (-beta, beta))
-    error = found.error(beta) + np.zeros(lower.shape)
-    drawn = found.drawn(beta) if isinstance(found, Automatic) and p_max is not None else None
-    return Band(found.p_d, lower, upper, error, drawn)
 
 
 def _unreliable(

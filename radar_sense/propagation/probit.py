@@ -23,9 +23,9 @@ class Probit:
     def __init__(
         self, states: UncertainStates, gradient: tuple[FloatArray, ...] | None = None
     ) -> None:
-        self._gradient = gradient or states.model.linearize_probit(*states.nominal)
+        aircraft, radar, cov_aircraft, cov_radar = states.squeezed
+        self._gradient = gradient or states.model.linearize_probit(aircraft, radar)
         z, by_aircraft, by_radar = self._gradient
-        cov_aircraft, cov_radar = states.covariances
         variance = variance_along(by_aircraft, cov_aircraft) + variance_along(by_radar, cov_radar)
         self._s = np.broadcast_to(np.sqrt(variance), len(states))
         self._m = np.broadcast_to(z, len(states))

@@ -278,7 +278,7 @@ def shaped(p_d, upper=None):
 
     def propagate(s):
         p, u = p_d(s.time_s), (upper or p_d)(s.time_s)
-        return Band(p, p, u, np.zeros(len(p)))
+        return Band(p_d=p, lower=p, upper=u, error=np.zeros(len(p)))
 
     return propagate
 

@@ -346,10 +346,10 @@ def test_very_many_poses_make_a_small_file():
     x, noise = s.axis.values, 0.1 * np.random.default_rng(1).standard_normal(len(s.axis))
     drawn = result.draw.keywords
     band = Band(
-        *(
-            np.interp(x, few.axis.values, getattr(drawn["band"], name)) + noise
+        **{
+            name: np.interp(x, few.axis.values, getattr(drawn["band"], name)) + noise
             for name in ("p_d", "lower", "upper", "error")
-        )
+        }
     )
     violated = (noise > 0).astype(float)
     figure = plotting.draw(partial(result.draw, scenario=s, band=band, violated=violated), "")

@@ -42,7 +42,8 @@ class LinearModel(NetworkModel):
     def moments(self, states):
         p_d = np.full(len(states), 0.5)
         std = np.full_like(p_d, self.exaggerate * np.hypot(self.by_aircraft, self.by_radar))
-        return Moments(p_d, p_d, std, p_d - 3 * std, p_d + 3 * std, np.zeros_like(p_d))
+        lower, upper, error = p_d - 3 * std, p_d + 3 * std, np.zeros_like(p_d)
+        return Moments(p_d=p_d, mean=p_d, std=std, lower=lower, upper=upper, error=error)
 
 
 def gaussian(std=0.03, shared=0.0, poses=4, exaggerate=1.0, seed=1):

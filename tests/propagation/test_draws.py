@@ -228,7 +228,7 @@ def states_of(problem, seed=1, runs=500):
         np.diag(np.square(std).ravel()),
     )
     every = (tolerances, *((),) * (len(nominal) - 1))
-    states = states.with_covariances(*states.covariances, every)
+    states = states.with_covariances(*states.squeezed[2:], every)
     return replace(states, seed=seed, runs=runs)
 
 
@@ -396,7 +396,7 @@ def test_a_pose_does_not_depend_on_the_others(method):
     together = propagate(s.model, aircraft, *rest, method=method)
     for i in (0, 4, 8):
         alone = propagate(s.model, aircraft[i], *rest, method=method)
-        for name, value in vars(alone).items():
+        for name, value in alone.arrays.items():
             assert_allclose(getattr(together, name)[i], value, rtol=1e-9, err_msg=name)
     assert method != "automatic" or 0 < np.count_nonzero(together.error) < 9
 

@@ -21,7 +21,6 @@ from radar_sense.propagation import (
     METHODS,
     band_of_scenario,
     distribution,
-    moments_and_band,
     propagate,
     propagate_scenario,
     unreliable,
@@ -155,10 +154,10 @@ def test_the_first_look_of_automatic_has_1024_draws(radars, centres, count):
 def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
-    moments, band = moments_and_band(s, method="automatic", p_max=p_max)
+    band = propagate_scenario(s, method="automatic", p_max=p_max)
     plain, alone = propagate_scenario(s), band_of_scenario(s, method="automatic")
     for name in ("p_d", "lower", "upper", "error"):
-        np.testing.assert_array_equal(getattr(moments, name), getattr(plain, name))
+        np.testing.assert_array_equal(getattr(band, name), getattr(plain, name))
         np.testing.assert_array_equal(getattr(band, name), getattr(alone, name))
     again = decide(s, p_max, 3.0)
     _, values = count(lambda s: decide(s, p_max, 3.0, band.drawn), s)

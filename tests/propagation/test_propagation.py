@@ -648,7 +648,7 @@ def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
     states = model, aircraft, radar, COV_AIRCRAFT, COV_RADAR["medium"]
     assert np.all(unreliable(*states, method="form")[~known])
     for i, pose in enumerate(aircraft):
-        assert_same(Moments(*(v[i] for v in vars(found).values())), by_form(pose))
+        assert_same(found.at(i), by_form(pose))
 
 
 @pytest.mark.parametrize("rcs", [MODEL.rcs, SpikeballRCS(4, 0.18, 0.1)])
@@ -670,7 +670,7 @@ def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
     if method in SMOOTH:
         alone = propagate(model, poses[0], radar, COV_AIRCRAFT, cov_radar, method=method)
         # σ is 1e-13, the rounding of P_D near 1
-        assert_same(Moments(*(v[0] for v in vars(found).values())), alone, rtol=1e-5)
+        assert_same(found.at(0), alone, rtol=1e-5)
 
 
 # Shapes and arguments.
@@ -687,10 +687,10 @@ def test_a_pose_does_not_depend_on_the_others(method):
     for i in (0, 7, 18):
         alone = propagate(MODEL, some[i], RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
         assert np.shape(alone.mean) == ()
-        assert_same(alone, Moments(*(v[i] for v in vars(whole).values())))
+        assert_same(alone, whole.at(i))
     many = np.resize(some, (100 if method == "automatic" else 5000, 6))
     found = propagate(MODEL, many, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
-    assert_same(found, Moments(*(np.resize(v, len(many)) for v in vars(whole).values())))
+    assert_same(found, Moments(**{n: np.resize(v, len(many)) for n, v in whole.arrays.items()}))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -701,13 +701,13 @@ def test_states_and_covariances_broadcast(method):
     cov_aircraft = np.array([correlated(rng, [30, 20, 10, 0.01, 0.02, 0.01]) for _ in range(3)])
     cov_radar = np.stack([COV_RADAR["low"], *(correlated(rng, [90, 9, 9, 5]) for _ in range(3))])
     found = propagate(MODEL, aircraft, radar, cov_aircraft[:, np.newaxis], cov_radar, method=method)
-    for value in vars(found).values():
+    for value in found.arrays.values():
         assert value.shape == (3, 4)
     for i, j in np.ndindex(3, 4):
         alone = propagate(
             MODEL, aircraft[i, j], radar[j], cov_aircraft[i], cov_radar[j], method=method
         )
-        assert_same(alone, Moments(*(v[i, j] for v in vars(found).values())), rtol=1e-11)
+        assert_same(alone, found.at((i, j)), rtol=1e-11)
     # One pose with many covariances.
     many = propagate(MODEL, aircraft[0, 0], radar[0], COV_AIRCRAFT, cov_radar, method=method)
     assert many.p_d.shape == many.std.shape == (4,)
@@ -718,7 +718,7 @@ def test_states_and_covariances_broadcast(method):
 def test_no_poses(method, shape):
     aircraft = np.zeros((*shape, 6))
     found = propagate(MODEL, aircraft, RADAR, COV_AIRCRAFT, COV_RADAR["low"], method=method)
-    assert {value.shape for value in vars(found).values()} == {shape}
+    assert {value.shape for value in found.arrays.values()} == {shape}
 
 
 def test_many_square_roots_at_once_are_those_one_by_one():
