@@ -305,7 +305,7 @@ class UncertainStates:
             whole=self if self.whole is None else self.whole,
         )
 
-    @property
+    @cached_property
     def _arrays(self) -> tuple[FloatArray, ...]:
         return self.aircraft, self.radar, self.cov_aircraft, self.cov_radar
 

@@ -227,12 +227,15 @@ class NetworkModel:
             visible: Radars (..., m) that see the aircraft; from the states if None.
         """
         values, by_aircraft, by_radar = [], [], []
-        for i, state in enumerate(of_each(radar, len(self.radars))):
-            z, by_a, by_r = linearized(self.radars[i].model, aircraft, state)
-            seen = self.radars[i].visible(aircraft, state) if visible is None else visible[..., i]
-            if not seen.all():
-                z = np.where(seen, z, UNSEEN)
-                by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))
+        for i, (single, state) in enumerate(
+            zip(self.radars, of_each(radar, len(self.radars)), strict=True)
+        ):
+            z, by_a, by_r = linearized(single.model, aircraft, state)
+            if single.limited or visible is not None:
+                seen = single.visible(aircraft, state) if visible is None else visible[..., i]
+                if not seen.all():
+                    z = np.where(seen, z, UNSEEN)
+                    by_a, by_r = (np.where(seen[..., np.newaxis], by, 0.0) for by in (by_a, by_r))
             values.append(z)
             by_aircraft.append(by_a)
             by_radar.append(by_r)
