@@ -33,8 +33,9 @@ from radar_sense.states import AIRCRAFT, RADAR, FloatArray
 #: docs/reference/commands.md is made from this.
 WARNINGS: dict[str, str] = {
     "band-imprecise": (
-        "The draws of the band were not enough: a bound has a standard error above 0.005. The "
-        "column error_3sigma has it. P_D jumps near the bound, or changes much in a thin tail."
+        "The draws of the band were not enough: a bound of P_D has a standard error above 0.005, "
+        "or a bound of the range one above 1 %. The column error_3sigma has that of P_D. P_D jumps "
+        "near the bound, or changes much in a thin tail."
     ),
     "band-off": (
         "Draws say that a bound or sigma of the method is off by more than the warning says. Use "

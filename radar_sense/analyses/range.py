@@ -23,7 +23,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.coverage.ranges import RangeAt, detection_ranges, limit_of_radar
+from radar_sense.coverage.ranges import PRECISION, RangeAt, detection_ranges, limit_of_radar
 from radar_sense.coverage.rays import (
     EVALUATIONS,
     FARTHEST,
@@ -33,10 +33,7 @@ from radar_sense.coverage.rays import (
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import below_ground
-from radar_sense.propagation import (
-    AUTOMATIC,
-    no_draws,
-)
+from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import (
@@ -180,8 +177,13 @@ def detection_range(
     for name, of_radar in ranges.items():
         place = describe_poses(np.any([at.unreliable for at in of_radar], axis=0), axis)
         if place:
-            text = f"the {method} band of the range is off {place}; use --method {AUTOMATIC}"
-            warnings.append((name, warning("band-off", text)))
+            if method == AUTOMATIC:
+                error = f"a bound has a standard error above {PRECISION:.0%}"
+                text = f"the {method} band of the range is not precise {place}: {error}"
+                warnings.append((name, warning("band-imprecise", text)))
+            else:
+                text = f"the {method} band of the range is off {place}; use --method {AUTOMATIC}"
+                warnings.append((name, warning("band-off", text)))
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
     if not warnings and any(np.isfinite(at.std).any() for of in ranges.values() for at in of):

@@ -5,18 +5,27 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from radar_sense.coverage.rays import FARTHEST, Rays, Reach, Survey, bounds_of_reach
+from radar_sense.coverage.rays import (
+    FARTHEST,
+    NEAREST,
+    Rays,
+    Reach,
+    Survey,
+    bounds_of_reach,
+    first_guess,
+    reach_of_bound,
+)
 from radar_sense.propagation import (
     AUTOMATIC,
-    distribution,
     propagate_scenario,
     unreliable_in_scenario,
 )
+from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.draws import estimate
 from radar_sense.sources import error_budget
 from radar_sense.states import FloatArray
@@ -26,9 +35,11 @@ from radar_sense.states import FloatArray
 NODE = math.sqrt(3.0)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
-#: Bounds by draws: draws at each end, steps of Newton's method, the longest step in ln of the
-#: distance, the step of the slope, and |z| of a P_D that is 0 or 1 for the method.
-DRAWS, NEWTON_STEPS, MOST_STEP, WIDER, FAR = 4096, 3, 0.2, 0.01, 8.0
+#: Draws at each distance of a bound by draws, and more where these are not precise. The tolerance
+#: of z is far below the standard error.
+DRAWS, TOLERANCE = (4096, 16_384, 65_536), 1e-3
+#: Relative standard error of a bound of the range by draws that needs no more draws.
+PRECISION = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +54,7 @@ class RangeAt:
         lower: Lower bound at Φ(−k).
         upper: Upper bound at Φ(k).
         by_source: Standard deviation from each source alone, to first order.
-        unreliable: Where the method is unreliable.
+        unreliable: Where the method is off, or draws are not precise.
     """
 
     p_d: float
@@ -103,14 +114,14 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
             band = bounds_of_reach(seen, value, smooth, k)
             middle = bounds_of_reach(seen, value, smooth, NODE)
             unreliable = _unreliable(around, band, smooth, k)
-            if method == AUTOMATIC and unreliable.any():
-                some = around.part(np.flatnonzero(unreliable))
-                limit = np.nan_to_num(seen.limit)[unreliable]
+            unknown = unreliable | np.isnan([*band, *middle]).any(axis=0)
+            if method == AUTOMATIC and unknown.any():
+                rows, unreliable = np.flatnonzero(unknown), np.zeros_like(unknown)
+                some = seen.part(rows)
                 for ends, beta in ((band, k), (middle, NODE)):
                     for end, sign in zip(ends, (-1.0, 1.0), strict=True):
-                        drawn = _by_draws(some, end[unreliable], value, sign * beta)
-                        end[unreliable] = np.minimum(drawn, limit)
-                unreliable = np.zeros_like(unreliable)
+                        end[rows], imprecise = _by_draws(some, end[rows], value, sign * beta)
+                        unreliable[rows] |= imprecise
             lower, upper = (_slant(around, end) for end in band)
             first, last = (_slant(around, end) for end in middle)
             std = _std_of_quantiles(first, slant, last)
@@ -137,9 +148,7 @@ def _std_of_quantiles(lower: FloatArray, middle: FloatArray, upper: FloatArray) 
     return std
 
 
-def _unreliable(
-    around: Rays, band: tuple[FloatArray, FloatArray], method: str, k: float
-) -> NDArray[np.bool_]:
+def _unreliable(around: Rays, band: list[FloatArray], method: str, k: float) -> NDArray[np.bool_]:
     """Return where (n,) the method is unreliable at one end of the band."""
     unreliable = np.zeros(len(around.bearing), dtype=bool)
     for end in band:
@@ -150,28 +159,44 @@ def _unreliable(
     return unreliable
 
 
-def _by_draws(around: Rays, end: FloatArray, value: float, beta: float) -> FloatArray:
-    """Return how far (n,) a bound at Φ(β) reaches a value by draws, from how far it does by form.
+def _by_draws(
+    seen: Survey, guess: FloatArray, value: float, beta: float
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value.
 
-    Newton's method for z of the bound over ln of the distance, with the slope by form.
+    More draws are made where the standard error of the distance exceeds `PRECISION`.
+
+    Args:
+        seen: P_D along the rays.
+        guess: Distances near by (n,) [m]; NaN where none is known.
+        value: Value of P_D.
+        beta: β.
+
+    Returns:
+        The distances (n,) [m], and where (n,) even the most draws are not precise.
     """
-    moves = np.nan_to_num(end) > 0
-    distance = np.where(moves, end, FARTHEST)
+    upper = int(beta > 0)
 
-    def z(bound: FloatArray) -> FloatArray:
-        limited: FloatArray = np.clip(ndtri(np.clip(bound, 0.0, 1.0)), -FAR, FAR)
-        return limited
+    def drawn(draws: int, rays: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
+        ends, errors = estimate(rays.at(distance).states(), draws, abs(beta)).bounds
+        return ends[upper], errors[upper]
 
-    for _ in range(NEWTON_STEPS):
-        found = estimate(around.at(distance).states(), DRAWS, abs(beta))
-        off = z(found.lower if beta < 0 else found.upper) - ndtri(value)
-        ends = [around.at(distance * factor) for factor in (1.0 - WIDER, 1.0 + WIDER)]
-        near, far = (z(distribution(at, "form").quantile(beta)) for at in ends)
-        slope = (far - near) / np.log((1.0 + WIDER) / (1.0 - WIDER))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            step = np.where(slope < 0, -off / slope, 0.0)
-        distance = distance * np.exp(np.clip(np.nan_to_num(step), -MOST_STEP, MOST_STEP))
-    return np.where(moves, distance, end)
+    reach = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
+    rows = np.arange(len(reach))
+    for draws in DRAWS:
+        some, found = seen.part(rows), partial(drawn, draws)
+        reach[rows] = reach_of_bound(
+            some, reach[rows], value, lambda *at, found=found: found(*at)[0], TOLERANCE
+        )
+        at = np.maximum(reach[rows], NEAREST)
+        near, _ = found(some.all_rays, at * (1.0 - PRECISION))
+        far, error = found(some.all_rays, at * (1.0 + PRECISION))
+        # at a limit of the radar the bound is higher than the value, and needs no precision
+        settled = (2.0 * error <= near - far) | (far - value > ERRORS * error)
+        rows = rows[(reach[rows] > 0) & ~settled]
+        if not rows.size:
+            break
+    return reach, np.isin(np.arange(len(reach)), rows)
 
 
 def _slope(around: Rays, distance: FloatArray) -> FloatArray:

@@ -20,7 +20,7 @@ from radar_sense.coverage.grid import pose_in_cells, put_at_height
 from radar_sense.model import geodesy
 from radar_sense.model.geometry import slant_range
 from radar_sense.model.network import NetworkModel
-from radar_sense.propagation import band_of_scenario, distribution
+from radar_sense.propagation import distribution
 from radar_sense.scenario import Scenario
 from radar_sense.states import AIRCRAFT, ATTITUDE, DOWN, POSITION, YAW, FloatArray
 
@@ -116,15 +116,9 @@ class Rays:
         """Return where (n, k) distances (n, k) are within the limits of the radar."""
         return self.limited.visible(self.states(distance), self.scenario.radar)[..., 0]
 
-    def bounds(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
-        """Return the lower and the upper bound of P_D (2, n, k) by a method at distances (n, k)."""
-        band = band_of_scenario(self.at(distance), method=method, beta=beta)
-        return np.stack([band.lower, band.upper]).reshape(2, *distance.shape)
-
-    def upper(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
-        """Return the upper bound of P_D (n, k) by a method at distances (n, k)."""
-        bound = distribution(self.at(distance), method).quantile(beta)
-        return np.reshape(bound, distance.shape)
+    def quantile(self, distance: FloatArray, method: str, beta: float) -> FloatArray:
+        """Return the quantile of P_D (n, ...) at Φ(β) by a method at distances (n, ...)."""
+        return distribution(self.at(distance), method).quantile(beta).reshape(distance.shape)
 
 
 def rays(
@@ -231,9 +225,7 @@ def survey(all_rays: Rays) -> Survey:
     return Survey(all_rays, distance, p_d, visible)
 
 
-def bounds_of_reach(
-    seen: Survey, value: float, method: str, beta: float
-) -> tuple[FloatArray, FloatArray]:
+def bounds_of_reach(seen: Survey, value: float, method: str, beta: float) -> list[FloatArray]:
     """Return how far the bounds of P_D at Φ(−β) and Φ(β) reach a value, within the limits.
 
     The distance at which P_D falls below a value is random, because P_D is uncertain. Where P_D
@@ -251,48 +243,53 @@ def bounds_of_reach(
     Returns:
         Two arrays (n,) [m]: 0 where a bound is nowhere as high, NaN where the method has no value.
     """
-    limit = np.nan_to_num(seen.limit)
-    lower, upper = (
-        _bound_of_reach(seen.all_rays, place, limit, value, method, beta, upper=end == 1)
-        for end, place in enumerate(_guesses(seen, value, beta))
-    )
-    return lower, upper
+
+    def reach(end: float) -> FloatArray:
+        def bound(rays: Rays, distance: FloatArray) -> FloatArray:
+            return rays.quantile(distance, method, end)
+
+        return reach_of_bound(seen, first_guess(seen, value, end), value, bound)
+
+    return [reach(-beta), reach(beta)]
 
 
-def _guesses(seen: Survey, value: float, beta: float) -> list[FloatArray]:
-    """Return where (n,) the lower and upper bound by `probit` reach a value, or come closest."""
+def first_guess(seen: Survey, value: float, beta: float) -> FloatArray:
+    """Return where (n,) the quantile by `probit` reaches a value, or comes closest."""
     distance = seen.distance[::STRIDE]
     samples = np.broadcast_to(distance, (len(seen.p_d), len(distance)))
-    guesses = []
-    for bound in seen.all_rays.bounds(samples, "probit", beta):
-        inside = bound >= value
-        last = len(distance) - 1 - np.argmax(inside[:, ::-1], axis=1)
-        highest = np.argmax(np.nan_to_num(bound), axis=1)
-        guesses.append(distance[np.where(inside.any(axis=1), last, highest)])
-    return guesses
+    bound = seen.all_rays.quantile(samples, "probit", beta)
+    inside = bound >= value
+    last = len(distance) - 1 - np.argmax(inside[:, ::-1], axis=1)
+    highest = np.argmax(np.nan_to_num(bound), axis=1)
+    return np.asarray(distance[np.where(inside.any(axis=1), last, highest)])
 
 
-def _bound_of_reach(
-    all_rays: Rays,
+def reach_of_bound(
+    seen: Survey,
     guess: FloatArray,
-    limit: FloatArray,
     value: float,
-    method: str,
-    beta: float,
-    *,
-    upper: bool,
+    bound: Callable[[Rays, FloatArray], FloatArray],
+    tolerance: float = FALSI_TOLERANCE,
 ) -> FloatArray:
-    """Return how far (n,) one bound reaches a value; 0 for nowhere, NaN for not known."""
-    wanted = ndtri(value)
+    """Return how far (n,) a bound of P_D reaches a value, within the limits of the radar.
+
+    Args:
+        seen: P_D along the rays.
+        guess: Where the bound may reach the value (n,) [m].
+        value: Value of P_D.
+        bound: From j rays and distances (j,) to the bound of P_D (j,).
+        tolerance: |z| of the bound less z of the value that is near enough.
+
+    Returns:
+        Distances (n,) [m]: 0 where the bound is nowhere as high, NaN where it is not known.
+    """
+    wanted, limit = ndtri(value), np.nan_to_num(seen.limit)
 
     def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
         """Return z of the bound minus z of the value, on some rays."""
         if not len(rows):
             return np.empty(0)
-        rays = all_rays.part(rows)
-        column = distance[:, np.newaxis]
-        bound = rays.upper(column, method, beta) if upper else rays.bounds(column, method, beta)[0]
-        z = ndtri(np.clip(bound[:, 0], 0.0, 1.0))
+        z = ndtri(np.clip(bound(seen.all_rays.part(rows), distance), 0.0, 1.0))
         result: FloatArray = np.clip(z, -LARGEST_PROBIT, LARGEST_PROBIT) - wanted
         return result
 
@@ -319,10 +316,11 @@ def _bound_of_reach(
             np.log(far[rows]),
             at_near[rows],
             at_far[rows],
+            tolerance,
         )
     )
     inside = np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE
-    reach[(reach > 0) & ~all_rays.visible(inside)[:, 0]] = 0
+    reach[(reach > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0
     reach[unknown] = np.nan
     reach[limit == 0] = 0.0
     return reach
@@ -334,6 +332,7 @@ def _falsi(
     high: FloatArray,
     at_low: FloatArray,
     at_high: FloatArray,
+    tolerance: float,
 ) -> FloatArray:
     """Return roots (k,) of functions between two ends of different signs; NaN where one is NaN.
 
@@ -346,6 +345,7 @@ def _falsi(
         high: Upper ends (k,).
         at_low: Values at the lower ends.
         at_high: Values at the upper ends.
+        tolerance: Size of a value that counts as 0.
     """
     root = 0.5 * (low + high)
     low, high, at_low, at_high = (np.array(end) for end in (low, high, at_low, at_high))
@@ -365,7 +365,7 @@ def _falsi(
         at_high[active[again & left]] *= 0.5
         at_low[active[again & ~left]] *= 0.5
         side[active] = np.where(left, 1, -1)
-        active = active[abs(value) > FALSI_TOLERANCE]
+        active = active[abs(value) > tolerance]
     return root
 
 
