@@ -80,7 +80,7 @@ def random_flight(folder, number):
 
 
 @pytest.mark.usefixtures("few_judge")
-@pytest.mark.parametrize("number", range(8))
+@pytest.mark.parametrize("number", range(5))
 def test_a_pose_is_at_most_anywhere_and_anywhere_at_most_the_sum_over_poses(tmp_path, number):
     s = random_flight(tmp_path, number)
     p_d = s.model.p_d(s.aircraft, s.radar)
@@ -135,8 +135,9 @@ def past_a_limit(folder, beyond, at, level=False):
     )
 
 
-@pytest.mark.parametrize("within", [10, 40, 300])
-@pytest.mark.parametrize("at", [489.7, 250, 31.4])
+@pytest.mark.parametrize(
+    ("within", "at"), [(10, 489.7), (10, 31.4), (40, 250), (300, 489.7), (300, 31.4)]
+)
 def test_a_path_that_grazes_a_limit_between_rows_is_violated(tmp_path, within, at):
     """The errors are metres, and the path is within the limit for twice √(d² − (d − x)²)/v."""
     s = past_a_limit(tmp_path, -within, at)
@@ -210,6 +211,7 @@ def test_a_factor_of_a_budget_is_confirmed_by_plain_draws_of_another_program():
     """Where 3 sigma is largest it is 0.5 with all deviations some 3.58 times as large."""
     folder = Path(__file__).parents[1] / "studies/cases"
     s = rs.load_scenario(folder / "bud_b.yaml")
+    s = s.at_poses(np.flatnonzero(s.axis.values == 30))
     result = analyses.budget(s, method="automatic", target=0.5, at=30)
     factor = result.summary["target"]["required_accuracy"]["all"]["factor"]
     assert 3.3 < factor <= 3.62

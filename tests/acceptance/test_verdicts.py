@@ -229,8 +229,9 @@ def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
     assert any("add poses between the rows with geometry.interpolate" in w for w in result.warnings)
 
 
-@pytest.mark.parametrize("sweep", [(45, 225, 90), (225, 45, -90)])
-@pytest.mark.parametrize("azimuth_from", ["east", "north"])
+@pytest.mark.parametrize(
+    ("sweep", "azimuth_from"), [((45, 225, 90), "east"), ((225, 45, -90), "north")]
+)
 def test_an_orbit_is_tested_between_its_azimuths(sweep, azimuth_from):
     start, stop, step = sweep
     azimuths = {"start": start, "stop": stop, "step": step}

@@ -193,7 +193,7 @@ def test_the_worst_heading_is_that_of_brute_force(rcs, attitude):
     s = scenario(aircraft__rcs=RCS[rcs], aircraft__attitude_deg=attitude)
     cells = area.grid(s, north_km=(200, 500), east_km=(-350, 0), step_km=300)
     for _ in range(40):  # a radar for which P_D is neither 0 nor 1
-        off = np.median(brute_force(s, cells, count=1000)) - 0.6
+        off = np.median(brute_force(s, cells, count=400)) - 0.6
         if abs(off) < 0.1:
             break
         s = with_arrays(s, radar=s.radar * [1, 1, 1, 0.6 if off > 0 else 1.5])
@@ -238,20 +238,18 @@ def test_headings_are_as_many_as_lobes_need(lobes, enough):
     assert enough <= count <= 4 * enough
 
 
-@pytest.mark.parametrize("lobes", [3000, 32_768, 65_536, 65_546, 1_000_000])
-def test_lobes_too_narrow_for_a_search_are_refused(tool, lobes):
-    text = yaml.safe_dump(document(aircraft__rcs={**RCS["lobes"], "lobes": lobes}))
-    Path("my.yaml").write_text(text)
-    code, out, err = tool("map", "my.yaml", "--worst-heading", "--step-km", 300)
-    assert (code, out) == (2, "")
-    assert "lobes of the RCS are too narrow" in err
+def test_lobes_too_narrow_for_a_search_are_refused():
+    for lobes in (3000, 32_768, 65_536, 65_546, 1_000_000):
+        s = scenario(aircraft__rcs={**RCS["lobes"], "lobes": lobes})
+        with pytest.raises(rs.InputError, match="lobes of the RCS are too narrow"):
+            area.worst_p_d_in_cells(s, small(s))
 
 
 def test_the_route_has_its_own_probabilities():
     """At 820 s the nose is on the radar: P_D is 0.21, and 0.94 at the heading of the map."""
     s = rs.load_scenario(ROOT / "configs/path.yaml")
     north, east = s.aircraft[:, 0] / 1e3, s.aircraft[:, 1] / 1e3
-    result = coverage_map(s, step_km=20)
+    result = coverage_map(s, step_km=40)
     np.testing.assert_array_equal(result.draw.keywords["route"], s.model.p_d(s.aircraft, s.radar))
     pose = int(np.argmin(abs(s.time_s - 820)))
     assert result.draw.keywords["route"][pose] == pytest.approx(0.21, abs=0.01)
@@ -271,11 +269,11 @@ def test_the_route_has_its_own_probabilities():
     assert line.get_clim() == image.get_clim() == (0, 1)
     assert line.get_cmap().name == image.get_cmap().name
     assert axes.get_title() == "9 km above the origin, heading 90 deg"
-    upper = coverage_map(s, step_km=20, upper=True, method="probit")
+    upper = coverage_map(s, step_km=40, upper=True, method="probit")
     np.testing.assert_allclose(
         upper.draw.keywords["route"], rs.analyses.variance(s, method="probit").table["upper_3sigma"]
     )
-    worst = coverage_map(s, step_km=20, worst_heading=True)
+    worst = coverage_map(s, step_km=40, worst_heading=True)
     assert set(worst.table) == {"north_m", "east_m", "p_d", "worst_heading_deg"}
     assert worst.plot().axes[0].get_title() == "9 km above the origin, worst heading"
     assert "Largest" in worst.plot().axes[1].get_ylabel()
@@ -468,13 +466,11 @@ def test_refusals(tool, args, words):
 @pytest.mark.parametrize(
     ("changes", "upper"),
     [
-        ({}, False),
         ({"geometry__azimuth_deg": {"start": 45, "stop": 45, "step": 1}}, False),
         ({"radar__position_m": [2e6, -1e5, 0]}, False),
         ({"geometry__range_km": 1}, False),  # detected everywhere: no line to draw
         ({"geometry__range_km": 20_000}, False),
         ({}, True),
-        ({"geometry__range_km": 20_000}, True),
     ],
 )
 def test_figure(changes, upper):

@@ -8,7 +8,6 @@ import pytest
 from helpers import scenario
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.integrate import quad
 from scipy.special import chndtr
 
 from radar_sense.model.detection_model import DetectionModel
@@ -69,7 +68,7 @@ def slope(tails, snr, p_fa, which):
 @pytest.mark.parametrize("detector", EXACT)
 def test_value_slope_and_probit_in_both_tails(detector):
     found, tails = detector(), ORACLES[detector]
-    for snr, p_fa in random_cases(np.random.default_rng(31), 60):
+    for snr, p_fa in random_cases(np.random.default_rng(31), 36):
         with mp.workdps(60):
             exact = tails(snr, p_fa)
             which = int(exact[1] < exact[0])
@@ -111,19 +110,15 @@ def test_the_complement_keeps_its_digits_where_p_d_rounds_to_one(detector):
 @pytest.mark.parametrize(("snr", "p_fa"), [(0.3, 0.1), (5.0, 1e-3), (40.0, 1e-6), (15.0, 1e-12)])
 def test_swerling_is_the_mean_over_a_fluctuating_cross_section(snr, p_fa):
     """The oracles above have the same closed form; here Marcum's P_D is averaged."""
+    nodes, weights = np.polynomial.legendre.leggauss(300)
     for fluctuating, density in (
         (Swerling1(), lambda t: np.exp(-t / snr) / snr),
         (Swerling3(), lambda t: 4 * t / snr**2 * np.exp(-2 * t / snr)),
     ):
-        mean, _ = quad(
-            lambda t, density=density: density(t) * float(Marcum().p_d(np.array(t), p_fa)),
-            0,
-            45 * snr,
-            points=[snr, 4 * snr, -np.log(p_fa)],
-            epsabs=0,
-            epsrel=1e-11,
-            limit=200,
-        )
+        ends = np.sort([0, snr, 4 * snr, -np.log(p_fa), 15 * snr, 45 * snr])
+        half = 0.5 * np.diff(ends)[:, np.newaxis]
+        t = ends[:-1, np.newaxis] + half * (1 + nodes)
+        mean = np.sum(half * weights * density(t) * Marcum().p_d(t, p_fa))
         assert_allclose(fluctuating.p_d(np.array(snr), p_fa), mean, rtol=1e-10)
 
 

@@ -165,11 +165,11 @@ def test_fusion_keeps_both_tails():
 
 
 def test_second_derivatives_of_the_fusion():
-    # against differences in 60 digits of z, by its definition
+    # against differences in 40 digits of z, by its definition
     rng = np.random.default_rng(8)
-    columns = [rng.uniform(-12, 12, m) for m in (2, 2, 3, 4)]
+    columns = [rng.uniform(-12, 12, m) for m in (2, 3, 4)]
     columns += [np.array(z) for z in ([30.0, 29.9], [-8.9, -9.1, -9.0], [0.0, 9.0], [-6.0, 3.0])]
-    with mp.workdps(60):
+    with mp.workdps(40):
 
         def fused(*each):
             miss = mp.fprod(mp.ncdf(-z) for z in each)
@@ -180,8 +180,9 @@ def test_second_derivatives_of_the_fusion():
             value, weight = linearize_fusion(z)
             second = np.diag(weight * excess_hazard(z))
             second -= np.outer(weight, weight) * excess_hazard(value)
+            assert_array_equal(second, second.T)
             point = [mpf(x) for x in z]
-            for i, j in np.ndindex(second.shape):
+            for i, j in zip(*np.triu_indices(len(z)), strict=True):
                 orders = np.bincount([i, j], minlength=len(z)).tolist()
                 exact = float(mp.diff(fused, point, tuple(orders)))
                 scale = max(abs(float(weight[i])), abs(float(weight[j]))) * (1 + abs(value))

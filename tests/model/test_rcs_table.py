@@ -584,7 +584,6 @@ def test_the_command_says_where_draws_leave_the_table(tool, here):
     "rcs",
     [
         {"model": "constant", "rcs_m2": 1},
-        {"model": "ellipsoid", "a_m": 0.15, "b_m": 0.13, "c_m": 0.21},
         {"model": "spikeball", "lobes": 4, "amplitude_m2": 0.18, "floor_m2": 0},
     ],
     ids=lambda entry: entry["model"],

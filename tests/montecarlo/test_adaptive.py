@@ -132,8 +132,8 @@ def test_where_first_order_is_exact_it_agrees():
 
 def test_the_standard_errors_are_those_of_the_draws():
     """Over 40 seeds all values scatter about the truth as their standard errors say."""
-    found = [validate(gaussian(std=0.012, poses=1, seed=seed), digits=2) for seed in range(40)]
-    exact = np.array([0.5, 0.012, 0.464, 0.536])
+    found = [validate(gaussian(std=0.04, poses=1, seed=seed), digits=1) for seed in range(40)]
+    exact = np.array([0.5, 0.04, 0.38, 0.62])
     off = np.array([(v.drawn[:, 0] - exact) / v.error[:, 0] for v in found])
     # of 160 normals the largest is beyond 4.5 once in 900 times
     assert np.max(abs(off)) < 4.5
@@ -151,7 +151,7 @@ def test_no_standard_error_is_too_small_by_chance_at_one_pose_of_hundreds():
     s = load_scenario().with_analysis(level="low")
     form = propagate_scenario(s, method="form")
     values = np.stack([getattr(form, name) for name in QUANTITIES])
-    for number in range(4):
+    for number in range(2):
         drawn, error = adaptive.draw_batch(s.states(), number, 4096)
         off = abs(drawn - values)
         assert np.max(np.where(off > 5e-5, off / error, 0)) < 4.5
@@ -160,8 +160,9 @@ def test_no_standard_error_is_too_small_by_chance_at_one_pose_of_hundreds():
 @pytest.mark.parametrize(("off", "never"), [(0.8, "differs"), (2.5, "agrees")])
 def test_nearly_the_tolerance_does_not_differ_and_clearly_above_does_not_agree(off, never):
     for seed in range(5):
-        v = validate(gaussian(std=0.012, poses=1, seed=seed), upper=lambda u: u + off * 0.0005)
-        assert v.delta[0] == 0.0005
+        states = gaussian(std=0.04, poses=1, seed=seed)
+        v = validate(states, digits=1, upper=lambda u: u + off * 0.005)
+        assert v.delta[0] == 0.005
         assert v.word != never, seed
 
 

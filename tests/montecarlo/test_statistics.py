@@ -63,10 +63,10 @@ def test_tails_are_the_quantiles_of_all_rows(count, probability, merged):
     np.testing.assert_allclose(found.upper, np.quantile(rows, 1 - probability, axis=0), atol=1e-15)
 
 
-@pytest.mark.parametrize("size", [256, 1000, 140_000])
+@pytest.mark.parametrize("size", [256, 140_000])
 @pytest.mark.parametrize("kind", HARD)
 def test_tails_of_very_many_rows_are_exact_too(kind, size):
-    count = 400_000
+    count = 200_000
     rows = HARD[kind](np.random.default_rng(count + size).uniform(size=(count, 2)))
     found = statistics_of(rows, P, size, merged=True).result()
     expected = np.quantile(rows, [P, 1 - P], axis=0)

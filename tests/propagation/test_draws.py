@@ -197,9 +197,7 @@ def statistics_of(p_d, p_max):
 @lru_cache
 def truth_of(name):
     """Return `statistics_of` many plain draws of a problem."""
-    problem = PROBLEMS[name]
-    draws = 400_000 if problem.detector == "marcum" else 1_000_000  # chndtr takes a microsecond
-    return statistics_of(plain_p_d(problem, draws), problem.p_max)
+    return statistics_of(plain_p_d(PROBLEMS[name], 400_000), PROBLEMS[name].p_max)
 
 
 # The same problems for the package.
@@ -290,21 +288,21 @@ def test_weighted_draws_agree_with_plain_draws(name):
     assert 0 < exact["above"][0] < 1
 
 
-@pytest.mark.parametrize("beta", [0.0, 1e-300, 0.3])
 @pytest.mark.parametrize("name", ["one radar", "short range, 4 km"])
-def test_bounds_beside_the_median(name, beta):
-    found = estimate(states_of(PROBLEMS[name]), 16_384, beta)
+def test_bounds_beside_the_median(name):
     drawn = np.sort(plain_p_d(PROBLEMS[name], 100_000))
-    for end, value, error in (
-        (-beta, found.lower[0], found.lower_error[0]),
-        (beta, found.upper[0], found.upper_error[0]),
-    ):
-        place = 100_000 * ndtr(end) + 4 * 160 * np.array([-1, 1])  # √(n/4) of four
-        low, high = drawn[place.astype(int)]
-        assert low - 4 * error <= value <= high + 4 * error
+    for beta in (0.0, 1e-300, 0.3):
+        found = estimate(states_of(PROBLEMS[name]), 16_384, beta)
+        for end, value, error in (
+            (-beta, found.lower[0], found.lower_error[0]),
+            (beta, found.upper[0], found.upper_error[0]),
+        ):
+            place = 100_000 * ndtr(end) + 4 * 160 * np.array([-1, 1])  # √(n/4) of four
+            low, high = drawn[place.astype(int)]
+            assert low - 4 * error <= value <= high + 4 * error
 
 
-@pytest.mark.parametrize(("name", "seeds"), [("one radar", 100), ("maximum range", 60)])
+@pytest.mark.parametrize(("name", "seeds"), [("one radar", 60), ("maximum range", 40)])
 def test_standard_errors_are_honest(name, seeds):
     """Over many seeds, values spread as their standard errors say, about the truth."""
     problem, exact, draws = PROBLEMS[name], truth_of(name), 4096
@@ -325,10 +323,9 @@ def test_standard_errors_are_honest(name, seeds):
 # The methods.
 
 
-@pytest.mark.parametrize("step_deg", [0.5, 15])
 @pytest.mark.parametrize("level", ["low", "medium", "high"])
-def test_automatic_is_form_where_nothing_is_nonlinear(level, step_deg):
-    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": step_deg})
+def test_automatic_is_form_where_nothing_is_nonlinear(level):
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 180, "step": 2.5})
     s = s.with_analysis(level=level)
     found, form = (propagate_scenario(s, method=method) for method in ("automatic", "form"))
     for name in ("p_d", "mean", "std", "lower", "upper"):

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from helpers import (
-    cov_by_level,
     scenario,
     with_arrays,
 )
@@ -16,7 +15,6 @@ from radar_sense.acceptance.threshold import decide
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
-from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.propagation import (
     METHODS,
     band_of_scenario,
@@ -24,7 +22,6 @@ from radar_sense.propagation import (
     propagate,
     propagate_scenario,
     unreliable,
-    unreliable_in_scenario,
 )
 from radar_sense.propagation.automatic import judged, of_bounds, of_moments
 from radar_sense.propagation.looks import first_look
@@ -33,8 +30,6 @@ from radar_sense.propagation.looks import first_look
 EXPANSION = 2 * (3 + 4) + 1
 #: Most gradients of the search for one extreme, and for the nine of mean and σ: one or two each.
 ONE_EXTREME, NINE_EXTREMES = 2.5, 11
-#: Gradients that choose where to draw: six steps to each of four extremes, and one, of a network.
-EMPHASIS = 6 * 4 + 1
 
 
 def problem(radars, step_deg=30, level="medium"):
@@ -99,13 +94,8 @@ def test_evaluations_of_a_method(radars, count):
         )
         assert gradients == 1 if most == 1 else EXPANSION < gradients <= most
         assert values == (method == "form")  # which computes P_D apart
-
-
-@pytest.mark.parametrize("radars", [1, 6])
-def test_evaluations_of_one_bound(radars, count):
-    for method, most in (("linear", 1), ("probit", 1), ("form", EXPANSION + ONE_EXTREME)):
-        gradients, _ = count(lambda s, m=method: distribution(s, m).quantile(3.0), problem(radars))
-        assert 1 <= gradients <= most
+        of_bound, _ = count(lambda s, m=method: distribution(s, m).quantile(3.0), problem(radars))
+        assert 1 <= of_bound <= (1 if most == 1 else EXPANSION + ONE_EXTREME)
 
 
 @pytest.mark.parametrize("radars", [1, 6])
@@ -136,21 +126,6 @@ def test_evaluations_grow_in_proportion_to_poses_and_radars(method, count):
     assert math.log(gradients(2, 3) / few) / math.log(61 / 7) == pytest.approx(1, abs=0.02)
 
 
-@pytest.mark.parametrize(("radars", "centres"), [(1, 3), (6, 14)])
-def test_the_first_look_of_automatic_has_1024_draws(radars, centres, count):
-    """More are not needed where the errors are a tenth of those of level low."""
-    s = problem(radars, level="low")
-    cov_radar = {"low": cov_by_level(s)["low"] / 100}
-    s = with_arrays(s, cov_aircraft=s.cov_aircraft / 100, cov_radar=cov_radar)
-    gradients, values = count(lambda s: propagate_scenario(s, method="automatic"), s)
-    assert values == 1 + 1 + centres + 1024  # P_D itself for the judgement, and for the shares
-    assert gradients <= EXPANSION + NINE_EXTREMES + EMPHASIS
-    moments = propagate_scenario(s, method="form")
-    gradients, values = count(lambda s: unreliable_in_scenario(s, moments, method="form"), s)
-    assert values == 1 + centres + 1024
-    assert gradients <= EMPHASIS
-
-
 def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
@@ -165,19 +140,6 @@ def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     on = decide(s, p_max, 3.0, band.drawn)
     np.testing.assert_array_equal(on.holds, again.holds)
     np.testing.assert_array_equal(on.violated, again.violated)
-
-
-def test_plain_draws_are_those_of_the_scenario(count):
-    s = problem(6).with_analysis(runs=40)
-    gradients, values = count(lambda s: distribution(s, "montecarlo").quantile(3.0), s)
-    assert (gradients, values) == (0, 1 + 40)
-
-
-def test_evaluations_grow_in_proportion_to_runs(count):
-    """The exponent of the number of values is 1."""
-    s = problem(1)
-    few, many = (count(lambda s, n=n: monte_carlo(s, runs=n), s)[1] for n in (500, 50_000))
-    assert math.log(many / few) / math.log(100) == pytest.approx(1, abs=0.02)
 
 
 def test_form_of_the_radars_that_see_a_pose(half_blind):

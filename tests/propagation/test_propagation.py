@@ -1,11 +1,9 @@
 """Methods of propagation against references without their code.
 
 References: the reference set on the paper's scenario (tests/reference), draws on random scenarios,
-integrals over one state by scipy, and mpmath. The draws of the methods themselves are tested in
-`test_draws`.
+Gauss-Legendre quadrature over one state, and mpmath. `test_draws` has the draws of the methods
+themselves.
 """
-
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,7 +11,6 @@ from helpers import standard_normal_space
 from mpmath import mp, mpf
 from numpy.testing import assert_allclose, assert_array_equal
 from reference import reading
-from scipy.integrate import quad
 from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 from studies.bands import judging, package, populations, truth
@@ -205,7 +202,7 @@ def test_moments_of_a_probit_agree_with_thirty_digits():
                 )
             assert mean[0] == pytest.approx(float(exact_mean), rel=3e-14)
             assert std[0] == pytest.approx(float(mp.sqrt(exact_variance)), rel=3e-14)
-            if 0.5 <= s <= 3 and m < 9:  # Owen's integral itself
+            if (m, s) in ((0.3, 0.5), (-1.0, 3.0)):  # Owen's integral itself
                 with mp.workdps(20):
                     defined = mp.quad(
                         lambda u, m=m, s=s, e=exact_mean: (
@@ -286,19 +283,30 @@ def one_state(which, std):
     return np.diag(variances[:6]), np.diag(variances[6:])
 
 
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(400)
+
+
 def exact_moments(p_d_at, breaks=()):
     """Mean and standard deviation of a function of one standard normal variable."""
     ends = np.unique([-9.0, -3.0, 0.0, 3.0, 9.0, *breaks])
+    half = 0.5 * np.diff(ends)[:, np.newaxis]
+    u = ends[:-1, np.newaxis] + half * (1 + NODES)
+    weight = half * WEIGHTS * norm.pdf(u)
+    off = p_d_at(u) - p_d_at(0.0)
+    drift = np.sum(weight * off)
+    return p_d_at(0.0) + drift, np.sqrt(np.sum(weight * (off - drift) ** 2))
 
-    def integral(function):
-        return sum(
-            quad(lambda u: function(u) * norm.pdf(u), a, b, epsabs=0, epsrel=1e-10, limit=200)[0]
-            for a, b in pairwise(ends)
-        )
 
-    centre = p_d_at(0.0)
-    drift = integral(lambda u: p_d_at(u) - centre)
-    return centre + drift, np.sqrt(integral(lambda u: (p_d_at(u) - centre - drift) ** 2))
+def along_state(which, pose, radar, std):
+    """Return P_D as a function of the unit normal of one of the ten states; c_r is at least 0."""
+
+    def p_d_at(u):
+        states = np.tile(np.concatenate((pose, radar)), (*np.shape(u), 1))
+        states[..., which] += std * np.asarray(u)
+        states[..., 9] = np.maximum(states[..., 9], 0)
+        return MODEL.p_d(states[..., :6], states[..., 6:])
+
+    return p_d_at
 
 
 @pytest.mark.parametrize(
@@ -314,10 +322,7 @@ def test_radar_constant_alone(percent, bound_error, std_error):
     aircraft = paper_aircraft(np.array([0.0, 30.0, 60.0, 90.0]))
     found = propagate(MODEL, aircraft, RADAR, *one_state(9, std), method="form")
     for i, pose in enumerate(aircraft):
-
-        def p_d_at(u, pose=pose):
-            return float(MODEL.p_d(pose, [0, 0, 0, max(RADAR[3] + std * u, 0.0)]))
-
+        p_d_at = along_state(9, pose, RADAR, std)
         assert found.lower[i] == pytest.approx(p_d_at(-3.0), abs=bound_error)
         assert found.upper[i] == pytest.approx(p_d_at(3.0), abs=bound_error)
         mean, std_exact = exact_moments(p_d_at, breaks=[max(-100 / percent, -9.0)])
@@ -331,10 +336,7 @@ def test_a_radar_constant_that_is_half_the_time_zero():
     """Then P_D has a floor that half of the draws are at, which is where the lower bound is."""
     pose, std = paper_aircraft(90.0), 5.0
     found = propagate(MODEL, pose, RADAR * 0.0, *one_state(9, std), method="form")
-
-    def p_d_at(u):
-        return float(MODEL.p_d(pose, [0, 0, 0, max(std * u, 0.0)]))
-
+    p_d_at = along_state(9, pose, RADAR * 0.0, std)
     mean, std_exact = exact_moments(p_d_at)
     assert found.std == pytest.approx(std_exact, rel=0.01)
     assert found.mean == pytest.approx(mean, abs=0.01 * std_exact)
@@ -369,12 +371,7 @@ def test_another_state_alone(which):
     pose = paper_aircraft(45.0)
     pose[3] = 0.2  # else rolling changes next to nothing
     found = propagate(MODEL, pose, RADAR, *one_state(which, std), method="form")
-
-    def p_d_at(u):
-        states = np.concatenate((pose, RADAR))
-        states[which] += std * u
-        return float(MODEL.p_d(states[:6], states[6:]))
-
+    p_d_at = along_state(which, pose, RADAR, std)
     mean, std_exact = exact_moments(p_d_at)
     assert std_exact > 1e-4
     assert found.std == pytest.approx(std_exact, rel=2e-5)
@@ -392,11 +389,7 @@ def test_far_in_the_tails(constant):
     found = propagate(MODEL, aircraft, radar, *one_state(9, std), method="form")
     by_probit = propagate(MODEL, aircraft, radar, *one_state(9, std), method="probit")
     for i, pose in enumerate(aircraft):
-
-        def p_d_at(u, pose=pose):
-            return float(MODEL.p_d(pose, [0, 0, 0, constant + std * u]))
-
-        _, exact = exact_moments(p_d_at)
+        _, exact = exact_moments(along_state(9, pose, radar, std))
         if exact > 1e-10:
             assert found.std[i] == pytest.approx(exact, rel=1e-3)
             assert by_probit.std[i] == pytest.approx(exact, rel=0.35)
@@ -406,25 +399,23 @@ def test_far_in_the_tails(constant):
 # Where the gradient vanishes.
 
 
-@pytest.mark.parametrize("azimuth", [0.0, 90.0, 180.0])
-@pytest.mark.parametrize("exactly", [False, True])
+@pytest.mark.parametrize(
+    ("azimuth", "exactly"), [(0.0, False), (90.0, False), (90.0, True), (180.0, True)]
+)
 def test_where_the_gradient_vanishes_first_order_is_zero_and_warned_of(azimuth, exactly):
     """Tail-on, broadside and nose-on yaw has no effect to first order; second order is right."""
     pose = paper_aircraft(azimuth)
     if exactly:
         pose[2] = 0.0
         pose[:2] = np.round(pose[:2], 3)
-    covariances = one_state(5, DEGREE)
-
-    def p_d_at(u):
-        return float(MODEL.p_d([*pose[:5], pose[5] + DEGREE * u], RADAR))
-
+    covariances, p_d_at = one_state(5, DEGREE), along_state(5, pose, RADAR, DEGREE)
     mean, std = exact_moments(p_d_at)
     farthest = p_d_at(norm.ppf((1 + ndtr(3.0)) / 2))  # |u| is no more with probability Φ(3)
     assert std > 2e-5
     for method in (*SMOOTH, "automatic"):  # plain draws have no bounds at Φ(3)
-        found = propagate(MODEL, pose, RADAR, *covariances, method=method)
-        warned = unreliable(MODEL, pose, RADAR, *covariances, method=method)
+        states = MODEL, pose, RADAR, *covariances
+        found = propagate(*states, method=method)
+        warned = is_unreliable(states, found, method)
         second_order = method in ("form", "automatic")
         assert warned == (not second_order)
         if second_order:
@@ -447,7 +438,7 @@ def test_500_plain_draws_are_unreliable(method):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_without_uncertainty_every_deviation_is_zero(method):
-    states = MODEL, AIRCRAFT, RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR
+    states = MODEL, AIRCRAFT[::20], RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR
     found = propagate(*states, method=method)
     assert_array_equal(found.std, 0.0)
     for name in ("mean", "lower", "upper"):
@@ -529,22 +520,6 @@ def is_unreliable(states, found, method):
     return unreliable(*states, method=method)
 
 
-def misses(method, model, aircraft, radar, cov_aircraft, cov_radar):
-    """Return errors of bounds beyond 4 standard errors, of σ, and poses without a warning."""
-    states = model, aircraft, radar, cov_aircraft, cov_radar
-    found = propagate(*states, method=method)
-    trusted = ~is_unreliable(states, found, method)
-    rng, off = np.random.default_rng(4), 4 * np.sqrt(ndtr(-3.0) / 100_000)
-    bounds, stds = [], []
-    for i, pose in enumerate(aircraft):
-        p_d = draws(model, pose, radar, cov_aircraft, cov_radar, rng, 100_000)
-        ends = np.quantile(p_d, ndtr([[-3.0], [3.0]]) + off * np.array([-1, 1]))
-        given = np.array([found.lower[i], found.upper[i]])
-        bounds.append(np.max([ends[:, 0] - given, given - ends[:, 1]]) - 4 * found.error[i])
-        stds.append(abs(found.std[i] / p_d.std() - 1) if p_d.std() > 1e-3 else 0.0)
-    return np.array(bounds), np.array(stds), trusted
-
-
 @pytest.mark.parametrize(
     ("rcs", "constant", "attitude_deg", "constant_std"),
     [
@@ -555,22 +530,29 @@ def misses(method, model, aircraft, radar, cov_aircraft, cov_radar):
         (SpikeballRCS(20, 0.18, 0.1), 60.0, 1.0, 5.0),
     ],
 )
-@pytest.mark.parametrize("method", ["form", "automatic"])
-def test_no_bound_is_wrong_at_large_angles(method, rcs, constant, attitude_deg, constant_std):
+def test_no_bound_is_wrong_at_large_angles(rcs, constant, attitude_deg, constant_std):
     """Also with kinks in reach: without a warning bounds are good to 0.005, σ to 5 %."""
-    model = DetectionModel(rcs, p_fa=1.7e-4)
     angle = attitude_deg * DEGREE
-    bounds, stds, trusted = misses(
-        method,
-        model,
+    states = (
+        DetectionModel(rcs, p_fa=1.7e-4),
         paper_aircraft(np.arange(0.0, 121.0, 60.0)),
         np.array([0.0, 0.0, 0.0, constant]),
         independent(10, 10, 10, angle, angle, angle),
         independent(100, 100, 100, constant_std),
     )
-    assert np.all(bounds[trusted] < 0.005)
-    assert np.all(stds[trusted] < 0.06)  # σ of the draws has an error of its own
-    assert trusted.all() == (method == "automatic")
+    rng, off = np.random.default_rng(4), 4 * np.sqrt(ndtr(-3.0) / 100_000)
+    drawn = np.array([draws(states[0], pose, *states[2:], rng) for pose in states[1]])
+    levels = ndtr([-3.0, -3.0, 3.0, 3.0]) + off * np.array([-1, 1, -1, 1])
+    ends, std = np.quantile(drawn, levels, axis=1), drawn.std(axis=1)
+    for method in ("form", "automatic"):
+        found = propagate(*states, method=method)
+        trusted = ~is_unreliable(states, found, method)
+        given = np.stack([found.lower, found.upper])
+        bounds = np.max([ends[::2] - given, given - ends[1::2]], axis=(0, 1)) - 4 * found.error
+        assert np.all(bounds[trusted] < 0.005)
+        # σ of the draws has an error of its own
+        assert np.all((abs(found.std / std - 1) < 0.06)[trusted & (std > 1e-3)])
+        assert trusted.all() == (method == "automatic")
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -596,40 +578,16 @@ def test_bounds_stay_within_0_and_1(method, beta):
 
 def test_huge_uncertainty_is_warned_of():
     """Nearly all draws of P_D are then 0 or 1, and so are the bounds by draws."""
-    states = MODEL, AIRCRAFT[::60], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8
+    states = MODEL, AIRCRAFT[::120], RADAR, COV_AIRCRAFT * 1e8, COV_RADAR["low"] * 1e8
     for method in SMOOTH:
         assert unreliable(*states, method=method).all()
     found = propagate(*states)
-    assert not unreliable(*states).any()
+    assert not is_unreliable(states, found, "automatic").any()
     assert_allclose(found.lower, MODEL.p_d(AIRCRAFT[0], RADAR * 0), rtol=0, atol=1e-3)
     assert_array_equal(found.upper, 1.0)
 
 
 # Values that are not known.
-
-
-@pytest.mark.parametrize("limit", [0, 1, 2])
-def test_values_that_have_not_converged_are_nan(limit, monkeypatch):
-    """One evaluation each is enough on the paper's scenario, but not with 5° of attitude."""
-    cov_aircraft = independent(10, 10, 10, 5 * DEGREE, 5 * DEGREE, 5 * DEGREE)
-    states = MODEL, AIRCRAFT[::10], RADAR, cov_aircraft, COV_RADAR["high"]
-    full = propagate(*states, method="form")
-    monkeypatch.setattr(form, "ITERATIONS", limit)
-    cut = propagate(*states, method="form")
-    known = np.isfinite(cut.std)
-    assert not known.all()
-    assert known.any() == (limit > 1)
-    assert_array_equal(cut.p_d, full.p_d)
-    for name in VALUES:
-        # Converged values are the same as without the limit.
-        assert_array_equal(getattr(cut, name)[known], getattr(full, name)[known])
-        assert np.isfinite(getattr(full, name)).all()
-    assert np.isnan(cut.mean[~known]).all()
-    if limit == 1:  # a method with draws has a result where FORM has none
-        some = ~known & (np.arange(len(known)) % 4 == 0)
-        by_draws = propagate(MODEL, states[1][some], *states[2:])
-        assert np.isfinite([getattr(by_draws, name) for name in VALUES]).all()
-        assert np.all(by_draws.error > 0)
 
 
 def test_a_pose_that_has_not_converged_does_not_change_its_neighbours():
@@ -688,7 +646,7 @@ def test_a_pose_does_not_depend_on_the_others(method):
         alone = propagate(MODEL, some[i], RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
         assert np.shape(alone.mean) == ()
         assert_same(alone, whole.at(i))
-    many = np.resize(some, (100 if method == "automatic" else 5000, 6))
+    many = np.resize(some, (100 if method == "automatic" else 2500, 6))
     found = propagate(MODEL, many, RADAR, COV_AIRCRAFT, COV_RADAR["medium"], method=method)
     assert_same(found, Moments(**{n: np.resize(v, len(many)) for n, v in whole.arrays.items()}))
 
@@ -776,11 +734,11 @@ def test_no_bound_is_wrong_without_a_warning(detector, percent):
     """Only c_r is uncertain. P_D grows with c_r, so its bounds are P_D at the bounds of c_r."""
     model = DetectionModel(rcs=ConstantRCS(0.2), p_fa=1e-6, detector=detector)
     aircraft = np.array([0.0, 5e4, 0.0, 0.0, 0.0, 0.0])
-    snr = np.geomspace(1, 300, 12)
-    radar = np.zeros((12, 4))
+    snr = np.geomspace(1, 300, 6)
+    radar = np.zeros((6, 4))
     radar[:, 3] = snr * 1.380649e-23 * 5e4**4 / 0.2
     spread = percent / 100
-    cov_radar = np.zeros((12, 4, 4))
+    cov_radar = np.zeros((6, 4, 4))
     cov_radar[:, 3, 3] = (spread * radar[:, 3]) ** 2
     lower, upper = (model.p_d(aircraft, radar * (1 + 3 * sign * spread)) for sign in (-1, 1))
     u = np.linspace(-9, 9, 4001)
@@ -830,8 +788,7 @@ def test_a_far_lobe_is_warned_of_and_in_the_draws(far_deg):
         assert not abs(propagate(*case, method=method).upper - exact) <= 0.005
         assert unreliable(*case, method=method)
     found = propagate(*case)
-    assert not unreliable(*case)
-    assert found.error > 0
+    assert 0 < found.error <= 0.005
     assert abs(found.upper - exact) < 0.005 + 4 * found.error
 
 
