@@ -249,7 +249,7 @@ def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
 def test_drawn_detections_start_as_many_tracks(tmp_path, tau):
     """Outcomes look by look: m detections in n looks in a row of the radars with one period."""
     periods = {"near": 4, "hill": 8, "far": 8}
-    brute, runs = Brute(periods, tau), 10_000
+    brute, runs = Brute(periods, tau), 6000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
     p = brute.draws(runs, seed=4)
     hits = np.random.default_rng(5).random(p.shape) < p

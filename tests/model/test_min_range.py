@@ -11,6 +11,7 @@ from helpers import (
     TRACKING,
     assert_same_scenario,
     document,
+    few_draws,
     paper_network,
     place,
     refusal,
@@ -101,7 +102,8 @@ def test_draws_depend_on_the_minimum_range_and_methods_warn_of_it(offset):
             assert unreliable_in_scenario(edge, moments, method=method).all()
 
 
-def test_a_mission_and_a_map_have_a_blind_circle(tmp_path):
+def test_a_mission_and_a_map_have_a_blind_circle(tmp_path, monkeypatch):
+    few_draws(monkeypatch)
     rows = [f"{t},{-9000 + 300 * t},0,-1000,0,0,0" for t in (0, 60)]
     header = "time_s,north_m,east_m,down_m,roll_deg,pitch_deg,yaw_deg"
     (tmp_path / "route.csv").write_text("\n".join([header, *rows]) + "\n")

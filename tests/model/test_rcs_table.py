@@ -291,12 +291,12 @@ def within(rng, azimuth, elevation, width):
     ],
 )
 def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
-    """300,000 random directions in all, of which some are at nodes of the table.
+    """200,000 random directions in all, of which some are at nodes of the table.
 
     An envelope of a narrow angle has many cells, and takes half a second.
     """
     rng = np.random.default_rng(11)
-    for width in (narrow, 0.3, 1.2):
+    for width in (narrow, 1.2):
         state = rng.bit_generator.state
         plain = TABLES[kind](rng)
         rng.bit_generator.state = state
@@ -318,7 +318,7 @@ def test_the_envelope_is_never_below_the_table_within_its_angle(kind, narrow):
 def test_the_envelope_is_not_loose():
     rng = np.random.default_rng(12)
     width = 4 * DEG
-    azimuth, elevation = rng.uniform(-np.pi, np.pi, 20_000), np.arcsin(rng.uniform(-1, 1, 20_000))
+    azimuth, elevation = rng.uniform(-np.pi, np.pi, 8000), np.arcsin(rng.uniform(-1, 1, 8000))
     plain, table = lobes(np.random.default_rng(1)), lobes(np.random.default_rng(1), envelope=width)
     sigma = own_spline(plain)
     largest = np.max([sigma(*within(rng, azimuth, elevation, width)) for _ in range(60)], axis=0)
@@ -552,7 +552,7 @@ def test_the_numbers_in_the_comment_of_the_table_scenario():
 
 
 def test_the_command_writes_a_table_that_can_be_read_again(tool, tmp_path):
-    code, out, _ = tool("rcs", "--format", "png")
+    code, out, _ = tool("rcs", "--no-plot")
     assert code == 0
     assert "RCS in the geometry" in out
     table = rs.load_rcs_table("figures/paper_rcs.csv")

@@ -288,10 +288,10 @@ def test_a_method_without_a_result_differs():
 
 
 def test_a_long_computation_says_so_before_it_starts(monkeypatch, caplog):
-    monkeypatch.setattr(cost, "SECONDS", 1e-3)
-    validate(gaussian(std=0.04, poses=1), digits=1)
+    monkeypatch.setattr(cost, "SECONDS", 2 * DRAWS / cost.RATE)
+    validate(gaussian(std=0.02, poses=1), digits=1)
     assert not caplog.records
-    v = validate(gaussian(std=0.04, poses=1), digits=2)
+    v = validate(gaussian(std=0.09, poses=1), digits=1)
     (said,) = caplog.messages
     assert "fewer --digits take less" in said
     # the draws that it says are those that it takes, to some half

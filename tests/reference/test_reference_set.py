@@ -53,8 +53,9 @@ def test_p_d_gradient_and_sigma_to_first_order():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_bounds_are_right_or_warned(method):
-    """At one pose in every third scenario; `make study` takes all poses."""
-    judged = [judge(b, c, method, slice(b["scenario"] % 20, None, 73)) for b, c in SET[::3]]
+    """At one pose in some scenarios; `make study` takes all poses."""
+    some = SET[:: 6 if method in ("linear", "probit") else 3]
+    judged = [judge(b, c, method, slice(b["scenario"] % 20, None, 73)) for b, c in some]
     wrong = [j.scenario for j in judged if (j.off & ~j.warned).any()]
     assert not wrong
     if method == "automatic":
