@@ -114,9 +114,8 @@ def test_defaults(tmp_path):
         ("radar__scan_periods", 2, "unknown key 'scan_periods'"),
     ],
 )
-@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
-def test_errors_of_keys(tool, key, value, words, text):
-    file = write(Path(), text, **{key: value})
+def test_errors_of_keys(tool, key, value, words):
+    file = write(Path(), UNCERTAIN, **{key: value})
     code, out, err = tool("mission", file)
     assert (code, out) == (2, "")
     assert words in err
@@ -128,10 +127,9 @@ def test_errors_of_keys(tool, key, value, words, text):
 # The looks.
 
 
-@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
-def test_without_a_scan_period_a_mission_is_refused(tool, text):
+def test_without_a_scan_period_a_mission_is_refused(tool):
     """Without a period P_c would depend on the number of rows of the route."""
-    file = write_path(Path(), text, "my.yaml")
+    file = write_path(Path(), ROUTE, "my.yaml")
     code, out, err = tool("mission", file)
     assert (code, out) == (2, "")
     assert err == (
@@ -219,61 +217,6 @@ def test_the_limit_of_the_window_is_that_of_the_code():
 # The numbers.
 
 
-def brute_force(s, runs, seed):
-    """P_c and tracks of drawn missions, with all errors drawn from one joint Gaussian."""
-    rng = np.random.default_rng(seed)
-    time, looks = s.axis.values, len(s.axis)
-    apart = abs(time[:, None] - time)
-    rho = (
-        np.ones_like(apart)
-        if math.isinf(s.correlation_s)
-        else np.eye(looks)
-        if s.correlation_s == 0
-        else np.exp(-apart / s.correlation_s)
-    )
-    values, vectors = np.linalg.eigh(rho)
-    root = vectors * np.sqrt(np.maximum(values, 0))
-    covariance = np.broadcast_to(s.cov_aircraft, (looks, 6, 6))
-    assert not (covariance - np.eye(6) * covariance).any()
-    std = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
-    errors = np.einsum("kj,rjc->rkc", root, rng.standard_normal((runs, looks, 6))) * std
-    radar = rng.multivariate_normal(s.radar, s.cov_radar, size=runs)
-    p = s.model.p_d(s.aircraft + errors, radar[:, None])
-    # A track: coins for every look, and three heads in five in a row.
-    hits = rng.random(p.shape) < p
-    track = np.zeros(runs, dtype=bool)
-    for k in range(looks):
-        track |= hits[:, max(0, k - 4) : k + 1].sum(axis=1) >= 3
-    return 1 - np.cumprod(1 - p, axis=1), track
-
-
-@pytest.mark.parametrize("tau", [0.0, 300.0, math.inf])
-@pytest.mark.parametrize("text", [ROUTE, UNCERTAIN])
-def test_against_draws_of_all_looks_at_once(tmp_path, tau, text):
-    s = load(
-        tmp_path, text, radar__scan_period_s=70, radar__constant=22,
-        uncertainty__aircraft_correlation_s=tau,
-        uncertainty__radar={"low": {"position_m": 100, "constant": 0.2}}, analysis={"level": "low"},
-    )  # fmt: skip
-    runs = 8000
-    found = mission(s, m_of_n=(3, 5), runs=4000)
-    looks, table = found.scenario, found.table
-    drawn, track = brute_force(looks, runs, seed=7)
-    assert 0.1 < table["cumulative_p_d"][-1] < 0.999
-    std, noise = drawn.std(axis=0), 4.5 / math.sqrt(2 * runs)
-    assert np.max(abs(table["mc_std"] / std - 1)) < 2 * noise
-    assert np.max(abs(table["mc_mean"] - drawn.mean(axis=0)) / std) < 4.5 * math.sqrt(3 / runs)
-    for end, level in (("lower", 0.00135), ("upper", 0.99865)):
-        assert np.max(abs(table[f"mc_{end}"] - np.quantile(drawn, level, axis=0)) / std) < 0.9
-    p = table["track_mc_mean"][-1]
-    assert abs(p - track.mean()) < 4.5 * math.sqrt(p * (1 - p) / runs) + 0.01
-    # few recombined draws
-    assert np.max(abs(table["sigma_cumulative"] / std - 1)) < 0.4
-    assert np.max(abs(table["mean_cumulative"] - drawn.mean(axis=0)) / std) < 0.4
-    within = (drawn >= table["lower_3sigma"]) & (drawn <= table["upper_3sigma"])
-    assert np.min(within.mean(axis=0)) > 0.95
-
-
 def test_correlation_time_is_used(tmp_path):
     sigma = [
         mission(
@@ -284,18 +227,6 @@ def test_correlation_time_is_used(tmp_path):
         for tau in (0, 100, math.inf)
     ]  # fmt: skip
     assert sigma[0] < 0.8 * sigma[1] < 0.8 * sigma[2]
-
-
-def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
-    s = load(tmp_path, radar__scan_period_s=20)
-    one, two, other = (
-        mission(c, runs=3000, m_of_n=(2, 3), workers=w).table
-        for c, w in ((s, 1), (s, 2), (s.with_analysis(seed=9), 1))
-    )
-    for column, values in one.items():
-        assert values.tobytes() == two[column].tobytes()
-        drawn = column not in ("time_s", "p_d", "cumulative_p_d", "track_p_d")
-        assert drawn == (values.tobytes() != other[column].tobytes())
 
 
 def test_a_radar_constant_is_drawn_as_its_parts_make_it(tmp_path):
@@ -408,18 +339,6 @@ def test_report(tool):
     assert "the same at every look" in tool(
         "mission", write(Path(), uncertainty__aircraft_correlation_s=math.inf)
     ).out  # fmt: skip
-
-
-def test_the_record_makes_the_same_mission_again(tool):
-    file = write(Path(), radar__scan_period_s=33, uncertainty__aircraft_correlation_s=math.inf)
-    assert (
-        tool("mission", file, "--no-plot", "--runs", 20, "--seed", 3, "--level", "high").code == 0
-    )
-    found = read_record("figures/flight_mission.json")
-    Path("again.yaml").write_text(json.dumps(found["scenario"]))
-    assert tool("mission", "again.yaml", "--no-plot", "--runs", 20, "--out", "again").code == 0
-    name = "flight_mission.csv"
-    assert Path("again", name).read_bytes() == Path("figures", name).read_bytes()
 
 
 @pytest.mark.parametrize(

@@ -217,6 +217,7 @@ def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
 @pytest.mark.parametrize(
     ("periods", "tau"),
     [
+        ({"far": 5}, 25.0),
         (CASES[0], 0.0),
         (CASES[0], math.inf),
         (CASES[1], 25.0),
@@ -225,7 +226,7 @@ def test_p_d_cumulative_p_d_and_tracks_at_the_nominal_states(tmp_path, periods):
     ],
 )
 def test_draws_agree_with_draws_of_everything_at_once(tmp_path, periods, tau):
-    brute, runs = Brute(periods, tau), 6000
+    brute, runs = Brute(periods, tau), 4000
     found = mission(load(tmp_path, periods, tau), m_of_n=(2, 3), runs=runs).table
     p = brute.draws(runs, seed=11)
     for column, drawn in (
@@ -352,12 +353,17 @@ def test_each_radar_alone_is_a_mission_of_its_own(tmp_path):
             )
 
 
-def test_draws_do_not_depend_on_the_number_of_workers(tmp_path):
+def test_draws_depend_on_the_seed_and_not_on_the_workers(tmp_path):
     s = load(tmp_path, CASES[1], 25.0)
     options = {"runs": 9000, "m_of_n": (2, 3)}
-    one, two = (mission(s, **options, workers=w).table for w in (1, 2))
+    one, two, other = (
+        mission(c, **options, workers=w).table
+        for c, w in ((s, 1), (s, 2), (s.with_analysis(seed=9), 1))
+    )
     for column, values in one.items():
         assert values.tobytes() == two[column].tobytes()
+        drawn = column != "time_s" and "p_d" not in column
+        assert drawn == (values.tobytes() != other[column].tobytes())
 
 
 # The command.

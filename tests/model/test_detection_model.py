@@ -2,7 +2,7 @@
 
 References, in order of independence: `oracle` (fifty digits, the formulas as the corrected paper
 has them), `chain_rule` (the paper's derivation of the gradient by λ and φ), SciPy's rotations,
-central differences, and pinned numbers. `test_published` has the numbers of other tools.
+and pinned numbers. `test_published` has the numbers of other tools.
 """
 
 import chain_rule
@@ -230,21 +230,15 @@ def test_small_p_fa_costs_no_more_than_the_conditioning():
         miss, moved = north_argument(snr, p_fa)
         bound = condition_of_erfc(miss) * moved + own_error(miss)
         assert bound < 1e-12  # at z = 21 it is 3e-13: conditioning excuses no more than that
-        assert relative_error(North().p_d(snr, p_fa), oracle.north(snr, p_fa)) < bound
-        assert relative_error(linearize(North(), snr, p_fa)[0], oracle.north(snr, p_fa)) < bound
-
-
-def test_slope_at_small_p_fa_costs_no_more_than_the_conditioning():
-    """The slope has the factor exp(−z²)/√(S + ½). No digits are claimed where it underflows."""
-    rng = np.random.default_rng(5)
-    for _ in range(400):
-        p_fa, snr = 10.0 ** rng.uniform(-200, -2), 10.0 ** rng.uniform(-3, 2)
-        miss, moved = north_argument(snr, p_fa)
-        with mp.workdps(oracle.DIGITS):
-            exact = mp.exp(-miss * miss) / (2 * mp.sqrt(mp.pi) * mp.sqrt(mpf(snr) + mpf("0.5")))
-        bound = 2 * abs(float(miss)) * moved + own_error(abs(miss))
-        assert bound < 1e-12
-        assert relative_error(linearize(North(), snr, p_fa)[1], exact) < bound
+        value, slope = linearize(North(), snr, p_fa)
+        for found in (North().p_d(snr, p_fa), value):
+            assert relative_error(found, oracle.north(snr, p_fa)) < bound
+        if snr < 100:  # no digits of the slope are claimed where it underflows
+            with mp.workdps(oracle.DIGITS):
+                exact = mp.exp(-miss * miss) / (2 * mp.sqrt(mp.pi) * mp.sqrt(mpf(snr) + mpf("0.5")))
+            bound = 2 * abs(float(miss)) * moved + own_error(abs(miss))
+            assert bound < 1e-12
+            assert relative_error(slope, exact) < bound
 
 
 def test_small_p_fa_through_the_whole_model():
@@ -283,15 +277,6 @@ def test_direction_cosine_matrix_agrees_with_scipy():
     assert_allclose(package_matrices(attitude), expected, rtol=0, atol=16 * ROUNDING)
 
 
-def test_first_row_of_the_direction_cosine_matrix():
-    _, pitch, yaw = angles = np.random.default_rng(8).uniform(-np.pi, np.pi, (3, 1000))
-    first_row = np.stack(
-        [np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch)], axis=-1
-    )
-    # either factor is known to two roundings of 1, and their product is rounded
-    assert_allclose(package_matrices(angles.T)[:, 0], first_row, rtol=0, atol=5 * ROUNDING)
-
-
 def test_body_vector_agrees_with_fifty_digits():
     aircraft, radar = random_poses(np.random.default_rng(9), 500)
     for a, r, found in zip(aircraft, radar, body_vector(aircraft, radar), strict=True):
@@ -317,39 +302,7 @@ def test_gradient_agrees_with_the_papers_chain_rule(kind):
             assert np.median(error) < 1e-14, name
 
 
-# The gradient is a central difference of P_D, and a pinned number.
-
-
-def difference_quotient(model, states, i, scale, step):
-    """∂P_D/∂(state i / scale) by a central difference, for states (m, 10)."""
-    low, high = states.copy(), states.copy()
-    low[:, i] -= step * scale
-    high[:, i] += step * scale
-    rise = model.p_d(high[:, :6], high[:, 6:]) - model.p_d(low[:, :6], low[:, 6:])
-    # Divided by the step that was made, not by the one that was meant.
-    return rise / ((high[:, i] - low[:, i]) / scale)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_gradient_agrees_with_central_differences(kind):
-    """Each state moves by h = 1e-5 of its scale: the range, a radian, or the radar constant.
-
-    The truncation error of D(h) is a third of D(2h) − D(h) to leading order, so all of that
-    difference bounds it. P_D itself is good to 100 roundings, which adds 100 u/h.
-    """
-    step = 1e-5
-    rng = np.random.default_rng(11)
-    for _ in range(10):
-        model, _, aircraft, radar = random_case(rng, kind, 20)
-        gradient = partials(model.linearize(aircraft, radar))
-        states = np.hstack((aircraft, radar))
-        distance = slant_range(aircraft, radar)
-        scales = [distance] * 3 + [np.ones(20)] * 3 + [distance] * 3 + [radar[:, 3]]
-        for i, scale in enumerate(scales):
-            near, far = (difference_quotient(model, states, i, scale, h) for h in (step, 2 * step))
-            tolerance = np.abs(far - near) + 100 * ROUNDING / step
-            assert tolerance.max() < 1e-6
-            assert_array_equal(np.abs(gradient[:, i] * scale - near) < tolerance, True)
+# Pinned numbers.
 
 
 def test_pinned_values_and_partials_at_45_degrees():
@@ -371,22 +324,6 @@ def test_moving_both_changes_nothing():
 
 DEGREE = np.radians(1.0)
 AIRCRAFT_COVARIANCE = np.diag([10.0**2] * 3 + [DEGREE**2] * 3)
-
-
-def test_radar_constant_summed_in_decibels():
-    """30 dBW + 10 + 3.0103 − 12.0412 (the 16) − 24.6240 − 6.0206 − 6 − 5 = −10.6755 dB."""
-    radar = SurveillanceRadar(
-        average_power=1000.0,
-        aperture=10.0,
-        temperature=290.0,
-        scan_time=2.0,
-        search_volume=4.0,
-        loss_db=6.0,
-        noise_figure_db=5.0,
-    )
-    # Eight terms, each good to half of its last digit.
-    assert 10 * np.log10(radar.constant()) == pytest.approx(-10.6755, abs=8 * 0.00005)
-    assert radar.constant() == pytest.approx(0.0855957, abs=5e-8)  # 20000 / (18560 · 10^1.1)
 
 
 # Broadcasting: states of any shapes that fit, with results as if pose by pose.
@@ -664,11 +601,6 @@ def test_singular_covariance_is_never_nan():
     guarded = np.array(guarded)
     assert np.all(guarded >= 0)
     assert np.all(guarded[:, 0] < 1e-13)
-
-
-def test_no_uncertainty_is_a_deviation_of_zero():
-    lin = PAPER.linearize(paper_aircraft(np.arange(5.0)), PAPER_RADAR)
-    assert_array_equal(lin.std(np.zeros((6, 6)), np.zeros((4, 4))), np.zeros(5))
 
 
 def test_sources_add_up_to_the_whole():

@@ -224,16 +224,6 @@ def test_methods_of_propagation(detector, method):
     assert_allclose(found.std[good], std[good], rtol=0.025)
 
 
-@pytest.mark.parametrize("method", ["linear", "probit", "form"])
-@pytest.mark.parametrize("detector", [North, *EXACT])
-@pytest.mark.all_draws
-def test_a_wide_spread_is_warned_of_and_a_narrow_one_is_not(detector, method):
-    snr = np.array([3.0, 9.0, 20.0])
-    # by form σ is good to 1 % there
-    assert unreliable(*one_state(detector(), snr, 0.3), method=method).any() == (method != "form")
-    assert not unreliable(*one_state(detector(), snr, 1e-3), method=method).any()
-
-
 @pytest.mark.parametrize("name", DETECTORS)
 def test_band_by_form_holds_the_draws_of_the_paper_s_orbit(name):
     """All ten states uncertain, every detector as a scenario names it."""

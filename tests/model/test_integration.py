@@ -59,9 +59,9 @@ def agrees(z, by_snr, tails, snr, case):
 @pytest.mark.parametrize("cells", [None, 12])
 @pytest.mark.parametrize("cls", SHAPES)
 def test_value_and_slope_in_both_tails(cls, cells):
-    """P_fa from 1e-12 to 1e-2, N from 2 to 1000, S from far below the threshold to far above."""
+    """P_fa from 1e-12 to 1e-2, N from 2 to 300, S from far below the threshold to far above."""
     rng = np.random.default_rng([11, cells or 0, len(cls.__name__), int(cls is Swerling4)])
-    few, many = int(rng.integers(2, 30)), int(rng.integers(30, 1000 if cells is None else 90))
+    few, many = int(rng.integers(2, 30)), int(rng.integers(30, 300 if cells is None else 90))
     for number in (few, many) if cells is None else (1, few, many):
         p_fa = float(10 ** rng.uniform(-12, -2))
         detector = cls(pulses=number, cfar=cells and CellAveraging(cells))

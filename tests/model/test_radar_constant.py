@@ -12,7 +12,6 @@ from helpers import (
     log_normal,
     sheet_document,
     sheet_scenario,
-    standard_normal_space,
     yaml_text,
 )
 from mpmath import mp, mpf
@@ -344,19 +343,6 @@ def test_only_form_depends_on_the_shape_of_the_constants_distribution():
     assert np.max(abs(as_number - as_log)) > 0.05
     lower = propagate_scenario(s, method="form").lower
     np.testing.assert_allclose(as_log, lower, rtol=1e-9)
-
-
-def test_gradient_of_z_where_ln_c_is_gaussian():
-    s = sheet_scenario()
-    states = s.model, s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["sheet"]
-    z = standard_normal_space(*states, log_constant=True)
-    pose = np.arange(len(s.aircraft))
-    u = np.random.default_rng(2).standard_normal(z.gradient.shape)
-    gradient = z(u, pose)[1]
-    for i in range(len(u)):
-        step = 1e-5 * np.eye(len(u))[:, i, np.newaxis]
-        slope = (z(u + step, pose)[0] - z(u - step, pose)[0]) / 2e-5
-        np.testing.assert_allclose(gradient[i], slope, rtol=1e-6, atol=1e-7)
 
 
 def test_validation_draws_the_true_distribution():

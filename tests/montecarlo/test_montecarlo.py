@@ -202,10 +202,15 @@ def assert_same(one, other):
     assert one.clipped == other.clipped
 
 
-@pytest.mark.parametrize("workers", [2, 3, 8])
-def test_workers_do_not_change_a_bit(workers):
+@pytest.mark.parametrize("sampler", SAMPLERS)
+def test_neither_workers_nor_more_runs_change_a_bit(sampler):
     s = load_scenario()
-    assert_same(monte_carlo(s, runs=333), monte_carlo(s, runs=333, workers=workers))
+    one = monte_carlo(s, runs=333, sampler=sampler)
+    assert one.sampler == sampler
+    for workers in (2, 8):
+        assert_same(one, monte_carlo(s, runs=333, sampler=sampler, workers=workers))
+    few = monte_carlo(s, runs=40, sampler=sampler)
+    np.testing.assert_array_equal(one.sample_paths[:40], few.sample_paths)
 
 
 @pytest.mark.parametrize("chunk", [7, 1000, 10**6])
@@ -224,12 +229,6 @@ def test_seed_makes_the_draws_and_zero_is_a_seed():
     assert_same(monte_carlo(s, runs=2), one)  # the scenario's seed is 1
     huge = monte_carlo(s, runs=2, seed=10**50)
     assert not np.array_equal(huge.sample_paths, zero.sample_paths)
-
-
-def test_more_runs_begin_with_the_same_runs():
-    s = load_scenario()
-    few, more = monte_carlo(s, runs=40), monte_carlo(s, runs=100)
-    np.testing.assert_array_equal(more.sample_paths[:40], few.sample_paths)
 
 
 def test_sample_paths_are_a_subset_of_many_runs():

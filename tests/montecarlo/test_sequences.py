@@ -17,7 +17,6 @@ from radar_sense.montecarlo import sequences as sampling
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol
 from radar_sense.propagation import propagate_scenario
-from radar_sense.scenario_file.load import load_scenario
 from radar_sense.streams import random_stream
 
 RUNS, POSES = 256, 5
@@ -206,27 +205,6 @@ def test_the_ends_of_the_unit_interval_are_finite_normals(monkeypatch):
         assert np.all(abs(radar) == pytest.approx(6.338, abs=1e-3))  # −Φ⁻¹(2^−33)
         assert np.all(np.sign(radar) == (1 if value else -1))
         assert np.all(np.isfinite(aircraft))
-
-
-@pytest.mark.parametrize("workers", [2, 5])
-def test_workers_do_not_change_a_bit(workers):
-    s = load_scenario()
-    one = monte_carlo(s, runs=700, sampler="sobol")
-    other = monte_carlo(s, runs=700, sampler="sobol", workers=workers)
-    for name in ("mean", "std", "lower", "upper", "inside", "sample_paths"):
-        assert getattr(one, name).tobytes() == getattr(other, name).tobytes(), name
-    assert (one.sampler, one.clipped) == ("sobol", other.clipped)
-
-
-def test_more_runs_begin_with_the_same_runs():
-    s = load_scenario()
-    few, more = (monte_carlo(s, runs=runs, sampler="sobol") for runs in (40, 300))
-    np.testing.assert_array_equal(more.sample_paths[:40], few.sample_paths)
-
-
-def test_the_monte_carlo_of_a_sampler_without_a_name():
-    with pytest.raises(ValueError, match="sampler must be one of random, sobol, got 'sobbol'"):
-        monte_carlo(load_scenario(), runs=2, sampler="sobbol")
 
 
 def test_sobol_points_err_less():

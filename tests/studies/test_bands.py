@@ -19,7 +19,7 @@ SEED = 11
 @pytest.mark.parametrize("population", POPULATIONS)
 def test_p_d_of_the_independent_model_is_that_of_the_package(population):
     """At drawn states, with the errors of the RCS and of the attenuation."""
-    for number in range(20):
+    for number in range(10):
         case = problem(population, SEED, number)
         scenario, independent = package.scenario(case), model.Oracle(case)
         aircraft, radars, rcs_error, attenuation = independent.draw(np.random.default_rng(1), 50)
@@ -33,7 +33,7 @@ def test_p_d_of_the_independent_model_is_that_of_the_package(population):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10, err_msg=f"{number}")
 
 
-@pytest.mark.parametrize("number", [1, 3, 4, 7, 12, 18])
+@pytest.mark.parametrize("number", [1, 3, 7, 18])
 def test_draws_have_the_distribution_of_the_draws_of_the_package(number):
     """Data sheets, correlations, RCS and attenuation: the mean of P_D and its square agree."""
     case = problem("general", SEED, number)
