@@ -110,7 +110,7 @@ def test_every_run_is_uniform_over_shifts():
 
 def test_blocks_are_parts_of_one_sequence():
     whole = sobol(runs=1024)
-    for runs in (1, 32, 256):
+    for runs in (8, 256):
         np.testing.assert_array_equal(sobol(runs=runs, blocks=1024 // runs), whole)
 
 

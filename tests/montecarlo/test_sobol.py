@@ -52,13 +52,13 @@ def test_indices_known_in_closed_form(samples):
 def test_standard_errors_of_indices_are_the_spread_over_seeds():
     indices = [
         sobol_indices(several_outputs, GROUPS, outputs=4, samples=256, seed=seed)
-        for seed in range(100)
+        for seed in range(60)
     ]
     for output, group in ((0, 0), (0, 1), (3, 0)):
         spread = np.std([i.first[group, output] for i in indices], ddof=1)
         mean_error = np.sqrt(np.mean([i.first_error[group, output] ** 2 for i in indices]))
-        # 99 and 100 · 7 degrees of freedom: the ratio is known to 7.6 %
-        assert mean_error == pytest.approx(spread, rel=4 * 0.076)
+        # 59 and 60 · 7 degrees of freedom: the ratio is known to 9.8 %
+        assert mean_error == pytest.approx(spread, rel=4 * 0.098)
 
 
 def test_indices_have_a_seed():

@@ -112,20 +112,6 @@ def test_evaluations_for_other_covariances(radars, count):
         assert values == 0
 
 
-@pytest.mark.parametrize("method", ["linear", "probit", "form"])
-def test_evaluations_grow_in_proportion_to_poses_and_radars(method, count):
-    """The exponents of the number of gradients are 1."""
-
-    def gradients(*sizes):
-        s = problem(*sizes)
-        each, _ = count(lambda s: propagate_scenario(s, method=method), s)
-        return each * len(s.aircraft) * len(s.model.radars)
-
-    few = gradients(2, 30)
-    assert math.log(gradients(16, 30) / few) / math.log(8) == pytest.approx(1, abs=0.02)
-    assert math.log(gradients(2, 3) / few) / math.log(61 / 7) == pytest.approx(1, abs=0.02)
-
-
 def test_the_threshold_test_goes_on_with_the_draws_of_the_band(count):
     """It makes the runs of the path, and no draws again."""
     s, p_max = problem(2), 0.99
