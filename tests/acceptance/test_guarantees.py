@@ -135,6 +135,7 @@ def past_a_limit(folder, beyond, at, level=False):
     )
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize(
     ("within", "at"), [(10, 489.7), (10, 31.4), (40, 250), (300, 489.7), (300, 31.4)]
 )

@@ -84,6 +84,7 @@ def test_probabilities_against_draws(level):
                 assert found == pytest.approx(share, abs=4 * error + own)
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_probability_is_at_most_one(method):
     s = scenario(geometry__azimuth_deg={"start": 0, "stop": 90, "step": 10})
@@ -142,6 +143,7 @@ def test_draws_decide():
         assert not (on_it.holds[0] and on_it.violated[0])
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_poses_between_rows_have_the_draws_of_the_poses_alone(tmp_path):
     s = past(tmp_path)
     band_of = partial(band_of_scenario, method="automatic", p_max=0.1)
@@ -207,6 +209,7 @@ def test_the_probability_anywhere(tmp_path, tau):
     assert found.time_error == pytest.approx(times.std() / math.sqrt(5e4), rel=0.05)
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("rcs", ["ellipsoid", "constant"])
 def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
     """P_D is below 0.1 at both rows of the route, and near 1 between the rows."""
@@ -231,6 +234,7 @@ def test_a_threshold_is_tested_between_waypoints(tmp_path, rcs):
     assert any("add poses between the rows with geometry.interpolate" in w for w in result.warnings)
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize(
     ("sweep", "azimuth_from"), [((45, 225, 90), "east"), ((225, 45, -90), "north")]
 )
@@ -338,6 +342,7 @@ def test_steps_that_turn_the_aspect_or_move_by_a_tenth_are_coarse(tmp_path):
     assert refinement.coarse_steps(moving).tolist() == [False, True]
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_interpolate_overrides(tmp_path):
     geometry = {"type": "path", "file": "route.csv", "interpolate": {"step_s": 400}}
     s = past(tmp_path, geometry=geometry)
@@ -467,6 +472,7 @@ def test_how_small_a_source_must_be_for_the_bound(threshold):
     assert scaled.upper.max() == pytest.approx(threshold, abs=1e-6)
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_the_budget_of_a_threshold(tool):
     done = tool("budget", "--threshold", "0.65", "--at", "45", "--no-plot")
     assert done.code == 0
@@ -486,6 +492,7 @@ def test_the_budget_of_a_threshold(tool):
         assert words in refused.err
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_places_of_a_path_are_in_the_table(tmp_path):
     s = past(tmp_path)
     names = list(analyses.variance(s).table)
@@ -502,6 +509,7 @@ def test_places_of_a_path_are_in_the_table(tmp_path):
     assert "north_m" not in analyses.variance(scenario(geometry__azimuth_deg=FEW)).table
 
 
+@pytest.mark.usefixtures("few_judge")
 def test_a_band_without_its_draws_gives_the_same_verdict(tmp_path):
     """The first looks are then made by the decision."""
     s = past(tmp_path)

@@ -59,10 +59,9 @@ def test_every_stretch_of_two_to_the_k_points_fills_each_dimension(runs):
                     assert np.all(cells(stretch, {i: k}) == 1)
 
 
-@pytest.mark.parametrize("seed", [0, 1])
-def test_all_dimensions_together_are_the_sobol_net(seed):
+def test_all_dimensions_together_are_the_sobol_net():
     plain = (qmc.Sobol(10, scramble=False, bits=32).random(1024) * 2.0**32).astype(np.uint64)
-    points = bits(sobol(seed, runs=1024))
+    points = bits(sobol(runs=1024))
     grids = [{i: a, j: 8 - a} for i, j in combinations(range(10), 2) for a in range(1, 8)]
     grids += [{i: 3, j: 3, k: 3} for i, j, k in combinations(range(10), 3)]
     grids.append(dict.fromkeys(range(10), 1))

@@ -127,6 +127,7 @@ def test_form_bounds_at_other_beta(level, beta):
     assert_allclose(found.upper[IN_REFERENCE], exact[f"upper_{beta}"], rtol=0, atol=4.5e-5)
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_mean_and_deviation_do_not_depend_on_beta(method):
     states = MODEL, AIRCRAFT[::20], RADAR, COV_AIRCRAFT, COV_RADAR["high"]
@@ -421,6 +422,7 @@ def test_500_plain_draws_are_unreliable(method):
     assert unreliable(*states, method=method).any() == (method == "montecarlo")
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_without_uncertainty_every_deviation_is_zero(method):
     states = MODEL, AIRCRAFT[::20], RADAR, CERTAIN_AIRCRAFT, CERTAIN_RADAR
@@ -540,6 +542,7 @@ def test_no_bound_is_wrong_at_large_angles(rcs, constant, attitude_deg, constant
         assert trusted.all() == (method == "automatic")
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("beta", [0.1, 3.0, 30.0, 60.0])
 def test_bounds_stay_within_0_and_1(method, beta):
@@ -619,6 +622,7 @@ def test_straight_above_the_radar_nothing_is_known_but_by_draws(method, rcs):
 # Shapes and arguments.
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_a_pose_does_not_depend_on_the_others(method):
     """Alone, or among more poses than are computed at a time.
@@ -636,6 +640,7 @@ def test_a_pose_does_not_depend_on_the_others(method):
     assert_same(found, Moments(**{n: np.resize(v, len(many)) for n, v in whole.arrays.items()}))
 
 
+@pytest.mark.usefixtures("few_judge")
 @pytest.mark.parametrize("method", METHODS)
 def test_states_and_covariances_broadcast(method):
     rng = np.random.default_rng(5)
