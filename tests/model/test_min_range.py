@@ -24,7 +24,7 @@ from radar_sense.mission.looks import Looks
 from radar_sense.model.network import NetworkModel
 from radar_sense.model.radar import Radar
 from radar_sense.model.rcs import ConstantRCS
-from radar_sense.propagation import METHODS, propagate_scenario, unreliable_in_scenario
+from radar_sense.propagation import METHODS, propagate_scenario
 
 MODEL = rs.DetectionModel(ConstantRCS(0.1), 1e-6, rs.Marcum())
 #: c · 11 µs / 2.
@@ -82,24 +82,6 @@ def test_a_blind_radar_leaves_the_network_to_the_others():
     assert_allclose(both.model.p_d(both.aircraft, both.radar), alone, rtol=1e-14)
     for method in METHODS:
         assert_allclose(propagate_scenario(both, method=method).p_d, alone, rtol=1e-14)
-
-
-@pytest.mark.parametrize("offset", [-1.0, 1.0])
-def test_draws_depend_on_the_minimum_range_and_methods_warn_of_it(offset):
-    reach = float(np.hypot(500e3, 3e3))
-    edge = paper_network([(0, 0, 0)], [100], min_range=reach + offset)
-    edge = with_arrays(edge, cov_aircraft=np.diag([10.0**2] * 3 + [1e-20] * 3), runs=4000)
-    free = edge.model.models[0].p_d(edge.aircraft, edge.radar)
-    assert_allclose(rs.monte_carlo(edge).mean / free, 0.5, atol=0.05)
-    for method in METHODS:
-        moments = propagate_scenario(edge, method=method)
-        assert np.all((moments.p_d > 0) == (offset < 0))
-        if method == "automatic":
-            assert_allclose(moments.mean / free, 0.5, atol=0.05)
-            assert_array_equal(moments.lower, 0)
-            assert np.all(moments.error > 0)
-        elif method != "montecarlo":
-            assert unreliable_in_scenario(edge, moments, method=method).all()
 
 
 def test_a_mission_and_a_map_have_a_blind_circle(tmp_path, monkeypatch):

@@ -334,13 +334,14 @@ def test_a_pose_that_no_radar_sees_has_nothing_uncertain(radars):
             assert_array_equal(std, 0)
 
 
-def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
+@pytest.mark.parametrize(("limit", "sign"), [("max_range", 1.0), ("min_range", -1.0)])
+def test_draws_depend_on_a_range_limit_and_methods_warn_of_it(limit, sign):
     # at a range within 1 m of the limit, with 100 m of uncertainty: seen in half of the draws
     reach = float(np.hypot(500e3, 3e3))
     nowhere = {"cov_aircraft": np.diag([10.0**2] * 3 + [1e-20] * 3), "runs": 4000}
-    for offset in (1.0, -1.0):
-        edge = with_arrays(paper_network([(0, 0, 0)], [100], max_range=reach + offset), **nowhere)
-        seen = offset > 0
+    for seen, offset in ((True, sign), (False, -sign)):
+        edge = paper_network([(0, 0, 0)], [100], **{limit: reach + offset})
+        edge = with_arrays(edge, **nowhere)
         mc = monte_carlo(edge)
         full = RADAR_MODEL.p_d(edge.aircraft, edge.radar)
         assert_allclose(mc.mean / full, 0.5, atol=0.05)
@@ -353,7 +354,8 @@ def test_draws_depend_on_a_range_limit_and_methods_warn_of_it():
                 assert np.all(found.error > 0)
             else:  # the 500 plain draws are too few
                 assert nonlinear_by_its_own_moments(edge, method).all() or method == "montecarlo"
-    far = with_arrays(paper_network([(0, 0, 0)], [100], max_range=reach + 2000), **nowhere)
+    far = paper_network([(0, 0, 0)], [100], **{limit: reach + 2000 * sign})
+    far = with_arrays(far, **nowhere)
     assert_array_equal(
         nonlinear_by_its_own_moments(far, "form"),
         unreliable(
