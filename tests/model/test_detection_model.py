@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.spatial.transform import Rotation
 from scipy.special import erfcinv
 
-from radar_sense.covariance import keep_components, variance_along
+from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import DetectionModel, Linearization
 from radar_sense.model.detectors import North, linearize
 from radar_sense.model.geometry import Attitude, Vector, body_vector, orbit, slant_range
@@ -322,10 +322,6 @@ def test_moving_both_changes_nothing():
     assert_array_equal(lin.jac_aircraft[:, :3], -lin.jac_radar[:, :3])
 
 
-DEGREE = np.radians(1.0)
-AIRCRAFT_COVARIANCE = np.diag([10.0**2] * 3 + [DEGREE**2] * 3)
-
-
 # Broadcasting: states of any shapes that fit, with results as if pose by pose.
 
 
@@ -601,26 +597,6 @@ def test_singular_covariance_is_never_nan():
     guarded = np.array(guarded)
     assert np.all(guarded >= 0)
     assert np.all(guarded[:, 0] < 1e-13)
-
-
-def test_sources_add_up_to_the_whole():
-    """Variances of uncorrelated sources add; the four sources leave no component out."""
-    lin = PAPER.linearize(paper_aircraft(np.arange(0.0, 181.0, 20.0)), PAPER_RADAR)
-    covariances = {
-        "aircraft": AIRCRAFT_COVARIANCE,
-        "radar": np.diag([100.0, 200.0, 300.0, 5.0]) ** 2,
-    }
-    jacobians = {"aircraft": lin.jac_aircraft, "radar": lin.jac_radar}
-    alone = [
-        variance_along(jacobians[whose], keep_components(covariances[whose], components))
-        for whose, components in (
-            ("aircraft", [0, 1, 2]),
-            ("aircraft", [3, 4, 5]),
-            ("radar", [0, 1, 2]),
-            ("radar", [3]),
-        )
-    ]
-    assert_allclose(sum(alone), lin.std(*covariances.values()) ** 2, rtol=1e-14)
 
 
 # Edge cases.

@@ -18,7 +18,6 @@ from mpmath import mp, mpf
 from scipy.integrate import quad
 
 import radar_sense as rs
-from radar_sense import analyses
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.radar_constant import (
     LOWEST_DIVISOR,
@@ -343,10 +342,3 @@ def test_only_form_depends_on_the_shape_of_the_constants_distribution():
     assert np.max(abs(as_number - as_log)) > 0.05
     lower = propagate_scenario(s, method="form").lower
     np.testing.assert_allclose(as_log, lower, rtol=1e-9)
-
-
-def test_validation_draws_the_true_distribution():
-    d = sheet_document(steps={"start": 40, "stop": 40, "step": 1})
-    found = analyses.validate(parse_scenario(yaml_text(d)), method="form", digits=1)
-    assert found.passed
-    assert not analyses.validate(parse_scenario(yaml_text(d)), method="linear", digits=1).passed

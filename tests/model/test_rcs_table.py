@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import yaml
 from helpers import (
-    cov_by_level,
     document,
     lay_out,
     scenario,
@@ -472,49 +471,6 @@ def test_a_table_that_the_geometry_leaves_is_refused(here):
         scenario(aircraft__rcs=entry, aircraft__attitude_deg=[-20, 0, 90])
     write(here / "t.csv", *A, *full())
     scenario(aircraft__rcs=entry, geometry__down_km=-300)  # a cut is for all elevations
-
-
-def smooth(here):
-    """Return a scenario with a smooth table."""
-    azimuth, elevation = np.meshgrid(np.arange(-180, 180, 5), np.arange(-90, 91, 15))
-    level = -9 + 2 * np.cos(2 * azimuth * DEG) * np.cos(elevation * DEG) ** 2
-    rows = [f"{a},{e},{v!r}" for a, e, v in zip(
-        azimuth.ravel().tolist(), elevation.ravel().tolist(), level.ravel().tolist(), strict=True
-    )]  # fmt: skip
-    write(here / "smooth.csv", "azimuth_deg,elevation_deg,rcs_dbsm", *rows)
-    return scenario(
-        aircraft__rcs={"model": "table", "file": "smooth.csv"},
-        geometry__azimuth_deg={"start": 0, "stop": 150, "step": 30},
-    )
-
-
-def test_the_chain_of_partials(here):
-    s = smooth(here)
-    aircraft = s.aircraft + np.array([0, 0, 0, 0.1, -0.05, 0.2])
-    lin = s.model.linearize(aircraft, s.radar)
-    for i, step in enumerate([30, 30, 30, 1e-4, 1e-4, 1e-4]):
-        e = step * np.eye(6)[i]
-        near, far = (
-            s.model.p_d(aircraft + k * e, s.radar) - s.model.p_d(aircraft - k * e, s.radar)
-            for k in (1, 2)
-        )
-        slope = (8 * near - far) / (12 * step)
-        scale = np.max(abs(lin.jac_aircraft[:, i]))
-        np.testing.assert_allclose(lin.jac_aircraft[:, i], slope, atol=1e-5 * scale)
-
-
-def test_monte_carlo_agrees_with_form(here):
-    s = smooth(here)
-    form = rs.propagate(
-        s.model, s.aircraft, s.radar, s.cov_aircraft, cov_by_level(s)["medium"], method="form"
-    )
-    mc = rs.monte_carlo(s, runs=4000)
-    error = form.std / np.sqrt(mc.runs)
-    assert np.all(abs(mc.mean - form.mean) < 4.5 * error)
-    assert np.all(abs(mc.std / form.std - 1) < 4.5 / np.sqrt(2 * mc.runs) * 1.2)
-    # The bounds are quantiles at Φ(±3): 10.8 of 4000 draws beyond them, 30 or more once in 10^6.
-    inside = rs.monte_carlo(s, runs=4000, method="form").inside
-    assert np.all(mc.runs - inside < 30)
 
 
 # The folder of scenarios, and the command.

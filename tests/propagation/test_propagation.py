@@ -15,7 +15,6 @@ from scipy.special import ndtr
 from scipy.stats import chi2, ncx2, norm
 from studies.bands import judging, package, populations, truth
 
-from radar_sense.covariance import square_root as factor
 from radar_sense.model.detection_model import DetectionModel
 from radar_sense.model.detectors import Marcum, North, Swerling1, Swerling3
 from radar_sense.model.geometry import orbit
@@ -667,18 +666,6 @@ def test_no_poses(method, shape):
     aircraft = np.zeros((*shape, 6))
     found = propagate(MODEL, aircraft, RADAR, COV_AIRCRAFT, COV_RADAR["low"], method=method)
     assert {value.shape for value in found.arrays.values()} == {shape}
-
-
-def test_many_square_roots_at_once_are_those_one_by_one():
-    rng = np.random.default_rng(6)
-    partly = independent(3, 0, 2, 0)
-    covariances = np.stack([COV_RADAR["low"], correlated(rng, [1, 2, 3, 4]), CERTAIN_RADAR, partly])
-    roots = factor(covariances)
-    for root, covariance in zip(roots, covariances, strict=True):
-        assert_array_equal(root, factor(covariance))
-        assert_allclose(root @ root.T, covariance, rtol=1e-13, atol=1e-13)
-    assert_array_equal(roots[0], np.diag([10, 10, 10, 1]))
-    assert_array_equal(roots[3], np.diag([3, 0, 2, 0]))
 
 
 @pytest.mark.parametrize(
