@@ -277,8 +277,9 @@ def test_the_route_has_its_own_probabilities():
     )
     worst = coverage_map(s, step_km=40, worst_heading=True)
     assert set(worst.table) == {"north_m", "east_m", "p_d", "worst_heading_deg"}
-    assert worst.plot().axes[0].get_title() == "9 km above the origin, worst heading"
-    assert "Largest" in worst.plot().axes[1].get_ylabel()
+    axes, bar = worst.plot().axes
+    assert axes.get_title() == "9 km above the origin, worst heading"
+    assert "Largest" in bar.get_ylabel()
     assert "worst heading" in worst.report[0]
     assert np.all(worst.table["p_d"] >= result.table["p_d"])
 

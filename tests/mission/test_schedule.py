@@ -497,7 +497,7 @@ def test_the_numbers_of_the_corridor_example(monkeypatch):
         now = time == at
         assert (banked[now, radar], flat[now, radar]) == pytest.approx(expected, abs=5e-4)
 
-    few_draws(monkeypatch, draws=1024, replicates=3)
+    few_draws(monkeypatch, draws=512, replicates=4)
     found = mission(s, workers=2).summary["detection"]
     reaches = found["reaches"]["0.5"]
     assert reaches["time_s"] == 930

@@ -69,7 +69,7 @@ def test_probabilities_of_exceeding_a_limit(method):
         if "range" in b["name"] or "horizon" in b["name"] or "spikeball" in b["name"]:
             continue
         s = reading.as_scenario(b, c)
-        for i in range(0, len(c["p_d"]), 7):
+        for i in range(0, len(c["p_d"]), 12):
             found = METHODS[method](s.states().at(np.array([i]))).exceedance(c["p_max"][i])[0]
             assert abs(found - c["exceedance"][i]) < 0.02
 
