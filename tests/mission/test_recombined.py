@@ -161,7 +161,7 @@ def test_bounds_are_those_of_plain_missions(tmp_path, monkeypatch, names, tau, p
     for some, events in zip(sources, found, strict=True):
         own = np.searchsorted(looks.schedule.time, look_times(some, changes.get("every")))
         for event, drawn in zip(
-            events, plain_missions(some, tau, 2, 3, 20_000, 1, pose, **changes), strict=True
+            events, plain_missions(some, tau, 2, 3, 30_000, 1, pose, **changes), strict=True
         ):
             mean, std = drawn.mean(axis=1), drawn.std(axis=1)
             assert np.all(abs(event.mean[own] - mean) <= 0.06 * std)
