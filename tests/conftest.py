@@ -59,8 +59,8 @@ def tool(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outco
 
 
 @pytest.fixture(autouse=True)
-def every_warning_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a result fail that has a warning without one name of those that are explained."""
+def every_result_is_explained(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let a result fail that has a column without a meaning, or a warning without a known name."""
     call = Command.__call__
 
     def checked(self: Command, scenario: Scenario, **options: Any) -> Any:
@@ -69,6 +69,8 @@ def every_warning_has_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
             name = warning.rpartition(" [")[2]
             assert name.endswith("]"), warning
             assert name[:-1] in WARNINGS, warning
+        if isinstance(result, Result):
+            assert list(result.columns) == list(result.table)
         return result
 
     monkeypatch.setattr(Command, "__call__", checked)

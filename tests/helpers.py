@@ -108,13 +108,25 @@ def without_pixels(patch, then=lambda figure: figure):
     patch.setattr("radar_sense.plotting.render", lambda figure, kind: then(figure) and svg)
 
 
+def some_poses(patch, count=5):
+    """Read scenarios at about so many of their poses."""
+
+    def few(path=None, changes=()):
+        read = load_scenario(path, changes)
+        return read.at_poses(slice(0, None, max(1, len(read.axis) // (count - 1))))
+
+    for name in ("radar_sense.scenario_file.load.load_scenario", "radar_sense.load_scenario"):
+        patch.setattr(name, few)
+
+
 def part_shares(budget):
     """Return the share of the variance from each part of a radar constant alone (n,)."""
     return {name: (std / budget.std) ** 2 for name, std in budget.parts.items()}
 
 
 def small_batches(patch):
-    """Let `validate` draw few draws: its accuracy is tested in `test_adaptive`."""
+    """Let `validate` and `compare` draw few draws, whose accuracy has tests of its own."""
+    patch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
     patch.setattr(import_module("radar_sense.analyses.validate"), "RUNS", 2000)
     patch.setattr("radar_sense.montecarlo.adaptive.DRAWS", 2048)
     patch.setattr("radar_sense.montecarlo.adaptive.MOST_BATCHES", 4)

@@ -27,7 +27,6 @@ uncertainty:
   radar: {low: {position_m: 10, constant: 1}}
 analysis: {level: low, runs: 20}
 """
-FILES = ["tiny_variance.csv", "tiny_variance.json", "tiny_variance.png"]
 
 
 def process(folder: Path, *args: str, shell: str = "", **environment: str | None):
@@ -53,12 +52,15 @@ ENVIRONMENTS = {
         "XDG_CONFIG_HOME": None,
         "NO_COLOR": "1",
         "OPENBLAS_NUM_THREADS": "2",
+        "PYTHONHASHSEED": "7",
+        "TZ": "Asia/Tokyo",
     },
     "the C locale, no UTF-8": {
         "LC_ALL": "C",
         "PYTHONUTF8": "0",
         "PYTHONCOERCECLOCALE": "0",
         "MPLCONFIGDIR": "settings",  # with TeX for all text
+        "MATPLOTLIBRC": "broken",
         "TERM": "dumb",
         "COLUMNS": "0",
     },
@@ -66,7 +68,8 @@ ENVIRONMENTS = {
 
 
 @pytest.mark.parametrize("name", ENVIRONMENTS)
-def test_the_environment_changes_no_number(tool, tmp_path, name):
+@pytest.mark.all_draws
+def test_the_environment_changes_no_byte(tool, tmp_path, name):
     folder = tmp_path / "elsewhere"
     settings = folder / "settings"
     settings.mkdir(parents=True)
@@ -74,14 +77,20 @@ def test_the_environment_changes_no_number(tool, tmp_path, name):
     for fonts in Path(mpl.get_cachedir()).glob("fontlist-*.json"):
         shutil.copy(fonts, settings)  # a new list of fonts takes a second
     (folder / "matplotlibrc").write_text("text.usetex: True\nnonsense: 1\n")
-    done = process(folder, "variance", "tiny.yaml", **ENVIRONMENTS[name])
+    (folder / "broken").write_bytes(b"figure.dpi: 20\nno setting: \xff\n")
+    kind = "svg" if "home" in name else "pdf"
+    args = ["variance", "tiny.yaml", f"--format={kind}"]
+    done = process(folder, *args, **ENVIRONMENTS[name])
     assert done.returncode == 0, done.stderr
     assert done.stderr == b""
-    assert sorted(path.name for path in (folder / "figures").iterdir()) == FILES
     Path("tiny.yaml").write_text(TINY)
-    assert tool("variance", "tiny.yaml", "--no-plot").code == 0
-    table = Path("figures/tiny_variance.csv")
-    assert (folder / table).read_bytes() == table.read_bytes()
+    assert tool(*args).code == 0
+    found, expected = (
+        {path.name: path.read_bytes() for path in (where / "figures").iterdir()}
+        for where in (folder, tmp_path)
+    )
+    assert sorted(found) == sorted(f"tiny_variance.{ending}" for ending in ("csv", "json", kind))
+    assert found == expected
 
 
 #: Help and numbers in one process, because Python compiles every module anew without docstrings.

@@ -47,7 +47,7 @@ SHORT = {
     "convergence": {"runs": 16},
     "validate": {"digits": 1},
     "map": {"step_km": 200},
-    "range": {"step_deg": 30},
+    "range": {"step_deg": 90},
     "mission": {"m": 2, "n": 3},
     "sweep": {"key": "analysis.seed", "start": 1, "stop": 2, "step": 1},
 }
@@ -101,6 +101,8 @@ def test_every_analysis_keeps_the_contract(name, tool, monkeypatch):
         written = json.loads(record.read_text(encoding="utf-8"))
         assert written["analysis"] == name
         assert written["warnings"] == list(result.warnings)
+        again = rs.parse_scenario(yaml_text(written["scenario"]))
+        assert again.resolved() == written["scenario"] == s.resolved()
         # every column is declared with its meaning, and stands in the record
         assert list(written["columns"]) == list(result.table)
         for column in written["columns"].values():
@@ -112,9 +114,12 @@ def test_every_analysis_keeps_the_contract(name, tool, monkeypatch):
         f"{v}" if key in by_place else f"--{key.replace('_', '-')}={v}"
         for key, v in SHORT.get(name, {}).items()
     ]
-    code = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot").code
+    code, out, err = tool(name, "my.yaml", *options, "--out", "shell", "--no-plot")
     assert code == (0 if result.passed else 3)
-    assert table.read_bytes() == Path("shell", table.name).read_bytes()
+    written = [str(Path("shell", path.name)) for path in (table, record)]
+    assert out.splitlines() == [*result.report, *written]
+    assert err.splitlines() == [f"Warning: {text}" for text in result.warnings]
+    assert table.read_bytes() == Path(written[0]).read_bytes()
 
 
 def test_each_command_has_examples_and_known_options():

@@ -95,25 +95,6 @@ def test_each_radar_by_itself():
     assert_array_equal(propagate_scenario(parts["r1"]).std, expected.std)
 
 
-@pytest.mark.parametrize(
-    "analysis",
-    [
-        analyses.variance,
-        analyses.sensitivity,
-        analyses.budget,
-        analyses.montecarlo,
-        analyses.compare,
-        analyses.detectors,
-    ],
-)
-def test_analyses_and_figures_take_a_network(analysis):
-    scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(0, None, 60))
-    result = analysis(dataclasses.replace(scenario, runs=64))
-    assert all(np.all(np.isfinite(column)) for column in result.table.values())
-    assert len({len(column) for column in result.table.values()}) == 1
-    assert result.plot().axes
-
-
 def test_variance_table_has_each_radar_and_the_network():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], max_range=5.005e5)
     table = analyses.variance(scenario, method="probit").table

@@ -73,7 +73,9 @@ def test_a_wrong_option_is_refused_before_anything_is_computed(case):
 def test_one_number_is_one_value_where_several_are_allowed():
     few = NETWORK.at_poses(slice(0, 1))
     for p_d in (0.5, np.float64(0.5), [0.5], (0.5,), np.array([0.5])):
-        found = rs.analyses.detection_range(few, radar="ridge", p_d=p_d, step_deg=90)
+        found = rs.analyses.detection_range(
+            few, radar="ridge", p_d=p_d, step_deg=180, method="linear"
+        )
         assert found.summary["p_d"] == [0.5]
     area = {"north_km": np.array([0, 100]), "east_km": [0, 100], "step_km": np.array(50)}
     assert rs.analyses.coverage_map(few, p_d=0.3, **area).summary["contours"] == [0.3]

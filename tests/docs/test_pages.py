@@ -3,12 +3,13 @@
 import re
 import shlex
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
-from helpers import without_pixels
+from helpers import some_poses, without_pixels
 
 from radar_sense.cli import cli
 
@@ -17,9 +18,7 @@ PAGES = sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in
 #: Pages whose commands make the committed figures, or run elsewhere in the tests.
 PARSED_PAGES = {"commands.md", "benchmarks.md"}
 #: Commands that take many seconds are parsed, not run.
-SLOW = re.compile(
-    r"validate|compare|--runs|--worst-heading|corridor|configs/mission.yaml|--upper|--target"
-)
+SLOW = re.compile(r"validate|compare|--runs|corridor|--upper|configs/mission.yaml|--target")
 
 
 def pages_with(pattern):
@@ -69,8 +68,18 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+def run(line, *options):
+    """Return the outcome of a command line."""
+    return CliRunner().invoke(cli, [*shlex.split(line.partition(" > ")[0])[1:], *options])
+
+
+#: The outcome of a line about the scenario of the paper is the same on every page.
+of_the_paper = cache(run)
+
+
 @pytest.mark.parametrize("page", pages_with(r"^\$ radar-sense"), ids=lambda page: page.stem)
 def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
+    """A command of which nothing is shown runs at some five poses."""
     without_pixels(monkeypatch)
     for line, shown in commands(page):
         if not line.startswith("radar-sense"):
@@ -78,12 +87,16 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
         parse(line)
         if page.name in PARSED_PAGES or (SLOW.search(line) and page.name != "tutorial.md"):
             continue
-        args = shlex.split(line.partition(" > ")[0])[1:]
         # a figure takes longer than most analyses
-        figure = any(".png" in row for row in shown)
-        if args[0] not in ("init", "check", "diff", "schema") and not figure:
-            args.append("--no-plot")
-        result = CliRunner().invoke(cli, args)
+        name = line.split()[1]
+        writes = name not in ("init", "check", "diff", "schema")
+        options = ["--no-plot"] if writes and not any(".png" in row for row in shown) else []
+        runner = run if ".yaml" in line or not shown or not writes else of_the_paper
+        with pytest.MonkeyPatch.context() as patch:
+            if not shown and "--out" not in line and writes and name != "sweep":
+                some_poses(patch)
+                options += ["--step-km=50"] * (name == "map" and "--step-km" not in line)
+            result = runner(line, *options)
         answer_is_no = "--threshold" in line and "sweep" not in line  # which holds at a value
         assert result.exit_code == (3 if answer_is_no else 0), f"{line}\n{result.output}"
         if shown:
@@ -93,12 +106,14 @@ def test_commands_run_and_print_what_is_shown(page, folder, monkeypatch):
 
 
 @pytest.mark.parametrize("page", pages_with(r"^```python$"), ids=lambda page: page.stem)
-def test_python_runs(page, folder):
+def test_python_runs(page, folder, monkeypatch):
+    """At some five poses of each scenario."""
     if page.name == "python.md" and page.parent.name == "reference":
         pytest.skip("signatures")
+    without_pixels(monkeypatch)
+    some_poses(monkeypatch)
     if page.name == "where.md":
-        line = ["map", "configs/path.yaml", "--step-km", "100", "--no-plot"]
-        assert CliRunner().invoke(cli, line).exit_code == 0
+        assert run("radar-sense map configs/path.yaml --step-km 100 --no-plot").exit_code == 0
     for code in fenced(page, "python"):
         program = compile(code, page.name, "exec")
         if page.name not in PARSED_PAGES:

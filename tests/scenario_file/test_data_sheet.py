@@ -86,18 +86,6 @@ BAD = {
         changed("tracking", without=["frequency_ghz"]),
         "radar.tracking: needs one of the keys 'frequency_ghz' and 'wavelength_m'",
     ),
-    "missing": (
-        changed("tracking", without=["gain_dbi"]),
-        "radar.tracking: missing key 'gain_dbi'",
-    ),
-    "misspelled": (
-        changed("tracking", without=["gain_dbi"], gain_db=40),
-        "radar.tracking: unknown key 'gain_db', allowed: .*did you mean 'gain_dbi'",
-    ),
-    "key of the other kind": (
-        changed("tracking", search_factor=16),
-        "radar.tracking: unknown key 'search_factor'",
-    ),
     "search factor": (
         changed("surveillance", search_factor="4π"),
         "radar.surveillance.search_factor: must be one of 16, 4pi, got '4π'",
@@ -106,14 +94,6 @@ BAD = {
         changed("surveillance", search_factor=12.566),
         "must be one of 16, 4pi, got 12.566",
     ),
-    "zero": (
-        changed("tracking", frequency_ghz=0),
-        "radar.tracking.frequency_ghz: must be a number greater than 0, got 0",
-    ),
-    "decibels": (
-        changed("tracking", gain_dbi=4000),
-        "radar.tracking.gain_dbi: must be a number not less than -200 and not greater than 200",
-    ),
     "loss with the name of a key": (
         changed("tracking", losses_db={"noise_figure": 1}),
         "losses_db.noise_figure: must have another name, as 'noise_figure_db' is a key",
@@ -121,10 +101,6 @@ BAD = {
     "loss without a name": (
         changed("tracking", losses_db={"": 1}),
         "must be the name of a loss, up to 30 letters",
-    ),
-    "loss that is a gain": (
-        changed("tracking", losses_db={"beam_shape": -1}),
-        "losses_db.beam_shape: must be a number not less than 0",
     ),
     "no loss": (changed("tracking", losses_db={}), "losses_db: needs at least one loss"),
     "tolerance of a loss that is not given": (
@@ -135,17 +111,9 @@ BAD = {
         changed("tracking", tolerances={"losses_db": {}}, losses_db={"beam_shape": 1}),
         "constant.losses_db: needs at least one loss",
     ),
-    "half a pulse": (
-        changed("tracking", coherent_pulses=2.5),
-        "coherent_pulses: must be a whole number not less than 1",
-    ),
     "tolerance of a number of pulses": (
         changed("tracking", tolerances={"coherent_pulses": 1}, coherent_pulses=4),
         "constant: unknown key 'coherent_pulses', allowed: ",
-    ),
-    "pulses of a scan": (
-        changed("surveillance", coherent_pulses=4),
-        "radar.surveillance: unknown key 'coherent_pulses'",
     ),
     "impossible constant": (
         changed("tracking", gain_dbi=200, peak_power_kw=1e10),
@@ -175,18 +143,6 @@ BAD = {
     "no tolerance": (
         changed("surveillance", tolerances={}),
         "sheet.constant: needs at least one of the keys average_power_kw, aperture_m2",
-    ),
-    "negative tolerance": (
-        changed("surveillance", tolerances={"loss_db": -1}),
-        "sheet.constant.loss_db: must be a number not less than 0 and not greater than 20, got -1",
-    ),
-    "absurd tolerance": (
-        changed("surveillance", tolerances={"loss_db": 21}),
-        "sheet.constant.loss_db: must be .* not greater than 20, got 21",
-    ),
-    "tolerance that is no number": (
-        changed("surveillance", tolerances={"loss_db": "1 dB"}),
-        "sheet.constant.loss_db: must be a number .*, got '1 dB'",
     ),
     "divisor that may be zero": (
         changed("surveillance", tolerances={"temperature_k": 48.334}),

