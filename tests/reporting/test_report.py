@@ -18,15 +18,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from helpers import (
-    OVERHEAD,
-    document,
-    few_draws,
-    few_judging_draws,
-    scenario,
-    small_batches,
-    yaml_text,
-)
+from helpers import OVERHEAD, document, few_draws, few_judging_draws, scenario, yaml_text
 
 import radar_sense as rs
 from radar_sense import files, plotting
@@ -128,7 +120,7 @@ def write_flight(folder: Path) -> Path:
 def quick() -> Iterator[None]:
     """Few draws, bearings and cells: the tests of the commands have their numbers."""
     with pytest.MonkeyPatch.context() as patch:
-        small_batches(patch)
+        patch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
         patch.setattr(command, "POSES", 5)
         patch.setattr(command, "BEARINGS_DEG", 30.0)
         patch.setattr("radar_sense.coverage.grid.CELLS", 40)
@@ -227,7 +219,6 @@ def test_the_scenario_on_the_page_is_the_scenario(flight, page, tmp_path, monkey
     assert again.resolved() == flight.scenario.resolved()
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_method_of_the_scenario_is_the_method_of_the_report():
     few = scenario(geometry__azimuth_deg=FEW)
     for report, method in ((rs.report(few), few.method), (rs.report(few, method="form"), "form")):
@@ -330,7 +321,6 @@ def test_nothing_is_fetched(page, html):
 # The command and its files.
 
 
-@pytest.mark.usefixtures("undrawn")
 def test_the_same_bytes_whatever_the_number_of_workers(tool, flight, tmp_path):
     write_flight(tmp_path)
     options = ("--threshold", "0.5", "--method", "linear", "--level", "one", "--workers", "2")
