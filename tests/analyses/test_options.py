@@ -74,7 +74,7 @@ def test_one_number_is_one_value_where_several_are_allowed():
     few = NETWORK.at_poses(slice(0, 1))
     for p_d in (0.5, np.float64(0.5), [0.5], (0.5,), np.array([0.5])):
         found = rs.analyses.detection_range(
-            few, radar="ridge", p_d=p_d, step_deg=180, method="linear"
+            few, radar="ridge", p_d=p_d, step_deg=90, method="linear"
         )
         assert found.summary["p_d"] == [0.5]
     area = {"north_km": np.array([0, 100]), "east_km": [0, 100], "step_km": np.array(50)}
