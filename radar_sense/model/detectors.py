@@ -354,19 +354,20 @@ def required_snr(detector: Detector, p_fa: float, p_d: float) -> float:
     Raises:
         InputError: If P_D is not a probability between 0 and 1.
     """
-    from scipy.optimize import brentq  # slow to import
-
     check_number("p_d", p_d, Limit(above=0, below=1))
-    target = float(ndtri(p_d))
-
-    def excess(log_snr: float) -> float:
-        z, _ = detector.linearize_probit(np.asarray(math.exp(log_snr)), p_fa)
-        return float(z) - target
-
-    low, high = math.log(1e-12), math.log(1e30)
-    if excess(low) >= 0.0:
+    target, low, high = float(ndtri(p_d)), math.log(1e-12), math.log(1e30)
+    if detector.linearize_probit(np.asarray(math.exp(low)), p_fa)[0] >= target:
         return 0.0
-    return math.exp(brentq(excess, low, high, xtol=1e-13, rtol=1e-14))
+    x = 0.0
+    while high - low > 1e-13:  # Newton's method for ln S, within a bracket
+        z, by_snr = detector.linearize_probit(np.asarray(math.exp(x)), p_fa)
+        low, high = (x, high) if z < target else (low, x)
+        by_x = float(by_snr) * math.exp(x)
+        step = (target - float(z)) / by_x if by_x > 0.0 else math.inf
+        if abs(step) <= 1e-13:
+            break
+        x = x + step if low < x + step < high else 0.5 * (low + high)
+    return math.exp(x)
 
 
 @lru_cache(maxsize=128)
