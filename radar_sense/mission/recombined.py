@@ -404,12 +404,12 @@ def upper_tails(values: FloatArray, share: FloatArray, ranks: FloatArray) -> Flo
     """
     quantiles, least = np.empty((len(values), len(ranks))), -np.inf
     for k, row in enumerate(values):
-        largest = np.flatnonzero(row >= least)
-        largest = largest[np.argsort(-row[largest])]
-        rank = np.cumsum(share[largest])
+        (largest,) = (row >= least).nonzero()
+        largest = largest[(-row[largest]).argsort()]
+        rank = share[largest].cumsum()
         # the rank of a draw is the middle of its share
         quantiles[k] = np.interp(ranks, rank - 0.5 * share[largest], row[largest])
-        tail = min(np.searchsorted(rank, ranks[-1]) + 1, len(largest) - 1)
+        tail = min(rank.searchsorted(ranks[-1]) + 1, len(largest) - 1)
         least = row[largest[tail]]
     return quantiles
 
@@ -444,12 +444,11 @@ def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
         tails: Quantiles at the ranks of each replicate (r, K, q).
         ranks: The ranks (q,).
     """
-    quantiles = np.empty(tails.shape[1])
-    for k, of_time in enumerate(np.moveaxis(tails, 1, 0)):
-        if k and np.array_equal(of_time, tails[:, k - 1]):  # no radar sees the aircraft
-            quantiles[k] = quantiles[k - 1]
-            continue
+    changed = np.append(True, np.any(tails[:, 1:] != tails[:, :-1], axis=(0, 2)))
+    quantiles = []
+    for of_time in np.moveaxis(tails[:, changed], 1, 0):
         values = np.sort(of_time, axis=None)
-        rank = np.mean([np.interp(values, tail, ranks, left=0.0) for tail in of_time], axis=0)
-        quantiles[k] = np.interp(ranks[len(ranks) // 2], rank, values)
-    return quantiles
+        rank = sum(np.interp(values, tail, ranks, left=0.0) for tail in of_time) / len(tails)
+        quantiles.append(np.interp(ranks[len(ranks) // 2], rank, values))
+    # where no radar sees the aircraft, nothing changes
+    return np.array(quantiles)[np.cumsum(changed) - 1]

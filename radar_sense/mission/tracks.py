@@ -95,62 +95,39 @@ def event_probabilities(
 
 
 def m_of_n_track(p_d: FloatArray, m: int, n: int) -> FloatArray:
-    """Return the probability (L, n) of m of n looks by each look, from P_D (L, n)."""
-    return m_of_n(p_d.T, 1.0 - p_d.T, m, n)[0].T
+    """Return the probability (L, n) of m of n looks by each look, from P_D (L, n).
 
-
-def m_of_n(p_d: FloatArray, miss: FloatArray, m: int, n: int) -> tuple[FloatArray, FloatArray]:
-    """Return the probability T of m of n looks by each look, and 1 − T.
-
-    Both are sums without cancellation, accurate to a relative rounding error.
+    It is a sum without cancellation, accurate to a relative rounding error.
 
     Args:
-        p_d: P_D of each look (..., K).
-        miss: 1 − P_D (..., K).
+        p_d: P_D of each look.
         m: Detections needed, 1 to n.
         n: Length of the window of consecutive looks, at most `MAX_WINDOW`.
-
-    Returns:
-        T and 1 − T (..., K).
 
     Raises:
         ValueError: If m or n is out of range.
     """
-    detections = _detections(m, n)
-    shape, states = p_d.shape, len(detections)
-    p_d, miss = (np.ascontiguousarray(a.reshape(-1, shape[-1]).T) for a in (p_d, miss))
-    p, no_track = np.empty(p_d.shape), np.empty(p_d.shape)
-    block = max(64, CHAIN_BLOCK // states)
+    detections, p = _detections(m, n), np.empty(p_d.shape)
+    block = max(64, CHAIN_BLOCK // len(detections))
     for start in range(0, p_d.shape[1], block):
         rows = slice(start, start + block)
-        _chain(p_d[:, rows], miss[:, rows], detections, m, n, p[:, rows], no_track[:, rows])
+        _chain(p_d[:, rows], detections, m, n, p[:, rows])
     # a sum of rounded terms may exceed 1 by its rounding error
-    p, no_track = np.minimum(p, 1.0, out=p), np.minimum(no_track, 1.0, out=no_track)
-    return p.T.reshape(shape), no_track.T.reshape(shape)
+    return np.minimum(p, 1.0, out=p)
 
 
-def _chain(
-    p_d: FloatArray,
-    miss: FloatArray,
-    detections: NDArray[np.intp],
-    m: int,
-    n: int,
-    p: FloatArray,
-    no_track: FloatArray,
-) -> None:
-    """Write T and 1 − T (K, rows) of one block of rows."""
+def _chain(p_d: FloatArray, detections: NDArray[np.intp], m: int, n: int, p: FloatArray) -> None:
+    """Write the probability (L, rows) of one block of rows."""
     one_short = np.flatnonzero(detections == m - 1)
     weight = np.zeros((len(detections), p_d.shape[1]))
     weight[0] = 1.0
     total, unseen = np.zeros(p_d.shape[1]), 0
-    remainder = weight.sum(axis=0)
-    for k, (hit, missed) in enumerate(zip(p_d, miss, strict=True)):
+    for k, hit in enumerate(p_d):
         unseen = 0 if hit.any() else unseen + 1
         if unseen < n:  # after n looks without a possible detection the history is empty
-            total = total + hit * weight[one_short].sum(axis=0)
-            weight = _advanced(weight, hit, missed, detections, m)
-            remainder = weight.sum(axis=0)
-        p[k], no_track[k] = total, remainder
+            total += hit * weight[one_short].sum(axis=0)
+            weight = _advanced(weight, hit, one_short)
+        p[k] = total
 
 
 def check_window(m: int, n: int) -> None:
@@ -169,17 +146,19 @@ def _detections(m: int, n: int) -> NDArray[np.intp]:
     return np.array([state.bit_count() for state in range(2 ** (n - 1))])
 
 
-def _advanced(
-    weight: FloatArray, p_d: FloatArray, miss: FloatArray, detections: NDArray[np.intp], m: int
-) -> FloatArray:
-    """Return the probability of each history (states, ...) one look later, without success."""
-    states = len(detections)
-    if states == 1:  # m = n = 1: any detection is success
-        return weight * miss
-    without_success = weight.copy()  # if this look detects
-    without_success[detections >= m - 1] = 0.0
-    later = np.empty_like(weight)
+def _advanced(weight: FloatArray, hit: FloatArray, one_short: NDArray[np.intp]) -> FloatArray:
+    """Return the probability of each history (states, n) one look later, without success.
+
+    Args:
+        weight: The probability of each history, which is overwritten.
+        hit: P_D of the look (n,).
+        one_short: The histories that a detection makes a success.
+    """
+    half, later = len(weight) // 2, np.empty_like(weight)
+    if not half:  # m = n = 1: any detection is success
+        return weight * (1.0 - hit)
     # The oldest outcome, the highest bit, drops out. The new outcome is the lowest bit.
-    later[0::2] = (weight[: states // 2] + weight[states // 2 :]) * miss
-    later[1::2] = (without_success[: states // 2] + without_success[states // 2 :]) * p_d
+    np.multiply(weight[:half] + weight[half:], 1.0 - hit, out=later[0::2])
+    weight[one_short] = 0.0
+    np.multiply(weight[:half] + weight[half:], hit, out=later[1::2])
     return later

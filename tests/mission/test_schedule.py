@@ -161,7 +161,7 @@ class Brute:
                 axis=-1,
             )  # fmt: skip
             # `test_tracks` tests this function against the sum over all outcomes
-            chain = tracks.m_of_n(fused, 1 - fused, m, n)[0]
+            chain = tracks.m_of_n_track(fused.reshape(-1, len(own)).T, m, n).T.reshape(fused.shape)
             latest = [sum(t <= at for t in own) - 1 for at in self.times]
             missed = missed * (1 - chain[..., latest])
         return 1 - missed
@@ -311,7 +311,7 @@ def test_one_period_for_all_is_one_scan_group_of_their_fused_looks(tmp_path):
     p_d = s.model.p_d(looks.aircraft, s.radar)
     np.testing.assert_allclose(found["p_d"], p_d, rtol=1e-12)
     np.testing.assert_allclose(found["cumulative_p_d"], 1 - np.cumprod(1 - p_d), rtol=1e-12)
-    track, _ = tracks.m_of_n(p_d, 1 - p_d, 2, 3)
+    track = tracks.m_of_n_track(p_d[:, np.newaxis], 2, 3)[:, 0]
     np.testing.assert_allclose(found["track_p_d"], track, rtol=1e-12)
     assert np.isfinite(found["p_d_near"]).all()
 

@@ -17,10 +17,7 @@ from radar_sense.mission.schedule import Schedule
 
 
 def m_of_n(p_d, m, n):
-    p_d = np.asarray(p_d, dtype=float)
-    found, left = tracks.m_of_n(p_d, 1 - p_d, m, n)
-    np.testing.assert_allclose(found + left, 1.0, rtol=1e-14)
-    return found
+    return tracks.m_of_n_track(np.asarray(p_d, dtype=float)[:, np.newaxis], m, n)[:, 0]
 
 
 def events(p_d, m, n, looks=None):
@@ -84,9 +81,9 @@ def test_m_of_n_is_the_sum_over_all_outcomes(m, n):
     found = m_of_n(p_d, m, n)
     expected = [enumerated(p_d[: k + 1], m_within_n(m, n)) for k in range(len(p_d))]
     np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-300)
-    rows = rng.uniform(0, 1, (2, 3, 9))
-    rows[1, 2] = p_d
-    np.testing.assert_allclose(m_of_n(rows, m, n)[1, 2], found, rtol=1e-14)
+    rows = rng.uniform(0, 1, (9, 6))
+    rows[:, 5] = p_d
+    np.testing.assert_allclose(tracks.m_of_n_track(rows, m, n)[:, 5], found, rtol=1e-14)
 
 
 @pytest.mark.parametrize("p", [1e-60, 1e-9, 0.3, 1 - 1e-9])
