@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 #: Draws with emphasis on the tails of all poses and radars together, about a second; and least and
 #: most draws at a pose.
-TOGETHER, LEAST, MOST = 6e6, 2**10, 2**17
+TOGETHER, LEAST, MOST = 3e6, 2**10, 2**17
 #: Standard errors of the draws by which a difference is told from none.
 ERRORS = 4.0
 #: Least difference that four digits show.
