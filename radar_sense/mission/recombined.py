@@ -60,7 +60,7 @@ CANDIDATES, SCREENING_LOOKS = 8, 8
 REPLICATES = 8
 #: Draws of each radar in a replicate: LOOKS divided by all looks, within limits. The Markov chain
 #: of HISTORIES histories takes as long as P_D of a look.
-LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 5_000_000, 256, 8192, 256
+LOOKS, MIN_DRAWS, MAX_DRAWS, HISTORIES = 4_000_000, 256, 8192, 256
 #: Draws of each radar for one path, and combinations of them, if there are several radars.
 DRAWS_PER_PATH, COMBINATIONS_PER_PATH = 8, 16
 #: Ranks of the quantiles of a replicate, as parts of the rank of a bound, which is in the middle.
