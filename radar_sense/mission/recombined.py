@@ -451,4 +451,4 @@ def pooled_quantiles(tails: FloatArray, ranks: FloatArray) -> FloatArray:
         rank = sum(np.interp(values, tail, ranks, left=0.0) for tail in of_time) / len(tails)
         quantiles.append(np.interp(ranks[len(ranks) // 2], rank, values))
     # where no radar sees the aircraft, nothing changes
-    return np.array(quantiles)[np.cumsum(changed) - 1]
+    return np.asarray(np.array(quantiles)[np.cumsum(changed) - 1])
