@@ -146,7 +146,7 @@ def test_the_reference_is_the_mean_of_independent_sequences_with_its_standard_er
     s = load_scenario().at_poses(slice(0, 5))
     measured = measure(s, 64, 1)
     seeds = random_stream(s.seed, Stream.REPETITIONS).integers(2**63, size=REFERENCES)
-    drawn = [draw(Sampler(s.states()), "sobol", int(seed), 8 * 64) for seed in seeds]
+    drawn = [draw(Sampler(s.states()), "sobol", int(seed), 2 * 64) for seed in seeds]
     p = [TAIL, 1 - TAIL]
     each = np.array([[d.mean(0), d.std(0, ddof=1), *np.quantile(d, p, axis=0)] for d in drawn])
     np.testing.assert_allclose(measured.reference, sum(each) / 8, rtol=1e-13)
