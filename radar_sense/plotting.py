@@ -142,6 +142,15 @@ def radar_styles(names: Sequence[str]) -> dict[str, tuple[str, Any]]:
     return dict(zip(names, styles(BAND), strict=False))
 
 
+def source_styles(sources: Sequence[str], radars: Sequence[str]) -> dict[str, tuple[str, Any]]:
+    """Return the style of each source. In a network radars have colours, the aircraft is grey."""
+    if not radars:
+        return dict(zip(sources, styles(), strict=False))
+    others = [name for name in sources if name not in radars]
+    greys = [("0.5", dashes) for _, dashes in LINES]
+    return dict(zip(others, greys, strict=False)) | radar_styles(radars)
+
+
 def draw(plot: Callable[[Figure], object], footer: str, style: str = DEFAULT_STYLE) -> Figure:
     """Return a new figure.
 
@@ -390,11 +399,22 @@ def pose_panels(figure: Figure, count: int, axis: Axis) -> tuple[list[Axes], Flo
     return axes, coordinates
 
 
-def pose_lines(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray], label: str) -> None:
-    """Draw lines (n,) by name over the poses, from zero."""
+class PoseLine(NamedTuple):
+    """A line over the poses: its label, values (n,) and style, and width in points."""
+
+    label: str
+    values: FloatArray
+    style: tuple[str, Any]
+    width: float = _POINTS["lines.linewidth"]
+    zorder: float = 2.0
+
+
+def pose_lines(figure: Figure, axis: Axis, lines: Sequence[PoseLine], label: str) -> None:
+    """Draw lines over the poses, from zero."""
     (axes,), x = pose_panels(figure, 1, axis)
-    for (name, values), style in zip(lines.items(), styles(), strict=False):
-        draw_line(axes, x, values, style, label=name)
+    for line in lines:
+        draw_line(axes, x, line.values, line.style, label=line.label)
+        axes.lines[-1].set(linewidth=points(line.width), zorder=line.zorder)
     axes.set_ylabel(label)
     from_zero(axes)
     draw_legend(figure, axes)

@@ -22,6 +22,8 @@ AIRCRAFT_RCS = "aircraft_rcs"
 #: Parameters that a radar may have besides c_r, by name, and where its state has their errors. In
 #: the error budget of one radar each is a source if it is uncertain.
 PARAMETERS = {"attenuation": ATTENUATION_ERROR, "tilt": TILT_ERROR}
+#: Sources that the paper does not have; their columns follow the total.
+FURTHER = (AIRCRAFT_RCS, *(f"radar_{name}" for name in PARAMETERS))
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radar_sense import covariance
 from radar_sense.cost import EVALUATIONS, foresee
@@ -32,6 +33,12 @@ from radar_sense.source_names import (
 )
 from radar_sense.states import AIRCRAFT, ATTITUDE, CONSTANT, POSITION, FloatArray, component
 from radar_sense.uncertain_states import UncertainStates
+
+#: The gradient for a source counts as zero where the share of the source is below VANISHING times
+#: its largest share.
+VANISHING = 1e-3
+#: Sources within this part of the largest are equal, as they are printed.
+TIE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,13 +105,7 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
         std_by_name[name] = whole.with_covariances(_alone(scenario, name)).std
         report("sources of the budget", len(std_by_name), count)
     alone, finer, parts = ({name: std_by_name[name] for name in group} for group in groups)
-    return Budget(
-        mean=mean,
-        std=std,
-        alone=alone,
-        finer=finer,
-        parts=parts,
-    )
+    return Budget(mean, std, alone, finer, parts=parts)
 
 
 def sources_of(scenario: Scenario) -> dict[str, Source]:
@@ -326,9 +327,10 @@ class Contribution:
 
     Attributes:
         name: Name in the columns.
-        three_sigma: 3σ of P_D from the source alone (n,).
+        three_sigma: 3σ of P_D from the source alone (n,); NaN for the interaction.
         share: Share of the variance of P_D (n,).
         share_error: Standard error of the share (n,), by Sobol' indices.
+        total_index: Total Sobol' index (n,) of a source, by Sobol' indices.
         part_of: Name of the source that it is a part of; "" for a source.
     """
 
@@ -336,6 +338,7 @@ class Contribution:
     three_sigma: FloatArray
     share: FloatArray
     share_error: FloatArray | None = None
+    total_index: FloatArray | None = None
     part_of: str = ""
 
     @property
@@ -343,9 +346,15 @@ class Contribution:
         """The name, of a part without the name of its source."""
         return self.name.removeprefix(f"{self.part_of}_")
 
+    @property
+    def meaning(self) -> str:
+        """The source in the meaning of a column."""
+        named = {"total": "all sources together", "interaction": "interactions of sources"}
+        return named.get(self.name, f"{self.name} alone")
+
 
 def contributions(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
-    """Return the sources of an error budget, then their parts and finer sources, by name."""
+    """Return the sources of an error budget, their parts, finer sources, total and interaction."""
     part_of = {name: part.source for name, part in parts_of(scenario).items()}
     part_of |= {
         name: name.removesuffix(f"_{parameter}")
@@ -353,10 +362,53 @@ def contributions(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
         for name in found.finer
         if name.endswith(f"_{parameter}")
     }
-    variance, errors = np.where(found.std > 0, found.std**2, np.nan), found.share_error or {}
+    errors, indices = found.share_error or {}, found.total_index or {}
+    stds = {**found.alone, **found.parts, **found.finer, "total": found.std}
+    stds["interaction"] = np.full_like(found.std, np.nan)
+    variance = np.where(found.std > 0, found.std**2, np.nan)
+    shares = {name: std**2 / variance for name, std in stds.items()} | found.shares()
     return {
         name: Contribution(
-            name, 3 * std, std**2 / variance, errors.get(name), part_of.get(name, "")
+            name,
+            3 * std,
+            shares[name],
+            errors.get(name),
+            indices.get(name),
+            part_of.get(name, ""),
         )
-        for name, std in {**found.alone, **found.parts, **found.finer}.items()
+        for name, std in stds.items()
     }
+
+
+def vanishing(scenario: Scenario, found: Budget) -> dict[str, NDArray[np.bool_]]:
+    """Return where (n,) the gradient for each source vanishes.
+
+    A radar that does not see the aircraft has no effect of second order either.
+    """
+    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
+    visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
+    masks = {}
+    for name, std in found.alone.items():
+        share = np.divide(std, found.std, out=np.zeros_like(std), where=found.std > 0)
+        vanishes = (share < VANISHING * share.max()) & (found.std > 0)
+        masks[name] = vanishes & visible_by.get(name, True)
+    return masks
+
+
+def dominant(sources: Sequence[Contribution], total: float, pose: int) -> Contribution | None:
+    """Return the largest source at a pose; None if one without a value may be larger."""
+    squares = np.square([c.three_sigma[pose] for c in sources])
+    known = np.isfinite(squares)
+    top = int(np.argmax(np.where(known, squares, -1.0)))
+    is_largest = known.all() or squares[top] > total**2 - squares[known].sum()
+    return sources[top] if is_largest else None
+
+
+def equally_largest(
+    sources: Sequence[Contribution], parts: Sequence[Contribution], pose: int
+) -> list[Contribution]:
+    """Return the sources that are equally the largest at a pose. Parts stand for their source."""
+    whole = {part.part_of for part in parts}
+    each = [c for c in (*sources, *parts) if c.name not in whole]
+    top = max((c.three_sigma[pose] for c in each if np.isfinite(c.three_sigma[pose])), default=0.0)
+    return [c for c in each if c.three_sigma[pose] >= (1.0 - TIE) * top]

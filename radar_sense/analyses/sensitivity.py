@@ -7,13 +7,13 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from radar_sense import words
+from radar_sense.axis import Axis
 from radar_sense.command import METHOD, ONE_RADAR, Result, command
 from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
 if TYPE_CHECKING:
-    from radar_sense.axis import Axis
     from radar_sense.plotting import Figure
 
 
@@ -28,8 +28,7 @@ if TYPE_CHECKING:
 )
 def sensitivity(scenario: Scenario) -> Result:
     """3 sigma of P_D for every level of radar uncertainty."""
-    method = scenario.method
-    axis, result = scenario.axis, Result(scenario, method)
+    method, axis, result = scenario.method, scenario.axis, Result(scenario, scenario.method)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.levels}
     moments = {level: mean_and_std(distribution(s, method)) for level, s in at_level.items()}
 
@@ -47,14 +46,12 @@ def sensitivity(scenario: Scenario) -> Result:
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
     words.add_radars(result, at_level, method)
-    off = {
-        level: std_off_in_scenario(at_level[level], *of_level, method=method)
-        for level, of_level in moments.items()
-    }
     result.warnings += words.gathered(
         (level, text)
-        for level, (_, std) in moments.items()
-        for text in words.std_warnings(axis, std, off[level], method)
+        for level, (mean, std) in moments.items()
+        for text in words.std_warnings(
+            axis, std, std_off_in_scenario(at_level[level], mean, std, method=method), method
+        )
     )
     result.warnings += words.table_warnings(scenario)
     result.report += words.std_trust(result)
@@ -63,6 +60,7 @@ def sensitivity(scenario: Scenario) -> Result:
 
 
 def _draw(figure: Figure, axis: Axis, lines: Mapping[str, FloatArray]) -> None:
-    from radar_sense import plotting
+    from radar_sense.plotting import PoseLine, pose_lines, styles
 
-    plotting.pose_lines(figure, axis, lines, r"$3\,\sigma$ of $P_D$")
+    drawn = [PoseLine(*line, s) for line, s in zip(lines.items(), styles(), strict=False)]
+    pose_lines(figure, axis, drawn, r"$3\,\sigma$ of $P_D$")
