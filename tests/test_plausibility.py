@@ -50,7 +50,7 @@ def test_minutes_for_seconds(tmp_path):
 
 def test_swapped_latitude_and_longitude(tmp_path):
     (warning,) = geodetic(tmp_path, lat=9.0, lon=46.5)
-    assert warning.endswith("are latitude and longitude swapped? [too-far]")
+    assert warning.endswith("units, and latitude and longitude in their order? [too-far]")
 
 
 def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
@@ -60,7 +60,7 @@ def test_swapped_latitude_and_longitude_of_a_radar(tmp_path):
     path = {"type": "path", "file": "route.csv", "origin": ORIGIN}
     warnings = of_route(tmp_path, text, geometry=path, radar=radar)
     assert any(
-        w.endswith("km from the radar: are latitude and longitude swapped? [too-far]")
+        "km from the radar: are positions in their units, and latitude and longitude" in w
         for w in warnings
     )
 
