@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ from radar_sense.propagation import (
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
-from radar_sense.states import AIRCRAFT, RADAR, FloatArray
+from radar_sense.states import FloatArray
 
 #: What each warning means and what to do, by its stable name. A section of
 #: docs/reference/commands.md is made from this.
@@ -131,8 +131,6 @@ WARNINGS: dict[str, str] = {
 #: What to use in place of a band that is off, where a table has the draws.
 BY_DRAWS = "use the columns of the draws there"
 REMEDY = f"use --method {AUTOMATIC}"
-#: Name of a warning, where it is, and its words before and after the place.
-_Problem: TypeAlias = tuple[str, NDArray[np.bool_], str, str]
 #: Most names in one warning. With more names, the warning counts the rest.
 NAMED = 4
 
@@ -141,6 +139,14 @@ def warning(name: str, text: str) -> str:
     """Return a warning with its name, which `WARNINGS` explains."""
     assert name in WARNINGS, name
     return f"{text} [{name}]"
+
+
+def placed(
+    name: str, mask: NDArray[np.bool_], axis: Axis, before: str, after: str = ""
+) -> Iterator[str]:
+    """Yield a warning where a mask (n,) holds, with the poses between its words."""
+    if place := describe_poses(mask, axis):
+        yield warning(name, f"{before} {place}{after}")
 
 
 def peak(values: FloatArray, axis: Axis) -> dict[str, Any]:
@@ -258,35 +264,35 @@ def places(masks: Mapping[str, NDArray[np.bool_]], axis: Axis) -> dict[str, str]
     return {name: place for name, mask in masks.items() if (place := describe_poses(mask, axis))}
 
 
-def vanishing_gradient(places: Mapping[str, str]) -> tuple[str, ...]:
-    """Return a warning of sources whose gradient vanishes at some poses."""
-    if not places:
-        return ()
-    named = ", ".join(f"{source} {place}" for source, place in places.items())
-    if len(places) > NAMED:
-        named = f"{len(places)} sources at some poses, listed in the record"
-    text = f"the linear budget misses {named}, where the gradient vanishes; use --method form"
-    return (warning("gradient-vanishes", text),)
+def vanishing_gradient(places: Mapping[str, str]) -> Iterator[str]:
+    """Yield a warning of sources whose gradient vanishes at some poses."""
+    if places:
+        named = ", ".join(f"{source} {place}" for source, place in places.items())
+        if len(places) > NAMED:
+            named = f"{len(places)} sources at some poses, listed in the record"
+        yield warning(
+            "gradient-vanishes",
+            f"the linear budget misses {named}, where the gradient vanishes; use --method form",
+        )
 
 
-def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> tuple[str, ...]:
-    """Return a warning if the sources do not add up to the total, because they are correlated."""
+def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> Iterator[str]:
+    """Yield a warning if the sources do not add up to the total, because they are correlated."""
     gap = np.nanmax(abs(total - np.sqrt(np.sum(np.square(three_sigma), axis=0))), initial=0)
-    if gap <= 1e-9 * np.nanmax(total, initial=0):
-        return ()
-    text = "the sources are correlated: the total differs from the root sum of squares by up to "
-    return (warning("sources-correlated", f"{text}{gap:.2g}"),)
+    if gap > 1e-9 * np.nanmax(total, initial=0):
+        yield warning(
+            "sources-correlated",
+            "the sources are correlated: the total differs from the root sum of squares by up to "
+            f"{gap:.2g}",
+        )
 
 
 def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, ...]:
     """Return a heading and a line for each radar of a network; () for a single radar."""
     if not words_by_radar:
         return ()
-    width = max(map(len, words_by_radar))
-    return (
-        f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:",
-        *(f"  {name:{width}}  {words}" for name, words in words_by_radar.items()),
-    )
+    heading = f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:"
+    return (heading, *rows(words_by_radar))
 
 
 def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
@@ -347,12 +353,9 @@ def add_radars(result: Result, at_level: Mapping[str, Scenario], method: str) ->
     axis = result.scenario.axis
     found = {level: largest_by_radar(s, method) for level, s in at_level.items()}
     first = next(iter(found.values()))
-    if not first:
-        return
     several = len(found) > 1
-    result.summary |= radar_summary(found if several else first)
-    result.report += ["largest 3 sigma of each radar alone:"]
-    result.report += rows(
+    result.summary |= radar_summary(found if several and first else first)
+    result.report += radar_lines(
         {
             name: ", ".join(
                 f"{level} " * several + describe_extreme(tops[name], axis)
@@ -376,8 +379,8 @@ def level_and_method(level: str, method: str) -> str:
 
 def validity_warnings(
     scenario: Scenario, moments: Moments, method: str, remedy: str = "", k: float = 3.0
-) -> tuple[str, ...]:
-    """Return where the band of a method is off, or not precise, and what to use there.
+) -> Iterator[str]:
+    """Yield where the band of a method is off, or not precise, and what to use there.
 
     Args:
         scenario: The scenario, at its level.
@@ -389,44 +392,36 @@ def validity_warnings(
     off = unreliable_in_scenario(scenario, moments, method=method, beta=k)
     by_draws = np.full(off.shape, method == AUTOMATIC)
     remedy = remedy or REMEDY
-    outside = ((moments.lower < 0) | (moments.upper > 1)) & ~off
-    problems = (
-        *_problems_of_std(moments.std, off, method, remedy),
-        ("band-outside", outside, f"the {method} {k:g}-sigma band leaves [0, 1]", ""),
-        (
-            "band-off",
-            off & np.isfinite(moments.std) & ~by_draws,
-            f"the {method} band is off",
-            f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over "
-            f"{STD_CHANGE:.0%}; {remedy}",
-        ),
-        (
-            "band-imprecise",
-            off & by_draws,
-            f"the {method} band is not precise",
-            f": a bound has a standard error above {BOUND_CHANGE:g}",
-        ),
+    outside, axis = ((moments.lower < 0) | (moments.upper > 1)) & ~off, scenario.axis
+    yield from _of_std(axis, moments.std, off, method, remedy)
+    yield from placed("band-outside", outside, axis, f"the {method} {k:g}-sigma band leaves [0, 1]")
+    yield from placed(
+        "band-off",
+        off & np.isfinite(moments.std) & ~by_draws,
+        axis,
+        f"the {method} band is off",
+        f": a bound by over {BOUND_CHANGE:g} or a tenth of it, or sigma by over {STD_CHANGE:.0%}; "
+        f"{remedy}",
     )
-    return _placed(problems, scenario.axis)
-
-
-def std_warnings(
-    axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str
-) -> tuple[str, ...]:
-    """Return where σ by a method is off, of analyses that have no bounds.
-
-    Args:
-        axis: Axis of the poses.
-        std: σ by the method (n,).
-        off: Where mean or σ is off (n,), by `std_off_in_scenario`.
-        method: Name of the method.
-    """
-    about = f"sigma by {method} is off"
-    problems = (
-        *_problems_of_std(std, off, method, REMEDY),
-        ("sigma-off", off & np.isfinite(std), about, f": by over {STD_CHANGE:.0%}; {REMEDY}"),
+    yield from placed(
+        "band-imprecise",
+        off & by_draws,
+        axis,
+        f"the {method} band is not precise",
+        f": a bound has a standard error above {BOUND_CHANGE:g}",
     )
-    return _placed(problems, axis)
+
+
+def std_warnings(axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str) -> Iterator[str]:
+    """Yield where σ (n,) by a method is off, or has no value, of analyses that have no bounds."""
+    yield from _of_std(axis, std, off, method, REMEDY)
+    yield from placed(
+        "sigma-off",
+        off & np.isfinite(std),
+        axis,
+        f"sigma by {method} is off",
+        f": by over {STD_CHANGE:.0%}; {REMEDY}",
+    )
 
 
 def std_trust(result: Result) -> list[str]:
@@ -436,55 +431,42 @@ def std_trust(result: Result) -> list[str]:
     return [f"method: {result.method}, sigma checked by draws at {len(result.scenario.axis)} poses"]
 
 
-def _problems_of_std(
-    std: FloatArray, off: NDArray[np.bool_], method: str, remedy: str
-) -> tuple[_Problem, ...]:
-    """Return where σ has no value, and where it is implausible."""
-    return (
-        (
-            "no-value",
-            ~np.isfinite(std),
-            f"{method} has no value (not converged, or radar straight above or below the aircraft)",
-            f": {remedy}",
-        ),
-        (
-            "uncertainty-large",
-            (3 * std > 1) & ~off,
-            "3 sigma of P_D is above 1",
-            ": are the uncertainties in their units?",
-        ),
+def _of_std(
+    axis: Axis, std: FloatArray, off: NDArray[np.bool_], method: str, remedy: str
+) -> Iterator[str]:
+    """Yield where σ has no value, and where it is implausible."""
+    yield from placed(
+        "no-value",
+        ~np.isfinite(std),
+        axis,
+        f"{method} has no value (not converged, or radar straight above or below the aircraft)",
+        f": {remedy}",
+    )
+    yield from placed(
+        "uncertainty-large",
+        (3 * std > 1) & ~off,
+        axis,
+        "3 sigma of P_D is above 1",
+        ": are the uncertainties in their units?",
     )
 
 
-def _placed(problems: Iterable[_Problem], axis: Axis) -> tuple[str, ...]:
-    """Return a warning of each problem that is anywhere, with its poses."""
-    return tuple(
-        warning(name, f"{words} {place}{ending}")
-        for name, mask, words, ending in problems
-        if (place := describe_poses(mask, axis))
-    )
-
-
-def method_warnings(scenario: Scenario, moments: Moments, method: str) -> tuple[str, ...]:
-    """Return all warnings of moments by a method."""
-    return (
-        *validity_warnings(scenario, moments, method),
-        *table_warnings(scenario),
-    )
+def method_warnings(scenario: Scenario, moments: Moments, method: str) -> Iterator[str]:
+    """Yield all warnings of moments by a method."""
+    yield from validity_warnings(scenario, moments, method)
+    yield from table_warnings(scenario)
 
 
 def margin_warnings(
     missing: NDArray[np.bool_], off: NDArray[np.bool_], axis: Axis, method: str
-) -> tuple[str, ...]:
-    """Return where (n,) a method has no band of the margin, or one that is off or not precise."""
-    imprecise = method in (AUTOMATIC, MONTE_CARLO)
-    name = "band-imprecise" if imprecise else "band-off"
-    problem = "is not precise to 0.25 dB" if imprecise else "is off by over 0.25 dB"
-    texts = {"no-value": "has no value", name: problem}
-    return tuple(
-        warning(name, f"the {method} band of the margin {texts[name]} {place}")
-        for name, place in places({"no-value": missing, name: off & ~missing}, axis).items()
+) -> Iterator[str]:
+    """Yield where (n,) a method has no band of the margin, or one that is off or not precise."""
+    band, imprecise = f"the {method} band of the margin", method in (AUTOMATIC, MONTE_CARLO)
+    name, problem = (
+        ("band-imprecise", "not precise to") if imprecise else ("band-off", "off by over")
     )
+    yield from placed("no-value", missing, axis, f"{band} has no value")
+    yield from placed(name, off & ~missing, axis, f"{band} is {problem} 0.25 dB")
 
 
 def gathered(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
@@ -513,16 +495,15 @@ def points_named(mc: MonteCarlo) -> str:
     return "" if mc.sampler == "random" else ", Sobol' points"
 
 
-def clipping_warnings(count: int) -> tuple[str, ...]:
-    """Return a warning if radar constants were drawn below zero."""
-    if not count:
-        return ()
-    text = f"the radar constant was drawn below zero and set to zero in {count} runs"
-    return (warning("constant-clipped", text),)
+def clipping_warnings(count: int) -> Iterator[str]:
+    """Yield a warning if radar constants were drawn below zero."""
+    if count:
+        text = f"the radar constant was drawn below zero and set to zero in {count} runs"
+        yield warning("constant-clipped", text)
 
 
-def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ...]:
-    """Return a warning where states within 3σ are beyond the elevations of an RCS table.
+def table_warnings(scenario: Scenario, runs: int | None = None) -> Iterator[str]:
+    """Yield a warning where states within 3σ are beyond the elevations of an RCS table.
 
     The standard deviation of the elevation is computed to first order.
 
@@ -530,42 +511,33 @@ def table_warnings(scenario: Scenario, runs: int | None = None) -> tuple[str, ..
         scenario: The scenario, at its level.
         runs: Runs of Monte Carlo, for the expected number of draws beyond; None for no draws.
     """
-    outside, share = np.zeros(len(scenario.aircraft), dtype=bool), 0.0
-    sqrt_cov_aircraft = square_root(scenario.cov_aircraft)
+    aircraft, outside, share = scenario.aircraft, np.zeros(len(scenario.aircraft), dtype=bool), 0.0
+    by_aircraft = np.moveaxis(square_root(scenario.cov_aircraft), -1, 0)
     for one, radar in zip(scenario.radars, scenario.radar_states, strict=True):
         table = one.model.rcs
         if not isinstance(table, TableRCS) or table.elevation is None:
             continue
         low, high = table.elevation[[0, -1]]
-        sqrt_cov_radar = square_root(one.levels[scenario.level].covariance)
-        steps: list[tuple[Any, Any]] = [
-            (sqrt_cov_aircraft[..., k], 0.0) for k in range(len(AIRCRAFT))
-        ]
-        steps += [(0.0, sqrt_cov_radar[:, k]) for k in range(len(RADAR))]
-        variance = np.zeros(len(scenario.aircraft))
-        for by_aircraft, by_radar in steps:
-            ends = [
-                _elevation(scenario.aircraft + sign * by_aircraft, radar + sign * by_radar)
-                for sign in (1, -1)
-            ]
-            variance += (0.5 * (ends[0] - ends[1])) ** 2
-        elevation, std = _elevation(scenario.aircraft, radar), np.sqrt(variance)
+        by_radar = square_root(one.levels[scenario.level].covariance).T
+        variance = np.zeros(len(aircraft))
+        for a, r in (*((a, 0.0) for a in by_aircraft), *((0.0, r) for r in by_radar)):
+            above, below = (_elevation(aircraft + s * a, radar + s * r) for s in (1, -1))
+            variance += (0.5 * (above - below)) ** 2
+        elevation, std = _elevation(aircraft, radar), np.sqrt(variance)
         outside |= (elevation - 3 * std < low) & (low > -POLE)
         outside |= (elevation + 3 * std > high) & (high < POLE)
         with np.errstate(divide="ignore", invalid="ignore"):
             below, above = ndtr((low - elevation) / std), ndtr((elevation - high) / std)
         share += np.nansum(np.where(low > -POLE, below, 0.0) + np.where(high < POLE, above, 0.0))
-    place = describe_poses(outside, scenario.axis)
-    if not place:
-        return ()
-    draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
-    poses = f"{np.count_nonzero(outside)} of {len(outside)} poses"
-    text = (
-        f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} deg; "
-        f"states within 3 sigma are beyond {place} ({draws}{poses}); the outermost values of the "
-        "table are used there"
-    )
-    return (warning("table-exceeded", text),)
+    if outside.any():
+        draws = "" if runs is None else f"about {runs * share:,.0f} draws, "
+        yield warning(
+            "table-exceeded",
+            f"the RCS table covers elevations from {np.rad2deg(low):g} to {np.rad2deg(high):g} "
+            f"deg; states within 3 sigma are beyond {describe_poses(outside, scenario.axis)} "
+            f"({draws}{np.count_nonzero(outside)} of {len(outside)} poses); the outermost values "
+            "of the table are used there",
+        )
 
 
 def _elevation(aircraft: FloatArray, radar: FloatArray) -> FloatArray:
