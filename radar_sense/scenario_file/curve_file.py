@@ -43,9 +43,7 @@ def read_curve(
     """
     with open_table(path, kind, sha256) as file:
         file.require_known(columns, " and ".join(columns))
-        missing = [name for name in columns if name not in file.names]
-        if missing:
-            raise file.error(f"missing column '{missing[0]}', required: {' and '.join(columns)}")
+        file.require([*columns], " and ".join(columns))
         rows, lines = file.numbers(columns)
         angle, value = (rows[:, file.names.index(name)] for name in columns)
         name = next(iter(columns))

@@ -87,8 +87,7 @@ def read_rcs_table(
     """
     with open_table(path, "an RCS table", sha256) as file:
         file.require_known(COLUMNS, ", ".join(COLUMNS))
-        if "azimuth_deg" not in file.names:
-            raise file.error("missing column 'azimuth_deg', which is always required")
+        file.require(["azimuth_deg"], "azimuth_deg, and one of rcs_m2 and rcs_dbsm")
         if ("rcs_m2" in file.names) == ("rcs_dbsm" in file.names):
             raise file.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
         rows, lines = file.numbers(COLUMNS)

@@ -263,10 +263,10 @@ def _table(file: TableFile) -> Track:
     geodetic = _has(file, GEODETIC)
     ned = tuple(f"{axis}_km" if f"{axis}_km" in names else f"{axis}_m" for axis in _NED)
     place = GEODETIC if geodetic else ned
-    _require(file, place, f"{', '.join(GEODETIC)}, or north, east, down")
+    file.require(place, f"{', '.join(GEODETIC)}, or north, east, down")
     for group in filter(partial(_has, file), (ATTITUDE_COLUMNS, STD, COV)):
         several = f"{group[0]} to {group[-1]}" if len(group) > 3 else ", ".join(group)
-        _require(file, group, f"all of {several}, or none")
+        file.require(group, f"all of {several}, or none")
     rows, lines = file.numbers(COLUMNS)
 
     def si(wanted: Sequence[str]) -> FloatArray:
@@ -290,12 +290,6 @@ def _table(file: TableFile) -> Track:
 
 def _has(file: TableFile, group: Sequence[str]) -> bool:
     return any(name in file.names for name in group)
-
-
-def _require(file: TableFile, group: Sequence[str], required: str) -> None:
-    for name in group:
-        if name not in file.names:
-            raise file.error(f"missing column '{name}', required are {required}")
 
 
 def _covariance(file: TableFile, rows: FloatArray, lines: NDArray[np.int64]) -> FloatArray | None:

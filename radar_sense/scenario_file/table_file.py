@@ -14,7 +14,7 @@ import csv
 import math
 import re
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
@@ -30,7 +30,6 @@ from radar_sense.states import FloatArray
 
 #: Most rows. A million rows of 28 numbers with 17 digits each are 0.7 GB.
 MAX_ROWS, MAX_BYTES = 1_000_000, 2**30
-_SEMICOLONS = "; a decimal comma needs semicolons between the cells"
 
 
 @dataclass(frozen=True)
@@ -55,10 +54,11 @@ class TableFile:
         source: Name of the file in errors.
         line: Line of the names of the columns.
         names: Names of the columns; none in an empty file.
+        sha256: Reads to the end of the file, and returns its SHA-256.
     """
 
     def __init__(self, file: TextFile) -> None:
-        self._file, self.source = file, file.source
+        self._file, self.source, self.sha256 = file, file.source, file.sha256
         texts = self._texts()
         lines = enumerate(texts, start=1)
         self.line, head = next((pair for pair in lines if pair[1].strip(',"; ')), (1, ""))
@@ -68,10 +68,6 @@ class TableFile:
         )
         _, names = next(self._rows(1), (0, []))
         self.names = tuple(names)
-
-    def sha256(self) -> str:
-        """Return the SHA-256 of the file."""
-        return self._file.sha256()
 
     def error(self, message: str, line: int | None = None) -> InputError:
         """Return the error to raise about a line, or about the names of the columns."""
@@ -107,6 +103,12 @@ class TableFile:
                 + ("; the name of a GPX file ends in .gpx" if name.startswith("<") else ""),
             )
 
+    def require(self, names: Sequence[str], required: str) -> None:
+        """Raise InputError unless the file has these columns, which are required in words."""
+        for name in names:
+            if name not in self.names:
+                raise self.error(f"missing column '{name}', required are {required}")
+
     def rows(self) -> Iterator[tuple[int, list[str]]]:
         """Yield line and cells of each row below the names, a cell for each column.
 
@@ -116,13 +118,21 @@ class TableFile:
         count = len(self.names)
         for line, cells in self._rows(count):
             if len(cells) != count:
-                too_many = self._delimiter == "," and len(cells) > count
+                hint = "; a decimal comma needs semicolons between the cells"
                 raise self.error(
                     f"must have {count} values, one for each column, got {len(cells)}"
-                    + (_SEMICOLONS if too_many else ""),
+                    + (hint if self._delimiter == "," and len(cells) > count else ""),
                     line,
                 )
             yield line, cells
+
+    def number(self, cell: str, limit: Limit, name: str, line: int) -> float:
+        """Return the number in a cell of a column.
+
+        Raises:
+            InputError: If the cell is no number that the limit allows.
+        """
+        return number(cell, limit, f"{self.source}:{line}: {name}")
 
     def require_room(self, count: int, line: int) -> None:
         """Raise InputError if a row follows as many rows as a file may have."""
@@ -152,11 +162,9 @@ class TableFile:
             raise InputError(f"{self.source}: has no rows below the names of its columns")
         rows = np.frombuffer(values).reshape(len(lines), len(limits))
         low, high = ([getattr(limit, end) for limit in limits] for end in ("at_least", "at_most"))
-        allowed = (rows >= low) & (rows <= high)
-        if not allowed.all():
-            row, column = np.argwhere(~allowed)[0]
+        for row, column in np.argwhere(~((rows >= low) & (rows <= high)))[:1]:
             cell = repr(float(rows[row, column])).removesuffix(".0")
-            self._number(lines[row], self.names[column], cell, limits[column])
+            self.number(cell, limits[column], self.names[column], lines[row])
         return rows, np.frombuffer(lines, dtype=np.int64)
 
     def _rows(self, count: int) -> Iterator[tuple[int, list[str]]]:
@@ -193,14 +201,8 @@ class TableFile:
                 if math.isfinite(sum(row)):
                     return row
         # One by one, to name the wrong cell.
-        of_columns = zip(self.names, cells, limits, strict=True)
-        return [self._number(line, name, cell, limit) for name, cell, limit in of_columns]
-
-    def _number(self, line: int, name: str, cell: str, limit: Limit) -> float:
-        try:
-            return number(cell, limit)
-        except InputError as error:
-            raise self.error(f"{name}: {error}", line) from None
+        of_columns = zip(cells, limits, self.names, strict=True)
+        return [self.number(cell, limit, name, line) for cell, limit, name in of_columns]
 
     def _decimal_mark(self, line: int, cells: list[str], mark: str) -> str:
         """Return the decimal mark of the file up to a row, given that up to the row before."""

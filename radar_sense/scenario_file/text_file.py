@@ -146,23 +146,23 @@ def decoded(data: bytes, source: str, first_line: int = 1) -> str:
         ) from error
 
 
-def number(text: str, limit: Limit) -> float:
+def number(text: str, limit: Limit, place: str) -> float:
     """Return the number that a text is.
 
     Raises:
-        InputError: If the text is too long, no number, or outside the limit. It says what is
-            allowed, and what to write for a number written in another way.
+        InputError: If the text is too long, no number, or outside the limit. It says where, what
+            is allowed, and what to write for a number written in another way.
     """
     text = text.strip()
     if len(text) > MAX_LETTERS:
-        raise InputError(f"must be {limit}, got more than {MAX_LETTERS} letters")
+        raise InputError(f"{place}: must be {limit}, got more than {MAX_LETTERS} letters")
     plain = NUMBER.fullmatch(text)
     if plain and limit.allows(float(text)):
         return float(text)
     if NOT_FINITE.fullmatch(text):
-        raise InputError(f"must be finite, got {text}")
+        raise InputError(f"{place}: must be finite, got {text}")
     got = "nothing" if not text else text if plain and len(text) <= 40 else shorten(text)
-    raise InputError(f"must be {limit}, got {got}{advice(text)}")
+    raise InputError(f"{place}: must be {limit}, got {got}{advice(text)}")
 
 
 def advice(text: str) -> str:

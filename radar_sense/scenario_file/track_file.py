@@ -31,12 +31,12 @@ from radar_sense.states import FloatArray
 _GPX_BYTES = 2**28
 #: Bytes of GPX parsed at a time. An element, an attribute or a comment may be four times as long.
 _PIECE, _LONGEST = 2**16, 2**18
-#: Most different names in an XML file, and most elements inside each other.
-_NAMES, _DEPTH = 10_000, 100
+#: Most elements inside each other.
+_DEPTH = 100
 _GPX = "http://www.topografix.com/GPX/1/1"
 _ENCODINGS = ("utf-8", "utf-16", "us-ascii", "iso-8859-1")
-#: Where points are, below the root, by the element that has them.
-_POINTS = {("trk", "trkseg", "trkpt"): "trk", ("rte", "rtept"): "rte"}
+#: Where points are, and the element that has them.
+_POINTS = {("gpx", "trk", "trkseg", "trkpt"): "trk", ("gpx", "rte", "rtept"): "rte"}
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(\.\d+)?(Z|[+-]\d\d:\d\d)", re.ASCII)
 _TIMES = Limit(at_least=-1e12, at_most=1e12)
 _LIMITS = (
@@ -141,15 +141,14 @@ class _GpxReader:
     def __init__(self, source: str) -> None:
         self._source, self._size = source, 0
         self._points = {"trk": _Points(), "rte": _Points()}
-        self._path: list[str] = []
-        #: Line and the texts by name of the point that is open.
-        self._point: tuple[int, dict[str, str]] | None = None
-        self._text: str | None = None
+        #: Names of the open elements; "" of another namespace.
+        self._path: tuple[str, ...] = ()
+        #: Line of the point that is open, its texts by name, and the text of its open element.
+        self._line, self._texts, self._text = 0, dict[str, str](), ""
         parser = self._parser = expat.ParserCreate(namespace_separator=" ")
         parser.buffer_text = True
         parser.XmlDeclHandler = self._declared
         parser.StartDoctypeDeclHandler = self._doctype
-        parser.StartNamespaceDeclHandler = lambda *_: None  # its names are counted too
         parser.StartElementHandler = self._start
         parser.EndElementHandler = self._end
         parser.CharacterDataHandler = self._characters
@@ -165,8 +164,6 @@ class _GpxReader:
         self._size += len(data)
         if self._size - parser.CurrentByteIndex > _PIECE + _LONGEST:
             raise self._error(f"has an element, an attribute or a comment over {_LONGEST} bytes")
-        if len(parser.intern) > _NAMES:
-            raise self._error(f"has more than {_NAMES:,} different names of elements")
 
     def close(self) -> _Points:
         """Return the points of the one track, or of the one route."""
@@ -195,46 +192,38 @@ class _GpxReader:
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         space, _, name = tag.rpartition(" ")
-        path = self._path
-        if not path and (space, name) != (_GPX, "gpx"):
+        if not self._path and (space, name) != (_GPX, "gpx"):
             raise self._error("must be GPX 1.1, with the root gpx of its namespace")
-        if len(path) == _DEPTH:
+        if len(self._path) == _DEPTH:
             raise self._error(f"has more than {_DEPTH} elements inside each other")
-        path.append(name if space == _GPX else "")
-        if self._point is not None:
-            if tuple(path[1:-1]) in _POINTS and path[-1] in ("ele", "time"):
-                self._text = ""
-        elif len(path) == 2 and path[1] in self._points:
-            self._points[path[1]].count += 1
-        elif tuple(path[1:]) in _POINTS:
-            self._point = self._parser.CurrentLineNumber, dict(attributes)
+        if self._path in _POINTS:
+            self._text = ""
+        self._path = *self._path, name if space == _GPX else ""
+        if len(self._path) == 2 and self._path[1] in self._points:
+            self._points[name].count += 1
+        elif self._path in _POINTS:
+            self._line, self._texts = self._parser.CurrentLineNumber, dict(attributes)
 
     def _characters(self, text: str) -> None:
-        if self._text is not None:
-            self._text = (self._text + text).lstrip()[: MAX_LETTERS + 1]
+        self._text = (self._text + text).lstrip()[: MAX_LETTERS + 1]
 
     def _end(self, _: str) -> None:
-        kind = _POINTS.get(tuple(self._path[1:]))
-        name = self._path.pop()
-        if self._point is None:
-            return
-        line, texts = self._point
-        if kind is not None:
-            self._point = None
-            self._add(self._points[kind], line, texts)
-        elif self._text is not None and tuple(self._path[1:]) in _POINTS:
-            texts.setdefault(name, self._text)
-            self._text = None
+        *outer, name = self._path
+        if self._path in _POINTS:
+            self._add(self._points[_POINTS[self._path]])
+        elif tuple(outer) in _POINTS and name in ("ele", "time"):
+            self._texts.setdefault(name, self._text)
+        self._path = tuple(outer)
 
-    def _add(self, points: _Points, line: int, texts: dict[str, str]) -> None:
+    def _add(self, points: _Points) -> None:
         if len(points.numbers) == 5 * MAX_ROWS:
-            raise self._error(f"has more than {MAX_ROWS:,} points", line)
+            raise self._error(f"has more than {MAX_ROWS:,} points", self._line)
         if points.problem is not None:
             return
-        place = f"{self._source}:{line}"
+        place, texts = f"{self._source}:{self._line}", self._texts
         try:
             row = [
-                _number(f"{place}: {name}", texts.get(name, ""), limit)
+                number(texts.get(name, ""), limit, f"{place}: {name}")
                 for name, limit in zip(("lat", "lon", "ele"), _LIMITS, strict=True)
             ]
             time = texts.get("time")
@@ -242,14 +231,7 @@ class _GpxReader:
         except InputError as error:
             points.problem = error
         else:
-            points.numbers.extend([line, *row])
-
-
-def _number(place: str, text: str, limit: Limit) -> float:
-    try:
-        return number(text, limit)
-    except InputError as error:
-        raise InputError(f"{place}: {error}") from None
+            points.numbers.extend([self._line, *row])
 
 
 def _seconds(place: str, text: str) -> float:
@@ -313,7 +295,7 @@ def read_state_vectors(file: TableFile, *, pressure: bool, icao24: str | None) -
             )
         if any(cell[name].lower() in _MISSING for name, _ in used):
             continue
-        row = [_number(f"{file.source}:{line}: {n}", cell[n], limit) for n, limit in used]
+        row = [file.number(cell[name], limit, name, line) for name, limit in used]
         if moment == "lastposupdate" and rows and rows[-1][0] == row[0]:
             continue  # the position before, repeated
         file.require_room(len(rows), line)
