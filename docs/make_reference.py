@@ -200,20 +200,19 @@ def _mappings() -> list[Mapping[str, Any]]:
 
 
 def example_of(name: str, section: Sequence[Key], key: Key) -> Any:
-    """Return an example of a key: from a file, or from `EXAMPLES`."""
+    """Return an example of a key: from a file, from `EXAMPLES`, or its default."""
     word = re.search(r"\((model|type): (\w+)\)$", name)
     names = {*(k.name for k in section), *(word.groups()[:1] if word else ())}
     for mapping in _mappings():
         is_one = not word or mapping.get(word[1]) == word[2]
         if key.name in mapping and names >= mapping.keys() and is_one:
             return mapping[key.name]
-    if f"{name}.{key.name}" in EXAMPLES:
-        return EXAMPLES[f"{name}.{key.name}"]
-    if key.name not in EXAMPLES:
+    example = EXAMPLES.get(f"{name}.{key.name}", EXAMPLES.get(key.name, key.shown_default))
+    if not example:
         raise KeyError(
             f"{name}.{key.name} has no example: use it in a file in configs/ or add it to EXAMPLES"
         )
-    return EXAMPLES[key.name]
+    return example
 
 
 def _yaml(value: Any) -> str:

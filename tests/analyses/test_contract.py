@@ -3,7 +3,6 @@ everywhere.
 """
 
 import dataclasses
-import importlib.util
 import json
 import pickle
 from pathlib import Path
@@ -26,8 +25,7 @@ from helpers import (
 import radar_sense as rs
 from radar_sense import cli as command_line
 from radar_sense import words
-from radar_sense.command import LEVEL, Result
-from radar_sense.command import command as make_command
+from radar_sense.command import Result
 from radar_sense.limits import POSITIVE, parameter
 from radar_sense.model.detectors import DETECTORS, North
 from radar_sense.model.rcs import RCS_MODELS, EllipsoidRCS
@@ -220,58 +218,6 @@ def test_a_new_method_of_propagation(tool, monkeypatch):
     assert "wide" in tool("variance", "--method", "wie").err
 
 
-#: A command is one file: options, numbers, table, words and figure.
-RAMP = '''"""A straight line."""
-
-from functools import partial
-
-import numpy as np
-
-from radar_sense.command import LEVEL, ONE_RADAR, Option, Result, command
-
-
-@command(
-    LEVEL,
-    ONE_RADAR,
-    Option("twice", "Double it.", flag=True),
-    examples=["radar-sense ramp"],
-)
-def ramp(scenario, *, twice=False):
-    """A straight line."""
-    x = np.arange(3.0) * (2 if twice else 1)
-    result = Result(scenario)
-    result.table.add("x", x, "Abscissa.")
-    result.summary["top"] = float(x.max())
-    result.report += [f"up to {x.max():g}"]
-    result.draw = partial(_draw, x=x)
-    return result
-
-
-def _draw(figure, x):
-    figure.subplots().plot(x)
-'''
-
-
-def test_a_new_command_is_one_file(tool, monkeypatch, tmp_path):
-    """The file is found by its name, wherever the folder of the commands is."""
-    folder = tmp_path / "analyses"
-    folder.mkdir()
-    (folder / "ramp.py").write_text(RAMP)
-    found = command_line.commands(folder)
-    monkeypatch.setattr(command_line, "commands", lambda: found)
-    monkeypatch.setattr(rs.analyses, "__path__", [str(folder), *rs.analyses.__path__])
-    assert "A straight line." in tool("--help").out
-    help_text = tool("ramp", "--help").out
-    assert "radar-sense ramp" in help_text
-    assert LEVEL.help in help_text
-    code, out, err = tool("ramp", "--twice", "--level", "high", "--format", "png")
-    assert (code, err) == (0, "")
-    assert out.splitlines()[0] == "up to 4"
-    assert Path("figures/paper_ramp.csv").read_text() == "x\n0.0\n2.0\n4.0\n"
-    assert json.loads(Path("figures/paper_ramp.json").read_text())["summary"] == {"top": 4.0}
-    assert Path("figures/paper_ramp.png").exists()
-
-
 def test_a_result_is_pickled_with_its_figure():
     result = rs.analyses.budget(rs.load_scenario().at_poses(slice(0, 3)))
     again = pickle.loads(pickle.dumps(result))
@@ -282,30 +228,6 @@ def test_a_result_is_pickled_with_its_figure():
     assert again.plot().axes
 
 
-def warnings_page():
-    """Return the page of the documentation that explains the warnings."""
-    spec = importlib.util.spec_from_file_location("pages", ROOT / "docs/make_reference.py")
-    pages = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(pages)
-    return pages.warnings_section()
-
-
-def test_a_new_warning_is_a_mask_and_a_sentence(monkeypatch):
-    """Its explanation is a row of `WARNINGS`, from which its page in the documentation is made."""
-    meaning = "P_D is above one half, for the sake of this test."
-    monkeypatch.setitem(words.WARNINGS, "likely", meaning)
-
-    @make_command(examples=("radar-sense likely",))
-    def likely(scenario):
-        """Where detection is likely."""
-        result = Result(scenario)
-        p_d = scenario.model.p_d(scenario.aircraft, scenario.radar)
-        places = words.places({"P_D is above 0.5": p_d > 0.5}, scenario.axis)
-        result.warnings += [words.warning("likely", f"{what} {at}") for what, at in places.items()]
-        return result
-
-    few = scenario(geometry__azimuth_deg=FEW)
-    assert likely(few).warnings == ("P_D is above 0.5 at all 2 poses [likely]",)
-    assert f"### `likely`\n\n{meaning}\n" in warnings_page()
+def test_a_warning_has_a_name_that_is_explained():
     with pytest.raises(AssertionError):
         words.warning("nameless", "this warning is explained nowhere")

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import jsonschema
 import pytest
 import yaml
-from helpers import document, yaml_text
 
 import radar_sense as rs
 from radar_sense.limits import ANY, LEVEL_NAME, NAME, NOT_NEGATIVE, POSITIVE, RUNS, SEED, Limit
-from radar_sense.scenario_file import build_radar, declare, sections
+from radar_sense.scenario_file import declare, sections
 from radar_sense.scenario_file.declare import (
     by_word,
     deviations,
@@ -30,7 +28,6 @@ from radar_sense.scenario_file.declare import (
     number_or,
     numbers,
     read,
-    schema,
     words,
     write,
     yes_no,
@@ -305,46 +302,3 @@ def test_files_are_written_as_they_are_read(config):
     again = read(parse(yaml.safe_dump(write(file)), "again.yaml"), sections.File)
     assert again == file
     assert write(again) == write(file)
-
-
-# A new key.
-
-
-def test_a_new_key_is_one_line_and_one_where_it_becomes_si(monkeypatch):
-    """`dead_time_us` of a radar, which is nowhere else: read, checked, recorded, documented."""
-
-    @dataclass(frozen=True, kw_only=True)
-    class Radar(sections.Radar):
-        dead_time_us: float = key(
-            "Time after a pulse in which the radar is deaf.", NOT_NEGATIVE, default=0.0
-        )
-
-    @dataclass(frozen=True, kw_only=True)
-    class File(sections.File):
-        radar: Radar | None = key("The radar.", Radar, one_of="radars")
-
-    made = build_radar._min_range
-    monkeypatch.setattr(sections, "File", File)
-    monkeypatch.setattr(
-        build_radar,
-        "_min_range",
-        lambda radar, *args: max(made(radar, *args), 150.0 * radar.dead_time_us),
-    )
-    content = document()
-    content["radar"]["dead_time_us"] = 20
-    s = rs.parse_scenario(yaml_text(content))
-    assert s.model.radars[0].min_range == 3000
-    assert s.resolved()["radar"]["dead_time_us"] == 20
-    assert rs.parse_scenario(yaml_text(s.resolved())).resolved() == s.resolved()
-    with pytest.raises(
-        rs.InputError, match=r"dead_time_us: must be a number not less than 0, got -1"
-    ):
-        rs.parse_scenario(yaml_text({**content, "radar": {**content["radar"], "dead_time_us": -1}}))
-    (declared,) = (k for k in keys_of(Radar) if k.name == "dead_time_us")
-    assert declared.description.startswith(
-        "Time after a pulse in which the radar is deaf. Unit: µs."
-    )
-    validator = jsonschema.Draft7Validator(schema(File))
-    assert not [error.message for error in validator.iter_errors(content)]
-    content["radar"]["dead_time_us"] = -1
-    assert [error.message for error in validator.iter_errors(content)]

@@ -1,0 +1,189 @@
+"""What a new key, command and warning cost, each really added to a copy of the package.
+
+The test reads in the copy what a user would: command line, record, schema and reference. It counts
+the files and the lines that differ.
+"""
+
+import difflib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+from helpers import document, read_record, read_table
+
+from radar_sense.command import ONE_RADAR
+
+ROOT = Path(__file__).parents[1]
+OLD_MIN_RANGE = "        min_range=_min_range(stated, sheet, place),\n"
+KEY = {
+    "scenario_file/sections.py": (
+        '    horizon: bool = key("Whether P_D is 0 below the horizon.", yes_no(), default=False)\n',
+        '    deaf_us: float = key("Time after a pulse without echoes.", POSITIVE, default=0.0)\n',
+    ),
+    "scenario_file/build_radar.py": (
+        OLD_MIN_RANGE,
+        "        min_range=max(_min_range(stated, sheet, place), 150.0 * stated.deaf_us),\n",
+    ),
+}
+CLOSEST = '''"""How close the aircraft comes to each radar."""
+
+from functools import partial
+
+from radar_sense import words
+from radar_sense.command import ONE_RADAR, Result, command
+from radar_sense.model.geometry import slant_range
+
+
+@command(ONE_RADAR, examples=("radar-sense closest",))
+def closest(scenario):
+    """How close the aircraft comes to each radar."""
+    axis, result = scenario.axis, Result(scenario)
+    names = scenario.model.names or ("radar",)
+    states = scenario.radar_states
+    ranges = {n: slant_range(scenario.aircraft, r) for n, r in zip(names, states, strict=True)}
+
+    words.add_axis(result.table, axis)
+    for name, distance in ranges.items():
+        result.table.add(f"range_m_{name}", distance, f"Slant range from {name}.", "m")
+
+    for name, distance in ranges.items():
+        pose = int(distance.argmin())
+        result.report += [f"{name}: {distance[pose] / 1e3:.4g} km at {axis.at(pose)}"]
+    result.summary["closest_m"] = {name: float(d.min()) for name, d in ranges.items()}
+    result.draw = partial(_draw, axis=axis, ranges=ranges)
+    return result
+
+
+def _draw(figure, axis, ranges):
+    from radar_sense.plotting import PoseLine, pose_lines, styles
+
+    lines = [PoseLine(n, d / 1e3, s) for (n, d), s in zip(ranges.items(), styles(), strict=False)]
+    pose_lines(figure, axis, lines, "Slant range [km]")
+'''
+WARNING = {
+    "words.py": (
+        '    "too-fast": (\n',
+        '    "steep": "The aircraft looks up by more than 60 deg: is down positive downwards?",\n',
+    ),
+    "plausibility.py": (
+        "def _height(scenario: Scenario) -> Iterator[str]:\n",
+        "def _pitch(scenario: Scenario) -> Iterator[str]:\n"
+        "    steep = scenario.aircraft[:, 4] > np.deg2rad(60.0)\n"
+        '    yield from placed("steep", steep, scenario.axis, "the aircraft climbs steeply")\n'
+        "\n\n",
+    ),
+}
+CHECKS = "(_speed, _height, _range", "(_speed, _pitch, _height, _range"
+IMPORTS = "import describe_poses, warning", "import describe_poses, placed, warning"
+
+
+@pytest.fixture
+def copy(tmp_path):
+    """Return a copy of the package, with what its documentation is made from."""
+    for folder in ("radar_sense", "configs"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    (tmp_path / "docs").mkdir()
+    shutil.copy(ROOT / "docs/make_reference.py", tmp_path / "docs")
+    return tmp_path
+
+
+def edit(copy, name, old, new):
+    path = copy / "radar_sense" / name
+    text = path.read_text()
+    assert text.count(old) == 1, (name, old)
+    path.write_text(text.replace(old, new))
+
+
+def cost(copy):
+    """Return the lines that are new or changed, by file of the package."""
+    lines = {}
+    for path in sorted((copy / "radar_sense").rglob("*.py")):
+        name = path.relative_to(copy).as_posix()
+        before = (ROOT / name).read_text().splitlines() if (ROOT / name).exists() else []
+        after = path.read_text().splitlines()
+        new = [d for d in difflib.ndiff(before, after) if d.startswith("+ ") and d.strip() != "+"]
+        if before != after:
+            lines[name.removeprefix("radar_sense/")] = len(new)
+    return lines
+
+
+def run(copy, *args, code=0):
+    """Run Python with the copy, and return what it prints."""
+    done = subprocess.run(
+        [sys.executable, *args],
+        capture_output=True,
+        text=True,
+        cwd=copy,
+        env={**os.environ, "PYTHONPATH": f"{copy}{os.pathsep}{copy / 'docs'}"},
+    )
+    assert done.returncode == code, done.stderr
+    return done.stdout + done.stderr
+
+
+def radar_sense(copy, *args, code=0):
+    return run(copy, "-m", "radar_sense", *args, code=code)
+
+
+def page(copy, section):
+    return run(copy, "-c", f"import make_reference; print(make_reference.{section}())")
+
+
+def write(copy, **changes):
+    (copy / "my.yaml").write_text(yaml.safe_dump(document(**changes)))
+
+
+def test_a_key_costs_a_line_and_one_where_it_becomes_si(copy):
+    for name, (old, new) in KEY.items():
+        edit(copy, name, old, new if old == OLD_MIN_RANGE else old + new)
+    assert cost(copy) == {"scenario_file/sections.py": 1, "scenario_file/build_radar.py": 1}
+    write(copy, radar__deaf_us=4000)  # 600 km
+    assert "deaf_us: 4000\n" in radar_sense(copy, "check", "my.yaml")
+    out = radar_sense(copy, "variance", "my.yaml", "--method", "linear", "--no-plot")
+    assert "no radar sees the aircraft anywhere" in out
+    record = read_record(copy / "figures/paper_variance.json")
+    assert record["scenario"]["radar"]["deaf_us"] == 4000
+    write(copy, radar__deaf_us=-1)
+    error = radar_sense(copy, "check", "my.yaml", code=2)
+    assert "radar.deaf_us: must be a number greater than 0, got -1" in error
+    write(copy, radar__def_us=1)
+    assert "did you mean 'deaf_us'?" in radar_sense(copy, "check", "my.yaml", code=2)
+    radar = json.loads(radar_sense(copy, "schema"))["properties"]["radar"]["properties"]
+    assert radar["deaf_us"]["exclusiveMinimum"] == 0
+    row = "| `deaf_us` | Time after a pulse without echoes. | µs | A number greater than 0 |"
+    assert row in page(copy, "scenario_page")
+
+
+def test_a_command_with_its_figure_costs_a_file(copy):
+    (copy / "radar_sense/analyses/closest.py").write_text(CLOSEST)
+    assert list(cost(copy)) == ["analyses/closest.py"]
+    assert cost(copy)["analyses/closest.py"] < 30
+    assert "closest      How close the aircraft comes to each radar." in radar_sense(copy, "--help")
+    assert ONE_RADAR.help in radar_sense(copy, "closest", "--help")
+    out = radar_sense(copy, "closest", "configs/network.yaml", "--format", "svg")
+    assert out.startswith("search: ")
+    table = read_table(copy / "figures/network_closest.csv")
+    record = read_record(copy / "figures/network_closest.json")
+    assert record["summary"]["closest_m"]["ridge"] == table["range_m_ridge"].min()
+    assert (copy / "figures/network_closest.svg").read_text().startswith("<?xml")
+    found = "import radar_sense as rs; print(rs.analyses.closest(rs.load_scenario()).report)"
+    assert "radar: " in run(copy, "-c", found)
+
+
+def test_a_warning_costs_a_mask_and_a_sentence(copy):
+    for name, (old, new) in WARNING.items():
+        edit(copy, name, old, new + old)
+    edit(copy, "plausibility.py", *CHECKS)
+    edit(copy, "plausibility.py", *IMPORTS)
+    assert cost(copy) == {"words.py": 1, "plausibility.py": 5}
+    write(copy, aircraft__attitude_deg=[0, 70, 0])
+    out = radar_sense(copy, "check", "my.yaml")
+    assert "Warning: the aircraft climbs steeply at all 361 poses [steep]\n" in out
+    write(copy)
+    assert "[steep]" not in radar_sense(copy, "check", "my.yaml")
+    sentence = "The aircraft looks up by more than 60 deg: is down positive downwards?"
+    assert f"### `steep`\n\n{sentence}\n" in page(copy, "warnings_section")
