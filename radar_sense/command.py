@@ -242,16 +242,6 @@ class Result:
             return plotting.draw_on(self.draw, ax)
         return plotting.draw(self.draw, self.small_print, style)
 
-    def to_dataframe(self) -> Any:
-        """Return the columns of one length as a pandas DataFrame.
-
-        Raises:
-            ImportError: If pandas is not installed.
-        """
-        from pandas import DataFrame
-
-        return DataFrame({name: c for name, c in self.table.items() if c.ndim == 1})
-
     def save(
         self,
         folder: str | Path = ".",
@@ -372,6 +362,7 @@ class Command:
 
     def __post_init__(self) -> None:
         functools.update_wrapper(self, self.run)  # for `help` and `inspect.signature`
+        self.__doc__ = self._documented()
         self.__name__ = self.run.__name__.lstrip("_")
         self.name = self.name or self.__name__
         signature = inspect.signature(self.run)
@@ -458,6 +449,19 @@ class Command:
         """Return the help of the command: the docstring up to the arguments."""
         text = inspect.getdoc(self.run) or ""
         return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
+
+    def _documented(self) -> str:
+        """Return the docstring, with the options as arguments if it does not explain them."""
+        text = inspect.getdoc(self.run) or ""
+        own = [option for option in self.options if option.name in self.keywords]
+        if "\nArgs:" in text or not own:
+            return text
+        about, raises, errors = text.partition("\nRaises:")
+        defaults = [f" Default: {o.default_text}." if o.default_text else "" for o in own]
+        lines = ["scenario: The scenario."]
+        lines += [f"{o.name}: {o.help}{end}" for o, end in zip(own, defaults, strict=True)]
+        args = "".join(f"    {line}\n" for line in lines)
+        return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
 
     def __repr__(self) -> str:
         return f"<command {self.name}: {self.help.partition(chr(10))[0]}>"

@@ -74,15 +74,6 @@ def budget(
 
     The method montecarlo gives Sobol' indices.
 
-    Args:
-        scenario: The scenario.
-        target: Limit of 3σ, for the accuracy required of each source; None for no limit.
-        threshold: Limit of P_D + kσ, for the accuracy required of each source; None for no limit.
-        k: k of the threshold, 3 by default.
-        probability: P(P_D > P_max) that is allowed, in place of k.
-        at: Place on the scenario's axis of the only pose that counts for target or threshold;
-            every pose if None.
-
     Raises:
         InputError: If there is no such pose, or options do not go together.
     """

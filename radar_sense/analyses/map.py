@@ -131,19 +131,6 @@ def coverage_map(
     GeoJSON too: the contours of P_D and of the bound, the radars, and the route with P_D of each
     leg.
 
-    Args:
-        scenario: The scenario.
-        north_km: South and north end [km], as in `grid`.
-        east_km: West and east end [km].
-        step_km: Distance of the cells [km].
-        down_km: Down coordinate [km]; the first pose's if None.
-        course_deg: Yaw [deg]; the first pose's if None.
-        p_d: P_D of the contour lines; of the bound with `upper`.
-        upper: Whether to compute the upper bound too, and to show the bound.
-        k: Number of σ of the upper bound, 3 by default.
-        worst_heading: Whether P_D is the largest over all headings.
-        workers: Number of threads.
-
     Raises:
         InputError: If an option or the area is not allowed, or options exclude each other.
     """

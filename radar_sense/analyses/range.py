@@ -106,16 +106,6 @@ def detection_range(
     sigma of P_D divided by the slope of P_D along the ray. By other methods, the bounds of P_D have
     the value at the bounds of the range.
 
-    Args:
-        scenario: The scenario.
-        p_d: P_D, or several.
-        by: "bearing" from the radar, or "aspect". An aspect is the azimuth of the radar in the body
-            frame. The aircraft then turns at the bearing of the first pose.
-        step_deg: Step of the angle [deg].
-        k: Number of σ of the band.
-        down_km: Down coordinate [km]; the first pose's if None.
-        course_deg: Yaw [deg]; the first pose's if None.
-
     Raises:
         InputError: If an option is not allowed, or a P_D is not between P_fa and 1.
     """

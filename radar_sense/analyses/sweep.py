@@ -69,16 +69,6 @@ def sweep(
     uncertainty.radar.medium.position_m or radars.NAME.p_fa. With a threshold the answer is where
     the test P_D + K sigma <= P_MAX holds. Exit code 3 means that it holds at none of the values.
 
-    Args:
-        scenario: The scenario, as `load_scenario` returns.
-        key: Path of keys.
-        start: First value.
-        stop: Last value.
-        step: Step from value to value.
-        threshold: P_max of the threshold test; None for no test.
-        k: Number of σ of the band, 3 by default.
-        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
-
     Raises:
         InputError: If an option is not allowed, or the scenario refuses a value.
     """
