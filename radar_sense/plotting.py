@@ -430,32 +430,27 @@ class DisplayUnit(NamedTuple):
     """The label of an axis, the unit in units of `Axis`, and the steps of the ticks."""
 
     label: str
-    unit: float
-    steps: Sequence[float]
+    unit: float = 1.0
+    steps: Sequence[float] = (1, 2, 2.5, 5, 10)
 
 
-_TENS = (1, 2, 2.5, 5, 10)
-_SIXTIES = (1, 1.5, 2, 3, 5, 6, 10)
-_DEGREES = (1, 1.5, 2, 3, 4.5, 6, 9, 10)
+#: Time is in seconds, as in all sentences and tables.
+_UNITS = {
+    "time_s": DisplayUnit("Time [s]", steps=(1, 1.5, 2, 3, 5, 6, 10)),
+    "theta_r_deg": DisplayUnit(
+        r"Radar azimuth $\theta_r$ [deg]", steps=(1, 1.5, 2, 3, 4.5, 6, 9, 10)
+    ),
+    "range_km": DisplayUnit("Ground range [km]"),
+    "distance_m": DisplayUnit("Distance flown [m]"),
+    "pose": DisplayUnit("Number of the pose"),
+}
 
 
 def display_unit(axis: Axis) -> DisplayUnit:
-    """Choose the unit of an axis.
-
-    Time is in seconds, as in all sentences and tables. A long distance is in km.
-    """
-    if axis.key == "time_s":
-        return DisplayUnit("Time [s]", 1.0, _SIXTIES)
-    if axis.key == "distance_m":
-        name, unit = ("km", 1e3) if float(np.ptp(axis.values)) >= 4e3 else ("m", 1.0)
-        return DisplayUnit(f"Distance flown [{name}]", unit, _TENS)
-    if axis.key == "pose":
-        return DisplayUnit("Number of the pose", 1.0, _TENS)
-    if axis.key == "theta_r_deg":
-        return DisplayUnit(r"Radar azimuth $\theta_r$ [deg]", 1.0, _DEGREES)
-    if axis.key == "range_km":
-        return DisplayUnit("Ground range [km]", 1.0, _TENS)
-    return DisplayUnit(key_in_words(axis.name), 1.0, _TENS)
+    """Choose the unit of an axis. A long distance is in km."""
+    if axis.key == "distance_m" and float(np.ptp(axis.values)) >= 4e3:
+        return DisplayUnit("Distance flown [km]", 1e3)
+    return _UNITS.get(axis.key) or DisplayUnit(key_in_words(axis.name))
 
 
 def _spans(mask: NDArray[np.bool_], x: FloatArray) -> list[tuple[float, float]]:
@@ -542,6 +537,20 @@ def coloured_line(
         label=label,
     )
     axes.add_collection(line)
+
+
+def mark(axes: Axes, places: FloatArray, marker: str, size: float, label: str) -> None:
+    """Mark places north and east (n, 2 or more) on a map, white with a black edge."""
+    axes.plot(
+        places[:, 1],
+        places[:, 0],
+        marker,
+        color="white",
+        mec="black",
+        mew=points(0.7),
+        ms=points(size),
+        label=label,
+    )
 
 
 def draw_fill(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -52,7 +52,7 @@ from radar_sense.states import ATTITUDE, DOWN, FloatArray
 from radar_sense.words import warning
 
 if TYPE_CHECKING:
-    from radar_sense.plotting import Axes, Figure
+    from radar_sense.plotting import Figure
 
 #: Colours of the map and of the route. Their lightness grows with P_D, also in a grey print.
 COLOURS = "cividis"
@@ -60,6 +60,8 @@ COLOURS = "cividis"
 LEVELS = (0.1, 0.5, 0.9)
 #: Most rows and columns of the cells at which the method is checked.
 SAMPLED = 20
+#: The default of the ends of the map.
+AROUND = "around radars and path"
 
 
 @command(
@@ -68,22 +70,8 @@ SAMPLED = 20
     Option("upper", "Show the upper bound in place of P_D.", flag=True),
     replace(K, help="Number of sigma of --upper."),
     replace(METHOD, help=f"For --upper. {METHOD.help}"),
-    Option(
-        "north_km",
-        "South and north end.",
-        MAP_KM,
-        "KM",
-        count=2,
-        default_text="around radars and path",
-    ),
-    Option(
-        "east_km",
-        "West and east end.",
-        MAP_KM,
-        "KM",
-        count=2,
-        default_text="around radars and path",
-    ),
+    Option("north_km", "South and north end.", MAP_KM, "KM", count=2, default_text=AROUND),
+    Option("east_km", "West and east end.", MAP_KM, "KM", count=2, default_text=AROUND),
     Option(
         "step_km", "Distance of cells.", MAP_STEP_KM, "KM", default_text="1/500 of the longer side"
     ),
@@ -143,12 +131,8 @@ def coverage_map(
         raise InputError("worst_heading and course_deg exclude each other; give one of them")
     if k is not None and not upper:
         raise InputError("k is for the upper bound: it needs upper")
-    k = k or 3.0
-    result, contours, bounding = (
-        Result(scenario, method),
-        sorted(set(p_d)),
-        method if upper else None,
-    )
+    k, contours, result = k or 3.0, sorted(set(p_d)), Result(scenario, method)
+    bounding = method if upper else None
     down = None if down_km is None else down_km * 1e3
     course = None if course_deg is None else math.radians(course_deg)
     area: dict[str, Any] = {"down": down, "workers": workers}
@@ -186,7 +170,11 @@ def coverage_map(
     cell_km2 = (cells.north[1] - cells.north[0]) * (cells.east[1] - cells.east[0]) / 1e6
     area_km2 = cell_km2 * shown.size
     areas = {f"{level:g}": cell_km2 * int(np.count_nonzero(shown >= level)) for level in contours}
-    route = _route(scenario, bounding, k)
+    route: FloatArray = (
+        distribution(scenario, method).quantile(k)
+        if upper
+        else scenario.model.p_d(scenario.aircraft, scenario.radar)
+    )
     result.summary |= {
         "north_km": [float(cells.north[0]) / 1e3, float(cells.north[-1]) / 1e3],
         "east_km": [float(cells.east[0]) / 1e3, float(cells.east[-1]) / 1e3],
@@ -232,27 +220,17 @@ def _places(
     return latitude, longitude
 
 
-def _route(scenario: Scenario, method: str | None, k: float) -> FloatArray:
-    """Return P_D (n,) at each pose of the scenario, or its upper bound by a method."""
-    if method is None:
-        p_d: FloatArray = scenario.model.p_d(scenario.aircraft, scenario.radar)
-        return p_d
-    return distribution(scenario, method).quantile(k)
-
-
 def _warnings(
     scenario: Scenario, cells: Grid, pose: FloatArray, shown: NDArray[np.float32], method: str
-) -> tuple[str, ...]:
-    lines = []
+) -> Iterator[str]:
+    of_all = f"of {shown.size:,} cells"
     unknown = int(np.count_nonzero(np.isnan(shown)))
     # straight above a radar, the aspect has no gradient: one cell a radar says nothing
     if unknown > len(scenario.model.models):
-        text = f"no number in {unknown:,} of {shown.size:,} cells (NaN in the file)"
-        lines.append(warning("cells-unknown", text))
+        yield warning("cells-unknown", f"no number in {unknown:,} {of_all} (NaN in the file)")
     beyond = int(np.count_nonzero(shown > 1))
     if beyond:
-        text = f"the {method} bound exceeds 1 in {beyond:,} of {shown.size:,} cells"
-        lines.append(warning("band-outside", text))
+        yield warning("band-outside", f"the {method} bound exceeds 1 in {beyond:,} {of_all}")
     tables = [
         (model.rcs, state)
         for model, state in zip(scenario.model.models, scenario.radar_states, strict=True)
@@ -264,29 +242,26 @@ def _warnings(
         uncovered = [table.uncovered(body_vector(aircraft, radar)) for table, radar in tables]
         outside += int(np.count_nonzero(np.any(uncovered, axis=0)))
     if outside:
-        text = (
-            f"in {outside:,} of {shown.size:,} cells the aircraft sees a radar beyond the "
-            "elevations of the RCS table; there the outermost values of the table are used"
+        yield warning(
+            "table-exceeded",
+            f"in {outside:,} {of_all} the aircraft sees a radar beyond the elevations of the RCS "
+            "table; there the outermost values of the table are used",
         )
-        lines.append(warning("table-exceeded", text))
-    return tuple(lines)
 
 
 def _unreliable(
     scenario: Scenario, cells: Grid, pose: FloatArray, method: str, k: float
-) -> tuple[str, ...]:
-    """Return a warning if the bound of a method is unreliable in some of the sampled cells."""
+) -> Iterator[str]:
+    """Yield a warning if the bound of a method is unreliable in some of the sampled cells."""
     sample = Grid(*(axis[:: -(-len(axis) // SAMPLED)] for axis in (cells.north, cells.east)))
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
     moments = propagate_scenario(checked, method=method, beta=k)
     unreliable = unreliable_in_scenario(checked, moments, method=method, beta=k)
-    count = int(np.count_nonzero(unreliable))
-    if not count:
-        return ()
-    remedy = "" if method == "form" else f"; use --method {AUTOMATIC}"
-    text = f"the {method} bound is off in {count} of {len(unreliable)} cells that were checked"
-    return (warning("band-off", text + remedy),)
+    if count := int(np.count_nonzero(unreliable)):
+        remedy = "" if method == "form" else f"; use --method {AUTOMATIC}"
+        text = f"the {method} bound is off in {count} of {len(unreliable)} cells that were checked"
+        yield warning("band-off", text + remedy)
 
 
 def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
@@ -340,30 +315,13 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
             axes.clabel(lines, fmt="%g", fontsize=plotting.points(6.5))
         for v in drawn:
             bar.ax.axhline(v, color="white" if v < 0.6 else "black", lw=plotting.points(0.8))
-    _draw_route(axes, result, route)
-    for pose, marker, name in ((0, "o", "start"), (-1, "s", "end")):
-        if scenario.time_s is not None:
-            axes.plot(
-                scenario.aircraft[pose, 1] / 1e3,
-                scenario.aircraft[pose, 0] / 1e3,
-                marker,
-                color="white",
-                mec="black",
-                mew=plotting.points(0.7),
-                ms=plotting.points(4.0),
-                label=name,
-            )
-    radars = scenario.radar_states / 1e3
-    axes.plot(
-        radars[:, 1],
-        radars[:, 0],
-        "^",
-        color="white",
-        mec="black",
-        mew=plotting.points(0.7),
-        ms=plotting.points(5.5),
-        label="radar" if len(radars) == 1 else "radars",
-    )
+    poses, radars = scenario.aircraft / 1e3, scenario.radar_states / 1e3
+    label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
+    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, COLOURS, label)
+    if scenario.time_s is not None:
+        plotting.mark(axes, poses[:1], "o", 4.0, "start")
+        plotting.mark(axes, poses[-1:], "s", 4.0, "end")
+    plotting.mark(axes, radars, "^", 5.5, "radar" if len(radars) == 1 else "radars")
     axes.set(xlim=extent[:2], ylim=extent[2:], xlabel="East [km]", ylabel="North [km]")
     plotting.draw_legend(figure, axes)
     # With a fixed aspect, one round of layout can leave a label outside the page. A second round
@@ -372,16 +330,6 @@ def _draw(figure: Figure, result: Result, route: FloatArray) -> None:
         figure.draw_without_rendering()
     if scenario.model.names:
         plotting.label_points(axes, radars[:, 1::-1], scenario.model.names)
-
-
-def _draw_route(axes: Axes, result: Result, route: FloatArray) -> None:
-    """Draw the route in the colours of the map, by P_D or the bound at each pose."""
-    from radar_sense import plotting
-
-    poses = result.scenario.aircraft / 1e3
-    bounded = result.summary["shown"] != "p_d"
-    label = "route, by its own bound" if bounded else r"route, by its own $P_D$"
-    plotting.coloured_line(axes, poses[:, 1], poses[:, 0], route, COLOURS, label)
 
 
 def _pose_in_words(summary: Mapping[str, Any]) -> str:

@@ -24,12 +24,7 @@ from radar_sense.command import (
 )
 from radar_sense.cost import foresee
 from radar_sense.coverage.ranges import PRECISION, RangeAt, detection_ranges, limit_of_radar
-from radar_sense.coverage.rays import (
-    EVALUATIONS,
-    FARTHEST,
-    rays,
-    survey,
-)
+from radar_sense.coverage.rays import EVALUATIONS, FARTHEST, rays, survey
 from radar_sense.errors import InputError
 from radar_sense.limits import PROBABILITY, Limit
 from radar_sense.plausibility import below_ground
@@ -37,11 +32,11 @@ from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import (
-    describe_poses,
     gathered,
     level_and_method,
     listed,
-    warning,
+    placed,
+    places,
 )
 
 if TYPE_CHECKING:
@@ -163,17 +158,17 @@ def detection_range(
         },
     }
 
-    warnings = []
-    for name, of_radar in ranges.items():
-        place = describe_poses(np.any([at.unreliable for at in of_radar], axis=0), axis)
-        if place:
-            if method == AUTOMATIC:
-                error = f"a bound has a standard error above {PRECISION:.0%}"
-                text = f"the {method} band of the range is not precise {place}: {error}"
-                warnings.append((name, warning("band-imprecise", text)))
-            else:
-                text = f"the {method} band of the range is off {place}; use --method {AUTOMATIC}"
-                warnings.append((name, warning("band-off", text)))
+    off = {name: np.any([at.unreliable for at in group], axis=0) for name, group in ranges.items()}
+    of_band, is_what, end = (
+        ("band-imprecise", "not precise", f": a bound has a standard error above {PRECISION:.0%}")
+        if method == AUTOMATIC
+        else ("band-off", "off", f"; use --method {AUTOMATIC}")
+    )
+    warnings = [
+        (name, text)
+        for name, mask in off.items()
+        for text in placed(of_band, mask, axis, f"the {method} band of the range is {is_what}", end)
+    ]
     result.warnings += below_ground(scenario, down_km)
     result.warnings += gathered(warnings) if names else [text for _, text in warnings]
     if not warnings and any(np.isfinite(at.std).any() for of in ranges.values() for at in of):
@@ -190,9 +185,8 @@ def detection_range(
 def _add_bands(table: Table, at: RangeAt, radar: str, k: float) -> None:
     """Add the range and its band."""
     label, of = _label(at, radar)
-    name = f"{at.p_d:g}"
-    meaning = f"{of}Farthest slant range with P_D {name}; 0 where there is none."
-    table.add(f"range_m_{label}", at.slant, meaning, "m")
+    first = f"{of}Farthest slant range with P_D {at.p_d:g}; 0 where there is none."
+    table.add(f"range_m_{label}", at.slant, first, "m")
     table.add(f"sigma_range_m_{label}", at.std, f"{of}Standard deviation of this range.", "m")
     for end, bound in (("lower", at.lower), ("upper", at.upper)):
         meaning = f"{of}{end.capitalize()} {k:g}-sigma bound of this range."
@@ -205,10 +199,11 @@ def _add_sources(table: Table, at: RangeAt, radar: str) -> None:
     for source, std in at.by_source.items():
         meaning = f"{of}Standard deviation from {source} alone, to first order."
         table.add(f"sigma_range_m_{label}_from_{source}", std, meaning, "m")
+    limited, edges = at.reach.limited.astype(float), at.reach.edges.astype(float)
     meaning = f"{of}1 where a limit of the radar comes first, else 0."
-    table.add(f"limited_{label}", at.reach.limited.astype(float), meaning)
+    table.add(f"limited_{label}", limited, meaning)
     meaning = f"{of}Number of times that P_D passes the value along the ray."
-    table.add(f"edges_{label}", at.reach.edges.astype(float), meaning)
+    table.add(f"edges_{label}", edges, meaning)
 
 
 def _label(at: RangeAt, radar: str) -> tuple[str, str]:
@@ -271,37 +266,25 @@ def _lines(at: RangeAt, axis: Axis, k: float) -> list[str]:
 
 def _exceptions(at: RangeAt, axis: Axis) -> list[str]:
     """Describe where there is no range, where a limit comes first, and where P_D rises again."""
-    lines = []
-    none = at.slant == 0
-    if none.any() and not none.all():
-        lines.append(
-            f"P_D {at.p_d:g}: at no range {describe_poses(none, axis)}; sigma has no value"
-        )
-    far = at.slant >= 0.999 * FARTHEST
-    limited = at.reach.limited & ~far
-    if limited.any():
-        place = describe_poses(limited, axis)
-        lines.append(
-            f"P_D {at.p_d:g}: the limit of the radar comes first {place}; sigma has no value"
-        )
+    none, far = at.slant == 0, at.slant >= 0.999 * FARTHEST
+    limited, edges = at.reach.limited & ~far, at.reach.edges
     lower, upper = (np.where(far, 0.0, bound) for bound in (at.lower, at.upper))  # said below
     values = {"sigma": at.std, "the lower bound": lower, "the upper bound": upper}
-    for name, value in values.items():
-        undefined = np.isnan(value) & ~limited & ~none
-        if undefined.any():
-            place = describe_poses(undefined, axis)
-            lines.append(f"P_D {at.p_d:g}: {name} has no value {place}")
-    again = at.reach.edges > 1
-    if again.any():
-        lines.append(
-            f"P_D {at.p_d:g}: passed several times, at up to {at.reach.edges.max()} ranges, "
-            f"{describe_poses(again, axis)}; the farthest is given"
-        )
+    masks = {
+        "at no range {}; sigma has no value": none & ~none.all(),
+        "the limit of the radar comes first {}; sigma has no value": limited,
+        **{
+            f"{name} has no value {{}}": np.isnan(value) & ~limited & ~none
+            for name, value in values.items()
+        },
+        f"passed several times, at up to {edges.max()} ranges, {{}}; the farthest is given": (
+            edges > 1
+        ),
+    }
+    said = [text.format(place) for text, place in places(masks, axis).items()]
     if far.any():
-        lines.append(
-            f"P_D {at.p_d:g}: still higher at {FARTHEST / 1e3:g} km, the end of the search"
-        )
-    return lines
+        said.append(f"still higher at {FARTHEST / 1e3:g} km, the end of the search")
+    return [f"P_D {at.p_d:g}: {text}" for text in said]
 
 
 def _draw(
