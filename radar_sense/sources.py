@@ -20,7 +20,14 @@ from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.montecarlo.sobol import sobol_indices
 from radar_sense.progress import report
-from radar_sense.propagation import MONTE_CARLO, distribution, mean_and_std
+from radar_sense.propagation import (
+    AUTOMATIC,
+    MONTE_CARLO,
+    STD_CHANGE,
+    distribution,
+    mean_and_std,
+)
+from radar_sense.propagation.automatic import ERRORS
 from radar_sense.propagation.looks import FIRST
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import (
@@ -39,6 +46,8 @@ from radar_sense.uncertain_states import UncertainStates
 VANISHING = 1e-3
 #: Sources within this part of the largest are equal, as they are printed.
 TIE = 1e-3
+#: The least share that is shown, as 0.1 %.
+SHOWN = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -346,6 +355,10 @@ class Contribution:
         """The name, of a part without the name of its source."""
         return self.name.removeprefix(f"{self.part_of}_")
 
+    def error_at(self, pose: int) -> float | None:
+        """Return the standard error of the share at a pose, if there is one."""
+        return None if self.share_error is None else float(self.share_error[pose])
+
     @property
     def meaning(self) -> str:
         """The source in the meaning of a column."""
@@ -393,6 +406,24 @@ def vanishing(scenario: Scenario, found: Budget) -> dict[str, NDArray[np.bool_]]
         vanishes = (share < VANISHING * share.max()) & (found.std > 0)
         masks[name] = vanishes & visible_by.get(name, True)
     return masks
+
+
+def dominance(sources: Sequence[Contribution], total: Contribution) -> dict[str, NDArray[np.bool_]]:
+    """Return where (n,) each source is the largest; nowhere where one has no value."""
+    three_sigma = np.array([c.three_sigma for c in (*sources, total)])
+    known = np.isfinite(three_sigma).all(axis=0) & (total.three_sigma > 0)
+    largest = np.argmax(three_sigma[:-1], axis=0)
+    return {c.name: (largest == i) & known for i, c in enumerate(sources)}
+
+
+def noise_of_interaction(interaction: Contribution, method: str) -> FloatArray:
+    """Return the share (n,) below which an interaction is noise.
+
+    σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much.
+    """
+    plain = 2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else SHOWN
+    error = np.zeros(()) if interaction.share_error is None else interaction.share_error
+    return np.broadcast_to(np.where(error == 0, plain, error), interaction.share.shape)
 
 
 def dominant(sources: Sequence[Contribution], total: float, pose: int) -> Contribution | None:

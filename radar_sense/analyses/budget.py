@@ -22,16 +22,17 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.propagation import AUTOMATIC, MONTE_CARLO, STD_CHANGE, std_off_in_scenario
-from radar_sense.propagation.automatic import ERRORS
+from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
 from radar_sense.sources import (
     Contribution,
     contributions,
+    dominance,
     dominant,
     equally_largest,
     error_budget,
+    noise_of_interaction,
     value_function,
     vanishing,
 )
@@ -91,9 +92,7 @@ def budget(
 
     words.add_axis(result.table, axis)
     add = result.table.add
-    first = [c for c in sources if c.name not in FURTHER]
-    further = [c for c in sources if c.name in FURTHER]
-    for c in (*first, total, *further, *finer):
+    for c in (*sorted((*sources, total), key=lambda c: c.name in FURTHER), *finer):
         add(f"three_sigma_{c.name}", c.three_sigma, f"3 sigma of P_D from {c.meaning}.")
     words.add_mean(result.table, found.mean, method)
     for c in (*sources, interaction) if method != "linear" else ():
@@ -120,20 +119,11 @@ def budget(
         for group in (sources, (*parts, *finer))
     )
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
+    if abs(interaction.share[pose]) >= noise_of_interaction(interaction, method)[pose]:
+        rows.append(interaction)
     width = max(21, *(len(c.label) + 2 * bool(c.part_of) + 1 for c in rows))
-    result.report += [_row(c, pose, width) for c in rows]
-    spread = None if interaction.share_error is None else interaction.share_error[pose]
-    # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much;
-    # 5e-4 is shown as 0.1 %
-    noise = spread or (2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else 5e-4)
-    if abs(interaction.share[pose]) >= noise:
-        between = words.percent(interaction.share[pose], spread)
-        result.report += [f"  {'interaction':{width + 6}}{between}"]
-    result.report += [f"  {'total':{width}}{words.probability(at_pose)}"]
-    largest = np.argmax([c.three_sigma for c in sources], axis=0)
-    known = np.isfinite([c.three_sigma for c in (*sources, total)]).all(axis=0)
-    known &= total.three_sigma > 0
-    dominates = words.places({c.name: (largest == i) & known for i, c in enumerate(sources)}, axis)
+    result.report += [_row(c, pose, width) for c in (*rows, total)]
+    dominates = words.places(dominance(sources, total), axis)
     result.report += [f"{name} dominates {place}" for name, place in dominates.items()]
     valued = (*sources, *parts, *finer, total)
     gaps = words.places({c.name: ~np.isfinite(c.three_sigma) for c in valued}, axis)
@@ -187,10 +177,10 @@ def _at(pose: int, contributions: Sequence[Contribution], kind: str) -> dict[str
 
 
 def _row(c: Contribution, pose: int, width: int) -> str:
-    value = words.probability(c.three_sigma[pose])
-    error = None if c.share_error is None else c.share_error[pose]
+    value = "" if c.name == "interaction" else words.probability(c.three_sigma[pose])
+    share = "" if c.name == "total" else words.percent(c.share[pose], c.error_at(pose))
     label = f"  {c.label}" if c.part_of else c.label
-    return f"  {label:{width}}{value:6}{words.percent(c.share[pose], error)}".rstrip()
+    return f"  {label:{width}}{value:6}{share}".rstrip()
 
 
 def _know_first(
