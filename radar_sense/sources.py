@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense import covariance
+from radar_sense.axis import reached
 from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.model.radar_constant import Tolerance
@@ -355,10 +356,6 @@ class Contribution:
         """The name, of a part without the name of its source."""
         return self.name.removeprefix(f"{self.part_of}_")
 
-    def error_at(self, pose: int) -> float | None:
-        """Return the standard error of the share at a pose, if there is one."""
-        return None if self.share_error is None else float(self.share_error[pose])
-
     @property
     def meaning(self) -> str:
         """The source in the meaning of a column."""
@@ -366,7 +363,82 @@ class Contribution:
         return named.get(self.name, f"{self.name} alone")
 
 
-def contributions(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
+@dataclass(frozen=True, eq=False)
+class Contributions:
+    """All that adds to the uncertainty of P_D at n poses, and what is the largest.
+
+    Attributes:
+        mean: Mean of P_D (n,).
+        std: Standard deviation of P_D from all sources together (n,).
+        sources: The sources.
+        parts: Parts of radar constants.
+        finer: Finer sources of a network.
+        total: All sources together.
+        interaction: What is left of the variance.
+        pose: The first pose with the largest total, but for rounding.
+        dominates: Where (n,) each source is the largest, and all have a value.
+        dominant: The largest source at the pose; None if one without a value may be larger.
+        first: Sources that are equally the largest there. Parts stand for their source.
+        interaction_is_noise: Whether the interaction at the pose may be one of draws or rounding.
+        vanishes: Where (n,) the gradient for each source vanishes, by `linear`.
+    """
+
+    mean: FloatArray
+    std: FloatArray
+    sources: Sequence[Contribution]
+    parts: Sequence[Contribution]
+    finer: Sequence[Contribution]
+    total: Contribution
+    interaction: Contribution
+    pose: int
+    dominates: Mapping[str, NDArray[np.bool_]]
+    dominant: Contribution | None
+    first: Sequence[Contribution]
+    interaction_is_noise: bool
+    vanishes: Mapping[str, NDArray[np.bool_]]
+
+
+def contributions(scenario: Scenario, method: str) -> Contributions:
+    """Return the error budget of a scenario by a method, source by source."""
+    found = error_budget(scenario, method)
+    by_name = _by_name(scenario, found)
+    sources, parts, finer = (
+        [by_name[name] for name in group] for group in (found.alone, found.parts, found.finer)
+    )
+    total, interaction = by_name["total"], by_name["interaction"]
+    pose = int(np.argmax(reached(total.three_sigma)))
+    three_sigma = np.array([c.three_sigma for c in sources])
+    known = np.isfinite(three_sigma).all(axis=0) & (total.three_sigma > 0)
+    largest = np.argmax(three_sigma, axis=0)
+
+    squares, of_total = np.square(three_sigma[:, pose]), total.three_sigma[pose] ** 2
+    has_value = np.isfinite(squares)
+    top = int(np.argmax(np.where(has_value, squares, -1.0)))
+    is_largest = has_value.all() or squares[top] > of_total - squares[has_value].sum()
+    whole = {part.part_of for part in parts}
+    each = [c for c in (*sources, *parts) if c.name not in whole]
+    most = max((c.three_sigma[pose] for c in each if np.isfinite(c.three_sigma[pose])), default=0.0)
+    error = None if interaction.share_error is None else interaction.share_error[pose]
+    # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much
+    noise = error or (2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else SHOWN)
+    return Contributions(
+        found.mean,
+        found.std,
+        sources,
+        parts,
+        finer,
+        total,
+        interaction,
+        pose,
+        dominates={c.name: (largest == i) & known for i, c in enumerate(sources)},
+        dominant=sources[top] if is_largest else None,
+        first=[c for c in each if is_largest and c.three_sigma[pose] >= (1.0 - TIE) * most],
+        interaction_is_noise=not abs(interaction.share[pose]) >= noise,
+        vanishes=_vanishing(scenario, sources, total) if method == "linear" else {},
+    )
+
+
+def _by_name(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
     """Return the sources of an error budget, their parts, finer sources, total and interaction."""
     part_of = {name: part.source for name, part in parts_of(scenario).items()}
     part_of |= {
@@ -382,64 +454,22 @@ def contributions(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
     shares = {name: std**2 / variance for name, std in stds.items()} | found.shares()
     return {
         name: Contribution(
-            name,
-            3 * std,
-            shares[name],
-            errors.get(name),
-            indices.get(name),
-            part_of.get(name, ""),
+            name, 3 * std, shares[name], errors.get(name), indices.get(name), part_of.get(name, "")
         )
         for name, std in stds.items()
     }
 
 
-def vanishing(scenario: Scenario, found: Budget) -> dict[str, NDArray[np.bool_]]:
-    """Return where (n,) the gradient for each source vanishes.
-
-    A radar that does not see the aircraft has no effect of second order either.
-    """
+def _vanishing(
+    scenario: Scenario, sources: Sequence[Contribution], total: Contribution
+) -> dict[str, NDArray[np.bool_]]:
+    """Return where (n,) the gradient for each source vanishes."""
+    # A radar that does not see the aircraft has no effect of second order either.
     visible = scenario.model.visible(scenario.aircraft, scenario.radar)
     visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
-    masks = {}
-    for name, std in found.alone.items():
-        share = np.divide(std, found.std, out=np.zeros_like(std), where=found.std > 0)
-        vanishes = (share < VANISHING * share.max()) & (found.std > 0)
-        masks[name] = vanishes & visible_by.get(name, True)
+    masks, whole = {}, total.three_sigma
+    for c in sources:
+        share = np.divide(c.three_sigma, whole, out=np.zeros_like(whole), where=whole > 0)
+        vanishes = (share < VANISHING * share.max()) & (whole > 0)
+        masks[c.name] = vanishes & visible_by.get(c.name, True)
     return masks
-
-
-def dominance(sources: Sequence[Contribution], total: Contribution) -> dict[str, NDArray[np.bool_]]:
-    """Return where (n,) each source is the largest; nowhere where one has no value."""
-    three_sigma = np.array([c.three_sigma for c in (*sources, total)])
-    known = np.isfinite(three_sigma).all(axis=0) & (total.three_sigma > 0)
-    largest = np.argmax(three_sigma[:-1], axis=0)
-    return {c.name: (largest == i) & known for i, c in enumerate(sources)}
-
-
-def noise_of_interaction(interaction: Contribution, method: str) -> FloatArray:
-    """Return the share (n,) below which an interaction is noise.
-
-    σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much.
-    """
-    plain = 2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else SHOWN
-    error = np.zeros(()) if interaction.share_error is None else interaction.share_error
-    return np.broadcast_to(np.where(error == 0, plain, error), interaction.share.shape)
-
-
-def dominant(sources: Sequence[Contribution], total: float, pose: int) -> Contribution | None:
-    """Return the largest source at a pose; None if one without a value may be larger."""
-    squares = np.square([c.three_sigma[pose] for c in sources])
-    known = np.isfinite(squares)
-    top = int(np.argmax(np.where(known, squares, -1.0)))
-    is_largest = known.all() or squares[top] > total**2 - squares[known].sum()
-    return sources[top] if is_largest else None
-
-
-def equally_largest(
-    sources: Sequence[Contribution], parts: Sequence[Contribution], pose: int
-) -> list[Contribution]:
-    """Return the sources that are equally the largest at a pose. Parts stand for their source."""
-    whole = {part.part_of for part in parts}
-    each = [c for c in (*sources, *parts) if c.name not in whole]
-    top = max((c.three_sigma[pose] for c in each if np.isfinite(c.three_sigma[pose])), default=0.0)
-    return [c for c in each if c.three_sigma[pose] >= (1.0 - TIE) * top]

@@ -12,7 +12,7 @@ import numpy as np
 from radar_sense import words
 from radar_sense.analyses.required import OPTIONS, add_required_accuracy, check_options
 from radar_sense.analyses.verdict import sigmas
-from radar_sense.axis import Axis, reached
+from radar_sense.axis import Axis
 from radar_sense.command import (
     LEVEL,
     METHOD,
@@ -25,17 +25,7 @@ from radar_sense.command import (
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
-from radar_sense.sources import (
-    Contribution,
-    contributions,
-    dominance,
-    dominant,
-    equally_largest,
-    error_budget,
-    noise_of_interaction,
-    value_function,
-    vanishing,
-)
+from radar_sense.sources import Contribution, contributions, value_function
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -81,13 +71,9 @@ def budget(
     method = scenario.method
     k = sigmas(threshold, k, probability)
     check_options(method, target, threshold, k, at)
-    axis, result, found = scenario.axis, Result(scenario, method), error_budget(scenario, method)
-    by_name = contributions(scenario, found)
-    sources, parts, finer = (
-        [by_name[name] for name in group] for group in (found.alone, found.parts, found.finer)
-    )
-    total, interaction = by_name["total"], by_name["interaction"]
-    pose = int(np.argmax(reached(total.three_sigma)))  # the first of those equal to rounding
+    axis, result, found = scenario.axis, Result(scenario, method), contributions(scenario, method)
+    sources, parts, finer, pose = found.sources, found.parts, found.finer, found.pose
+    total, interaction = found.total, found.interaction
     at_pose = float(total.three_sigma[pose])
 
     words.add_axis(result.table, axis)
@@ -107,11 +93,10 @@ def budget(
     for c in parts:
         add(f"three_sigma_{c.name}", c.three_sigma, f"3 sigma of P_D from {c.meaning}.")
 
-    top = dominant(sources, at_pose, pose)
     if at_pose == 0:
         result.report += ["nothing to measure: P_D is certain"]
-    if top is not None and at_pose > 0:
-        result.report += _know_first(scenario, equally_largest(sources, parts, pose), at_pose, pose)
+    elif at_pose > 0 and found.first:
+        result.report += [_know_first(scenario, found.first, at_pose, pose)]
     chosen = words.level_and_method(scenario.level, method)
     result.report += [f"3 sigma of P_D ({chosen}) at {axis.at(pose)}, and share of its variance:"]
     ranked, below = (
@@ -119,20 +104,19 @@ def budget(
         for group in (sources, (*parts, *finer))
     )
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
-    if abs(interaction.share[pose]) >= noise_of_interaction(interaction, method)[pose]:
+    if not found.interaction_is_noise:
         rows.append(interaction)
     width = max(21, *(len(c.label) + 2 * bool(c.part_of) + 1 for c in rows))
     result.report += [_row(c, pose, width) for c in (*rows, total)]
-    dominates = words.places(dominance(sources, total), axis)
+    dominates = words.places(found.dominates, axis)
     result.report += [f"{name} dominates {place}" for name, place in dominates.items()]
     valued = (*sources, *parts, *finer, total)
     gaps = words.places({c.name: ~np.isfinite(c.three_sigma) for c in valued}, axis)
     result.report += [f"{name} has no value {place}" for name, place in gaps.items()]
 
-    vanishes = vanishing(scenario, found) if method == "linear" else {}
     optional = {
         "no_value": gaps,
-        "gradient_vanishes": words.places(vanishes, axis),
+        "gradient_vanishes": words.places(found.vanishes, axis),
         "radar_constant_parts_at_largest": _at(pose, parts, "three_sigma"),
         "shares_of_radar_constant_parts_at_largest": _at(pose, parts, "share"),
     }
@@ -140,7 +124,7 @@ def budget(
         "largest_three_sigma_total": words.peak(total.three_sigma, axis),
         "at_largest": _at(pose, sources, "three_sigma"),
         "shares_at_largest": _at(pose, (*sources, interaction), "share"),
-        "dominant": None if top is None else top.name,
+        "dominant": None if found.dominant is None else found.dominant.name,
         "dominates": dominates,
         **{name: value for name, value in optional.items() if value},
     }
@@ -153,7 +137,7 @@ def budget(
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
         # where σ of all sources is not off, the source that first order misses is small
-        missed = {name: mask & off for name, mask in vanishes.items()}
+        missed = {name: mask & off for name, mask in found.vanishes.items()}
         result.warnings += words.vanishing_gradient(words.places(missed, axis))
         three_sigma = [c.three_sigma for c in sources]
         result.warnings += words.correlated_sources(three_sigma, total.three_sigma)
@@ -177,34 +161,28 @@ def _at(pose: int, contributions: Sequence[Contribution], kind: str) -> dict[str
 
 
 def _row(c: Contribution, pose: int, width: int) -> str:
+    error = None if c.share_error is None else c.share_error[pose]
     value = "" if c.name == "interaction" else words.probability(c.three_sigma[pose])
-    share = "" if c.name == "total" else words.percent(c.share[pose], c.error_at(pose))
+    share = "" if c.name == "total" else words.percent(c.share[pose], error)
     label = f"  {c.label}" if c.part_of else c.label
     return f"  {label:{width}}{value:6}{share}".rstrip()
 
 
-def _know_first(
-    scenario: Scenario, first: Sequence[Contribution], total: float, pose: int
-) -> list[str]:
-    """Return the one answer to what should be known better first: the largest, all that are equal.
-
-    The pose is that of the largest 3σ, the total.
-    """
-    if not first:
-        return []
+def _know_first(scenario: Scenario, first: Sequence[Contribution], total: float, pose: int) -> str:
+    """Return the one answer to what should be known better first, at the pose of the total."""
     names = words.listed(c.name for c in first)
     share = f"{first[0].share[pose]:.1%} of the variance of P_D at {scenario.axis.at(pose)}"
     if len(first) > 1:
-        return [f"know better first: {names} equally, each {share}"]
+        return f"know better first: {names} equally, each {share}"
     answer = f"know better first: {names}, {share}"
     if not first[0].part_of or scenario.method == MONTE_CARLO:
-        return [answer]
+        return answer
     at_pose = scenario.at_poses(np.array([pose]))
     (halved,) = value_function(at_pose, scenario.method)([names], 0.5)
     left = words.probability(halved)
     if halved > (1.0 - LEAST_GAIN) * total:
-        return [f"no source is worth a measurement: half of {names} leaves {left}"]
-    return [f"{answer}; half its deviation leaves {left} of {words.probability(total)}"]
+        return f"no source is worth a measurement: half of {names} leaves {left}"
+    return f"{answer}; half its deviation leaves {left} of {words.probability(total)}"
 
 
 def _draw(
