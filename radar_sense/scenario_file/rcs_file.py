@@ -15,9 +15,7 @@ without elevations holds for all elevations.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +40,14 @@ COLUMNS = {
     "rcs_dbsm": Column(Limit(at_least=10 * np.log10(SMALLEST), at_most=10 * np.log10(LARGEST))),
     "std_db": Column(STD_DB),
 }
-#: Raises the error about a row.
-Refuse: TypeAlias = Callable[[Any, str], NoReturn]
 #: Units of the values of a node, for errors.
 _UNITS = {"rcs_m2": "m^2", "rcs_dbsm": "dBsm", "std_db": "dB"}
 #: Azimuths of a full circle may differ by this [rad] from a turn.
 _ROUNDING = 1e-9
+
+
+class _RowError(Exception):
+    """A row of the file (a number from 0), and what is wrong with it."""
 
 
 def load_rcs_table(
@@ -91,12 +91,12 @@ def read_rcs_table(
         if ("rcs_m2" in file.names) == ("rcs_dbsm" in file.names):
             raise file.error("needs one of the columns rcs_m2 and rcs_dbsm, and not both")
         rows, lines = file.numbers(COLUMNS)
-
-        def refuse(row: Any, message: str) -> NoReturn:
-            raise file.error(message, int(lines[row]))
-
         columns = dict(zip(file.names, rows.T.copy(), strict=True))
-        azimuth, elevation, row = _nodes(columns, mirror, refuse)
+        try:
+            azimuth, elevation, row = _nodes(columns, mirror)
+        except _RowError as error:
+            wrong, message = error.args
+            raise file.error(message, int(lines[wrong])) from None
         dbsm = columns.get("rcs_dbsm")
         rcs = columns["rcs_m2"] if dbsm is None else 10.0 ** (dbsm / 10.0)
         std = columns["std_db"][row] if "std_db" in columns else None
@@ -104,71 +104,63 @@ def read_rcs_table(
 
 
 def _nodes(
-    columns: dict[str, FloatArray], mirror: bool, refuse: Refuse
+    columns: dict[str, FloatArray], mirror: bool
 ) -> tuple[FloatArray, FloatArray | None, NDArray[np.intp]]:
-    """Return azimuths (n,) [rad], elevations (m,) [rad] or None, and rows (n,) or (n, m).
-
-    Args:
-        columns: The columns.
-        mirror: Whether the file has one half of a symmetric aircraft.
-        refuse: Raises the error about a row.
-    """
+    """Return azimuths (n,) [rad], elevations (m,) [rad] or None, and rows (n,) or (n, m)."""
     azimuth, elevation = np.deg2rad(columns["azimuth_deg"]), None
     row = np.arange(len(azimuth))
     if "elevation_deg" not in columns:
-        _refuse(out_of_order("azimuth", azimuth), row, refuse)
+        _refuse(out_of_order("azimuth", azimuth), row)
     else:
         of_rows = {"azimuth": azimuth, "elevation": np.deg2rad(columns["elevation_deg"])}
         by_azimuth = len(azimuth) > 1 and azimuth[0] == azimuth[1]
         names = ("azimuth", "elevation") if by_azimuth else ("elevation", "azimuth")
-        row = _grid({name: of_rows[name] for name in names}, refuse)
+        row = _grid({name: of_rows[name] for name in names})
         row = row if by_azimuth else row.T
         azimuth, elevation = azimuth[row[:, 0]], of_rows["elevation"][row[0]]
     values = {name: unit for name, unit in _UNITS.items() if name in columns}
     if mirror:
-        azimuth, row = _mirrored(azimuth, row, refuse)
+        azimuth, row = _mirrored(azimuth, row)
     else:
-        azimuth, row = _opened(azimuth, row, [columns[name] for name in values], refuse)
-    _refuse(gap("azimuth", azimuth), row.reshape(len(row), -1)[:, 0], refuse)
+        azimuth, row = _opened(azimuth, row, [columns[name] for name in values])
+    _refuse(gap("azimuth", azimuth), row.reshape(len(row), -1)[:, 0])
     if elevation is not None:
-        _refuse(gap("elevation", elevation), row[0], refuse)
+        _refuse(gap("elevation", elevation), row[0])
         for name, unit in values.items():
             problem = differs_at_a_pole(elevation, columns[name][row], unit)
-            _refuse(problem, row.ravel(), refuse)
+            _refuse(problem, row.ravel())
     return azimuth, elevation, row
 
 
-def _grid(angles: dict[str, FloatArray], refuse: Refuse) -> NDArray[np.intp]:
+def _grid(angles: dict[str, FloatArray]) -> NDArray[np.intp]:
     """Return the rows of a complete grid, by the slowly changing angle and by the other.
 
-    Args:
-        angles: The two angles [rad] of each row by name, the slowly changing one first.
-        refuse: Raises the error about a row.
+    The angles [rad] of each row are by name, the slowly changing one first.
     """
     (slow_name, slow), (fast_name, fast) = angles.items()
     starts = np.flatnonzero(np.diff(slow, prepend=np.nan) != 0)
-    _refuse(out_of_order(slow_name, slow[starts]), starts, refuse)
+    _refuse(out_of_order(slow_name, slow[starts]), starts)
     blocks = np.split(np.arange(len(slow)), starts[1:])
     first = fast[blocks[0]]
     for block in blocks:
-        _refuse(out_of_order(fast_name, fast[block]), block, refuse)
+        _refuse(out_of_order(fast_name, fast[block]), block)
         common = min(len(block), len(first))
         off = np.flatnonzero(fast[block[:common]] != first[:common])
         if len(off):
-            refuse(
+            raise _RowError(
                 block[off[0]],
                 f"the grid is not complete: {fast_name} must be {np.rad2deg(first[off[0]]):g} "
                 f"here, as at the first {slow_name}, got {np.rad2deg(fast[block[off[0]]]):g}",
             )
         if len(block) != len(first):
-            refuse(
+            raise _RowError(
                 block[-1],
                 f"the grid is not complete: {slow_name} {np.rad2deg(slow[block[0]]):g} has "
                 f"{len(block)} of the values for {fast_name}, must have {len(first)} as the first "
                 f"{slow_name} has",
             )
     if len(blocks) < 2 or len(first) < 2:
-        refuse(
+        raise _RowError(
             0,
             "needs two or more azimuths and elevations; a table that holds for all elevations has "
             "no column for them",
@@ -176,15 +168,13 @@ def _grid(angles: dict[str, FloatArray], refuse: Refuse) -> NDArray[np.intp]:
     return np.stack(blocks)
 
 
-def _mirrored(
-    azimuth: FloatArray, row: NDArray[np.intp], refuse: Refuse
-) -> tuple[FloatArray, NDArray[np.intp]]:
+def _mirrored(azimuth: FloatArray, row: NDArray[np.intp]) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return azimuths and rows of the whole circle, from one half."""
     right = azimuth[-1] > 0
     low, high = (0.0, np.pi) if right else (-np.pi, 0.0)
     outside = np.flatnonzero((azimuth < low) | (azimuth > high))
     if len(outside):
-        refuse(
+        raise _RowError(
             row.reshape(len(row), -1)[outside[0], 0],
             "mirror: true is for azimuths from 0 to 180, or from -180 to 0, "
             f"got {np.rad2deg(azimuth[outside[0]]):g}",
@@ -197,7 +187,7 @@ def _mirrored(
 
 
 def _opened(
-    azimuth: FloatArray, row: NDArray[np.intp], values: list[FloatArray], refuse: Refuse
+    azimuth: FloatArray, row: NDArray[np.intp], values: list[FloatArray]
 ) -> tuple[FloatArray, NDArray[np.intp]]:
     """Return azimuths and rows of the whole circle, without the second of two equal ends."""
     turned = azimuth - azimuth[0] - TURN
@@ -205,7 +195,7 @@ def _opened(
         return azimuth, row
     if turned[-1] > _ROUNDING:
         at = int(np.argmax(turned > _ROUNDING))
-        refuse(
+        raise _RowError(
             row.reshape(len(row), -1)[at, 0],
             f"azimuth {np.rad2deg(azimuth[at]):g} is more than a turn from the first, "
             f"{np.rad2deg(azimuth[0]):g}",
@@ -214,7 +204,7 @@ def _opened(
     differs = np.any([value[first] != value[last] for value in values], axis=0)
     if differs.any():
         ends = " and ".join(f"{np.rad2deg(azimuth[i]):g}" for i in (-1, 0))
-        refuse(
+        raise _RowError(
             last[np.argmax(differs)],
             f"azimuth {ends} are the same direction and have different values; leave one of them "
             "out",
@@ -222,7 +212,7 @@ def _opened(
     return azimuth[:-1], row[:-1]
 
 
-def _refuse(problem: Problem | None, rows: NDArray[np.intp], refuse: Refuse) -> None:
+def _refuse(problem: Problem | None, rows: NDArray[np.intp]) -> None:
     if problem:
         index, message = problem
-        refuse(rows[index], message)
+        raise _RowError(rows[index], message)
