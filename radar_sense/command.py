@@ -12,6 +12,7 @@ from __future__ import annotations
 import functools
 import html
 import inspect
+import re
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field
@@ -457,10 +458,13 @@ class Command:
         if "\nArgs:" in text or not own:
             return text
         about, raises, errors = text.partition("\nRaises:")
-        defaults = [f" Default: {o.default_text}." if o.default_text else "" for o in own]
-        lines = ["scenario: The scenario."]
-        lines += [f"{o.name}: {o.help}{end}" for o, end in zip(own, defaults, strict=True)]
-        args = "".join(f"    {line}\n" for line in lines)
+        parameters = inspect.signature(self.run).parameters
+        args = "    scenario: The scenario.\n"
+        for option in own:
+            # the signature shows a default that is not None
+            default = option.default_text if parameters[option.name].default is None else ""
+            meaning = re.sub("--([a-z-]+)", lambda o: o[1].replace("-", "_"), option.help)
+            args += f"    {option.name}: {meaning}{default and f' Default: {default}.'}\n"
         return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
 
     def __repr__(self) -> str:
