@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.coverage.rays import (
     FARTHEST,
-    NEAREST,
     Rays,
     Reach,
     Survey,
@@ -35,9 +33,9 @@ from radar_sense.states import FloatArray
 NODE = math.sqrt(3.0)
 #: Relative step of the distance for the slope of P_D along a ray. The error is the square.
 _STEP = 1e-5
-#: Draws at each distance of a bound by draws, and more where these are not precise. The tolerance
-#: of z is far below the standard error.
-DRAWS, TOLERANCE = (4096, 16_384, 65_536), 1e-3
+#: Draws at each distance of the search for a bound by draws, and more where these are not precise.
+#: The tolerance of z in the search is below its standard error.
+DRAWS, TOLERANCE = (4096, 16_384, 65_536), 0.01
 #: Relative standard error of a bound of the range by draws that needs no more draws.
 PRECISION = 0.01
 
@@ -164,7 +162,7 @@ def _by_draws(
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Return how far (n,) the quantile of P_D at Φ(β) by draws reaches a value.
 
-    More draws are made where the standard error of the distance exceeds `PRECISION`.
+    Few draws search the distance. More draws correct it until its standard error is `PRECISION`.
 
     Args:
         seen: P_D along the rays.
@@ -175,25 +173,28 @@ def _by_draws(
     Returns:
         The distances (n,) [m], and where (n,) even the most draws are not precise.
     """
-    upper = int(beta > 0)
+    upper, limit = int(beta > 0), np.nan_to_num(seen.limit)
 
     def drawn(draws: int, rays: Rays, distance: FloatArray) -> tuple[FloatArray, FloatArray]:
         ends, errors = estimate(rays.at(distance).states(), draws, abs(beta)).bounds
         return ends[upper], errors[upper]
 
-    reach = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
-    rows = np.arange(len(reach))
+    guess = np.where(np.isnan(guess), first_guess(seen, value, beta), guess)
+    reach = reach_of_bound(seen, guess, value, lambda *at: drawn(DRAWS[0], *at)[0], TOLERANCE)
+    rows = np.flatnonzero(reach > 0)
     for draws in DRAWS:
-        some, found = seen.part(rows), partial(drawn, draws)
-        reach[rows] = reach_of_bound(
-            some, reach[rows], value, lambda *at, found=found: found(*at)[0], TOLERANCE
-        )
-        at = np.maximum(reach[rows], NEAREST)
-        near, _ = found(some.all_rays, at * (1.0 - PRECISION))
-        far, error = found(some.all_rays, at * (1.0 + PRECISION))
+        rays, at = seen.all_rays.part(rows), reach[rows]
+        near, _ = drawn(draws, rays, at * (1.0 - PRECISION))
+        far, error = drawn(draws, rays, at * (1.0 + PRECISION))
+        fall = near - far
+        with np.errstate(divide="ignore", invalid="ignore"):
+            step = np.where(fall > 0, ((near + far) / 2.0 - value) / fall, 0.0)
         # at a limit of the radar the bound is higher than the value, and needs no precision
-        settled = (2.0 * error <= near - far) | (far - value > ERRORS * error)
-        rows = rows[(reach[rows] > 0) & ~settled]
+        limited = far - value > ERRORS * error
+        settled = limited | ((2.0 * error <= fall) & (abs(step) <= 1.0))
+        step = np.where(limited, 0.0, np.clip(step, -1.0, 1.0))
+        reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), limit[rows])
+        rows = rows[~settled]
         if not rows.size:
             break
     return reach, np.isin(np.arange(len(reach)), rows)
