@@ -12,9 +12,11 @@ from helpers import (
     scenario,
     sheet_scenario,
     single,
+    with_arrays,
     write_path,
 )
 from reference import reading
+from scipy.optimize import minimize_scalar
 
 import radar_sense as rs
 from radar_sense import analyses
@@ -30,6 +32,7 @@ from radar_sense.propagation import (
     distribution,
     propagate_scenario,
 )
+from radar_sense.propagation.looks import LAST, first_look
 
 FEW = {"start": 45, "stop": 60, "step": 15}
 #: A straight flight past the radar: two rows far away, where P_D is small.
@@ -521,3 +524,37 @@ def test_a_band_without_its_draws_gives_the_same_verdict(tmp_path):
     assert without.path.band.drawn is None
     np.testing.assert_array_equal(without.decision.holds, with_draws.decision.holds)
     np.testing.assert_array_equal(without.test.violated, with_draws.test.violated)
+
+
+def test_p_d_above_the_threshold_is_violated_though_draws_are_below():
+    """On top of a lobe all errors lower P_D: draws alone would say that the bound holds."""
+    s = scenario(geometry__azimuth_deg={"start": 45, "stop": 45, "step": 1})
+
+    def p_d(yaw):
+        return float(s.model.p_d([*s.aircraft[0, :5], yaw], s.radar))
+
+    top = minimize_scalar(lambda yaw: -p_d(yaw), bounds=(2.0, 2.7), options={"xatol": 1e-10}).x
+    only_yaw, certain = np.diag([0, 0, 0, 0, 0, 0.1**2]), {"low": np.zeros((4, 4))}
+    aircraft = np.array([[*s.aircraft[0, :5], top]])
+    s = with_arrays(s, aircraft=aircraft, cov_aircraft=only_yaw, cov_radar=certain)
+    p_max = p_d(top) * (1 - 1e-10)
+    found = path_test(s, "automatic", p_max, 3.0, propagate_scenario(s, p_max=p_max))
+    assert found.decision.holds.all()
+    assert found.test.verdict == "violated"
+
+
+def test_a_path_that_is_not_resolved_does_not_hold(monkeypatch):
+    s = scenario(geometry__azimuth_deg={"start": 0, "stop": 30, "step": 5})
+    for most, verdict in ((20_000, "holds"), (8, "not known")):
+        monkeypatch.setattr(refinement, "MAX_POSES", most)
+        found = path_test(s, "automatic", 0.97, 3.0, propagate_scenario(s, p_max=0.97))
+        assert found.test.verdict == verdict
+
+
+def test_runs_of_the_path_contradict_draws_that_missed_a_tail():
+    """The draws are made up: they have no P_D above the threshold, with an error of 0."""
+    s = scenario(geometry__azimuth_deg=FEW)
+    missed = dataclasses.replace(first_look(s.states(), 3.0, 0.5), draws=np.full(2, LAST))
+    for name in ("above", "above_error"):
+        getattr(missed, name)[:] = 0.0
+    assert not decide(s, 0.5, 3.0, missed).holds.any()
