@@ -33,8 +33,8 @@ from radar_sense.states import FloatArray
 #: docs/reference/commands.md is made from this.
 WARNINGS: dict[str, str] = {
     "band-imprecise": (
-        "The draws of the band were not enough: a bound of P_D has a standard error above 0.005, "
-        "or a bound of the range one above 1 %. The column error_3sigma has that of P_D. P_D jumps "
+        "The draws of the band were not enough. A bound of P_D has a standard error above 0.005, "
+        "which the column error_3sigma has, or a bound of the range has one above 1 %. P_D jumps "
         "near the bound, or changes much in a thin tail."
     ),
     "band-off": (

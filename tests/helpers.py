@@ -109,7 +109,7 @@ def without_pixels(patch, then=lambda figure: figure):
 
 
 def some_poses(patch, count=5):
-    """Read scenarios at about so many of their poses."""
+    """Let scenarios be read at some of their poses, about as many as `count`."""
 
     def few(path=None, changes=()):
         read = load_scenario(path, changes)

@@ -31,8 +31,8 @@ RATE_SIZES = 5
 POSES = 13
 #: Independent repetitions. The relative uncertainty of the errors is about 1/√(2 · 32), an eighth.
 REPLICATIONS = 32
-#: The reference: number of independent Sobol' sequences, and the factor on the largest runs. The
-#: error of the reference adds some 2 % to that of the largest runs, which is known to an eighth.
+#: The reference: number of independent Sobol' sequences, and the factor on the largest runs. Its
+#: error is a quarter (1/√16) of theirs or less, which adds 3 % at most (√(1 + 1/16) − 1).
 REFERENCES, REFERENCE_FACTOR = 8, 2
 #: Most runs drawn at a time, a power of two. Another number would give other random numbers.
 BLOCK = 4096
