@@ -15,7 +15,7 @@ from radar_sense.model.geometry import body_vector, radar_from_aircraft, slant_r
 from radar_sense.model.rcs_table import TableRCS
 from radar_sense.scenario import Scenario
 from radar_sense.states import CONSTANT, DOWN, POSITION, RADAR
-from radar_sense.words import describe_poses, warning
+from radar_sense.words import describe_poses, placed, warning
 
 #: Greatest speed [m/s] and slant range [m] without a warning.
 MAX_SPEED, MAX_RANGE = 2e3, 5e6
@@ -151,14 +151,14 @@ def _elevation(scenario: Scenario) -> Iterator[str]:
     elevation = np.abs(np.arctan2(z, np.hypot(x, y)))
     used = scenario.model.visible(scenario.aircraft, scenario.radar) & level
     highest = np.max(elevation, axis=0, where=used.T, initial=0.0)
-    far = highest > MAX_ELEVATION
-    if far.any():
-        yield warning(
-            "table-level",
-            f"the RCS table has no elevations and is used at up to {np.rad2deg(highest.max()):.3g} "
-            f"deg above or below the aircraft {describe_poses(far, scenario.axis)}: measure at "
-            "elevations",
-        )
+    yield from placed(
+        "table-level",
+        highest > MAX_ELEVATION,
+        scenario.axis,
+        "the RCS table has no elevations and is used at up to "
+        f"{np.rad2deg(highest.max()):.3g} deg above or below the aircraft",
+        ": measure at elevations",
+    )
 
 
 def _antenna(scenario: Scenario) -> Iterator[str]:
@@ -169,13 +169,14 @@ def _antenna(scenario: Scenario) -> Iterator[str]:
         if radar.model.antenna is not None:
             line = radar_from_aircraft(scenario.aircraft, scenario.radar_states[i])
             far = np.maximum(far, radar.model.antenna.outside(line) * visible[:, i])
-    if (far > 0).any():
-        yield warning(
-            "gain-beyond",
-            f"the gain of an antenna is used up to {np.rad2deg(far.max()):.3g} deg beyond its "
-            f"elevations {describe_poses(far > 0, scenario.axis)}, where the last gain holds: add "
-            "elevations to the file of elevation_gain",
-        )
+    yield from placed(
+        "gain-beyond",
+        far > 0,
+        scenario.axis,
+        f"the gain of an antenna is used up to {np.rad2deg(far.max()):.3g} deg beyond its "
+        "elevations",
+        ", where the last gain holds: add elevations to the file of elevation_gain",
+    )
 
 
 def _spacing(scenario: Scenario) -> Iterator[str]:

@@ -48,7 +48,7 @@ def test_a_component_without_variance_stays_certain():
     ("matrix", "says"),
     [
         ([[1, 0], [0, -1]], "negative variance"),
-        ([[1, 0.5], [0.4, 1]], "not symmetric"),
+        ([[1, 0.5], [0.4, 1]], "not symmetric: entry [1][2] is 0.5, [2][1] is 0.4"),
         ([[1, 1.01], [1.01, 1]], "not positive semidefinite"),
         ([[1, 0.1], [0.1, 0]], "without variance"),
         # each pair is possible, the three together are not

@@ -17,7 +17,7 @@ from radar_sense.propagation import METHODS
 from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.linear import Linear
 from radar_sense.scenario_file.load import load_scenario
-from radar_sense.words import describe_extreme, peak
+from radar_sense.words import describe_extreme, describe_span, peak, trough
 from radar_sense.words import describe_poses as where
 
 ALL = (analyses.variance, analyses.sensitivity, analyses.budget, analyses.montecarlo)
@@ -268,6 +268,10 @@ def test_validate_answers_where_a_method_may_be_trusted():
     assert not linear.passed
     assert linear.summary["verdict"] == "differs"
     assert linear.table["validated"].tolist() == [1, 1, 0]
+    (top, _), table = linear.plot().axes, linear.table
+    lines = [line for line in top.lines if len(line.get_xdata()) == 3]
+    for line, name in zip(lines, ("mean", "sigma", "lower", "upper"), strict=True):
+        np.testing.assert_array_equal(line.get_ydata(), table[f"distance_{name}"] / table["delta"])
     assert "does NOT agree" in linear.report[0]
     assert "at 90 deg" in linear.report[0]
     form = analyses.validate(s, method="form", digits=1)
@@ -299,6 +303,22 @@ def test_the_places_of_an_extreme_in_words(count, places):
     along = azimuth(10.0 * np.arange(5))
     top = peak(np.where(np.arange(5) < count, 0.25, 0.0), along)
     assert describe_extreme(top, along) == f"0.2500 at {places}"
+
+
+@pytest.mark.parametrize(
+    ("p_d", "says"),
+    [
+        ([0.25, 0.5, 0.25], "P_D runs from 0.2500 at 0 and 20 deg to 0.5000 at 10 deg"),
+        ([0.25, np.nan, 0.5], "P_D runs from 0.2500 at 0 deg to 0.5000 at 20 deg"),
+        ([0.25, 0.25, 0.25], "P_D is 0.2500 at every pose"),
+        ([0.25, 0.25, np.nan], "P_D is 0.2500 wherever it has a value"),
+        ([0.25], "P_D is 0.2500 at 0 deg"),
+        ([np.nan, np.nan], "P_D runs from undefined to undefined"),
+    ],
+)
+def test_the_span_of_p_d_in_words(p_d, says):
+    p_d, along = np.array(p_d), azimuth(10.0 * np.arange(len(p_d)))
+    assert describe_span(trough(p_d, along), peak(p_d, along), along) == says
 
 
 def test_no_uncertainty_at_all():

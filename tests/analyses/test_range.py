@@ -79,6 +79,9 @@ def test_the_band_is_the_band_of_drawn_ranges(method):
     s = scenario()
     draws = 30_000
     result = detection_range(s, p_d=0.3, method=method, step_deg=40.0)
+    rays = len(result.table["bearing_deg"])
+    checked = f"method: {method}, both ends of the band checked by draws on {rays} rays"
+    assert (checked in result.report) == (not result.warnings)
     for row in (1, 7):
         drawn = bands(s, 0.3, result.table["bearing_deg"][row], draws, row)
         std = column(result, "sigma_range_m_0.3")[row]

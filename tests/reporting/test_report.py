@@ -185,6 +185,10 @@ def test_a_section_is_what_its_command_prints_draws_and_writes(flight, page):
             assert least.startswith(page_module.number(known.min()))
             assert largest.startswith(page_module.number(known.max()))
         assert len(list(nodes[key].all("img"))) == 1
+    counted = [section for section in flight.sections if section.warnings]
+    (contents,) = page.all("nav")
+    assert re.findall(r"Warnings: (\d+)", contents.text) == [str(len(s.warnings)) for s in counted]
+    assert 0 < len(counted) < len(flight.sections)
     assert flight.passed == answers["variance"].passed
     assert len(flight.warnings) == len(set(flight.warnings)) > 1
 
