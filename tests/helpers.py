@@ -512,6 +512,8 @@ def few_judging_draws(patch, first=256, most=1024):
     patch.setattr("radar_sense.propagation.looks.FIRST", first)
     for name in ("automatic.LAST", "automatic.MOST_OF_NAMED", "looks.LOBED"):
         patch.setattr(f"radar_sense.propagation.{name}", most)
+    patch.setattr("radar_sense.accuracy.DRAWS", most)
+    patch.setattr("radar_sense.coverage.ranges.DRAWS", (first, most))
 
 
 def few_draws(patch, draws=128, replicates=2):

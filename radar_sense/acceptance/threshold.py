@@ -32,7 +32,7 @@ from radar_sense.acceptance import refinement
 from radar_sense.montecarlo.exceedance import Exceedance, exceedance
 from radar_sense.propagation import AUTOMATIC, Band, band_of_scenario
 from radar_sense.propagation.draws import Estimate
-from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_until
+from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -175,7 +175,7 @@ def decide(scenario: Scenario, p_max: float, k: float, first: Estimate | None = 
     tail, poses = float(ndtr(-k)), len(scenario.aircraft)
     wanted = math.ceil(math.log(CHANCE) / math.log1p(-tail))
     runs = exceedance(scenario, p_max, wanted)
-    states, every = scenario.states(), np.arange(poses)
+    every = np.arange(poses)
     to_hold, to_violate = ndtri(1.0 - CHANCE / LOOKS), ndtri(1.0 - CHANCE / (poses * LOOKS))
 
     def decided(
@@ -189,14 +189,8 @@ def decide(scenario: Scenario, p_max: float, k: float, first: Estimate | None = 
         holds = (to_hold * error <= below) & consistent & (runs.runs >= wanted)
         return holds, to_violate * error < -below
 
-    drawn = look_until(
-        lambda rows, found: np.logical_or(*decided(rows, found)),
-        states,
-        first_look(states, k, p_max) if first is None else first,
-        k,
-        p_max,
-        most=LAST,
-    )
+    looks = Looks(scenario.states(), k, p_max, first)
+    drawn = looks.until(lambda rows, found: np.logical_or(*decided(rows, found)), LAST)
     return Decision(*decided(every, drawn), drawn.upper, runs, wanted)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
-from radar_sense.propagation.looks import FIRST, GROWTH, LAST, first_look, look_until
+from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -35,12 +35,9 @@ ERRORS = 2.5
 
 
 def judged(
-    states: UncertainStates,
-    first: Estimate,
+    looks: Looks,
     values: Sequence[FloatArray],
     read: Callable[[Estimate], tuple[FloatArray, ...]],
-    beta: float,
-    p_max: float = np.nan,
     *,
     to_precision: bool,
 ) -> tuple[Estimate, NDArray[np.bool_], NDArray[np.bool_]]:
@@ -57,12 +54,9 @@ def judged(
     the noise of both is small enough.
 
     Args:
-        states: The uncertain states of k poses.
-        first: What the first look says.
+        looks: Looks at the k poses by draws.
         values: Two values by a method, each (k,): the bounds, or mean and σ.
         read: `of_bounds` or `of_moments`.
-        beta: β of the draws.
-        p_max: Limit whose exceedance is counted; NaN for none.
         to_precision: Whether draws are made to precision.
     """
     both = np.stack(values)
@@ -84,8 +78,7 @@ def judged(
         confirmed, off, better = compared(rows, found)
         return confirmed | (better if to_precision else off)
 
-    most = LAST if to_precision else MOST_OF_NAMED
-    drawn = look_until(settled, states, first, beta, p_max, most=most)
+    drawn = looks.until(settled, LAST if to_precision else MOST_OF_NAMED)
     confirmed, off, _ = compared(slice(None), drawn)
     return drawn, confirmed, off
 
@@ -124,7 +117,7 @@ class Automatic:
     ) -> None:
         self.states = states
         self.p_max, self._form = p_max, form or Form(states)
-        self._first: dict[float, Estimate] = {}
+        self._looks: dict[float, Looks] = {}
         self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
 
     @property
@@ -166,31 +159,16 @@ class Automatic:
     @cached_property
     def _moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        form, first = self._form, self._look(3.0)
-        drawn, confirmed, _ = judged(
-            self.states,
-            first,
-            (form.mean, form.std),
-            of_moments,
-            3.0,
-            self.p_max,
-            to_precision=True,
-        )
+        form, looks = self._form, self._looks_at(3.0)
+        drawn, confirmed, _ = judged(looks, (form.mean, form.std), of_moments, to_precision=True)
         return np.where(confirmed, form.mean, drawn.mean), np.where(confirmed, form.std, drawn.std)
 
     def _band(self, beta: float) -> tuple[FloatArray, FloatArray, FloatArray, Estimate]:
         """Return lower and upper bound at β, their standard error (k,), and the draws."""
         if beta not in self._bands:
             lower, upper = self._form.quantile(-beta), self._form.quantile(beta)
-            drawn, confirmed, _ = judged(
-                self.states,
-                self._look(beta),
-                (lower, upper),
-                of_bounds,
-                beta,
-                self.p_max,
-                to_precision=True,
-            )
+            looks = self._looks_at(beta)
+            drawn, confirmed, _ = judged(looks, (lower, upper), of_bounds, to_precision=True)
             self._bands[beta] = (
                 np.where(confirmed, lower, drawn.lower),
                 np.where(confirmed, upper, drawn.upper),
@@ -199,8 +177,8 @@ class Automatic:
             )
         return self._bands[beta]
 
-    def _look(self, beta: float) -> Estimate:
-        """Return what the first draws say."""
-        if beta not in self._first:
-            self._first[beta] = first_look(self.states, beta, self.p_max)
-        return self._first[beta]
+    def _looks_at(self, beta: float) -> Looks:
+        """Return the looks at the bounds at ±β."""
+        if beta not in self._looks:
+            self._looks[beta] = Looks(self.states, beta, self.p_max)
+        return self._looks[beta]

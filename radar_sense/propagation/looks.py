@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,53 +20,71 @@ FIRST, GROWTH, LAST = 1024, 4, 2**18
 LOBED = FIRST * GROWTH**2
 
 
-def first_look(states: UncertainStates, beta: float, p_max: float = np.nan) -> Estimate:
-    """Return what few draws say of P_D at each pose, more of them where the RCS has lobes.
+class Looks:
+    """Draws at poses, few at first and more where they do not settle a question.
+
+    What a pose gets depends on this pose alone. Another question does not draw the same again.
 
     Args:
         states: The uncertain states of k poses.
         beta: β of the bounds.
         p_max: Limit whose exceedance is counted; NaN for none.
+        first: What the first look says; None for one to be made.
     """
-    found, with_lobes = Estimate.constant(len(states), np.nan), lobed(states)
-    for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
-        rows = np.flatnonzero(mask)
-        if rows.size:
-            found.put(rows, estimate(states.at(rows), draws, beta, p_max))
-    return found
 
+    def __init__(
+        self,
+        states: UncertainStates,
+        beta: float,
+        p_max: float = np.nan,
+        first: Estimate | None = None,
+    ) -> None:
+        self.states, self._beta, self._p_max = states, beta, p_max
+        self._drawn: dict[int, Estimate] = {}
+        if first is not None:
+            self.first = first
 
-def look_until(
-    settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]],
-    states: UncertainStates,
-    first: Estimate,
-    beta: float,
-    p_max: float = np.nan,
-    *,
-    most: int,
-) -> Estimate:
-    """Return what draws say of P_D, more of them at the poses that a first look does not settle.
+    @cached_property
+    def first(self) -> Estimate:
+        """What few draws say of P_D at each pose, more of them where the RCS has lobes."""
+        found, with_lobes = Estimate.constant(len(self.states), np.nan), lobed(self.states)
+        for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
+            rows = np.flatnonzero(mask)
+            if rows.size:
+                found.put(rows, self._estimate(rows, draws))
+        return found
 
-    What a pose gets depends on this pose alone.
+    def until(
+        self, settled: Callable[[NDArray[np.intp], Estimate], NDArray[np.bool_]], most: int
+    ) -> Estimate:
+        """Return what draws say of P_D, more of them at poses that are not settled.
 
-    Args:
-        settled: Returns where (j,) an estimate at the poses (j,) is enough.
-        states: The uncertain states of k poses.
-        first: What the first look says, which is not changed.
-        beta: β of the bounds.
-        p_max: Limit whose exceedance is counted; NaN for none.
-        most: Most draws at a pose.
-    """
-    drawn, rows = first.at(slice(None)), np.arange(len(states))
-    while rows.size:
-        rows = rows[~settled(rows, drawn.at(rows))]
-        report("poses looked at by draws", len(states) - rows.size, len(states))
-        rows = rows[drawn.draws[rows] * GROWTH <= most]
-        more = GROWTH * drawn.draws[rows].astype(int)
-        for draws in np.unique(more):
-            some = rows[more == draws]
-            drawn.put(some, estimate(states.at(some), int(draws), beta, p_max))
-    return drawn
+        Args:
+            settled: Returns where (j,) an estimate at the poses (j,) is enough.
+            most: Most draws at a pose.
+        """
+        k = len(self.states)
+        drawn, rows = self.first.at(slice(None)), np.arange(k)
+        while rows.size:
+            rows = rows[~settled(rows, drawn.at(rows))]
+            report("poses looked at by draws", k - rows.size, k)
+            rows = rows[drawn.draws[rows] * GROWTH <= most]
+            more = GROWTH * drawn.draws[rows].astype(int)
+            for draws in np.unique(more):
+                some = rows[more == draws]
+                drawn.put(some, self._again(some, int(draws)))
+        return drawn
+
+    def _again(self, rows: NDArray[np.intp], draws: int) -> Estimate:
+        """Return what this number of draws says at some poses, from before where it is known."""
+        known = self._drawn.setdefault(draws, Estimate.constant(len(self.states), np.nan))
+        new = rows[np.isnan(known.draws[rows])]
+        if new.size:
+            known.put(new, self._estimate(new, draws))
+        return known.at(rows)
+
+    def _estimate(self, rows: NDArray[np.intp], draws: int) -> Estimate:
+        return estimate(self.states.at(rows), draws, self._beta, self._p_max)
 
 
 def lobed(states: UncertainStates) -> NDArray[np.bool_]:

@@ -28,7 +28,7 @@ from radar_sense.propagation.automatic import (
 from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
-from radar_sense.propagation.looks import FIRST, first_look
+from radar_sense.propagation.looks import FIRST, Looks
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
 from radar_sense.scenario import Scenario
@@ -274,8 +274,7 @@ def std_off_in_scenario(
         return np.zeros(len(std), dtype=bool)
     states = scenario.states()
     _foresee(states, FIRST)
-    first = first_look(states, JUDGED)
-    return judged(states, first, (mean, std), of_moments, JUDGED, to_precision=True)[2]
+    return judged(Looks(states, JUDGED), (mean, std), of_moments, to_precision=True)[2]
 
 
 def no_draws(method: str) -> None:
@@ -322,14 +321,12 @@ def _unreliable(
     if method == AUTOMATIC:
         return np.asarray(~(moments.error <= BOUND_CHANGE))
     _foresee(states, FIRST)
-    first = first_look(states, beta)
     bounds = moments.lower, moments.upper
-    drawn, confirmed, _ = judged(states, first, bounds, of_bounds, beta, to_precision=False)
+    drawn, confirmed, _ = judged(Looks(states, beta), bounds, of_bounds, to_precision=False)
     off, rows = ~confirmed, np.flatnonzero(confirmed)
+    further = Looks(states.at(rows), beta, first=drawn.at(rows))
     of_rows = moments.mean[rows], moments.std[rows]
-    off[rows] = judged(
-        states.at(rows), drawn.at(rows), of_rows, of_moments, beta, to_precision=True
-    )[2]
+    off[rows] = judged(further, of_rows, of_moments, to_precision=True)[2]
     return off
 
 

@@ -329,6 +329,7 @@ def test_the_band_at_another_k(method):
     assert np.all(width[1.0] > 0)
 
 
+@pytest.mark.all_draws
 def test_a_band_by_draws_ends_at_the_limit_of_the_radar():
     """A table of narrow lobes, where draws replace form, and a maximum range within the band."""
     rcs = {"model": "spikeball", "lobes": 40, "amplitude_m2": 0.5, "floor_m2": 0.01}

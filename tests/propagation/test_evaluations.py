@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections import Counter
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ from radar_sense.propagation import (
     unreliable,
 )
 from radar_sense.propagation.automatic import judged, of_bounds, of_moments
-from radar_sense.propagation.looks import first_look
+from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
 
 #: Gradients of each radar behind the second derivatives: two along each of its 3 + 4 axes, and one.
 EXPANSION = 2 * (3 + 4) + 1
@@ -171,14 +173,31 @@ def test_no_poses_give_no_moments(method, half_blind):
     assert unreliable(*no_covariances, method=method).shape == (0,)
 
 
+def test_a_second_question_makes_no_draw_twice(monkeypatch):
+    """Each question wants other numbers of draws at the poses, and gets what it would alone."""
+    states, made = rs.load_scenario().at_poses(slice(0, None, 60)).states(), Counter()
+
+    def counted(states, draws, *args):
+        made.update((tuple(pose), draws) for pose in states.aircraft)
+        return estimate(states, draws, *args)
+
+    monkeypatch.setattr("radar_sense.propagation.looks.estimate", counted)
+    looks, wanted = Looks(states, 3.0), FIRST * GROWTH ** np.arange(4)
+    for last in (np.resize(wanted, len(states)), np.resize(wanted[::-1], len(states))):
+        drawn = looks.until(lambda rows, found, last=last: found.draws >= last[rows], LAST)
+        np.testing.assert_array_equal(drawn.draws, last)
+        for pose, draws in enumerate(last):
+            alone = estimate(states.at(np.array([pose])), int(draws), 3.0)
+            assert alone.upper == drawn.upper[pose]
+    assert set(made.values()) == {1}
+
+
 @pytest.mark.parametrize("to_precision", [False, True])
 @pytest.mark.parametrize("read", [of_bounds, of_moments])
 def test_no_more_draws_where_a_method_has_no_value(read, to_precision):
     states = rs.load_scenario().at_poses(slice(0, None, 60)).states()
-    first, without = first_look(states, 3.0), np.full(len(states), np.nan)
-    drawn, confirmed, off = judged(
-        states, first, (without, without), read, 3.0, to_precision=to_precision
-    )
+    looks, without = Looks(states, 3.0), np.full(len(states), np.nan)
+    drawn, confirmed, off = judged(looks, (without, without), read, to_precision=to_precision)
     assert off.all()
     assert not confirmed.any()
-    np.testing.assert_array_equal(drawn.draws, first.draws)
+    np.testing.assert_array_equal(drawn.draws, looks.first.draws)
