@@ -201,7 +201,7 @@ class _Goal:
         if self.k is not None and at.model.p_d(at.aircraft[0], at.radar) > self.limit:
             return "P_D itself"
         budget, parts = self.budget_at(pose), parts_of(at)
-        others = dict(budget.alone)
+        others = dict(budget.sources)
         # The source of a part is replaced by its parts and, in a network, by the radar's position.
         for part in [parts[name] for name in names if name in parts]:
             del others[part.source]
@@ -209,7 +209,7 @@ class _Goal:
             others.update({name: budget.parts[name] for name in siblings})
             if part.source != part.constant:
                 others[f"{part.source}_position"] = budget.finer[f"{part.source}_position"]
-        at_pose = {name: std[0] for name, std in others.items() if name not in names}
+        at_pose = {name: c.std[0] for name, c in others.items() if name not in names}
         return max(at_pose, key=at_pose.__getitem__) if at_pose else None
 
 

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,40 +53,118 @@ SHOWN = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
+class Contribution:
+    """What a source adds to the uncertainty of P_D, at each of n poses.
+
+    Attributes:
+        name: Name in the columns.
+        std: Standard deviation of P_D from the source with the others certain (n,), NaN for the
+            interaction. Sobol' indices average over the other sources.
+        share: Share of the variance of P_D (n,), NaN where nothing is uncertain.
+        share_error: Standard error of the share (n,), by Sobol' indices.
+        total_index: Total Sobol' index (n,) of a source, by Sobol' indices.
+        part_of: Name of the source that it is a part of; "" for a source.
+    """
+
+    name: str
+    std: FloatArray
+    share: FloatArray
+    share_error: FloatArray | None = None
+    total_index: FloatArray | None = None
+    part_of: str = ""
+
+    @property
+    def three_sigma(self) -> FloatArray:
+        """3σ of P_D (n,)."""
+        return 3.0 * self.std
+
+    @property
+    def label(self) -> str:
+        """The name, of a part without the name of its source."""
+        return self.name.removeprefix(f"{self.part_of}_")
+
+    @property
+    def meaning(self) -> str:
+        """The source in the meaning of a column."""
+        named = {"total": "all sources together", "interaction": "interactions of sources"}
+        return named.get(self.name, f"{self.name} alone")
+
+
+@dataclass(frozen=True, eq=False)
 class Budget:
-    """The standard deviation of P_D and the contributions of the sources, at each of n poses.
+    """All that adds to the uncertainty of P_D at n poses, and what is the largest.
 
     Attributes:
         mean: Mean of P_D (n,).
-        std: Standard deviation of P_D from all sources together (n,).
-        alone: Standard deviation from each source with the others certain (n,). Sobol' indices
-            average over the other sources.
-        finer: As `alone`, for the whole aircraft, and for position, constant and attenuation of
-            each radar of a network (n,). Empty for a single radar, and for Sobol' indices.
-        total_index: Total Sobol' index of each source (n,); None for other methods.
-        share_error: Standard errors of the shares of sources, interaction and parts (n,), for
-            Sobol' indices; None for other methods.
-        parts: Standard deviation from each part of a radar constant alone (n,), by `parts_of`.
+        sources: The sources by name.
+        parts: Parts of radar constants, by `parts_of`.
+        finer: The whole aircraft, and position, constant and further parameters of each radar of a
+            network. Empty for a single radar, and for Sobol' indices.
+        total: All sources together.
+        interaction: What is left of the variance, by correlations and nonlinearity of P_D. Its
+            share is 1 minus those of the sources, and can be negative.
     """
 
     mean: FloatArray
-    std: FloatArray
-    alone: Mapping[str, FloatArray]
-    finer: Mapping[str, FloatArray] = field(default_factory=dict)
-    total_index: Mapping[str, FloatArray] | None = None
-    share_error: Mapping[str, FloatArray] | None = None
-    parts: Mapping[str, FloatArray] = field(default_factory=dict)
+    sources: Mapping[str, Contribution]
+    parts: Mapping[str, Contribution]
+    finer: Mapping[str, Contribution]
+    total: Contribution
+    interaction: Contribution
 
-    def shares(self) -> dict[str, FloatArray]:
-        """Return the share of the variance from each source, and `interaction` (n,).
+    @cached_property
+    def pose(self) -> int:
+        """The first pose with the largest total, but for rounding."""
+        return int(np.argmax(reached(self.total.three_sigma)))
 
-        The interaction is 1 minus the other shares. Correlations and nonlinearity of P_D cause an
-        interaction, which can be negative. All shares are NaN where nothing is uncertain.
-        """
-        variance = np.where(self.std > 0, self.std**2, np.nan)
-        shares = {source: std**2 / variance for source, std in self.alone.items()}
-        shares["interaction"] = 1.0 - np.sum(list(shares.values()), axis=0)
-        return shares
+    @property
+    def dominates(self) -> dict[str, NDArray[np.bool_]]:
+        """Where (n,) each source is the largest, and all have a value."""
+        std = np.array([c.std for c in self.sources.values()])
+        known = np.isfinite(std).all(axis=0) & (self.total.std > 0)
+        largest = np.argmax(std, axis=0)
+        return {name: (largest == i) & known for i, name in enumerate(self.sources)}
+
+    @cached_property
+    def dominant(self) -> Contribution | None:
+        """The largest source at the pose; None if one without a value may be larger."""
+        variance = {c.name: c.std[self.pose] ** 2 for c in self.sources.values()}
+        known = {name: value for name, value in variance.items() if np.isfinite(value)}
+        top = max(known, key=known.__getitem__, default="")
+        unknown = self.total.std[self.pose] ** 2 - sum(known.values())
+        is_largest = known and (len(known) == len(variance) or known[top] > unknown)
+        return self.sources[top] if is_largest else None
+
+    @property
+    def first(self) -> list[Contribution]:
+        """Sources that are equally the largest at the pose. Parts stand for their source."""
+        if self.dominant is None:
+            return []
+        whole = {part.part_of for part in self.parts.values()}
+        each = (*self.sources.values(), *self.parts.values())
+        std = {c.name: (c, c.std[self.pose]) for c in each if c.name not in whole}
+        most = max((value for _, value in std.values() if np.isfinite(value)), default=0.0)
+        return [c for c, value in std.values() if value >= (1.0 - TIE) * most]
+
+    def interaction_is_noise(self, method: str) -> bool:
+        """Return whether the interaction at the pose may be one of draws or rounding."""
+        # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much
+        noise = 2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else SHOWN
+        if self.interaction.share_error is not None:
+            noise = self.interaction.share_error[self.pose] or noise
+        return not abs(self.interaction.share[self.pose]) >= noise
+
+    def vanishes(self, scenario: Scenario) -> dict[str, NDArray[np.bool_]]:
+        """Return where (n,) the gradient for each source vanishes, of a budget by `linear`."""
+        # A radar that does not see the aircraft has no effect of second order either.
+        visible = scenario.model.visible(scenario.aircraft, scenario.radar)
+        visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
+        masks, whole = {}, self.total.std
+        for name, source in self.sources.items():
+            share = np.divide(source.std, whole, out=np.zeros_like(whole), where=whole > 0)
+            vanishes = (share < VANISHING * share.max()) & (whole > 0)
+            masks[name] = vanishes & visible_by.get(name, True)
+        return masks
 
 
 def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
@@ -100,10 +179,9 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     """
     if method == MONTE_CARLO:
         return _by_sobol_indices(scenario)
-    names = scenario.model.names
-    finer_names = finer_sources(names, scenario.uncertain_parameters)
-    groups = (sources_of(scenario), finer_names, parts_of(scenario))
-    count = sum(len(group) for group in groups)
+    finer = finer_sources(scenario.model.names, scenario.uncertain_parameters)
+    names = [*sources_of(scenario), *finer, *parts_of(scenario)]
+    count = len(names)
     at_pose = EVALUATIONS.get(method, EVALUATIONS["form"] + FIRST)  # FORM, and draws that judge it
     evaluations = len(scenario.aircraft) * len(scenario.radars) * at_pose
     what = f"{count:,} sources at {len(scenario.aircraft):,} poses"
@@ -111,11 +189,53 @@ def error_budget(scenario: Scenario, method: str = "linear") -> Budget:
     whole = distribution(scenario, method)
     mean, std = mean_and_std(whole)
     std_by_name: dict[str, FloatArray] = {}
-    for name in itertools.chain(*groups):
+    for name in names:
         std_by_name[name] = whole.with_covariances(_alone(scenario, name)).std
         report("sources of the budget", len(std_by_name), count)
-    alone, finer, parts = ({name: std_by_name[name] for name in group} for group in groups)
-    return Budget(mean, std, alone, finer, parts=parts)
+    return _budget(scenario, mean, std, std_by_name)
+
+
+def _budget(
+    scenario: Scenario,
+    mean: FloatArray,
+    std: FloatArray,
+    std_by_name: Mapping[str, FloatArray],
+    share_error: Mapping[str, FloatArray] | None = None,
+    total_index: Mapping[str, FloatArray] | None = None,
+) -> Budget:
+    """Return the budget with shares, from the standard deviations of sources, parts and finer."""
+    sources, parts = sources_of(scenario), parts_of(scenario)
+    finer = [name for name in std_by_name if name not in sources and name not in parts]
+    part_of = {name: part.source for name, part in parts.items()}
+    part_of |= {
+        name: name.removesuffix(f"_{parameter}")
+        for parameter in scenario.uncertain_parameters
+        for name in finer
+        if name.endswith(f"_{parameter}")
+    }
+    errors, indices = share_error or {}, total_index or {}
+    variance = np.where(std > 0, std**2, np.nan)
+    shares = {name: values**2 / variance for name, values in std_by_name.items()}
+    left = 1.0 - np.sum([shares[name] for name in sources], axis=0)
+    unknown = np.full_like(std, np.nan)
+    found = {
+        name: Contribution(
+            name, values, share, errors.get(name), indices.get(name), part_of.get(name, "")
+        )
+        for name, values, share in (
+            *((name, std_by_name[name], share) for name, share in shares.items()),
+            ("total", std, std**2 / variance),
+            ("interaction", unknown, left),
+        )
+    }
+    return Budget(
+        mean,
+        sources={name: found[name] for name in sources},
+        parts={name: found[name] for name in parts},
+        finer={name: found[name] for name in finer},
+        total=found["total"],
+        interaction=found["interaction"],
+    )
 
 
 def sources_of(scenario: Scenario) -> dict[str, Source]:
@@ -309,18 +429,9 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
     error = dict(zip(groups, indices.first_error, strict=True))
     # The estimate of a small share can be negative.
     alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first_order.items()}
-    return Budget(
-        mean=indices.mean,
-        std=std,
-        alone={s: alone[s] for s in shown},
-        total_index={s: indices.total[i] for i, s in enumerate(groups) if s in shown},
-        share_error={
-            **{s: error[s] for s in shown},
-            "interaction": np.sqrt(np.sum(indices.first_error[: len(shown)] ** 2, axis=0)),
-            **{name: error[name] for name in parts},
-        },
-        parts={name: alone[name] for name in parts},
-    )
+    error["interaction"] = np.sqrt(np.sum(indices.first_error[: len(shown)] ** 2, axis=0))
+    total = {s: indices.total[i] for i, s in enumerate(shown)}
+    return _budget(scenario, indices.mean, std, alone, error, total)
 
 
 def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable[FloatArray]:
@@ -329,147 +440,3 @@ def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable
     if sqrt_cov.ndim == 2:
         return itertools.repeat(covariance.draws(mean, sqrt_cov, normals))
     return (covariance.draws(mean, matrix, normals) for matrix in sqrt_cov[poses])
-
-
-@dataclass(frozen=True, eq=False)
-class Contribution:
-    """What a source adds to the uncertainty of P_D, at each of n poses.
-
-    Attributes:
-        name: Name in the columns.
-        three_sigma: 3σ of P_D from the source alone (n,); NaN for the interaction.
-        share: Share of the variance of P_D (n,).
-        share_error: Standard error of the share (n,), by Sobol' indices.
-        total_index: Total Sobol' index (n,) of a source, by Sobol' indices.
-        part_of: Name of the source that it is a part of; "" for a source.
-    """
-
-    name: str
-    three_sigma: FloatArray
-    share: FloatArray
-    share_error: FloatArray | None = None
-    total_index: FloatArray | None = None
-    part_of: str = ""
-
-    @property
-    def label(self) -> str:
-        """The name, of a part without the name of its source."""
-        return self.name.removeprefix(f"{self.part_of}_")
-
-    @property
-    def meaning(self) -> str:
-        """The source in the meaning of a column."""
-        named = {"total": "all sources together", "interaction": "interactions of sources"}
-        return named.get(self.name, f"{self.name} alone")
-
-
-@dataclass(frozen=True, eq=False)
-class Contributions:
-    """All that adds to the uncertainty of P_D at n poses, and what is the largest.
-
-    Attributes:
-        mean: Mean of P_D (n,).
-        std: Standard deviation of P_D from all sources together (n,).
-        sources: The sources.
-        parts: Parts of radar constants.
-        finer: Finer sources of a network.
-        total: All sources together.
-        interaction: What is left of the variance.
-        pose: The first pose with the largest total, but for rounding.
-        dominates: Where (n,) each source is the largest, and all have a value.
-        dominant: The largest source at the pose; None if one without a value may be larger.
-        first: Sources that are equally the largest there. Parts stand for their source.
-        interaction_is_noise: Whether the interaction at the pose may be one of draws or rounding.
-        vanishes: Where (n,) the gradient for each source vanishes, by `linear`.
-    """
-
-    mean: FloatArray
-    std: FloatArray
-    sources: Sequence[Contribution]
-    parts: Sequence[Contribution]
-    finer: Sequence[Contribution]
-    total: Contribution
-    interaction: Contribution
-    pose: int
-    dominates: Mapping[str, NDArray[np.bool_]]
-    dominant: Contribution | None
-    first: Sequence[Contribution]
-    interaction_is_noise: bool
-    vanishes: Mapping[str, NDArray[np.bool_]]
-
-
-def contributions(scenario: Scenario, method: str) -> Contributions:
-    """Return the error budget of a scenario by a method, source by source."""
-    found = error_budget(scenario, method)
-    by_name = _by_name(scenario, found)
-    sources, parts, finer = (
-        [by_name[name] for name in group] for group in (found.alone, found.parts, found.finer)
-    )
-    total, interaction = by_name["total"], by_name["interaction"]
-    pose = int(np.argmax(reached(total.three_sigma)))
-    three_sigma = np.array([c.three_sigma for c in sources])
-    known = np.isfinite(three_sigma).all(axis=0) & (total.three_sigma > 0)
-    largest = np.argmax(three_sigma, axis=0)
-
-    squares, of_total = np.square(three_sigma[:, pose]), total.three_sigma[pose] ** 2
-    has_value = np.isfinite(squares)
-    top = int(np.argmax(np.where(has_value, squares, -1.0)))
-    is_largest = has_value.all() or squares[top] > of_total - squares[has_value].sum()
-    whole = {part.part_of for part in parts}
-    each = [c for c in (*sources, *parts) if c.name not in whole]
-    most = max((c.three_sigma[pose] for c in each if np.isfinite(c.three_sigma[pose])), default=0.0)
-    error = None if interaction.share_error is None else interaction.share_error[pose]
-    # σ by draws may have a standard error of STD_CHANGE / ERRORS, its variance twice as much
-    noise = error or (2.0 * STD_CHANGE / ERRORS if method == AUTOMATIC else SHOWN)
-    return Contributions(
-        found.mean,
-        found.std,
-        sources,
-        parts,
-        finer,
-        total,
-        interaction,
-        pose,
-        dominates={c.name: (largest == i) & known for i, c in enumerate(sources)},
-        dominant=sources[top] if is_largest else None,
-        first=[c for c in each if is_largest and c.three_sigma[pose] >= (1.0 - TIE) * most],
-        interaction_is_noise=not abs(interaction.share[pose]) >= noise,
-        vanishes=_vanishing(scenario, sources, total) if method == "linear" else {},
-    )
-
-
-def _by_name(scenario: Scenario, found: Budget) -> dict[str, Contribution]:
-    """Return the sources of an error budget, their parts, finer sources, total and interaction."""
-    part_of = {name: part.source for name, part in parts_of(scenario).items()}
-    part_of |= {
-        name: name.removesuffix(f"_{parameter}")
-        for parameter in scenario.uncertain_parameters
-        for name in found.finer
-        if name.endswith(f"_{parameter}")
-    }
-    errors, indices = found.share_error or {}, found.total_index or {}
-    stds = {**found.alone, **found.parts, **found.finer, "total": found.std}
-    stds["interaction"] = np.full_like(found.std, np.nan)
-    variance = np.where(found.std > 0, found.std**2, np.nan)
-    shares = {name: std**2 / variance for name, std in stds.items()} | found.shares()
-    return {
-        name: Contribution(
-            name, 3 * std, shares[name], errors.get(name), indices.get(name), part_of.get(name, "")
-        )
-        for name, std in stds.items()
-    }
-
-
-def _vanishing(
-    scenario: Scenario, sources: Sequence[Contribution], total: Contribution
-) -> dict[str, NDArray[np.bool_]]:
-    """Return where (n,) the gradient for each source vanishes."""
-    # A radar that does not see the aircraft has no effect of second order either.
-    visible = scenario.model.visible(scenario.aircraft, scenario.radar)
-    visible_by = dict(zip(scenario.model.names, np.moveaxis(visible, -1, 0), strict=False))
-    masks, whole = {}, total.three_sigma
-    for c in sources:
-        share = np.divide(c.three_sigma, whole, out=np.zeros_like(whole), where=whole > 0)
-        vanishes = (share < VANISHING * share.max()) & (whole > 0)
-        masks[c.name] = vanishes & visible_by.get(c.name, True)
-    return masks

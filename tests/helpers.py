@@ -119,9 +119,20 @@ def some_poses(patch, count=5):
         patch.setattr(name, few)
 
 
+def stds_of(contributions):
+    """Return σ of P_D (n,) from each of some contributions, by name."""
+    return {name: c.std for name, c in contributions.items()}
+
+
+def shares_of(budget):
+    """Return the shares of the variance (n,) of the sources and of their interaction, by name."""
+    shares = {name: c.share for name, c in budget.sources.items()}
+    return {**shares, "interaction": budget.interaction.share}
+
+
 def part_shares(budget):
     """Return the share of the variance from each part of a radar constant alone (n,)."""
-    return {name: (std / budget.std) ** 2 for name, std in budget.parts.items()}
+    return {name: c.share for name, c in budget.parts.items()}
 
 
 def small_batches(patch):

@@ -25,7 +25,7 @@ from radar_sense.command import (
 from radar_sense.propagation import MONTE_CARLO, std_off_in_scenario
 from radar_sense.scenario import Scenario
 from radar_sense.source_names import FURTHER
-from radar_sense.sources import Contribution, contributions, value_function
+from radar_sense.sources import Contribution, error_budget, value_function
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -71,9 +71,11 @@ def budget(
     method = scenario.method
     k = sigmas(threshold, k, probability)
     check_options(method, target, threshold, k, at)
-    axis, result, found = scenario.axis, Result(scenario, method), contributions(scenario, method)
-    sources, parts, finer, pose = found.sources, found.parts, found.finer, found.pose
-    total, interaction = found.total, found.interaction
+    axis, result, found = scenario.axis, Result(scenario, method), error_budget(scenario, method)
+    sources, parts, finer = (
+        list(kind.values()) for kind in (found.sources, found.parts, found.finer)
+    )
+    total, interaction, pose = found.total, found.interaction, found.pose
     at_pose = float(total.three_sigma[pose])
 
     words.add_axis(result.table, axis)
@@ -104,7 +106,7 @@ def budget(
         for group in (sources, (*parts, *finer))
     )
     rows = [row for c in ranked for row in (c, *(part for part in below if part.part_of == c.name))]
-    if not found.interaction_is_noise:
+    if not found.interaction_is_noise(method):
         rows.append(interaction)
     width = max(21, *(len(c.label) + 2 * bool(c.part_of) + 1 for c in rows))
     result.report += [_row(c, pose, width) for c in (*rows, total)]
@@ -114,9 +116,10 @@ def budget(
     gaps = words.places({c.name: ~np.isfinite(c.three_sigma) for c in valued}, axis)
     result.report += [f"{name} has no value {place}" for name, place in gaps.items()]
 
+    vanishes = found.vanishes(scenario) if method == "linear" else {}
     optional = {
         "no_value": gaps,
-        "gradient_vanishes": words.places(found.vanishes, axis),
+        "gradient_vanishes": words.places(vanishes, axis),
         "radar_constant_parts_at_largest": _at(pose, parts, "three_sigma"),
         "shares_of_radar_constant_parts_at_largest": _at(pose, parts, "share"),
     }
@@ -132,12 +135,12 @@ def budget(
         words.add_radars(result, {scenario.level: scenario}, method)
     add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
     if method != MONTE_CARLO:
-        off = std_off_in_scenario(scenario, found.mean, found.std, method=method)
-        result.warnings += words.std_warnings(axis, found.std, off, method)
+        off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
+        result.warnings += words.std_warnings(axis, total.std, off, method)
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
         # where σ of all sources is not off, the source that first order misses is small
-        missed = {name: mask & off for name, mask in found.vanishes.items()}
+        missed = {name: mask & off for name, mask in vanishes.items()}
         result.warnings += words.vanishing_gradient(words.places(missed, axis))
         three_sigma = [c.three_sigma for c in sources]
         result.warnings += words.correlated_sources(three_sigma, total.three_sigma)

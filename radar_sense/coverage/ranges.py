@@ -98,10 +98,10 @@ def detection_ranges(seen: Survey, values: list[float], method: str, k: float) -
         slope = _slope(around, distance)
         slope = np.where(exists & (slope < 0), slope, np.nan)
         budget = error_budget(at)
-        std = budget.std / abs(slope)
+        std = budget.total.std / abs(slope)
         by_source = {
-            name: np.where(defined, alone / abs(slope), np.nan)
-            for name, alone in budget.alone.items()
+            name: np.where(defined, source.std / abs(slope), np.nan)
+            for name, source in budget.sources.items()
         }
         if method == "linear":
             lower, upper = _first_order_band(seen, _slant(around, distance), k * std)

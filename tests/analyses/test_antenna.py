@@ -173,9 +173,10 @@ def test_a_tilt_is_a_source_with_the_band_of_draws(tmp_path):
     budget = error_budget(s)
     step = 1e-4
     slope = (p_d_at(place, tilt_deg=step) - p_d_at(place, tilt_deg=-step)) / (2 * step)
-    assert budget.alone["radar_tilt"][0] == pytest.approx(abs(slope) * std, rel=1e-6)
-    assert budget.std[0] == pytest.approx(
-        math.hypot(budget.alone["radar_tilt"][0], budget.alone["radar_constant"][0]), rel=1e-12
+    assert budget.sources["radar_tilt"].std[0] == pytest.approx(abs(slope) * std, rel=1e-6)
+    assert budget.total.std[0] == pytest.approx(
+        math.hypot(budget.sources["radar_tilt"].std[0], budget.sources["radar_constant"].std[0]),
+        rel=1e-12,
     )
 
 
@@ -351,10 +352,10 @@ def test_a_network_has_a_row_for_each_tilt(tmp_path):
     }
     (tmp_path / "my.yaml").write_text(yaml_text(content))
     budget = error_budget(load_scenario(tmp_path / "my.yaml"))
-    assert min(budget.finer[f"{name}_tilt"].min() for name in ("one", "two")) > 0
+    assert min(budget.finer[f"{name}_tilt"].std.min() for name in ("one", "two")) > 0
     for name in ("one", "two"):
-        parts = [budget.finer[f"{name}_{part}"] for part in ("position", "constant", "tilt")]
-        assert_allclose(budget.alone[name], np.sqrt(sum(np.square(parts))), rtol=1e-9)
+        parts = [budget.finer[f"{name}_{part}"].std for part in ("position", "constant", "tilt")]
+        assert_allclose(budget.sources[name].std, np.sqrt(sum(np.square(parts))), rtol=1e-9)
 
 
 def test_files_are_recorded_read_back_and_pickled(tool, tmp_path):

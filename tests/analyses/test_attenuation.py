@@ -13,6 +13,7 @@ from helpers import (
     place,
     refusal,
     scenario,
+    shares_of,
     target_in_the_north,
     with_arrays,
     yaml_text,
@@ -156,24 +157,26 @@ def test_the_attenuation_of_each_radar_is_a_source_of_the_budget():
     assert_allclose(np.sqrt(np.sum(np.square(parts), axis=0)), found.table[fixed[4]], rtol=1e-12)
     # 0.001 dB/km on 500 km is 1 dB there and back, as one of the RCS
     plain = with_arrays(one, attenuation_std={}, rcs_db=1.0)
-    alone = error_budget(plain).alone["aircraft_rcs"]
-    assert_allclose(error_budget(one).alone["radar_attenuation"], alone, rtol=2e-5)
+    alone = error_budget(plain).sources["aircraft_rcs"].std
+    assert_allclose(error_budget(one).sources["radar_attenuation"].std, alone, rtol=2e-5)
     for rcs_db in (0.0, 1.0):
         s = parsed(rcs_db=rcs_db)
         for method in METHODS:
             budget = error_budget(s, method)
             names = ["aircraft_position", "aircraft_orientation", *RADARS]
-            assert list(budget.alone) == names + ["aircraft_rcs"] * (rcs_db > 0)
+            assert list(budget.sources) == names + ["aircraft_rcs"] * (rcs_db > 0)
             if method == "montecarlo":  # Sobol' indices have no finer sources
                 assert not budget.finer
                 continue
             for name in RADARS:
                 parts = ("position", "constant", "attenuation")
-                whole = sum(budget.finer[f"{name}_{part}"] ** 2 for part in parts)
+                whole = sum(budget.finer[f"{name}_{part}"].std ** 2 for part in parts)
                 if method == "linear":
-                    assert_allclose(budget.alone[name] ** 2, whole, rtol=1e-12)
-            assert min(budget.finer[f"{name}_attenuation"][0] for name in ("one", "two")) > 0.002
-            assert budget.finer["three_attenuation"][0] == 0
+                    assert_allclose(budget.sources[name].std ** 2, whole, rtol=1e-12)
+            assert (
+                min(budget.finer[f"{name}_attenuation"].std[0] for name in ("one", "two")) > 0.002
+            )
+            assert budget.finer["three_attenuation"].std[0] == 0
         result = analyses.budget(s)
         rows = [line.split() for line in result.report if line.startswith("    attenuation")]
         total = result.table["three_sigma_total"][0]
@@ -193,9 +196,9 @@ def test_indices_are_linear_shares_where_p_d_is_nearly_linear(names):
         std = {"one": tuple(0.2 * r.levels["one"].attenuation_std for r in s.radars)}
         s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft, attenuation_std=std)
         found, linear = error_budget(s, "montecarlo"), error_budget(s)
-        assert list(found.alone) == list(linear.alone) == list(found.total_index)
-        for name, share in found.shares().items():
-            assert share[0] == pytest.approx(linear.shares()[name][0], abs=0.03)
+        assert list(found.sources) == list(linear.sources)
+        for name, share in shares_of(found).items():
+            assert share[0] == pytest.approx(shares_of(linear)[name][0], abs=0.03)
 
 
 def test_a_mission_has_the_attenuation_of_each_radar(tmp_path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from helpers import OVERHEAD, SOURCES, scenario
+from helpers import OVERHEAD, SOURCES, scenario, shares_of, stds_of
 
 import radar_sense as rs
 from radar_sense import accuracy as module
@@ -22,7 +22,7 @@ NOTHING = {"position_m": 0, "attitude_deg": 0}
 @pytest.mark.parametrize("level", ["low", "high"])
 def test_shares_add_up_to_one(method, level):
     s = scenario(geometry__azimuth_deg=FEW).with_analysis(level=level, runs=1024)
-    shares = error_budget(s, method).shares()
+    shares = shares_of(error_budget(s, method))
     assert list(shares) == [*SOURCES, "interaction"]
     np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, rtol=1e-12)
     if method == "linear":
@@ -31,7 +31,7 @@ def test_shares_add_up_to_one(method, level):
 
 def test_shares_add_up_under_correlation():
     s = load_scenario("configs/covariance.yaml")
-    shares = error_budget(s).shares()
+    shares = shares_of(error_budget(s))
     np.testing.assert_allclose(np.sum(list(shares.values()), axis=0), 1.0, rtol=1e-12)
     assert np.max(abs(shares["interaction"])) > 0.01
     linear = s.model.linearize(s.aircraft, s.radar)
@@ -53,7 +53,7 @@ def test_no_uncertainty_has_no_shares():
         analysis={"level": "none", "runs": 64},
     )
     for method in ("linear", "montecarlo"):
-        assert np.isnan(list(error_budget(s, method).shares().values())).all()
+        assert np.isnan(list(shares_of(error_budget(s, method)).values())).all()
         report = analyses.budget(s, method=method).report
         assert "  total                0" in report
         assert not any("%" in line or "nan" in line for line in report)
@@ -64,11 +64,11 @@ def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
     s = s.with_analysis(runs=2**14, seed=3)
     sobol, linear = error_budget(s, "montecarlo"), error_budget(s)
     for source in SOURCES:
-        share, error = sobol.shares()[source][0], sobol.share_error[source][0]
-        assert share == pytest.approx(linear.shares()[source][0], abs=4 * error + 0.02)
-    assert sobol.std[0] == pytest.approx(linear.std[0], rel=0.01)
+        share, error = sobol.sources[source].share[0], sobol.sources[source].share_error[0]
+        assert share == pytest.approx(linear.sources[source].share[0], abs=4 * error + 0.02)
+    assert sobol.total.std[0] == pytest.approx(linear.total.std[0], rel=0.01)
     for source in SOURCES:
-        assert sobol.total_index[source][0] >= sobol.shares()[source][0] - 0.02
+        assert sobol.sources[source].total_index[0] >= sobol.sources[source].share[0] - 0.02
 
 
 def test_sobol_indices_are_refused_under_correlation():
@@ -83,8 +83,8 @@ def test_sobol_indices_are_refused_under_correlation():
         },
         analysis={"level": "tilted", "runs": 512},
     )
-    found = error_budget(s, "montecarlo").shares()
-    linear = error_budget(s).shares()
+    found = shares_of(error_budget(s, "montecarlo"))
+    linear = shares_of(error_budget(s))
     np.testing.assert_allclose(found["radar_position"], linear["radar_position"], atol=0.02)
 
 
@@ -106,7 +106,7 @@ def test_required_accuracies_reach_the_target(method, target):
 def test_required_accuracies_are_those_of_the_closed_form():
     """For independent sources, s² V_i + V_rest = (target/3)² at the worst pose by `linear`."""
     s, target = load_scenario().at_poses(slice(None, None, 3)), 0.08
-    alone = {source: 9 * std**2 for source, std in error_budget(s).alone.items()}
+    alone = {source: 9 * std**2 for source, std in stds_of(error_budget(s).sources).items()}
     total = sum(alone.values())
     found = required_accuracies(s, target)
     for source, own in alone.items():
@@ -132,7 +132,7 @@ def test_a_small_contribution_has_one_digit_in_the_report():
 
 def test_required_accuracies_at_one_pose():
     s = load_scenario()
-    alone = {source: 9 * std[20] ** 2 for source, std in error_budget(s).alone.items()}
+    alone = {source: 9 * std[20] ** 2 for source, std in stds_of(error_budget(s).sources).items()}
     found = required_accuracies(only_at(s, 10.0), 0.05)
     assert found["all"].factor == pytest.approx(0.05 / np.sqrt(sum(alone.values())), rel=1e-6)
     assert all(f.place == 10 for f in found.values())
@@ -268,7 +268,7 @@ def test_tiny_targets_are_reached(method):
     s = scenario(geometry__azimuth_deg=FEW)
     factor = required_accuracies(s, 1e-6, method=method)["all"].factor
     # 3σ is proportional to the deviations where they are so small
-    assert factor == pytest.approx(1e-6 / (3 * error_budget(s, "linear").std.max()), rel=1e-3)
+    assert factor == pytest.approx(1e-6 / (3 * error_budget(s, "linear").total.std.max()), rel=1e-3)
     assert required_accuracies(s, 1e-9, method=method)["all"].factor == 0
     assert any("less than a millionth" in line for line in analyses.budget(s, target=1e-9).report)
 
@@ -301,8 +301,8 @@ def test_undefined_gradients_of_certain_states_do_not_matter():
         analysis={"level": "some"},
     )
     linear, form = error_budget(s), error_budget(s, "form")
-    assert 0 < linear.std[0] < 1
-    assert form.std[0] == pytest.approx(linear.std[0], rel=0.01)
+    assert 0 < linear.total.std[0] < 1
+    assert form.total.std[0] == pytest.approx(linear.total.std[0], rel=0.01)
 
 
 def test_a_source_without_a_value_is_not_dominant():

@@ -10,6 +10,8 @@ from helpers import (
     paper_network,
     parsed_network,
     radar_entry,
+    shares_of,
+    stds_of,
     with_arrays,
 )
 from numpy.testing import assert_allclose, assert_array_equal
@@ -35,25 +37,25 @@ RADAR_MODEL = PAPER.model.radars[0].model
 def test_budget_has_rows_for_the_aircraft_and_each_radar():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0), (0, -2e5, 0)], [60, 100, 30])
     found = error_budget(scenario)
-    assert list(found.alone) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "r2"]
+    assert list(found.sources) == ["aircraft_position", "aircraft_orientation", "r0", "r1", "r2"]
     assert list(found.finer) == [
         "aircraft",
         *(f"r{i}_{part}" for i in range(3) for part in ("position", "constant")),
     ]
-    squares = {name: std**2 for name, std in {**found.alone, **found.finer}.items()}
-    assert_allclose(sum(squares[s] for s in found.alone), found.std**2, rtol=1e-12)
+    squares = {name: std**2 for name, std in stds_of({**found.sources, **found.finer}).items()}
+    assert_allclose(sum(squares[s] for s in found.sources), found.total.std**2, rtol=1e-12)
     assert_allclose(
         squares["aircraft"], squares["aircraft_position"] + squares["aircraft_orientation"]
     )
     lin = scenario.model.linearize(scenario.aircraft, scenario.radar)
     assert_allclose(
-        found.alone["r1"] ** 2,
+        found.sources["r1"].std ** 2,
         np.sum(lin.jac_radar[:, 4:8] ** 2 * np.diag(PAPER.cov_radar), axis=1),
     )
     for i in range(3):
         parts = squares[f"r{i}_position"] + squares[f"r{i}_constant"]
         assert_allclose(squares[f"r{i}"], parts, rtol=1e-12)
-        assert_allclose(found.finer[f"r{i}_constant"], 5 * lin.jac_radar[:, 4 * i + 3])
+        assert_allclose(found.finer[f"r{i}_constant"].std, 5 * lin.jac_radar[:, 4 * i + 3])
     allowed = required_accuracies(
         paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 91)), 0.05
     )
@@ -65,10 +67,10 @@ def test_budget_by_sobol_indices_of_a_network():
     scenario = paper_network([(0, 0, 0), (1e5, 0, 0)], [60, 100], poses=slice(90, 271, 90))
     linear = error_budget(scenario, "linear")
     found = error_budget(dataclasses.replace(scenario, runs=8192), "montecarlo")
-    assert list(found.alone) == list(linear.alone)
+    assert list(found.sources) == list(linear.sources)
     form = propagate_scenario(scenario, method="form")
-    assert_allclose(found.std, form.std, rtol=0.03)
-    shares, first = found.shares(), linear.shares()
+    assert_allclose(found.total.std, form.std, rtol=0.03)
+    shares, first = shares_of(found), shares_of(linear)
     near = ~nonlinear_by_its_own_moments(scenario, "linear")
     assert near.tolist() == [True, False, True]
     for source, share in shares.items():

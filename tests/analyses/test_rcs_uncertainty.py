@@ -10,7 +10,7 @@ import dataclasses
 import numpy as np
 import pytest
 import yaml
-from helpers import cov_by_level, document, target_in_the_north, with_arrays, yaml_text
+from helpers import cov_by_level, document, shares_of, target_in_the_north, with_arrays, yaml_text
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
@@ -139,7 +139,7 @@ def test_the_budget_has_a_source_of_its_own_after_the_fixed_columns():
         one, cov_aircraft=np.zeros((6, 6)), cov_radar={"medium": np.zeros((4, 4))}, level="medium"
     )
     for method in ("linear", "probit", "form"):
-        alone = error_budget(one, method).alone["aircraft_rcs"]
+        alone = error_budget(one, method).sources["aircraft_rcs"].std
         assert_allclose(alone, propagate_scenario(only, method=method).std, rtol=1e-3)
     assert any("aircraft_rcs" in line for line in found.report)
     several = analyses.budget(parsed())
@@ -155,10 +155,10 @@ def test_indices_are_linear_shares_where_p_d_is_nearly_linear():
     small = {"one": 0.04 * cov_by_level(s)["one"]}
     s = with_arrays(s, cov_radar=small, cov_aircraft=0.04 * s.cov_aircraft)
     found, linear = error_budget(s, "montecarlo"), error_budget(s)
-    assert list(found.alone) == list(linear.alone)
-    for name, share in found.shares().items():
-        assert share[0] == pytest.approx(linear.shares()[name][0], abs=0.03)
-    assert linear.shares()["aircraft_rcs"][0] > 0.3
+    assert list(found.sources) == list(linear.sources)
+    for name, share in shares_of(found).items():
+        assert share[0] == pytest.approx(shares_of(linear)[name][0], abs=0.03)
+    assert linear.sources["aircraft_rcs"].share[0] > 0.3
 
 
 def test_how_well_the_rcs_must_be_known():

@@ -11,8 +11,10 @@ from helpers import (
     TOLERANCES,
     part_name,
     part_shares,
+    shares_of,
     sheet_document,
     sheet_scenario,
+    stds_of,
     yaml_text,
 )
 
@@ -47,14 +49,14 @@ def test_parts_add_up_in_quadrature(kind):
     found = error_budget(s)
     assert list(found.parts) == [part_name(part.key) for part in s.tolerances[0]]
     assert {part.key for part in s.tolerances[0]} == set(TOLERANCES[kind])
-    together = np.sqrt(np.sum([std**2 for std in found.parts.values()], axis=0))
-    np.testing.assert_allclose(together, found.alone["radar_constant"], rtol=1e-12)
+    together = np.sqrt(np.sum([std**2 for std in stds_of(found.parts).values()], axis=0))
+    np.testing.assert_allclose(together, found.sources["radar_constant"].std, rtol=1e-12)
     by_c = s.model.linearize(s.aircraft, s.radar).jac_radar[:, 3]
     for part in s.tolerances[0]:
         expected = abs(by_c * s.radar[3] * part.slope)
-        np.testing.assert_allclose(found.parts[part_name(part.key)], expected, rtol=1e-10)
-    assert list(found.shares()) == [*SOURCES, "interaction"]
-    np.testing.assert_allclose(np.sum(list(found.shares().values()), axis=0), 1, rtol=1e-12)
+        np.testing.assert_allclose(found.parts[part_name(part.key)].std, expected, rtol=1e-10)
+    assert list(shares_of(found)) == [*SOURCES, "interaction"]
+    np.testing.assert_allclose(np.sum(list(shares_of(found).values()), axis=0), 1, rtol=1e-12)
 
 
 @pytest.mark.parametrize("method", ["linear", "probit", "form"])
@@ -66,29 +68,29 @@ def test_a_part_alone_is_the_scenario_with_nothing_else(method):
         d["uncertainty"]["radar"]["sheet"]["position_m"] = 0
         alone = propagate_scenario(parse_scenario(yaml_text(d)), method=method).std
         # by the search for extremes to its tolerance
-        np.testing.assert_allclose(found.parts[part_name(key)], alone, rtol=1e-4)
+        np.testing.assert_allclose(found.parts[part_name(key)].std, alone, rtol=1e-4)
 
 
 def test_indices_of_parts_by_monte_carlo():
     s = sheet_scenario(steps={"start": 40, "stop": 40, "step": 1}, runs=2**14)
     found = error_budget(s, "montecarlo")
     form = error_budget(s, "form")
-    assert found.std[0] == pytest.approx(form.std[0], rel=0.01)
-    shares, errors = part_shares(found), found.share_error
+    assert found.total.std[0] == pytest.approx(form.total.std[0], rel=0.01)
+    shares = part_shares(found)
     for key in TOLERANCES["surveillance"]:
-        assert errors[part_name(key)][0] < 0.02
+        assert found.parts[part_name(key)].share_error[0] < 0.02
         assert shares[part_name(key)][0] == pytest.approx(
             part_shares(form)[part_name(key)][0], rel=0.35
         )
-    of_sources = [errors[source][0] for source in SOURCES]
-    assert errors["interaction"][0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)
+    of_sources = [found.sources[source].share_error[0] for source in SOURCES]
+    assert found.interaction.share_error[0] == pytest.approx(np.linalg.norm(of_sources), rel=1e-12)
     # the variance of a part alone differs a little from its mean over the other parts
     together = sum(share[0] for share in shares.values())
-    whole = found.shares()["radar_constant"][0]
+    whole = found.sources["radar_constant"].share[0]
     assert 0.9 * whole < together < whole + 0.02
-    assert np.sum(list(found.shares().values()), axis=0) == pytest.approx(1)
+    assert np.sum(list(shares_of(found).values()), axis=0) == pytest.approx(1)
     # the index of the whole does not depend on its parts being listed too
-    assert whole == pytest.approx(found.total_index["radar_constant"][0], abs=0.02)
+    assert whole == pytest.approx(found.sources["radar_constant"].total_index[0], abs=0.02)
 
 
 def test_budget_shows_the_parts(tool):
@@ -160,8 +162,8 @@ def test_how_much_a_part_must_be_reduced(method):
 def test_certain_parts_bring_nothing():
     s = sheet_scenario(tolerances={"loss_db": 0.0, "average_power_kw": 0})
     found = error_budget(s)
-    assert not found.alone["radar_constant"].any()
-    assert not np.any(list(found.parts.values()))
+    assert not found.sources["radar_constant"].std.any()
+    assert not np.any(list(stds_of(found.parts).values()))
     assert analyses.budget(s, method="montecarlo").report
 
 

@@ -15,6 +15,8 @@ from helpers import (
     mixed_network,
     mixed_radars,
     part_shares,
+    shares_of,
+    stds_of,
     write,
     yaml_text,
 )
@@ -40,12 +42,12 @@ def test_rows_of_parts(method):
     s = mixed_network()
     found = error_budget(s, method)
     assert list(found.parts) == ROWS
-    assert list(found.alone) == ["aircraft_position", "aircraft_orientation", "a", "b", "c"]
+    assert list(found.sources) == ["aircraft_position", "aircraft_orientation", "a", "b", "c"]
     for name in "ab":
-        mine = [std for row, std in found.parts.items() if row.startswith(f"{name}_")]
+        mine = [std for row, std in stds_of(found.parts).items() if row.startswith(f"{name}_")]
         together = np.sqrt(np.sum(np.square(mine), axis=0))
         within = {"linear": 1e-12, "probit": 0.05, "form": 0.15}[method]
-        assert_allclose(together, found.finer[f"{name}_constant"], rtol=within)
+        assert_allclose(together, found.finer[f"{name}_constant"].std, rtol=within)
     # a part alone is the network with nothing else uncertain, and the other radars as they are
     nothing = {"position_m": 0, "attitude_deg": 0}
     for name, keys in (("a", MIXED_SEARCH_STD), ("b", MIXED_TRACK_STD)):
@@ -57,7 +59,7 @@ def test_rows_of_parts(method):
             expected = propagate_scenario(
                 mixed_network(several, aircraft=nothing), method=method
             ).std
-            assert_allclose(found.parts[f"{name}_constant_{key}"], expected, rtol=1e-4)
+            assert_allclose(found.parts[f"{name}_constant_{key}"].std, expected, rtol=1e-4)
 
 
 def test_indices_of_parts():
@@ -68,17 +70,18 @@ def test_indices_of_parts():
     s = mixed_network(mixed_radars(*quarter), sweep=(60, 60, 1), runs=2**14)
     found, linear = error_budget(s, "montecarlo"), error_budget(s)
     assert list(found.parts) == list(linear.parts) == ROWS
-    assert found.std[0] == pytest.approx(linear.std[0], rel=0.02)
+    assert found.total.std[0] == pytest.approx(linear.total.std[0], rel=0.02)
+    errors = {c.name: c.share_error for c in (*found.sources.values(), *found.parts.values())}
     for mine, theirs in (
         (part_shares(found), part_shares(linear)),
-        (found.shares(), linear.shares()),
+        (shares_of(found), shares_of(linear)),
     ):
         assert list(mine) == list(theirs)
         for name, share in mine.items():
-            assert found.share_error[name][0] < 0.02
+            assert errors.get(name, found.interaction.share_error)[0] < 0.02
             assert share[0] == pytest.approx(theirs[name][0], abs=0.03)
     assert max(share[0] for share in part_shares(linear).values()) > 0.2
-    assert sum(share[0] for share in found.shares().values()) == pytest.approx(1)
+    assert sum(share[0] for share in shares_of(found).values()) == pytest.approx(1)
 
 
 def test_how_much_a_part_of_one_radar_must_be_reduced():
@@ -94,10 +97,10 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
     three_sigma = value_function(s, "linear")
     assert three_sigma(["b_constant_gain_dbi"], 0.5) == pytest.approx(target, rel=1e-12)
     allowed = required_accuracies(s, target)
-    assert list(allowed) == [*error_budget(s).alone, *ROWS, "all"]
+    assert list(allowed) == [*error_budget(s).sources, *ROWS, "all"]
     assert allowed["b_constant_gain_dbi"].factor == pytest.approx(0.5, rel=1e-6)
     found = error_budget(s)
-    rest = {**found.alone, **found.parts, "b_position": found.finer["b_position"]}
+    rest = stds_of({**found.sources, **found.parts, "b_position": found.finer["b_position"]})
     for name in ("b", "a_constant_average_power_kw", "a_constant_temperature_k",
                  "a_constant_loss_db", "b_constant_gain_dbi"):  # fmt: skip
         del rest[name]
@@ -105,8 +108,8 @@ def test_how_much_a_part_of_one_radar_must_be_reduced():
     assert max(rest, key=lambda n: rest[n][0]) == "b_position"
     assert allowed["b_constant_gain_dbi"].residual_from == "b_position"
     both = three_sigma(["a_constant_loss_db", "b_constant_gain_dbi"], 0.0) ** 2 / 9
-    gone = found.parts["a_constant_loss_db"] ** 2 + found.parts["b_constant_gain_dbi"] ** 2
-    assert_allclose(both, found.std**2 - gone, rtol=1e-12)
+    gone = found.parts["a_constant_loss_db"].std ** 2 + found.parts["b_constant_gain_dbi"].std ** 2
+    assert_allclose(both, found.total.std**2 - gone, rtol=1e-12)
 
 
 def test_the_command_shows_the_parts(tool):

@@ -9,6 +9,7 @@ from helpers import (
     nonlinear_by_its_own_moments,
     p_d_each,
     paper_network,
+    stds_of,
     with_arrays,
 )
 from mpmath import mp, mpf
@@ -330,7 +331,7 @@ def test_a_pose_that_no_radar_sees_has_nothing_uncertain(radars):
         mc = monte_carlo(unseen, runs=50)
         assert_array_equal(mc.std, 0)
         assert_array_equal(mc.coverage, 1)
-        for std in error_budget(unseen).alone.values():
+        for std in stds_of(error_budget(unseen).sources).values():
             assert_array_equal(std, 0)
 
 

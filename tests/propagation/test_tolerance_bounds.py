@@ -148,9 +148,9 @@ def test_a_network_of_one_is_the_single_radar_bit_for_bit():
             == list(theirs.parts)
             == [f"radar_constant_{k}" for k in MIXED_SEARCH_STD]
         )
-        for group in ("alone", "parts"):
-            for name, std in getattr(mine, group).items():
-                assert_array_equal(std, getattr(theirs, group)[name])
+        for group in ("sources", "parts"):
+            for name, own in getattr(mine, group).items():
+                assert_array_equal(own.std, getattr(theirs, group)[name].std)
     assert single_radar_scenarios(one) == single_radar_scenarios(single) == {}
     for sampler in ("random", "sobol"):
         mine, theirs = (monte_carlo(s, sampler=sampler) for s in (one, single))

@@ -12,6 +12,7 @@ import yaml
 from helpers import (
     cov_by_level,
     document,
+    stds_of,
     with_arrays,
     without_pixels,
     write_path,
@@ -147,8 +148,10 @@ def test_every_pose_has_its_own_covariance(tmp_path, text):
             one = propagate_scenario(single_pose(s, pose), method=method)
             assert together.std[pose] == pytest.approx(one.std[0], rel=1e-9)
             assert together.upper[pose] == pytest.approx(one.upper[0], rel=1e-9)
-            for source, std in error_budget(single_pose(s, pose), method).alone.items():
-                assert budget.alone[source][pose] == pytest.approx(std[0], rel=1e-9, abs=1e-15)
+            for source, std in stds_of(error_budget(single_pose(s, pose), method).sources).items():
+                assert budget.sources[source].std[pose] == pytest.approx(
+                    std[0], rel=1e-9, abs=1e-15
+                )
     stds = [propagate_scenario(single_pose(s, pose)).std[0] for pose in (0, 1, 2)]
     swapped = with_arrays(s, cov_aircraft=s.cov_aircraft[::-1])
     assert abs(propagate_scenario(swapped).std[:3] / stds - 1).max() > 1e-3
@@ -203,10 +206,10 @@ def test_monte_carlo_agrees_with_propagation_at_every_pose(tmp_path):
 def test_sobol_indices_take_the_covariance_of_each_pose(tmp_path):
     s = load(tmp_path, UNCERTAIN).with_analysis(runs=1024)
     found, expected = error_budget(s, "montecarlo"), error_budget(s, "form")
-    assert found.std == pytest.approx(expected.std, rel=0.02)
-    for source, std in expected.alone.items():
-        assert found.alone[source] == pytest.approx(std, rel=0.05, abs=0.002)
-    assert found.alone["aircraft_position"][3] == 0
+    assert found.total.std == pytest.approx(expected.total.std, rel=0.02)
+    for source, std in stds_of(expected.sources).items():
+        assert found.sources[source].std == pytest.approx(std, rel=0.05, abs=0.002)
+    assert found.sources["aircraft_position"].std[3] == 0
     with pytest.raises(InputError, match=r"aircraft position .* correlated"):
         error_budget(load(tmp_path, correlated_route()), "montecarlo")
 
