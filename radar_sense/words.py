@@ -287,19 +287,6 @@ def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> 
         )
 
 
-def radar_lines(words_by_radar: Mapping[str, str], how: str = "") -> tuple[str, ...]:
-    """Return a heading and a line for each radar of a network; () for a single radar."""
-    if not words_by_radar:
-        return ()
-    heading = f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:"
-    return (heading, *rows(words_by_radar))
-
-
-def radar_summary(largest: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entry of the summary for the radars of a network; {} for a single radar."""
-    return {"largest_three_sigma_by_itself": dict(largest)} if largest else {}
-
-
 #: Unit and meaning of the axes of poses.
 AXES = {
     "theta_r_deg": ("Azimuth of the pose on an orbit.", "°"),
@@ -348,18 +335,27 @@ def rows(words_by_name: Mapping[str, str]) -> list[str]:
     return [f"  {name:{width}}  {words}" for name, words in words_by_name.items()]
 
 
-def add_radars(result: Result, at_level: Mapping[str, Scenario], method: str) -> None:
-    """Add the largest 3 sigma of each radar of a network alone, at one level or at several."""
+def add_radars(
+    result: Result, at_level: Mapping[str, Mapping[str, Mapping[str, Any]]], how: str = ""
+) -> None:
+    """Add the largest 3 sigma of each radar of a network alone, by `largest_by_radar`.
+
+    Args:
+        result: The result.
+        at_level: The largest by radar, at one level or at several.
+        how: Method, where it stands nowhere else; "" for none.
+    """
+    (_, first), *others = at_level.items()
+    if not first:
+        return
+    result.summary["largest_three_sigma_by_itself"] = dict(at_level if others else first)
+    result.report.append(f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:")
     axis = result.scenario.axis
-    found = {level: largest_by_radar(s, method) for level, s in at_level.items()}
-    first = next(iter(found.values()))
-    several = len(found) > 1
-    result.summary |= radar_summary(found if several and first else first)
-    result.report += radar_lines(
+    result.report += rows(
         {
             name: ", ".join(
-                f"{level} " * several + describe_extreme(tops[name], axis)
-                for level, tops in found.items()
+                f"{level} " * bool(others) + describe_extreme(tops[name], axis)
+                for level, tops in at_level.items()
             )
             for name in first
         }

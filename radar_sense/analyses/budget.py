@@ -132,7 +132,7 @@ def budget(
         **{name: value for name, value in optional.items() if value},
     }
     if method != MONTE_CARLO:
-        words.add_radars(result, {scenario.level: scenario}, method)
+        words.add_radars(result, {scenario.level: words.largest_by_radar(scenario, method)})
     add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
     if method != MONTE_CARLO:
         off = std_off_in_scenario(scenario, found.mean, total.std, method=method)

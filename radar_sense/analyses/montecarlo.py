@@ -89,11 +89,8 @@ def montecarlo(
     result.summary |= {
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),
         "radar_constants_set_to_zero": mc.clipped,
-        **words.radar_summary(by_itself),
     }
-    result.report += words.radar_lines(
-        {name: words.describe_extreme(top, axis) for name, top in by_itself.items()}, method
-    )
+    words.add_radars(result, {scenario.level: by_itself}, how=method)
     result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
     label = words.band_label(scenario.level, method, k)

@@ -45,7 +45,8 @@ def sensitivity(scenario: Scenario) -> Result:
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
-    words.add_radars(result, at_level, method)
+    by_itself = {level: words.largest_by_radar(s, method) for level, s in at_level.items()}
+    words.add_radars(result, by_itself)
     result.warnings += words.gathered(
         (level, text)
         for level, (mean, std) in moments.items()

@@ -88,22 +88,19 @@ def variance(
 
     low, high = words.trough(moments.p_d, axis), words.peak(moments.p_d, axis)
     worst = words.peak(3 * moments.std, axis)
-    by_itself = {name: words.peak(3 * m.std, axis) for name, (_, m) in by_radar.items()}
     result.summary |= {
         "lowest_p_d": low,
         "highest_p_d": high,
         "largest_three_sigma": worst,
-        **words.radar_summary(by_itself),
     }
     result.report += [
         words.describe_span(low, high, axis),
         *_bands(scenario, band, k),
         f"largest 3 sigma of P_D ({words.level_and_method(scenario.level, method)}): "
         f"{words.describe_extreme(worst, axis)}",
-        *words.radar_lines(
-            {name: words.describe_extreme(top, axis) for name, top in by_itself.items()}
-        ),
     ]
+    by_itself = {name: words.peak(3 * m.std, axis) for name, (_, m) in by_radar.items()}
+    words.add_radars(result, {scenario.level: by_itself})
     result.warnings += words.method_warnings(scenario, moments, method)
     if threshold is not None:
         require_threshold(result, threshold, k, band, probability)
