@@ -6,6 +6,8 @@ import gc
 import os
 import sys
 from collections.abc import Callable
+from copy import deepcopy
+from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,8 +23,13 @@ from radar_sense import cli as command_line
 from radar_sense.cli import cli
 from radar_sense.command import Command, Result, command
 from radar_sense.scenario import Scenario
+from radar_sense.scenario_file import place
 from radar_sense.scenario_file.load import default_text
 from radar_sense.words import WARNINGS
+
+# The same scenarios are read again and again, and PyYAML takes 20 ms for one of a hundred lines.
+_composed = cache(place.compose)
+place.compose = lambda text, file: deepcopy(_composed(text, file))
 
 #: Folders whose claims are about the judgement of methods by draws, or about printed numbers.
 JUDGING = ("acceptance", "docs", "montecarlo", "propagation", "reference", "studies")

@@ -111,29 +111,38 @@ def cost(copy):
     return lines
 
 
-def run(copy, *args, code=0):
-    """Run Python with the copy, and return what it prints."""
+#: Runs command lines, and evaluates Python, in one process.
+RUN = """
+import json, sys
+import make_reference
+import radar_sense as rs
+from click.testing import CliRunner
+from radar_sense.cli import cli
+for line in json.loads(sys.argv[1]):
+    if isinstance(line, str):
+        ended = 0, str(eval(line))
+    else:
+        done = CliRunner().invoke(cli, line)
+        ended = done.exit_code, done.output
+    print(json.dumps(ended))
+"""
+
+
+def run(copy, *lines):
+    """Return exit code and output of command lines (tuples), or of Python (strings)."""
     done = subprocess.run(
-        [sys.executable, *args],
+        [sys.executable, "-c", RUN, json.dumps(lines)],
         capture_output=True,
         text=True,
         cwd=copy,
         env={**os.environ, "PYTHONPATH": f"{copy}{os.pathsep}{copy / 'docs'}"},
     )
-    assert done.returncode == code, done.stderr
-    return done.stdout + done.stderr
+    assert done.returncode == 0, done.stderr
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def radar_sense(copy, *args, code=0):
-    return run(copy, "-m", "radar_sense", *args, code=code)
-
-
-def page(copy, section):
-    return run(copy, "-c", f"import make_reference; print(make_reference.{section}())")
-
-
-def write(copy, **changes):
-    (copy / "my.yaml").write_text(yaml.safe_dump(document(**changes)))
+def write(copy, name="my.yaml", **changes):
+    (copy / name).write_text(yaml.safe_dump(document(**changes)))
 
 
 def test_a_key_costs_a_line_and_one_where_it_becomes_si(copy):
@@ -141,36 +150,49 @@ def test_a_key_costs_a_line_and_one_where_it_becomes_si(copy):
         edit(copy, name, old, new if old == OLD_MIN_RANGE else old + new)
     assert cost(copy) == {"scenario_file/sections.py": 1, "scenario_file/build_radar.py": 1}
     write(copy, radar__deaf_us=4000)  # 600 km
-    assert "deaf_us: 4000\n" in radar_sense(copy, "check", "my.yaml")
-    out = radar_sense(copy, "variance", "my.yaml", "--method", "linear", "--no-plot")
-    assert "no radar sees the aircraft anywhere" in out
+    write(copy, "negative.yaml", radar__deaf_us=-1)
+    write(copy, "misspelt.yaml", radar__def_us=1)
+    checked, found, negative, misspelt, schema, reference = run(
+        copy,
+        ("check", "my.yaml"),
+        ("variance", "my.yaml", "--method", "linear", "--no-plot"),
+        ("check", "negative.yaml"),
+        ("check", "misspelt.yaml"),
+        ("schema",),
+        "make_reference.scenario_page()",
+    )
+    assert [code for code, _ in (checked, found, negative, misspelt)] == [0, 0, 2, 2]
+    assert "deaf_us: 4000\n" in checked[1]
+    assert "no radar sees the aircraft anywhere" in found[1]
     record = read_record(copy / "figures/paper_variance.json")
     assert record["scenario"]["radar"]["deaf_us"] == 4000
-    write(copy, radar__deaf_us=-1)
-    error = radar_sense(copy, "check", "my.yaml", code=2)
-    assert "radar.deaf_us: must be a number greater than 0, got -1" in error
-    write(copy, radar__def_us=1)
-    assert "did you mean 'deaf_us'?" in radar_sense(copy, "check", "my.yaml", code=2)
-    radar = json.loads(radar_sense(copy, "schema"))["properties"]["radar"]["properties"]
+    assert "radar.deaf_us: must be a number greater than 0, got -1" in negative[1]
+    assert "did you mean 'deaf_us'?" in misspelt[1]
+    radar = json.loads(schema[1])["properties"]["radar"]["properties"]
     assert radar["deaf_us"]["exclusiveMinimum"] == 0
     row = "| `deaf_us` | Time after a pulse without echoes. | µs | A number greater than 0 |"
-    assert row in page(copy, "scenario_page")
+    assert row in reference[1]
 
 
 def test_a_command_with_its_figure_costs_a_file(copy):
     (copy / "radar_sense/analyses/closest.py").write_text(CLOSEST)
     assert list(cost(copy)) == ["analyses/closest.py"]
     assert cost(copy)["analyses/closest.py"] < 30
-    assert "closest      How close the aircraft comes to each radar." in radar_sense(copy, "--help")
-    assert ONE_RADAR.help in radar_sense(copy, "closest", "--help")
-    out = radar_sense(copy, "closest", "configs/network.yaml", "--format", "svg")
-    assert out.startswith("search: ")
+    commands, options, found, python = run(
+        copy,
+        ("--help",),
+        ("closest", "--help"),
+        ("closest", "configs/network.yaml", "--format", "svg"),
+        "rs.analyses.closest(rs.load_scenario()).report",
+    )
+    assert "closest      How close the aircraft comes to each radar." in commands[1]
+    assert ONE_RADAR.help in options[1]
+    assert found[1].startswith("search: ")
+    assert "radar: " in python[1]
     table = read_table(copy / "figures/network_closest.csv")
     record = read_record(copy / "figures/network_closest.json")
     assert record["summary"]["closest_m"]["ridge"] == table["range_m_ridge"].min()
     assert (copy / "figures/network_closest.svg").read_text().startswith("<?xml")
-    found = "import radar_sense as rs; print(rs.analyses.closest(rs.load_scenario()).report)"
-    assert "radar: " in run(copy, "-c", found)
 
 
 def test_a_warning_costs_a_mask_and_a_sentence(copy):
@@ -179,9 +201,11 @@ def test_a_warning_costs_a_mask_and_a_sentence(copy):
     edit(copy, "plausibility.py", *CHECKS)
     assert cost(copy) == {"words.py": 1, "plausibility.py": 4}
     write(copy, aircraft__attitude_deg=[0, 70, 0])
-    out = radar_sense(copy, "check", "my.yaml")
-    assert "Warning: the aircraft climbs steeply at all 361 poses [steep]\n" in out
-    write(copy)
-    assert "[steep]" not in radar_sense(copy, "check", "my.yaml")
+    write(copy, "level.yaml")
+    steep, level, reference = run(
+        copy, ("check", "my.yaml"), ("check", "level.yaml"), "make_reference.warnings_section()"
+    )
+    assert "Warning: the aircraft climbs steeply at all 361 poses [steep]\n" in steep[1]
+    assert (level[0], "[steep]" in level[1]) == (0, False)
     sentence = "The aircraft looks up by more than 60 deg: is down positive downwards?"
-    assert f"### `steep`\n\n{sentence}\n" in page(copy, "warnings_section")
+    assert f"### `steep`\n\n{sentence}\n" in reference[1]

@@ -172,7 +172,7 @@ def test_tolerances_in_decibels_give_a_normal_margin(method):
 @functools.cache
 def margins_by_draws():
     """Return draws of the margin of `test_band_against_draws` [dB]."""
-    rng, runs = np.random.default_rng(3), 1_000_000
+    rng, runs = np.random.default_rng(3), 300_000
     parts = 0.5**2 * 4 + 0.3**2 + 0.4**2 + 0.7**2
     decibels = math.sqrt(parts) * rng.standard_normal(runs)
     radar = 200 * rng.standard_normal((3, runs))
