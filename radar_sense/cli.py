@@ -89,7 +89,7 @@ def commands(folder: Path = FOLDER) -> Mapping[str, Path]:
     return {
         name: path
         for name, path in files.items()
-        if any(mark in path.read_text("utf-8") for mark in ("\n@command(", " = Gathering("))
+        if any(mark in path.read_text("utf-8") for mark in ("\n@command(", " = Command("))
     }
 
 

@@ -348,6 +348,8 @@ class Command:
         name: Name of the command; of the function by default.
         exports: Formats that the result can have besides figures.
         writes: Whether the command line writes files.
+        endings: Endings of the files besides figures.
+        has_figures: Whether it draws.
     """
 
     run: Callable[..., Any]
@@ -356,8 +358,8 @@ class Command:
     name: str = ""
     exports: tuple[str, ...] = ()
     writes: bool = True
-    endings: ClassVar[tuple[str, ...]] = ("csv", "npz", "json")
-    has_figures: ClassVar[bool] = True
+    endings: tuple[str, ...] = ("csv", "npz", "json")
+    has_figures: bool = True
     #: Returns the warnings of a scenario itself, which every result has.
     check: ClassVar[Callable[[Scenario], Iterable[str]]] = staticmethod(lambda scenario: ())
 
@@ -447,17 +449,13 @@ class Command:
 
     @property
     def help(self) -> str:
-        """Return the help of the command: the docstring up to the arguments."""
-        text = inspect.getdoc(self.run) or ""
-        return text.partition("\nArgs:")[0].partition("\nRaises:")[0].strip()
+        """Return the help of the command: the docstring up to the errors."""
+        return (inspect.getdoc(self.run) or "").partition("\nRaises:")[0].strip()
 
     def _documented(self) -> str:
-        """Return the docstring, with the options as arguments if it does not explain them."""
-        text = inspect.getdoc(self.run) or ""
+        """Return the docstring, with the options as arguments."""
         own = [option for option in self.options if option.name in self.keywords]
-        if "\nArgs:" in text or not own:
-            return text
-        about, raises, errors = text.partition("\nRaises:")
+        about, raises, errors = (inspect.getdoc(self.run) or "").partition("\nRaises:")
         parameters = inspect.signature(self.run).parameters
         args = "    scenario: The scenario.\n"
         for option in own:
@@ -465,6 +463,8 @@ class Command:
             default = option.default_text if parameters[option.name].default is None else ""
             meaning = re.sub("--([a-z-]+)", lambda o: o[1].replace("-", "_"), option.help)
             args += f"    {option.name}: {meaning}{default and f' Default: {default}.'}\n"
+        if "executor" in parameters:
+            args += "    executor: Computes the blocks of runs in place of threads.\n"
         return f"{about.rstrip()}\n\nArgs:\n{args}{raises}{errors}"
 
     def __repr__(self) -> str:

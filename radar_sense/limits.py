@@ -109,7 +109,7 @@ THRESHOLD = Limit(above=0, at_most=1)
 SIGMAS = Limit(above=0, at_most=10)
 #: P(P_D > P_max) in place of a number of σ.
 ABOVE = Limit(at_least=1e-20, below=0.5)
-#: m and n of m-of-n, limited by 2^(n − 1) histories. The limit is `mission.tracks.MAX_WINDOW`.
+#: m and n of m-of-n, limited by the 2^(n − 1) histories of `mission.tracks`.
 WINDOW = Limit(at_least=1, at_most=12, whole=True)
 RUNS = Limit(at_least=2, at_most=1e9, whole=True)
 SEED = Limit(at_least=0, whole=True)

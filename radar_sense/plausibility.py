@@ -8,7 +8,7 @@ import numpy as np
 from scipy.constants import speed_of_light
 from scipy.special import ndtr
 
-from radar_sense.acceptance.refinement import can_refine, coarse_steps
+from radar_sense.acceptance.refinement import coarse_steps
 from radar_sense.flight import Path
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.model.geometry import body_vector, radar_from_aircraft, slant_range
@@ -180,7 +180,7 @@ def _antenna(scenario: Scenario) -> Iterator[str]:
 
 
 def _spacing(scenario: Scenario) -> Iterator[str]:
-    if not can_refine(scenario) or scenario.time_s is None:
+    if not scenario.geometry.continuous or scenario.time_s is None:
         return
     coarse = coarse_steps(scenario)
     if coarse.any():

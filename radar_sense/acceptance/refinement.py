@@ -73,15 +73,6 @@ class Refined:
         return len(self.scenario.aircraft) - len(self.rows)
 
 
-def can_refine(scenario: Scenario) -> bool:
-    """Return whether poses can be added between the poses of a scenario.
-
-    A path, orbit or radial of two poses or more can be refined. With
-    `geometry.interpolate` the user has chosen all poses.
-    """
-    return scenario.geometry.continuous
-
-
 def resolve(
     scenario: Scenario,
     propagate: Callable[[Scenario], Band],
@@ -90,7 +81,7 @@ def resolve(
 ) -> Refined:
     """Return a scenario with poses added to compare P_D and its bound with a limit.
 
-    A scenario that `can_refine` excludes is returned unchanged.
+    Without a flight, or where the user has chosen all poses, it is returned unchanged.
 
     Args:
         scenario: The scenario.
@@ -99,14 +90,9 @@ def resolve(
         band: Band of the scenario; computed if None.
     """
     band = band or propagate(scenario)
-    if not can_refine(scenario):
-        return unrefined(scenario, band)
+    if not scenario.geometry.continuous:
+        return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
     return refined(scenario, band, propagate, min(TOLERANCE, RELATIVE_TOLERANCE * limit))
-
-
-def unrefined(scenario: Scenario, band: Band) -> Refined:
-    """Return a scenario and its band without poses between the rows."""
-    return Refined(scenario, band, np.arange(len(band.p_d)), True, None)
 
 
 def unresolved(path: Refined) -> str:
@@ -129,7 +115,7 @@ def refined(
     lines. Second differences estimate the distance. Two standard errors of a bound are no bend.
 
     Args:
-        scenario: The scenario of a flight, see `can_refine`.
+        scenario: The scenario of a flight.
         band: Band of P_D at the poses of the scenario.
         propagate: Returns the band of a scenario.
         tolerance: Largest distance of P_D and its bound from straight lines.

@@ -81,14 +81,6 @@ def compare(
     tell from none is said to be so. Plain runs take their place if --runs, --sampler sobol or a
     cluster ask for them.
 
-    Args:
-        scenario: The scenario.
-        runs: Number of plain runs; None for draws with emphasis on the tails.
-        sampler: "random" or "sobol", for plain runs.
-        k: Number of σ of the bounds.
-        workers: Threads of plain runs; the result does not depend on their number.
-        executor: Computes the blocks of plain runs in place of threads.
-
     Raises:
         InputError: If there is no such sampler.
     """

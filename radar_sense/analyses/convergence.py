@@ -64,11 +64,6 @@ def convergence(scenario: Scenario, *, runs: int = DEFAULT_RUNS, workers: int = 
     quantiles the gain is smaller. Only random draws give the coverage a binomial confidence
     interval.
 
-    Args:
-        scenario: The scenario. The number of runs of the scenario is not used.
-        runs: Largest number of runs, rounded down to a power of two.
-        workers: Threads to compute with; the result does not depend on their number.
-
     Raises:
         InputError: If runs are out of range.
     """

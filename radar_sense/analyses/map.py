@@ -214,8 +214,8 @@ def _places(
     """Return latitude and longitude (rows, columns) [deg] of the cells."""
     places = np.empty((*cells.shape, 2))
     for rows, columns in blocks_of(cells):
-        north, east = np.meshgrid(cells.north[rows], cells.east[columns], indexing="ij")
-        places[rows, columns] = places_at(north, east, pose, origin)[..., :2]
+        north = cells.north[rows][:, np.newaxis]
+        places[rows, columns] = places_at(north, cells.east[columns], pose, origin)[..., :2]
     latitude, longitude = np.rad2deg(np.moveaxis(places, -1, 0))
     return latitude, longitude
 

@@ -132,15 +132,6 @@ def mission(
     A track is M detections in N consecutive looks. Radars of a network with the same period look
     together, as one radar. The network has a track when the radars of one period have a track.
 
-    Args:
-        scenario: The scenario, whose geometry is a path.
-        track: M and N of a track; None for detection alone.
-        m: M, in place of `track`.
-        n: N, in place of `track`.
-        k: Number of σ of the bounds, 3 at most: the draws reach no farther.
-        runs: Plain draws of the mission to compare with; None draws none.
-        workers: Threads to draw with; the result does not depend on their number.
-
     Raises:
         InputError: If the geometry has no times, or an option is not allowed.
     """

@@ -58,13 +58,6 @@ def montecarlo(
 ) -> Result:
     """Monte Carlo draws of P_D against the band of a method.
 
-    Args:
-        scenario: The scenario.
-        k: Number of σ of the band.
-        sampler: "random" or "sobol".
-        workers: Threads to compute with; the result does not depend on their number.
-        executor: Computes the blocks in place of threads.
-
     Raises:
         InputError: If there is no such method or sampler.
     """

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,18 +99,6 @@ class Report:
         return files.write(Path(folder), {f"{self.stem}.html": content})
 
 
-class Gathering(Command):
-    """A command that gathers several analyses, called with a scenario."""
-
-    endings: ClassVar[tuple[str, ...]] = ("html",)
-    has_figures: ClassVar[bool] = False
-
-    def __call__(self, scenario: Scenario, **options: Any) -> Report:
-        """Return the report, as `Command.__call__` does."""
-        made: Report = super().__call__(scenario, **options)
-        return made
-
-
 def _report(
     scenario: Scenario,
     *,
@@ -127,14 +114,6 @@ def _report(
     table. With a threshold the page has the threshold test too, and exit code 3 means that the test
     is violated or not known. The page needs no network and no script. It ends with the command, the
     versions and the scenario.
-
-    Args:
-        scenario: The scenario.
-        method: Method of propagation; the scenario's if None.
-        threshold: P_max of the threshold test; None for no test.
-        k: Number of σ in the threshold test, 3 by default.
-        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
-        workers: Threads to compute with; the page does not depend on their number.
 
     Raises:
         InputError: If an option is not allowed, or k is given alone.
@@ -218,8 +197,10 @@ def compared_poses(scenario: Scenario) -> NDArray[np.intp]:
 
 _OF_VARIANCE = {option.name: option for option in variance.options}
 
-report = Gathering(
+report = Command(
     name="report",
+    endings=("html",),
+    has_figures=False,
     run=_report,
     options=(
         LEVEL,

@@ -58,12 +58,6 @@ def validate(scenario: Scenario, *, digits: int = 2, k: float = 3.0, workers: in
     matter (the tolerance of JCGM 101, clauses 7.9.2 and 8.1). The exit code is 3 if the method does
     not agree with the draws at every pose, or if the draws are too few to tell.
 
-    Args:
-        scenario: The scenario.
-        digits: Significant digits of the standard deviation that matter.
-        k: Number of σ of the bounds.
-        workers: Threads to compute with; the result does not depend on their number.
-
     Raises:
         InputError: If there is no such method, or digits are out of range.
     """

@@ -56,12 +56,6 @@ def variance(
     A threshold adds the test of path planning, P_D + K sigma <= P_MAX, and P(P_D > P_MAX). Exit
     code 3 means that the test is violated or not known.
 
-    Args:
-        scenario: The scenario.
-        threshold: P_max of the threshold test; None for no test.
-        k: Number of σ of the band in words, figure and test, 3 by default. The table has 3σ too.
-        probability: P(P_D > P_max) that passes the test at a pose, in place of k.
-
     Raises:
         InputError: If an option is not allowed.
     """

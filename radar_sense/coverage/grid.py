@@ -23,7 +23,7 @@ from radar_sense.cost import EVALUATIONS, foresee
 from radar_sense.errors import InputError
 from radar_sense.limits import MAP_STEP_KM
 from radar_sense.model import geodesy
-from radar_sense.model.geometry import body_vector
+from radar_sense.model.geometry import body_vector, join
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.progress import report
 from radar_sense.propagation import distribution
@@ -221,7 +221,10 @@ def worst_p_d_in_cells(
     _foresee(scenario, cells, len(headings) + _SECTIONS, workers)
 
     def planes(aircraft: FloatArray) -> tuple[FloatArray, ...]:
-        turn = _turn_to_origin(aircraft, scenario.origin)
+        turn = None
+        if scenario.origin is not None:
+            place = geodesy.geodetic_from_ned(aircraft[..., POSITION], scenario.origin)
+            turn = geodesy.turn_to_origin(place, scenario.origin)
 
         def p_d_at(heading: FloatArray | float) -> FloatArray:
             aircraft[..., ATTITUDE] = pose[ATTITUDE]
@@ -376,11 +379,17 @@ def states_in(
     cells: Grid, block: Block, pose: FloatArray, origin: tuple[float, float, float] | None
 ) -> FloatArray:
     """Return the aircraft states (rows, columns, 6) in a block of the grid."""
-    north, east = cells.north[block[0]], cells.east[block[1]]
-    states = np.empty((len(AIRCRAFT), len(north), len(east)))
-    states[0], states[1] = north[:, np.newaxis], east
-    states[2:] = pose[2:, np.newaxis, np.newaxis]
-    aircraft: FloatArray = np.moveaxis(states, 0, -1)
+    return states_at(cells.north[block[0]][:, np.newaxis], cells.east[block[1]], pose, origin)
+
+
+def states_at(
+    north: FloatArray,
+    east: FloatArray,
+    pose: FloatArray,
+    origin: tuple[float, float, float] | None,
+) -> FloatArray:
+    """Return the aircraft states (..., 6) at north and east (...) [m], as `pose` (6,) otherwise."""
+    aircraft = join(np.broadcast_arrays(north, east, *pose[2:]))
     if origin is not None:
         put_at_height(aircraft, origin)
     return aircraft
@@ -389,28 +398,8 @@ def states_in(
 def places_at(
     north: FloatArray, east: FloatArray, pose: FloatArray, origin: tuple[float, float, float]
 ) -> FloatArray:
-    """Return latitude, longitude [rad] and height [m] (..., 3) at the height of the cells.
-
-    Args:
-        north: North in the frame of the origin (...) [m].
-        east: East (...) [m].
-        pose: The pose in the cells (6,).
-        origin: Origin of the frame.
-    """
-    states = np.broadcast_to(pose, (*np.shape(north), len(AIRCRAFT))).copy()
-    states[..., 0], states[..., 1] = north, east
-    put_at_height(states, origin)
-    return geodesy.geodetic_from_ned(states[..., POSITION], origin)
-
-
-def _turn_to_origin(
-    aircraft: FloatArray, origin: tuple[float, float, float] | None
-) -> FloatArray | None:
-    """Return the turns (..., 3, 3) from the local horizontal of each place to the origin's."""
-    if origin is None:
-        return None
-    place = geodesy.geodetic_from_ned(aircraft[..., POSITION], origin)
-    return geodesy.turn_to_origin(place, origin)
+    """Return latitude, longitude [rad] and height [m] (..., 3) of `states_at`."""
+    return geodesy.geodetic_from_ned(states_at(north, east, pose, origin)[..., POSITION], origin)
 
 
 def put_at_height(aircraft: FloatArray, origin: tuple[float, float, float]) -> None:

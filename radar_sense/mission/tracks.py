@@ -22,17 +22,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radar_sense.mission.schedule import Schedule
+from radar_sense.model.fusion import either
 from radar_sense.states import FloatArray
 
-#: Largest n of m-of-n, which has 2^(n−1) histories.
-MAX_WINDOW = 12
 #: Numbers in one step of the Markov chain, which fit into a second-level cache.
 CHAIN_BLOCK = 65_536
-
-
-def either(p: FloatArray, q: FloatArray) -> FloatArray:
-    """Return the probability of at least one of two independent events, without cancellation."""
-    return p + (1.0 - p) * q
 
 
 def fuse(radars: Sequence[Sequence[int]], p_d: Sequence[FloatArray]) -> list[FloatArray]:
@@ -102,12 +96,11 @@ def m_of_n_track(p_d: FloatArray, m: int, n: int) -> FloatArray:
     Args:
         p_d: P_D of each look.
         m: Detections needed, 1 to n.
-        n: Length of the window of consecutive looks, at most `MAX_WINDOW`.
-
-    Raises:
-        ValueError: If m or n is out of range.
+        n: Length of the window of consecutive looks, in `limits.WINDOW`.
     """
-    detections, p = _detections(m, n), np.empty(p_d.shape)
+    # bit 0 of a history of the last n − 1 looks is the latest look
+    detections = np.array([state.bit_count() for state in range(2 ** (n - 1))])
+    p = np.empty(p_d.shape)
     block = max(64, CHAIN_BLOCK // len(detections))
     for start in range(0, p_d.shape[1], block):
         rows = slice(start, start + block)
@@ -128,22 +121,6 @@ def _chain(p_d: FloatArray, detections: NDArray[np.intp], m: int, n: int, p: Flo
             total += hit * weight[one_short].sum(axis=0)
             weight = _advanced(weight, hit, one_short)
         p[k] = total
-
-
-def check_window(m: int, n: int) -> None:
-    """Raise ValueError if m or n is out of range."""
-    if not 1 <= m <= n <= MAX_WINDOW:
-        raise ValueError(f"m of n must have 1 <= m <= n <= {MAX_WINDOW}, got {m} of {n}")
-
-
-def _detections(m: int, n: int) -> NDArray[np.intp]:
-    """Return the detections in each history of the last n − 1 looks; bit 0 is the latest look.
-
-    Raises:
-        ValueError: If m or n is out of range.
-    """
-    check_window(m, n)
-    return np.array([state.bit_count() for state in range(2 ** (n - 1))])
 
 
 def _advanced(weight: FloatArray, hit: FloatArray, one_short: NDArray[np.intp]) -> FloatArray:

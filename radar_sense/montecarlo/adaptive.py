@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,12 +114,12 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     total, variance = np.zeros((2, len(QUANTITIES), n))
     batches, rows = np.zeros(n, dtype=np.int64), np.arange(n)
     for number in range(MOST_BATCHES):
-        batch = draw_batch(states.at(rows), number, DRAWS, beta)
-        total[:, rows] += batch.drawn
-        variance[:, rows] += np.square(batch.error)
+        drawn, error = draw_batch(states.at(rows), number, DRAWS, beta)
+        total[:, rows] += drawn
+        variance[:, rows] += np.square(error)
         batches[rows] += 1
         if number == 0:
-            mean, std = batch.drawn[:2]
+            mean, std = drawn[:2]
             tolerance = np.array([numerical_tolerance(value, digits) for value in std])
             delta = np.maximum(tolerance, ROUNDING * abs(mean))
         error = np.sqrt(variance) / batches
@@ -137,20 +136,12 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     return verdict
 
 
-class Batch(NamedTuple):
-    """Values of P_D at k poses by draws, one row for each of `QUANTITIES`.
+def draw_batch(
+    states: UncertainStates, number: int, draws: int, beta: float = BETA
+) -> tuple[FloatArray, FloatArray]:
+    """Return `QUANTITIES` by a batch of draws (4, k), and their standard errors (4, k).
 
-    Attributes:
-        drawn: The values (4, k).
-        error: Their standard errors (4, k).
-    """
-
-    drawn: FloatArray
-    error: FloatArray
-
-
-def draw_batch(states: UncertainStates, number: int, draws: int, beta: float = BETA) -> Batch:
-    """Return what a batch of draws says. No method of propagation makes the same draws.
+    No method of propagation makes the same draws.
 
     Args:
         states: The uncertain states of k poses.
@@ -162,7 +153,7 @@ def draw_batch(states: UncertainStates, number: int, draws: int, beta: float = B
     parts = [estimate(replace(states, seed=int(x)), draws // PARTS, beta) for x in seeds]
     drawn = [[getattr(part, name) for name in QUANTITIES] for part in parts]
     error = [[getattr(part, f"{name}_error") for name in QUANTITIES] for part in parts]
-    return Batch(np.mean(drawn, axis=0), np.sqrt(np.sum(np.square(error), axis=0)) / PARTS)
+    return np.mean(drawn, axis=0), np.sqrt(np.sum(np.square(error), axis=0)) / PARTS
 
 
 def numerical_tolerance(std: float, digits: int) -> float:

@@ -21,7 +21,7 @@ from radar_sense.errors import InputError, describe
 from radar_sense.limits import SIGMAS, WORKERS, check_number
 from radar_sense.montecarlo.parallel import in_order
 from radar_sense.montecarlo.sampler import Sampler
-from radar_sense.montecarlo.sequences import SAMPLERS, Source, check_sampler
+from radar_sense.montecarlo.sequences import SAMPLERS, Random, Sobol, check_sampler
 from radar_sense.montecarlo.statistics import (
     DrawStatistics,
     Statistics,
@@ -104,7 +104,7 @@ class MonteCarlo(DrawStatistics):
 
 
 def draw_block(
-    sampler: Sampler, source: Source, block: int, runs: int
+    sampler: Sampler, source: Random | Sobol, block: int, runs: int
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Draw the states of a block of runs, the last of which may have fewer runs.
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,19 +27,6 @@ TOGETHER = 16_384
 #: Limit of the runs with Sobol' points. SciPy skips to a block by counting, which takes longer than
 #: P_D with more runs.
 MAX_SOBOL_RUNS = 2**24
-
-
-class Source(Protocol):
-    """A source of unit normals."""
-
-    @property
-    def runs(self) -> int:
-        """Number of runs of a block."""
-        ...
-
-    def block(self, index: int) -> tuple[FloatArray, FloatArray]:
-        """Return unit normals of a block for radar (runs, m) and aircraft (runs, n, 6)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import betaincinv
 
 from radar_sense.cost import MOST_BYTES
@@ -32,10 +31,6 @@ class DrawStatistics:
     std: FloatArray
     lower: FloatArray
     upper: FloatArray
-
-    def at(self, rows: NDArray[np.intp]) -> DrawStatistics:
-        """Return the statistics at some poses or looks, which may recur."""
-        return DrawStatistics(self.mean[rows], self.std[rows], self.lower[rows], self.upper[rows])
 
 
 class Statistics:

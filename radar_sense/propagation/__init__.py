@@ -6,7 +6,6 @@ from radar_sense.propagation.methods import AUTOMATIC as AUTOMATIC
 from radar_sense.propagation.methods import METHODS as METHODS
 from radar_sense.propagation.methods import MONTE_CARLO as MONTE_CARLO
 from radar_sense.propagation.methods import Band as Band
-from radar_sense.propagation.methods import Distribution as Distribution
 from radar_sense.propagation.methods import Moments as Moments
 from radar_sense.propagation.methods import band_of_scenario as band_of_scenario
 from radar_sense.propagation.methods import distribution as distribution
@@ -17,3 +16,4 @@ from radar_sense.propagation.methods import propagate_scenario as propagate_scen
 from radar_sense.propagation.methods import std_off_in_scenario as std_off_in_scenario
 from radar_sense.propagation.methods import unreliable as unreliable
 from radar_sense.propagation.methods import unreliable_in_scenario as unreliable_in_scenario
+from radar_sense.propagation.moments import Distribution as Distribution

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.looks import FIRST, GROWTH, LAST, Looks
+from radar_sense.propagation.moments import Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -103,7 +104,7 @@ def _tolerance(probability: FloatArray) -> FloatArray:
     return np.minimum(PART_OF_BOUND * probability, BOUND_CHANGE)
 
 
-class Automatic:
+class Automatic(Distribution):
     """P_D of uncertain states by FORM where draws agree with it, and by the draws elsewhere.
 
     Args:
@@ -120,20 +121,10 @@ class Automatic:
         self._looks: dict[float, Looks] = {}
         self._bands: dict[float, tuple[FloatArray, FloatArray, FloatArray, Estimate]] = {}
 
-    @property
+    @cached_property
     def p_d(self) -> FloatArray:
         """P_D of the nominal states (k,)."""
         return self._form.p_d
-
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of P_D (k,)."""
-        return self._moments[0]
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviation of P_D (k,)."""
-        return self._moments[1]
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
@@ -157,7 +148,7 @@ class Automatic:
         return Automatic(changed, self._form.with_covariances(changed), self.p_max)
 
     @cached_property
-    def _moments(self) -> tuple[FloatArray, FloatArray]:
+    def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
         form, looks = self._form, self._looks_at(3.0)
         drawn, confirmed, _ = judged(looks, (form.mean, form.std), of_moments, to_precision=True)

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from radar_sense.propagation.expansion import RelativeProbit, SecondOrder, StandardNormalSpace
+from radar_sense.propagation.moments import Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
@@ -42,7 +43,7 @@ UNSETTLED = 1e-6
 EASY = 1.2
 
 
-class Form:
+class Form(Distribution):
     """P_D of uncertain states by FORM: quantiles, and mean and σ as integrals over quantiles.
 
     A value is NaN where a search has not converged, or z has no gradient.
@@ -64,16 +65,6 @@ class Form:
         p_d = self.states.model.unchecked_p_d(self.states.aircraft, self.states.radar)
         return p_d + np.zeros(len(self.states))
 
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of P_D (k,)."""
-        return self._moments[0]
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviation of P_D (k,)."""
-        return self._moments[1]
-
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""
         if beta in NODES and "_at_nodes" in vars(self):
@@ -82,10 +73,6 @@ class Form:
         else:
             z, floor, _ = self._quantiles(np.array([beta]))
         return np.asarray(ndtr(np.maximum(z[0], floor)))
-
-    def error(self, beta: float) -> float:
-        """Return 0: no draws."""
-        return 0.0
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,), which is Φ(−β) for the β whose quantile of P_D is p_max."""
@@ -131,7 +118,8 @@ class Form:
         return self._quantiles(NODES)
 
     @cached_property
-    def _moments(self) -> tuple[FloatArray, FloatArray]:
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of P_D (k,)."""
         return _moments(*self._at_nodes)
 
 

@@ -6,12 +6,12 @@ import numpy as np
 
 from radar_sense.covariance import variance_along
 from radar_sense.model.detection_model import Linearization
-from radar_sense.propagation.moments import normal_exceedance
+from radar_sense.propagation.moments import Distribution, normal_exceedance
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
 
-class Linear:
+class Linear(Distribution):
     """P_D of uncertain states, taken to be normal with σ from the gradient of P_D."""
 
     def __init__(self, states: UncertainStates, gradient: Linearization | None = None) -> None:
@@ -20,17 +20,13 @@ class Linear:
         by_aircraft = variance_along(lin.jac_aircraft, cov_aircraft)
         std = np.sqrt(by_aircraft + variance_along(lin.jac_radar, cov_radar))
         each = np.zeros(len(states))
-        self.std = each + std
-        self.p_d = self.mean = each + lin.p_d
+        self.p_d = each + lin.p_d
+        self.moments = self.p_d, each + std
         self._gradient = lin
 
     def quantile(self, beta: float) -> FloatArray:
         """Return P_D + β σ (k,), which may leave [0, 1]."""
         return self.p_d + beta * self.std
-
-    def error(self, beta: float) -> float:
-        """Return 0: no draws."""
-        return 0.0
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) for normal P_D."""

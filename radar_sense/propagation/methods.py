@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,6 +29,7 @@ from radar_sense.propagation.draws import Estimate
 from radar_sense.propagation.form import Form
 from radar_sense.propagation.linear import Linear
 from radar_sense.propagation.looks import FIRST, Looks
+from radar_sense.propagation.moments import Distribution
 from radar_sense.propagation.plain import PlainDraws
 from radar_sense.propagation.probit import Probit
 from radar_sense.scenario import Scenario
@@ -46,37 +47,6 @@ NUMBERS = 12
 JUDGED = 3.0
 #: Poses between two reports of progress.
 REPORTED = 16_384
-
-
-class Distribution(Protocol):
-    """The distribution of P_D at each of k poses, by a method.
-
-    A value is NaN where the method has none.
-    """
-
-    @property
-    def p_d(self) -> FloatArray:
-        """P_D of the nominal states (k,)."""
-
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of P_D (k,)."""
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviation of P_D (k,)."""
-
-    def quantile(self, beta: float) -> FloatArray:
-        """Return the quantile of P_D (k,) at Φ(β)."""
-
-    def error(self, beta: float) -> FloatArray | float:
-        """Return the standard error of the quantiles at ±β (k,), 0 without draws."""
-
-    def exceedance(self, p_max: float) -> FloatArray:
-        """Return P(P_D > p_max) (k,)."""
-
-    def with_covariances(self, changed: UncertainStates) -> Distribution:
-        """Return the distribution for the same states with other covariances."""
 
 
 METHODS: Mapping[str, Callable[[UncertainStates], Distribution]] = {

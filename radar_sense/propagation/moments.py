@@ -1,13 +1,57 @@
-"""Numbers of a normal probit: the moments of Φ(z), and the probability of exceeding a limit."""
+"""What every method answers, and the moments of a normal probit."""
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.special import ndtr
 
 from radar_sense.states import FloatArray
+from radar_sense.uncertain_states import UncertainStates
+
+
+class Distribution:
+    """The distribution of P_D at each of k poses, by a method.
+
+    A value is NaN where the method has none.
+    """
+
+    @cached_property
+    def p_d(self) -> FloatArray:
+        """P_D of the nominal states (k,)."""
+        raise NotImplementedError
+
+    @cached_property
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of P_D (k,)."""
+        raise NotImplementedError
+
+    @property
+    def mean(self) -> FloatArray:
+        """Mean of P_D (k,)."""
+        return self.moments[0]
+
+    @property
+    def std(self) -> FloatArray:
+        """Standard deviation of P_D (k,)."""
+        return self.moments[1]
+
+    def quantile(self, beta: float) -> FloatArray:
+        """Return the quantile of P_D (k,) at Φ(β)."""
+        raise NotImplementedError
+
+    def error(self, beta: float) -> FloatArray | float:
+        """Return the standard error of the quantiles at ±β (k,), 0 without draws."""
+        return 0.0
+
+    def exceedance(self, p_max: float) -> FloatArray:
+        """Return P(P_D > p_max) (k,)."""
+        raise NotImplementedError
+
+    def with_covariances(self, changed: UncertainStates) -> Distribution:
+        """Return the distribution for the same states with other covariances."""
+        raise NotImplementedError
 
 
 def normal_exceedance(mean: FloatArray, std: FloatArray, limit: float) -> FloatArray:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from radar_sense.propagation.draws import Estimate, estimate
+from radar_sense.propagation.moments import Distribution
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
 
-class PlainDraws:
+class PlainDraws(Distribution):
     """P_D of uncertain states by plain draws, `states.runs` at each pose."""
 
     def __init__(self, states: UncertainStates) -> None:
@@ -17,15 +20,11 @@ class PlainDraws:
         self._by_beta: dict[float, Estimate] = {}
         self.p_d = states.model.unchecked_p_d(states.aircraft, states.radar) + np.zeros(len(states))
 
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of P_D (k,)."""
-        return self._drawn(3.0).mean
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviation of P_D (k,)."""
-        return self._drawn(3.0).std
+    @cached_property
+    def moments(self) -> tuple[FloatArray, FloatArray]:
+        """Mean and standard deviation of P_D (k,)."""
+        found = self._drawn(3.0)
+        return found.mean, found.std
 
     def quantile(self, beta: float) -> FloatArray:
         """Return the quantile of P_D (k,) at Φ(β)."""

@@ -8,12 +8,12 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 from radar_sense.covariance import variance_along
-from radar_sense.propagation.moments import normal_exceedance, probit_moments
+from radar_sense.propagation.moments import Distribution, normal_exceedance, probit_moments
 from radar_sense.states import FloatArray
 from radar_sense.uncertain_states import UncertainStates
 
 
-class Probit:
+class Probit(Distribution):
     """P_D = Φ(z) of uncertain states for normal z, with its mean m at the nominal states.
 
     The standard deviation s of z is to first order. The quantiles Φ(m + βs) never leave [0, 1].
@@ -31,23 +31,9 @@ class Probit:
         self._m = np.broadcast_to(z, len(states))
         self.p_d = np.asarray(ndtr(self._m))
 
-    @property
-    def mean(self) -> FloatArray:
-        """Mean of P_D (k,)."""
-        return self._moments[0]
-
-    @property
-    def std(self) -> FloatArray:
-        """Standard deviation of P_D (k,)."""
-        return self._moments[1]
-
     def quantile(self, beta: float) -> FloatArray:
         """Return Φ(m + βs) (k,)."""
         return np.asarray(ndtr(self._m + beta * self._s))
-
-    def error(self, beta: float) -> float:
-        """Return 0: no draws."""
-        return 0.0
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,), which is P(z > z_max) for normal z."""
@@ -58,7 +44,7 @@ class Probit:
         return Probit(changed, self._gradient)
 
     @cached_property
-    def _moments(self) -> tuple[FloatArray, FloatArray]:
+    def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and σ of Φ(z) (k,), with few points where few are enough."""
         mean, std = probit_moments(self._m, self._s, points=8)
         wide = ~(self._s < 0.5)

@@ -22,9 +22,7 @@ from helpers import (
 )
 
 import radar_sense as rs
-from radar_sense import limits
 from radar_sense.errors import InputError
-from radar_sense.mission import tracks
 from radar_sense.mission.looks import Looks
 from radar_sense.model.geodesy import geodetic_from_ned
 from radar_sense.montecarlo.montecarlo import monte_carlo
@@ -208,10 +206,6 @@ def test_refusals(tmp_path):
     refused("radar.scan_period_s must be", load(tmp_path, radar__scan_period_s=1e-19))
     over = f"{HEADER}\n0,1000,0,0,0,0,180\n20,-1000,0,0,0,0,180\n"
     refused("on top of the radar at the look at 10 s", load(tmp_path, over, radar__scan_period_s=5))
-
-
-def test_the_limit_of_the_window_is_that_of_the_code():
-    assert limits.WINDOW.at_most == tracks.MAX_WINDOW
 
 
 # The numbers.

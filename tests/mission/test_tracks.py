@@ -10,6 +10,7 @@ from scipy.linalg import sqrtm
 from scipy.special import ndtr
 from scipy.stats import binom, multivariate_normal
 
+from radar_sense import limits
 from radar_sense.covariance import symmetric_square_root
 from radar_sense.mission import tracks
 from radar_sense.mission.looks import PoseProcess
@@ -88,7 +89,7 @@ def test_m_of_n_is_the_sum_over_all_outcomes(m, n):
 
 @pytest.mark.parametrize("p", [1e-60, 1e-9, 0.3, 1 - 1e-9])
 def test_one_window_is_binomial(p):
-    for n in range(1, tracks.MAX_WINDOW + 1):
+    for n in range(1, int(limits.WINDOW.at_most) + 1):
         for m in range(1, n + 1):
             found = m_of_n(np.full(n, p), m, n)[-1]
             assert found == pytest.approx(binom.sf(m - 1, n, p), rel=1e-11, abs=0)
@@ -115,12 +116,6 @@ def test_no_probability_of_a_track_exceeds_one():
         for found in events(groups, 2, 4, np.ones((len(groups[0]), len(groups)), dtype=bool)):
             assert found.max() <= 1
             assert np.diff(found, axis=0).min() >= -1e-15
-
-
-def test_windows_out_of_range_are_refused():
-    for m, n in ((0, 3), (4, 3), (1, 13)):
-        with pytest.raises(ValueError, match="m of n"):
-            m_of_n([0.1], m, n)
 
 
 # Poses.
