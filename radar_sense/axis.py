@@ -24,6 +24,7 @@ class Axis:
         digits: Format of a value in a sentence.
         tolerance: Largest distance of a pose from the value that a user gives.
         places: Name of the places of the values, in the plural.
+        meaning: Meaning of the column.
     """
 
     key: str
@@ -33,6 +34,7 @@ class Axis:
     digits: str
     tolerance: float
     places: str = "poses"
+    meaning: str = ""
 
     def __len__(self) -> int:
         return len(self.values)
@@ -98,24 +100,29 @@ def steps(start: float, stop: float, step: float, most: int) -> FloatArray:
 
 def azimuth(values: FloatArray) -> Axis:
     """Return the axis of azimuth θ_r [deg], for an orbit."""
-    return Axis("theta_r_deg", "azimuth", "deg", values, "g", 1e-9)
+    meaning = "Azimuth of the pose on an orbit."
+    return Axis("theta_r_deg", "azimuth", "deg", values, "g", 1e-9, meaning=meaning)
 
 
 def time(values: FloatArray) -> Axis:
     """Return the axis of time [s], for a path."""
-    return Axis("time_s", "time", "s", values, ".13g", 1e-3)
+    meaning = "Time of the pose on a path."
+    return Axis("time_s", "time", "s", values, ".13g", 1e-3, meaning=meaning)
 
 
 def ground_range(values: FloatArray) -> Axis:
     """Return the axis of the ground range from the origin [km], for a radial line."""
-    return Axis("range_km", "range", "km", values, "g", 1e-6)
+    meaning = "Ground range of the pose from the origin, on a radial line."
+    return Axis("range_km", "range", "km", values, "g", 1e-6, meaning=meaning)
 
 
 def distance(values: FloatArray) -> Axis:
     """Return the axis of distance flown [m], for a path."""
-    return Axis("distance_m", "distance", "m", values, ".0f", 1.0)
+    meaning = "Distance flown to the pose on a path."
+    return Axis("distance_m", "distance", "m", values, ".0f", 1.0, meaning=meaning)
 
 
 def pose_number(count: int) -> Axis:
     """Return the axis of pose numbers, from 0."""
-    return Axis("pose", "pose", "", np.arange(float(count)), "g", 1e-9)
+    meaning = "Number of the pose, from 0, of states given in Python."
+    return Axis("pose", "pose", "", np.arange(float(count)), "g", 1e-9, meaning=meaning)

@@ -33,12 +33,10 @@ class Source:
     Attributes:
         owner: "aircraft" or "radar".
         components: Their places in the state, (6,) or (7m,).
-        shared: The type of radars whose shared tolerances are the source; "" for none.
     """
 
     owner: str
     components: tuple[int, ...]
-    shared: str = ""
 
 
 def sources(
@@ -66,7 +64,7 @@ def sources(
         for i, name in enumerate(names):
             own = _numbers(of_radar(i))
             found[name] = Source("radar", tuple(c for c in own if c != own[RCS_ERROR]))
-        found |= {type_name(shared): Source("radar", (), shared) for shared in types}
+        found |= {type_name(shared): Source("radar", ()) for shared in types}
     different = list(dict.fromkeys(bands))
     of_rcs = _numbers(component(RCS_ERROR, len(bands)))
     for band in different:

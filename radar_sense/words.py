@@ -28,6 +28,7 @@ from radar_sense.propagation import (
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import FloatArray
+from radar_sense.units import unit_name
 
 #: What each warning means and what to do, by its stable name. A section of
 #: docs/reference/commands.md is made from this.
@@ -287,20 +288,12 @@ def correlated_sources(three_sigma: Sequence[FloatArray], total: FloatArray) -> 
         )
 
 
-#: Unit and meaning of the axes of poses.
-AXES = {
-    "theta_r_deg": ("Azimuth of the pose on an orbit.", "°"),
-    "range_km": ("Ground range of the pose from the origin, on a radial line.", "km"),
-    "time_s": ("Time of the pose on a path.", "s"),
-    "distance_m": ("Distance flown to the pose on a path.", "m"),
-    "pose": ("Number of the pose, from 0, of states given in Python.", ""),
-}
 NOMINAL = "P_D at the nominal states, of all radars together."
 
 
 def add_axis(table: Table, axis: Axis) -> None:
-    """Add the column of the places of the poses."""
-    table.add(axis.key, axis.values, *AXES[axis.key])
+    """Add the column of the values of an axis."""
+    table.add(axis.key, axis.values, axis.meaning, unit_name(axis.key))
 
 
 def add_band(table: Table, moments: Moments, k: float = 3.0) -> None:

@@ -32,6 +32,7 @@ from radar_sense.propagation import AUTOMATIC, no_draws
 from radar_sense.scenario import Scenario, single_radar_scenarios
 from radar_sense.states import DOWN, YAW, FloatArray
 from radar_sense.words import (
+    add_axis,
     gathered,
     level_and_method,
     listed,
@@ -112,7 +113,7 @@ def detection_range(
     _check_values(scenario, values)
     result = Result(scenario, method)
     angle_deg = np.arange(0.0, 360.0 - 1e-9, step_deg)
-    axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s")
+    axis = Axis(f"{by}_deg", by, "deg", angle_deg, "g", 1e-9, f"{by}s", ANGLES[by])
     options: dict[str, Any] = {
         "by_aspect": by == ASPECT,
         "down": None if down_km is None else down_km * 1e3,
@@ -128,7 +129,7 @@ def detection_range(
     }
     ranges = {name: detection_ranges(seen, values, method, k) for name, seen in surveys.items()}
 
-    result.table.add(axis.key, angle_deg, ANGLES[by], "°")
+    add_axis(result.table, axis)
     columns = [(at, name) for name, of_radar in ranges.items() for at in of_radar]
     for at, name in columns:
         _add_bands(result.table, at, name, k)

@@ -26,7 +26,7 @@ from radar_sense.errors import InputError
 from radar_sense.limits import ANY
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario import Scenario
-from radar_sense.units import ascii_unit, unit_name
+from radar_sense.units import ascii_unit
 
 if TYPE_CHECKING:
     from radar_sense.plotting import Figure
@@ -78,7 +78,7 @@ def sweep(
         raise InputError(f"step {error}") from error
     k, method = sigmas(threshold, k, probability) or 3.0, scenario.method
     column = re.sub("[^A-Za-z0-9_]+", "_", key).strip("_")
-    axis = Axis(column, key, ascii_unit(key), values, "g", 0.0, "values")
+    axis = Axis(column, key, ascii_unit(key), values, "g", 0.0, "values", f"Value of {key}.")
     # all values are read before any is computed
     scenarios = [scenario.with_keys({key: f"{value:.12g}"}) for value in values]
 
@@ -100,7 +100,7 @@ def sweep(
             foresee(f"{len(values) - 1} values more", rest * RATE, less="fewer values")
     p_d, lower, upper, bound, three_sigma = np.array(highest).T
 
-    result.table.add(column, values, f"Value of {key}.", unit_name(key))
+    words.add_axis(result.table, axis)
     for name, numbers, meaning in (
         ("highest_p_d", p_d, "Largest P_D of all poses."),
         ("lower", lower, f"Lower bound of the largest P_D at {k:g} sigma."),
