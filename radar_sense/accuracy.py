@@ -22,13 +22,18 @@ from radar_sense.scenario import Scenario
 from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
 
-#: Draws at a pose that verify a factor of 3σ.
-DRAWS = 16_384
-#: Poses at which draws verify a factor: as many with the largest values, and as many over all.
+#: Draws at a pose that verify a factor of 3σ, and of a look at all poses.
+DRAWS, LOOK = 16_384, 256
+#: Poses at which draws verify a factor: as many with the largest values by the method, and as many
+#: with the largest values by few draws at all poses.
 VERIFIED = 16
 #: Steps in ln of a factor: outwards to bracket it, and down from one that draws refuse, with the
 #: halvings of the last step down.
 STEP, STEP_DOWN, HALVINGS = float(np.log(4.0)), 0.35, 6
+#: Step in ln of a factor on the way to a growth, at which few draws may refuse the limit, and the
+#: standard errors of these draws at which they do. A limit in reach makes σ large over more than a
+#: decade: from a third of the distance of the limit to several ranges.
+WAY, SURE = float(np.log(10.0)), 5.0
 #: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
 #: be off by `STD_CHANGE`, as elsewhere.
 SLACK, FIRST_ORDER = 0.005, ("linear", "probit")
@@ -111,12 +116,18 @@ class _Goal:
         """Return the largest factor that the method finds and draws confirm."""
         factor, known = self._confirmed(names, *self._largest(names))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
-        residual = self.values(names, finite_factor)
-        unknown = np.isnan(residual)
-        pose = int(np.argmax(unknown if unknown.any() else reached(residual)))
+        values = self.values(names, finite_factor)
+        missed = np.zeros(len(values), dtype=bool)
+        if self.method == AUTOMATIC or (factor is None and not np.max(values) > self.limit):
+            drawn, errors = self._drawn(names, finite_factor, LOOK)
+            missed = ~(abs(values - drawn) <= SURE * errors)
+            values = np.where(missed, drawn, values)
+        pose = int(np.argmax(reached(values)))
+        if missed[pose]:
+            values[pose] = self._drawn(names, finite_factor, DRAWS, np.array([pose]))[0][0]
         return RequiredAccuracy(
             factor=factor,
-            residual=float(residual[pose]),
+            residual=float(values[pose]),
             place=float(self.scenario.axis.values[pose]),
             residual_from=self._largest_other(names, pose),
             known=known,
@@ -166,34 +177,84 @@ class _Goal:
     def _confirmed(
         self, names: Collection[str], factor: float | None, known: bool
     ) -> tuple[float | None, bool]:
-        """Return the factor if draws confirm it, else the largest one that they do."""
-        if not factor or self._is_confirmed(names, min(factor, np.exp(LARGEST_LOG_FACTOR))):
-            return factor, known
-        high = min(float(np.log(factor)), LARGEST_LOG_FACTOR)
+        """Return the factor if draws confirm it, else the largest one that they do.
+
+        σ falls again where a factor scatters the states beyond a limit of a radar. A growth is
+        therefore tried on the way, too.
+        """
+        if not factor:
+            if known and self.method != AUTOMATIC:
+                return factor, known
+            certain = self._holds(names, 0.0)
+            if not certain:
+                return None, certain is False
+        last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
+        for high in (*np.arange(0.0, last, WAY).tolist(), last):
+            at = float(np.exp(high))
+            if high < last:
+                refused = self._exceeds(*self._drawn(names, at, LOOK))
+            else:
+                refused = not self._holds(names, at)
+            if refused:
+                break
+        else:
+            return (factor, known) if factor else (np.inf, True)
         low = high - STEP_DOWN
-        while not self._is_confirmed(names, float(np.exp(low))):
-            low, high = low - 2.0 * (high - low), low
-            if low < -LARGEST_LOG_FACTOR:
-                return 0.0, False
+        while not (holds := self._holds(names, float(np.exp(low)))):
+            if low == -LARGEST_LOG_FACTOR:
+                impossible = self._holds(names, 0.0) is False
+                return (None, True) if impossible else (0.0, holds is False)
+            low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            holds = self._is_confirmed(names, float(np.exp(middle)))
-            low, high = (middle, high) if holds else (low, middle)
+            low, high = (middle, high) if self._holds(names, np.exp(middle)) else (low, middle)
         return float(np.exp(low)), False
 
-    def _is_confirmed(self, names: Collection[str], factor: float) -> bool:
-        """Return whether draws confirm the limit, at the deviations of a factor."""
-        values = self.values(names, factor)
-        largest = np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED]
-        spread = np.linspace(0, len(values) - 1, min(VERIFIED, len(values))).astype(int)
-        changed = scaled(self.scenario.at_poses(np.union1d(largest, spread)), names, factor)
+    def _holds(self, names: Collection[str], factor: float) -> bool | None:
+        """Return whether draws say that the limit holds at a factor; None if they are not sure."""
+        by_method, looked = self.values(names, factor), self._drawn(names, factor, LOOK)
+        if self._exceeds(*looked):
+            return False
+        largest = [
+            np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED]
+            for values in (by_method, looked[0])
+        ]
+        rows = np.union1d(*largest)
+        allowed = np.full(len(rows), self._allowed)
         if self.k is None:
-            found = estimate(changed, DRAWS, 3.0)
-            slack = STD_CHANGE if self.method in FIRST_ORDER else SLACK
-            return bool(np.all(3.0 * found.std <= (1.0 + slack) * self.limit))
-        by_draws = Automatic(changed)
-        allowed = 2.0 * by_draws.error(self.k) if self.method == AUTOMATIC else BOUND_CHANGE
-        return bool(np.all(by_draws.quantile(self.k) <= self.limit + allowed))
+            values, errors = self._drawn(names, factor, DRAWS, rows)
+        else:
+            by_draws = Automatic(scaled(self.scenario, names, factor).at(rows))
+            values, errors = by_draws.quantile(self.k), by_draws.error(self.k)
+            if self.method == AUTOMATIC:
+                allowed = self.limit + 2.0 * errors
+        if np.all(values <= allowed):
+            return True
+        return False if self._exceeds(values, errors) else None
+
+    def _exceeds(self, values: FloatArray, errors: FloatArray) -> bool:
+        """Return whether values by draws are sure to exceed the limit at any pose."""
+        return bool(np.any(values - SURE * errors > self._allowed))
+
+    def _drawn(
+        self,
+        names: Collection[str],
+        factor: float,
+        draws: int,
+        rows: NDArray[np.intp] | slice = slice(None),
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return 3σ of P_D, or its upper bound, by draws (k,) at some poses, and its errors."""
+        found = estimate(scaled(self.scenario, names, factor).at(rows), draws, self.k or 3.0)
+        if self.k is None:
+            return 3.0 * found.std, 3.0 * found.std_error
+        return found.upper, found.upper_error
+
+    @property
+    def _allowed(self) -> float:
+        """The limit, and what a value above it may be off."""
+        if self.k is not None:
+            return self.limit + BOUND_CHANGE
+        return (1.0 + (STD_CHANGE if self.method in FIRST_ORDER else SLACK)) * self.limit
 
     def _largest_other(self, names: Collection[str], pose: int) -> str | None:
         """Return the largest of the other sources; "P_D itself" where it exceeds the limit."""

@@ -24,6 +24,8 @@ from radar_sense.propagation import (
     STD_CHANGE,
     Moments,
     distribution,
+    mean_and_std,
+    std_off_in_scenario,
     unreliable_in_scenario,
 )
 from radar_sense.scenario import Scenario, single_radar_scenarios
@@ -215,14 +217,6 @@ def decibels(ratio: FloatArray) -> FloatArray:
     return level
 
 
-def largest_by_radar(scenario: Scenario, method: str) -> dict[str, dict[str, Any]]:
-    """Return the largest 3σ of P_D, and its places, by single radar of a network."""
-    return {
-        name: peak(3 * distribution(radar_scenario, method).std, scenario.axis)
-        for name, radar_scenario in single_radar_scenarios(scenario).items()
-    }
-
-
 def probability(value: float) -> str:
     """Return a probability or its 3σ in four digits; "0" below 1e-6, which is rounding."""
     if np.isnan(value):
@@ -328,31 +322,53 @@ def rows(words_by_name: Mapping[str, str]) -> list[str]:
     return [f"  {name:{width}}  {words}" for name, words in words_by_name.items()]
 
 
-def add_radars(
-    result: Result, at_level: Mapping[str, Mapping[str, Mapping[str, Any]]], how: str = ""
-) -> None:
-    """Add the largest 3 sigma of each radar of a network alone, by `largest_by_radar`.
+#: Scenario, mean and standard deviation of P_D (n,) of a radar of a network alone.
+Alone = tuple[Scenario, FloatArray, FloatArray]
+
+
+def radars_alone(scenario: Scenario, method: str) -> dict[str, Alone]:
+    """Return each radar of a network alone, by name; {} for a single radar."""
+    return {
+        name: (alone, *mean_and_std(distribution(alone, method)))
+        for name, alone in single_radar_scenarios(scenario).items()
+    }
+
+
+def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Alone]], how: str = "") -> None:
+    """Add the largest 3 sigma of each radar of a network alone, at one level or at several.
 
     Args:
         result: The result.
-        at_level: The largest by radar, at one level or at several.
+        at_level: The radars alone, by level.
         how: Method, where it stands nowhere else; "" for none.
     """
-    (_, first), *others = at_level.items()
+    axis = result.scenario.axis
+    found = {
+        level: {name: peak(3 * std, axis) for name, (_, _, std) in radars.items()}
+        for level, radars in at_level.items()
+    }
+    (_, first), *others = found.items()
     if not first:
         return
-    result.summary["largest_three_sigma_by_itself"] = dict(at_level if others else first)
+    result.summary["largest_three_sigma_by_itself"] = found if others else first
     result.report.append(f"largest {f'{how} ' if how else ''}3 sigma of each radar alone:")
-    axis = result.scenario.axis
     result.report += rows(
         {
             name: ", ".join(
                 f"{level} " * bool(others) + describe_extreme(tops[name], axis)
-                for level, tops in at_level.items()
+                for level, tops in found.items()
             )
             for name in first
         }
     )
+
+
+def alone_warnings(radars: Mapping[str, Alone], method: str) -> Iterator[tuple[str, str]]:
+    """Yield radars alone, and what is wrong with their σ by a method."""
+    for name, (alone, mean, std) in radars.items():
+        off = std_off_in_scenario(alone, mean, std, method=method)
+        for text in std_warnings(alone.axis, std, off, method):
+            yield f"{name} alone", text
 
 
 def band_label(level: str, method: str, k: float = 3.0) -> str:

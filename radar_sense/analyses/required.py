@@ -107,6 +107,7 @@ def _by_source(required: Mapping[str, RequiredAccuracy], axis: Axis) -> dict[str
     for source, accuracy in required.items():
         numbers = dataclasses.asdict(accuracy)
         numbers[axis.key] = numbers.pop("place")
+        numbers["unlimited"] = accuracy.factor == np.inf  # null is the factor in both cases
         found[source] = numbers
     return found
 

@@ -45,14 +45,19 @@ def sensitivity(scenario: Scenario) -> Result:
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
-    by_itself = {level: words.largest_by_radar(s, method) for level, s in at_level.items()}
-    words.add_radars(result, by_itself)
+    alone = {level: words.radars_alone(s, method) for level, s in at_level.items()}
+    words.add_radars(result, alone)
     result.warnings += words.gathered(
         (level, text)
         for level, (mean, std) in moments.items()
         for text in words.std_warnings(
             axis, std, std_off_in_scenario(at_level[level], mean, std, method=method), method
         )
+    )
+    result.warnings += words.gathered(
+        (f"{name}, {level}", text)
+        for level, radars in alone.items()
+        for name, text in words.alone_warnings(radars, method)
     )
     result.warnings += words.table_warnings(scenario)
     result.report += words.std_trust(result)

@@ -93,9 +93,14 @@ def variance(
         f"largest 3 sigma of P_D ({words.level_and_method(scenario.level, method)}): "
         f"{words.describe_extreme(worst, axis)}",
     ]
-    by_itself = {name: words.peak(3 * m.std, axis) for name, (_, m) in by_radar.items()}
-    words.add_radars(result, {scenario.level: by_itself})
+    radars = {name: (alone, m.mean, m.std) for name, (alone, m) in by_radar.items()}
+    words.add_radars(result, {scenario.level: radars})
     result.warnings += words.method_warnings(scenario, moments, method)
+    result.warnings += words.gathered(
+        (f"{name} alone", text)
+        for name, (alone, values) in by_radar.items()
+        for text in words.validity_warnings(alone, values, method)
+    )
     if threshold is not None:
         require_threshold(result, threshold, k, band, probability)
     elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma

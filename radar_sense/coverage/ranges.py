@@ -38,6 +38,8 @@ _STEP = 1e-5
 DRAWS, TOLERANCE = (4096, 16_384, 65_536), 0.01
 #: Relative standard error of a bound of the range by draws that needs no more draws.
 PRECISION = 0.01
+#: Standard error of P_D at the bound above which few draws may have missed where P_D jumps.
+LARGEST_ERROR = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +185,8 @@ def _by_draws(
     reach = reach_of_bound(seen, guess, value, lambda *at: drawn(DRAWS[0], *at)[0], TOLERANCE)
     rows = np.flatnonzero(reach > 0)
     for draws in DRAWS:
+        if not rows.size:
+            break
         rays, at = seen.all_rays.part(rows), reach[rows]
         near, _ = drawn(draws, rays, at * (1.0 - PRECISION))
         far, error = drawn(draws, rays, at * (1.0 + PRECISION))
@@ -191,12 +195,11 @@ def _by_draws(
             step = np.where(fall > 0, ((near + far) / 2.0 - value) / fall, 0.0)
         # at a limit of the radar the bound is higher than the value, and needs no precision
         limited = far - value > ERRORS * error
-        settled = limited | ((2.0 * error <= fall) & (abs(step) <= 1.0))
+        sure = (error <= LARGEST_ERROR) & (2.0 * error <= fall)
+        settled = limited | (sure & (abs(step) <= 1.0))
         step = np.where(limited, 0.0, np.clip(step, -1.0, 1.0))
         reach[rows] = np.minimum(at * np.exp(2.0 * PRECISION * step), limit[rows])
         rows = rows[~settled]
-        if not rows.size:
-            break
     return reach, np.isin(np.arange(len(reach)), rows)
 
 

@@ -24,7 +24,7 @@ from radar_sense.propagation import (
     propagate_scenario,
 )
 from radar_sense.scenario import single_radar_scenarios
-from radar_sense.scenario_file.load import load_scenario
+from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import error_budget
 
 PAPER = load_scenario()
@@ -132,3 +132,30 @@ def test_the_cross_sections_seen_are_those_towards_every_radar():
     for key in ("elevation_deg", "rcs_m2"):
         ends = np.array([part[key] for part in seen])
         assert_array_equal(both[key], [ends.min(), ends.max()])
+
+
+@pytest.mark.all_draws
+def test_a_radar_alone_is_judged_too():
+    """The network is certain by its strong radar. 3 sigma of the other is 0.257 by plain draws."""
+    content = """
+name: alone
+radars:
+  - {name: strong, position_m: [0, 0, -20], constant: 5000, p_fa: 1.0e-6,
+     uncertainty: {s: {position_m: 10, constant: 10}}}
+  - {name: edge, position_m: [0, 40000, -20], constant: 3, p_fa: 1.0e-6, max_range_km: 108.5,
+     uncertainty: {s: {position_m: 300, constant: 1}}}
+aircraft: {rcs: {model: constant, rcs_m2: 1}, attitude_deg: [0, 0, 90]}
+geometry: {type: orbit, range_km: 100, down_km: -3, azimuth_deg: {start: 0, stop: 2, step: 1},
+           azimuth_from: north}
+uncertainty: {aircraft: {position_m: 20, attitude_deg: 1}}
+analysis: {level: s}
+"""
+    s = parse_scenario(content)
+    for analysis in (analyses.variance, analyses.budget, analyses.sensitivity, analyses.montecarlo):
+        named = analysis(s, method="form")
+        assert [text for text in named.warnings if text.startswith("edge alone")], analysis
+        if analysis is not analyses.montecarlo:
+            found = analysis(s, method="automatic")
+            assert not found.warnings
+            largest = found.summary["largest_three_sigma_by_itself"]["edge"]["value"]
+            assert largest == pytest.approx(0.257, rel=0.03)

@@ -374,3 +374,41 @@ def test_where_form_fails_the_bounds_are_those_of_plain_draws(metres):
             error = 4 * math.sqrt(tail * (1 - tail) / n)
             within = shares[1] - error <= tail <= shares[0] + error
             assert within or (r == 0 and shares[0] < tail) or result.warnings
+
+
+@pytest.mark.all_draws
+def test_a_lower_bound_is_right_or_warned_of():
+    """The aircraft is nearly overhead, and few draws say little of P_D between lobes of 2 deg.
+
+    P_D is above 0.5 with the probability of the bound at 2.76 to 2.79 km, bearing 90 deg, by 3e6
+    plain draws of another program.
+    """
+    covariance = np.array(
+        [
+            [149459.56, -47301.40195, 101826.6669, -575.1544264, 219.4695126, -1059.67643],
+            [-47301.40195, 149459.56, -44564.48525, 1343.148027, -617.5368448, 408.2171675],
+            [101826.6669, -44564.48525, 149459.56, -454.8821653, 481.334351, -1602.013944],
+            [-575.1544264, 1343.148027, -454.8821653, 32.695524, 1.107511996, 12.36567706],
+            [219.4695126, -617.5368448, 481.334351, 1.107511996, 32.695524, -10.40489579],
+            [-1059.67643, 408.2171675, -1602.013944, 12.36567706, -10.40489579, 32.695524],
+        ]
+    )
+    rcs = {"model": "spikeball", "lobes": 180, "amplitude_m2": 0.3394, "floor_m2": 0.001523}
+    at_73_89 = {"start": 73.89, "stop": 73.89, "step": 1}
+    s = scenario(
+        radar={"position_m": [-338, 26040, -100], "p_fa": 1.7e-4, "constant": 4.44721e-06},
+        aircraft={"attitude_deg": [4.72, 12.3, 304.1], "rcs": rcs},
+        geometry__azimuth_from="north",
+        geometry__range_km=34.87,
+        geometry__down_km=-2.829,
+        geometry__azimuth_deg=at_73_89,
+        uncertainty={
+            "aircraft": {"covariance": covariance.tolist()},
+            "radar": {"s": {"position_m": 24.47, "constant": 1.121e-06}},
+        },
+        analysis={"level": "s", "method": "automatic"},
+    )
+    result = detection_range(s, step_deg=90.0)
+    lower = column(result, "lower_3sigma_m_0.5")[1]
+    warned = any("at all 4 bearings" in w or " 90 " in w for w in result.warnings)
+    assert warned or lower == pytest.approx(2775, rel=0.02)

@@ -149,6 +149,24 @@ uncertainty:
 analysis: {level: low}
 """
 
+#: Lobes of 3 deg: P_D falls below 0.5 at every range with a probability above that of the bound.
+NO_LOWER_BOUND = """\
+name: found
+radar: {position_m: [0, 0, -20], constant: 20, p_fa: 1.0e-6}
+aircraft:
+  attitude_deg: [0, 0, 90]
+  rcs: {model: spikeball, lobes: 60, amplitude_m2: 1, floor_m2: 0.01}
+geometry:
+  type: orbit
+  range_km: 100
+  down_km: -3
+  azimuth_deg: {start: 0, stop: 10, step: 5}
+uncertainty:
+  aircraft: {position_m: 20, attitude_deg: 1}
+  radar: {low: {position_m: 50, constant: 8}}
+analysis: {level: low}
+"""
+
 FOUND = {
     "at the radar": (AT_THE_RADAR, ["detectors", "--method", "probit", "--p-d", "0.67"]),
     "no answer between": (NO_ANSWER_BETWEEN, ["budget", "--threshold", "0.999999"]),
@@ -156,6 +174,7 @@ FOUND = {
     "huge tolerance": (HUGE_TOLERANCE, ["sensitivity", "--method", "form"]),
     "far below": (FAR_BELOW, ["range", "--step-deg", "30"]),
     "no upper bound": (NO_UPPER_BOUND, ["range", "--step-deg", "81", "--format", "png"]),
+    "no lower bound": (NO_LOWER_BOUND, ["range", "--step-deg", "90"]),
     "NaN of a position": (NAN_OF_A_POSITION, ["budget", "--method", "form"]),
 }
 
