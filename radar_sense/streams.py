@@ -23,8 +23,8 @@ class Stream(IntEnum):
     EMPHASIS = 2**32 - 4
     #: Runs along a path, with correlated errors.
     PATH = 2**32 - 5
-    #: Batches of `validate`.
-    BATCHES = 2**32 - 6
+    #: Seeds of the parts of the draws of `validate` and `compare`.
+    PARTS = 2**32 - 6
     #: Plain runs of a mission.
     MISSION = 2**32 - 7
     #: Replicates of a mission, with recombined draws.

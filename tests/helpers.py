@@ -140,7 +140,7 @@ def small_batches(patch):
     patch.setattr(import_module("radar_sense.analyses.compare"), "TOGETHER", 1e4)
     patch.setattr(import_module("radar_sense.analyses.validate"), "RUNS", 2000)
     patch.setattr("radar_sense.montecarlo.adaptive.DRAWS", 2048)
-    patch.setattr("radar_sense.montecarlo.adaptive.MOST_BATCHES", 4)
+    patch.setattr("radar_sense.montecarlo.adaptive.MOST_DRAWS", 8192)
 
 
 @contextmanager

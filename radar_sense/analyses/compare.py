@@ -25,7 +25,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.montecarlo.adaptive import draw_batch
+from radar_sense.montecarlo.adaptive import draw_in_parts
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import METHODS, Moments, propagate_scenario
@@ -171,7 +171,7 @@ def _draw_tails(scenario: Scenario, draws: int, k: float) -> tuple[DrawStatistic
     poses, radars = len(scenario.axis), len(scenario.model.radars)
     what = f"{draws:,} draws at {poses:,} poses"
     foresee(what, float(draws) * poses * radars, less="fewer poses")
-    drawn, error = draw_batch(scenario.states(), 0, draws, k)
+    drawn, error = draw_in_parts(scenario.states(), draws, k)
     return DrawStatistics(*drawn), DrawStatistics(*error)
 
 

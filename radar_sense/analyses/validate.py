@@ -19,7 +19,7 @@ from radar_sense.command import (
     Result,
     command,
 )
-from radar_sense.montecarlo.adaptive import DIGITS, DRAWS, MOST_BATCHES, Verdict, judge
+from radar_sense.montecarlo.adaptive import DIGITS, MOST_DRAWS, Verdict, judge
 from radar_sense.montecarlo.montecarlo import MonteCarlo, monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import no_draws
@@ -135,8 +135,7 @@ def _report(
     report[0] += f", to {to} ({result.scenario.level})"
     if verdict.undecided.any():
         fewer = "; fewer --digits need fewer" if digits > 1 else ""
-        most = DRAWS * MOST_BATCHES
-        report.append(f"  {most:,} draws a pose, the most allowed, are too few{fewer}")
+        report.append(f"  {MOST_DRAWS:,} draws a pose, the most allowed, are too few{fewer}")
     if not result.passed:
         report.append(f"  agrees at {agree} of {len(axis)} poses")
     if without.all():

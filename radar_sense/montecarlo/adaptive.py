@@ -21,14 +21,16 @@ from radar_sense.montecarlo.montecarlo import BETA, ROUNDING
 from radar_sense.progress import report
 from radar_sense.propagation import Moments
 from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.looks import GROWTH
 from radar_sense.states import FloatArray
 from radar_sense.streams import Stream, random_stream
 from radar_sense.uncertain_states import UncertainStates
 
-#: Draws of a batch, and most batches of a pose. The standard errors are 0.5 to 2 σ/√n by n of these
-#: draws, so all batches decide where δ is above 0.3 % of σ.
-DRAWS, MOST_BATCHES = 16_384, 128
-#: Parts of a batch, each with standard errors of its own. At one pose of hundreds the standard
+#: Draws at a pose at first, and most draws. The standard errors are 0.5 to 2 σ/√n by n of these
+#: draws, so the most decide where δ is above 0.3 % of σ. More draws take the place of fewer: where
+#: a tail is steep a bound by few draws is biased, and so is the mean of many such bounds.
+DRAWS, MOST_DRAWS = 16_384, 2**21
+#: Parts of the draws, each with standard errors of its own. At one pose of hundreds the standard
 #: error of one part is too small by chance, up to twenty times; that of four parts is not.
 PARTS = 4
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
@@ -96,7 +98,7 @@ class Verdict:
 def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BETA) -> Verdict:
     """Return the verdict on the values of a method, by draws with emphasis on the tails.
 
-    Batches are drawn at a pose until the method agrees or differs there.
+    More draws are made at a pose until the method agrees or differs there.
 
     Args:
         states: The uncertain states of n poses.
@@ -111,45 +113,40 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     digits = check_number("digits", digits, DIGITS)
     n = len(states)
     values = np.stack([getattr(band, name) for name in QUANTITIES])
-    total, variance = np.zeros((2, len(QUANTITIES), n))
-    batches, rows = np.zeros(n, dtype=np.int64), np.arange(n)
-    for number in range(MOST_BATCHES):
-        drawn, error = draw_batch(states.at(rows), number, DRAWS, beta)
-        total[:, rows] += drawn
-        variance[:, rows] += np.square(error)
-        batches[rows] += 1
-        if number == 0:
-            mean, std = drawn[:2]
-            tolerance = np.array([numerical_tolerance(value, digits) for value in std])
-            delta = np.maximum(tolerance, ROUNDING * abs(mean))
-        error = np.sqrt(variance) / batches
-        verdict = Verdict(values, total / batches, error, delta, batches * DRAWS)
+    drawn, error = draw_in_parts(states, DRAWS, beta)
+    tolerance = np.array([numerical_tolerance(value, digits) for value in drawn[1]])
+    delta = np.maximum(tolerance, ROUNDING * abs(drawn[0]))
+    draws, verdict = np.full(n, DRAWS), Verdict(values, drawn, error, delta, np.full(n, DRAWS))
+    rows, count = np.flatnonzero(verdict.undecided), DRAWS
+    more = np.square(2.0 * error[:, rows] / delta[rows]).max(
+        axis=0, initial=1
+    )  # until it is stable
+    most = float(np.minimum(DRAWS * more, MOST_DRAWS).sum())
+    foresee(f"{most:,.0f} draws of P_D", most * len(states.model.radars), less="fewer --digits")
+    report("poses", n - len(rows), n)
+    while rows.size and count < MOST_DRAWS:
+        count = min(GROWTH * count, MOST_DRAWS)
+        drawn[:, rows], error[:, rows] = draw_in_parts(states.at(rows), count, beta)
+        draws[rows] = count
+        verdict = Verdict(values, drawn, error, delta, draws)
         rows = np.flatnonzero(verdict.undecided)
         report("poses", n - len(rows), n)
-        if not len(rows):
-            break
-        if number == 0:
-            more = np.square(2.0 * error[:, rows] / delta[rows]).max(axis=0)  # until it is stable
-            draws = DRAWS * float(np.clip(more, 1, MOST_BATCHES).sum())
-            what = f"{draws:,.0f} draws of P_D"
-            foresee(what, draws * len(states.model.radars), less="fewer --digits")
     return verdict
 
 
-def draw_batch(
-    states: UncertainStates, number: int, draws: int, beta: float = BETA
+def draw_in_parts(
+    states: UncertainStates, draws: int, beta: float = BETA
 ) -> tuple[FloatArray, FloatArray]:
-    """Return `QUANTITIES` by a batch of draws (4, k), and their standard errors (4, k).
+    """Return `QUANTITIES` by draws (4, k), and their standard errors (4, k).
 
     No method of propagation makes the same draws.
 
     Args:
         states: The uncertain states of k poses.
-        number: Number of the batch, for its seeds.
         draws: Number of draws at each pose, of all `PARTS` together.
         beta: β of the bounds.
     """
-    seeds = random_stream(states.seed, Stream.BATCHES, number).integers(2**63, size=PARTS)
+    seeds = random_stream(states.seed, Stream.PARTS, 0).integers(2**63, size=PARTS)
     parts = [estimate(replace(states, seed=int(x)), draws // PARTS, beta) for x in seeds]
     drawn = [[getattr(part, name) for name in QUANTITIES] for part in parts]
     error = [[getattr(part, f"{name}_error") for name in QUANTITIES] for part in parts]
