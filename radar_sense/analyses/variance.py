@@ -106,8 +106,12 @@ def variance(
     elif k == 3 or method == AUTOMATIC:  # a named method is checked at 3 sigma
         result.report += _trust(result, band)
     _add_places(result.table, scenario)
-    if np.any(moments.error > 0):
-        result.table.add("error_3sigma", moments.error, "Standard error of the 3-sigma bounds.")
+    errors = {"": moments.error, **{name: m.error for name, (_, m) in by_radar.items()}}
+    for name, error in errors.items():
+        if np.any(error > 0):
+            of_radar, ending = _of_radar(name)
+            meaning = f"{of_radar}Standard error of the 3-sigma bounds."
+            result.table.add(f"error_3sigma{ending}", error, meaning)
     result.draw = partial(
         _draw,
         scenario=scenario,
@@ -148,8 +152,7 @@ def _trust(result: Result, band: Band) -> list[str]:
 def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: str = "") -> None:
     """Add range, RCS and SNR of a single radar, and P_D with its band."""
     aircraft, radar = scenario.aircraft, scenario.radar
-    ending = f"_{radar_name}" if radar_name else ""
-    of_radar = f"For radar {radar_name} alone: " if radar_name else ""
+    of_radar, ending = _of_radar(radar_name)
     nominal = "P_D at the nominal states." if radar_name else words.NOMINAL
     if len(scenario.model.models) == 1:
         snr = scenario.model.snr(aircraft, radar).reshape(len(aircraft))
@@ -170,6 +173,11 @@ def _add_band(table: Table, scenario: Scenario, moments: Moments, radar_name: st
         ("upper_3sigma", moments.upper, "Upper bound of P_D at 3 sigma."),
     ):
         table.add(f"{name}{ending}", values, of_radar + meaning)
+
+
+def _of_radar(name: str) -> tuple[str, str]:
+    """Return the beginning of a column's meaning and the end of its name; "" for all radars."""
+    return (f"For radar {name} alone: ", f"_{name}") if name else ("", "")
 
 
 def _add_places(table: Table, scenario: Scenario) -> None:

@@ -160,7 +160,7 @@ def _report(tested: PathTest, method: str, k: float, tests: str) -> list[str]:
     without = np.isnan(test.margin)
     if not without.all():
         lines += [_worst(tested, k)]
-    if test.first is not None and not without.all():
+    if test.first is not None and test.total > 0 and not without.all():
         unit = _unit(scenario)
         lines += [
             f"the bound is above {test.p_max:g} for {test.above:.4g} of {test.total:.6g} {unit} "
