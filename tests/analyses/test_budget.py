@@ -345,7 +345,7 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
         found = required[name]
         assert (found.factor, found.known) == (None, True)
         assert found.residual_from == "edge"
-        assert found.residual == pytest.approx(0.278, rel=0.06)
+        assert found.residual == pytest.approx(0.278, rel=0.12)
     for name in ("edge", "all"):
         factor = required[name].factor
         own = (1, factor, 1) if name == "edge" else (factor,) * 3
