@@ -74,9 +74,9 @@ def required_accuracies(
 ) -> dict[str, RequiredAccuracy]:
     """Return the accuracy of each source at which 3σ of P_D, or its bound, is within a limit.
 
-    The value is assumed to grow with the source. Strong correlations can violate the assumption.
-    Draws verify every factor, at the deviations it leads to. A factor that they refuse is reduced
-    until they confirm it.
+    The method takes the value to grow with the source. Correlations and limits of a radar can
+    violate this. Draws verify every factor, at the deviations it leads to and, of a growth, on the
+    way. A factor that they refuse is reduced until they confirm it.
 
     Args:
         scenario: The scenario, at its level.

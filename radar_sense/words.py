@@ -433,7 +433,13 @@ def std_trust(result: Result) -> list[str]:
     """Return what draws say of σ by the method; nothing where a warning says where it is off."""
     if result.warnings:
         return []
-    return [f"method: {result.method}, sigma checked by draws at {len(result.scenario.axis)} poses"]
+    return [checked(result.method, len(result.scenario.axis), "sigma ")]
+
+
+def checked(method: str, count: int, what: str = "") -> str:
+    """Return that draws have checked a method at a number of poses."""
+    poses = "pose" if count == 1 else "poses"
+    return f"method: {method}, {what}checked by draws at {count} {poses}"
 
 
 def _of_std(

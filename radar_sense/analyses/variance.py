@@ -144,7 +144,7 @@ def _trust(result: Result, band: Band) -> list[str]:
     """Return what draws say of the method; nothing where a warning says where it is off."""
     if result.warnings:
         return []
-    line = f"method: {result.method}, checked by draws at {len(band.p_d)} poses"
+    line = words.checked(result.method, len(band.p_d))
     by_draws = np.count_nonzero(band.error) if result.method == AUTOMATIC else 0
     return [f"{line}; draws replace form at {by_draws}" if by_draws else line]
 

@@ -16,7 +16,7 @@ from radar_sense.limits import ABOVE, SIGMAS
 from radar_sense.limits import THRESHOLD as P_MAX
 from radar_sense.propagation import AUTOMATIC, Band
 from radar_sense.scenario import Scenario
-from radar_sense.words import describe_band, describe_poses
+from radar_sense.words import checked, describe_band, describe_poses
 
 THRESHOLD = Option(
     "threshold",
@@ -258,7 +258,7 @@ def _trust(tested: PathTest, method: str) -> list[str]:
     """Return how the bounds were computed and checked, and at which poses."""
     scenario, path = tested.path.scenario, tested.path
     count = len(scenario.axis)
-    line = f"method: {method}, checked by draws at {count} poses"
+    line = checked(method, count)
     if tested.by_draws.any():
         line += f"; draws replace form at {np.count_nonzero(tested.by_draws)}"
     if tested.test.passed:
