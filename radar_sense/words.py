@@ -131,6 +131,8 @@ WARNINGS: dict[str, str] = {
         "of the height above the height, or 3 sigma of P_D above 1. A unit is a likely reason."
     ),
 }
+#: Least probability that four digits show.
+SHOWN = 5e-5
 #: What to use in place of a band that is off, where a table has the draws.
 BY_DRAWS = "use the columns of the draws there"
 REMEDY = f"use --method {AUTOMATIC}"
@@ -223,7 +225,7 @@ def probability(value: float) -> str:
         return "-"
     if abs(value) < 1e-6:
         return "0"
-    return f"{value:.4f}" if abs(value) >= 5e-5 else f"{value:.0e}"
+    return f"{value:.4f}" if abs(value) >= SHOWN else f"{value:.0e}"
 
 
 def describe_detector(detector: Detector) -> str:

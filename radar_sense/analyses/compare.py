@@ -25,7 +25,7 @@ from radar_sense.command import (
     command,
 )
 from radar_sense.cost import foresee
-from radar_sense.montecarlo.adaptive import draw_in_parts
+from radar_sense.montecarlo.adaptive import ERRORS, draw_in_parts
 from radar_sense.montecarlo.montecarlo import monte_carlo
 from radar_sense.montecarlo.statistics import DrawStatistics
 from radar_sense.propagation import METHODS, Moments, propagate_scenario
@@ -39,10 +39,6 @@ if TYPE_CHECKING:
 #: Draws with emphasis on the tails of all poses and radars together, about a second; and least and
 #: most draws at a pose.
 TOGETHER, LEAST, MOST = 3e6, 2**10, 2**17
-#: Standard errors of the draws by which a difference is told from none.
-ERRORS = 4.0
-#: Least difference that four digits show.
-SHOWN = 5e-5
 #: What is compared, and the values in it.
 COMPARED = {"bounds": ("lower", "upper"), "sigma": ("std",), "mean": ("mean",)}
 
@@ -198,7 +194,7 @@ class _Difference:
             np.stack([getattr(x, name) for name in names]) for x in (m, drawn, error)
         )
         distance = abs(values - by_draws)
-        noise = np.maximum(ERRORS * noise, SHOWN)
+        noise = np.maximum(ERRORS * noise, words.SHOWN)
         most = float(np.nanmax(distance + noise, initial=0.0))
         return cls(distance.max(axis=0), np.asarray((distance > noise).any(axis=0)), most)
 

@@ -189,7 +189,8 @@ def p_d_in_cells(
         return p_d, bound.reshape(p_d.shape)
 
     count = 1 if method is None else 2
-    _foresee(scenario, cells, 1.0 if method is None else EVALUATIONS.get(method, 350.0), workers)
+    at_cell = EVALUATIONS.get(method, EVALUATIONS["form"]) if method else 1.0
+    _foresee(scenario, cells, at_cell, workers)
     p_d, *bounds = _in_cells(scenario, cells, pose, planes, count, workers)
     return p_d, bounds[0] if bounds else None
 

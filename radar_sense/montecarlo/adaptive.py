@@ -34,7 +34,7 @@ DRAWS, MOST_DRAWS = 16_384, 2**21
 #: error of one part is too small by chance, up to twenty times; that of four parts is not.
 PARTS = 4
 DIGITS = Limit(at_least=1, at_most=4, whole=True)
-#: Standard errors by which a distance exceeds δ where a method differs.
+#: Standard errors of the draws by which a method differs from them.
 ERRORS = 4.0
 #: What is compared: attributes of `Moments` and of `Estimate`.
 QUANTITIES = ("mean", "std", "lower", "upper")

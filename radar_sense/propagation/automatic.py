@@ -29,6 +29,8 @@ LEAST_CHANGE, LEAST_TOLD = 1e-6, 2e-5
 #: Most draws at a pose that judge the bounds of a named method. A bound that they do not confirm is
 #: warned of.
 MOST_OF_NAMED = LAST // GROWTH
+#: β of the draws that say something of mean, σ and probabilities.
+JUDGED = 3.0
 #: Draws at a pose for a probability.
 FOR_PROBABILITY = 16 * FIRST
 #: Standard errors within which a value is taken to be.
@@ -141,7 +143,7 @@ class Automatic(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,) by draws."""
-        return estimate(self.states, FOR_PROBABILITY, 3.0, p_max).above
+        return estimate(self.states, FOR_PROBABILITY, JUDGED, p_max).above
 
     def with_covariances(self, changed: UncertainStates) -> Automatic:
         """Return the method for the same states with other covariances."""
@@ -150,7 +152,7 @@ class Automatic(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        form, looks = self._form, self._looks_at(3.0)
+        form, looks = self._form, self._looks_at(JUDGED)
         drawn, confirmed, _ = judged(looks, (form.mean, form.std), of_moments, to_precision=True)
         return np.where(confirmed, form.mean, drawn.mean), np.where(confirmed, form.std, drawn.std)
 

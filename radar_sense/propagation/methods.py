@@ -20,6 +20,7 @@ from radar_sense.model.network import NetworkModel
 from radar_sense.progress import report
 from radar_sense.propagation.automatic import (
     BOUND_CHANGE,
+    JUDGED,
     Automatic,
     judged,
     of_bounds,
@@ -43,8 +44,6 @@ if TYPE_CHECKING:
 AUTOMATIC, MONTE_CARLO = "automatic", "montecarlo"
 #: Numbers in memory for each draw at one pose.
 NUMBERS = 12
-#: β of the draws that judge mean and σ.
-JUDGED = 3.0
 #: Poses between two reports of progress.
 REPORTED = 16_384
 

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from radar_sense.propagation.automatic import JUDGED
 from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.propagation.moments import Distribution
 from radar_sense.states import FloatArray
@@ -23,7 +24,7 @@ class PlainDraws(Distribution):
     @cached_property
     def moments(self) -> tuple[FloatArray, FloatArray]:
         """Mean and standard deviation of P_D (k,)."""
-        found = self._drawn(3.0)
+        found = self._drawn(JUDGED)
         return found.mean, found.std
 
     def quantile(self, beta: float) -> FloatArray:
@@ -37,7 +38,7 @@ class PlainDraws(Distribution):
 
     def exceedance(self, p_max: float) -> FloatArray:
         """Return P(P_D > p_max) (k,)."""
-        return estimate(self.states, self.states.runs, 3.0, p_max, plain=True).above
+        return estimate(self.states, self.states.runs, JUDGED, p_max, plain=True).above
 
     def with_covariances(self, changed: UncertainStates) -> PlainDraws:
         """Return the method for the same states with other covariances."""
