@@ -30,10 +30,11 @@ VERIFIED = 16
 #: Steps in ln of a factor: outwards to bracket it, and down from one that draws refuse, with the
 #: halvings of the last step down.
 STEP, STEP_DOWN, HALVINGS = float(np.log(4.0)), 0.35, 6
-#: Step in ln of a factor on the way to a growth, at which few draws may refuse the limit, and the
-#: standard errors of these draws at which they do. A limit in reach makes σ large over more than a
-#: decade: from a third of the distance of the limit to several ranges.
-WAY, SURE = float(np.log(10.0)), 5.0
+#: Step in ln of a factor on the way to a growth. Beside a limit in reach σ is large over more than
+#: a decade, from a third of the distance of the limit to several ranges.
+WAY = float(np.log(10.0))
+#: Standard errors by which draws are sure that a limit is exceeded.
+SURE = 5.0
 #: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
 #: be off by `STD_CHANGE`, as elsewhere.
 SLACK, FIRST_ORDER = 0.005, ("linear", "probit")
@@ -117,10 +118,10 @@ class _Goal:
         factor, known = self._confirmed(names, *self._largest(names))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
         values = self.values(names, finite_factor)
-        missed = np.zeros(len(values), dtype=bool)
-        if self.method == AUTOMATIC or (factor is None and not np.max(values) > self.limit):
+        missed = np.full(len(values), factor is None and not np.max(values) > self.limit)
+        if self.method == AUTOMATIC or missed.any():
             drawn, errors = self._drawn(names, finite_factor, LOOK)
-            missed = ~(abs(values - drawn) <= SURE * errors)
+            missed |= ~(abs(values - drawn) <= SURE * errors)
             values = np.where(missed, drawn, values)
         pose = int(np.argmax(reached(values)))
         if missed[pose]:
@@ -190,12 +191,7 @@ class _Goal:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
-            at = float(np.exp(high))
-            if high < last:
-                refused = self._exceeds(*self._drawn(names, at, LOOK))
-            else:
-                refused = not self._holds(names, at)
-            if refused:
+            if not self._holds(names, float(np.exp(high))):
                 break
         else:
             return (factor, known) if factor else (np.inf, True)

@@ -167,8 +167,8 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
     assert found["radar_position"].factor == pytest.approx(factor, rel=2e-4)
     assert found["aircraft_position"].factor == pytest.approx(10.0, rel=1e-6)
     assert found["aircraft_position"].known
-    # at factors 0, 1, 4 and 16, at the result, for the draws that verify it, and for its residual
-    assert evaluated.count(("aircraft_position", 2)) == 7
+    # at factors 0, 1, 4 and 16, at the result, for the draws that verify 1 and it, for its residual
+    assert evaluated.count(("aircraft_position", 2)) == 8
     assert evaluated.count(("aircraft_position", 1)) > 3
 
 
@@ -354,6 +354,23 @@ def test_a_limit_in_reach_of_errors_bounds_the_factors(monkeypatch):
     assert three_sigma_at_a_limit(1, grown["edge"].factor, 1) == pytest.approx(0.5, rel=0.1)
     assert grown["aircraft_orientation"].factor == np.inf
     assert three_sigma_at_a_limit(1, 1, grown["aircraft_position"].factor) < 0.55
+
+
+def test_a_growth_that_meets_a_limit_is_not_allowed(monkeypatch):
+    """The limit is 20 km away, 200 σ, and beyond some 1000 σ the radar is seldom in range."""
+    monkeypatch.setattr(module, "DRAWS", 4096)
+    content = yaml.safe_load(AT_A_LIMIT)
+    del content["radars"][0]
+    content["radars"][0] |= {"max_range_km": 100, "constant": 5}
+    content["radars"][0]["uncertainty"] = {"s": {"position_m": 10, "constant": 0.5}}
+    content["uncertainty"]["aircraft"]["position_m"] = 100
+    content["geometry"]["range_km"] = 120
+    found = required_accuracies(parse_scenario(yaml_text(content)), 0.2, method="automatic")
+    for name, std in (("aircraft_position", 100), ("radar_position", 10)):
+        # P_D is 1 where an error along the line brings the aircraft into range
+        inside = norm.sf((np.hypot(120e3, 2980) - 100e3) / (found[name].factor * std))
+        assert 3 * np.sqrt(inside * (1 - inside)) == pytest.approx(0.2, rel=0.1)
+    assert found["radar_constant"].factor == np.inf
 
 
 def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
