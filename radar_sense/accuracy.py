@@ -118,17 +118,18 @@ class _Goal:
         factor, known = self._confirmed(names, *self._largest(names))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
         values = self.values(names, finite_factor)
-        missed = np.full(len(values), factor is None and not np.max(values) > self.limit)
-        if self.method == AUTOMATIC or missed.any():
-            drawn, errors = self._drawn(names, finite_factor, LOOK)
-            missed |= ~(abs(values - drawn) <= SURE * errors)
-            values = np.where(missed, drawn, values)
-        pose = int(np.argmax(reached(values)))
-        if missed[pose]:
-            values[pose] = self._drawn(names, finite_factor, DRAWS, np.array([pose]))[0][0]
+        pose = int(np.argmax(reached(np.nan_to_num(values, nan=np.inf))))
+        residual = values[pose]
+        if self.method == AUTOMATIC or (factor is None and not residual > self.limit):
+            rows = self._rows(names, finite_factor)
+            drawn, errors = self._drawn(names, finite_factor, DRAWS, rows)
+            agrees = abs(values[rows] - drawn) <= SURE * errors
+            found = np.where(agrees, values[rows], drawn)
+            largest = int(np.argmax(reached(found)))
+            pose, residual = int(rows[largest]), found[largest]
         return RequiredAccuracy(
             factor=factor,
-            residual=float(values[pose]),
+            residual=float(residual),
             place=float(self.scenario.axis.values[pose]),
             residual_from=self._largest_other(names, pose),
             known=known,
@@ -191,7 +192,8 @@ class _Goal:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
-            if not self._holds(names, float(np.exp(high))):
+            at = float(np.exp(high))
+            if self._is_refused(names, at) if high < last else not self._holds(names, at):
                 break
         else:
             return (factor, known) if factor else (np.inf, True)
@@ -208,18 +210,12 @@ class _Goal:
 
     def _holds(self, names: Collection[str], factor: float) -> bool | None:
         """Return whether draws say that the limit holds at a factor; None if they are not sure."""
-        by_method, looked = self.values(names, factor), self._drawn(names, factor, LOOK)
-        if self._exceeds(*looked):
+        rows = self._rows(names, factor)
+        values, errors = self._drawn(names, factor, DRAWS, rows)
+        if self._exceeds(values, errors):
             return False
-        largest = [
-            np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED]
-            for values in (by_method, looked[0])
-        ]
-        rows = np.union1d(*largest)
         allowed = np.full(len(rows), self._allowed)
-        if self.k is None:
-            values, errors = self._drawn(names, factor, DRAWS, rows)
-        else:
+        if self.k is not None:
             by_draws = Automatic(scaled(self.scenario, names, factor).at(rows))
             values, errors = by_draws.quantile(self.k), by_draws.error(self.k)
             if self.method == AUTOMATIC:
@@ -227,6 +223,17 @@ class _Goal:
         if np.all(values <= allowed):
             return True
         return False if self._exceeds(values, errors) else None
+
+    def _is_refused(self, names: Collection[str], factor: float) -> bool:
+        """Return whether draws are sure that the limit does not hold at a factor."""
+        rows = self._rows(names, factor)
+        return self._exceeds(*self._drawn(names, factor, DRAWS, rows))
+
+    def _rows(self, names: Collection[str], factor: float) -> NDArray[np.intp]:
+        """Return the poses with the largest values by the method, and by few draws at all poses."""
+        both = self.values(names, factor), self._drawn(names, factor, LOOK)[0]
+        largest = [np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED] for values in both]
+        return np.union1d(*largest)
 
     def _exceeds(self, values: FloatArray, errors: FloatArray) -> bool:
         """Return whether values by draws are sure to exceed the limit at any pose."""
