@@ -42,6 +42,7 @@ from radar_sense.model.rcs_table import TableRCS
 from radar_sense.plausibility import below_ground
 from radar_sense.propagation import (
     AUTOMATIC,
+    band_of_scenario,
     distribution,
     no_draws,
     propagate_scenario,
@@ -257,11 +258,16 @@ def _unreliable(
     everything = slice(None), slice(None)
     checked = scenario.at_states(states_in(sample, everything, pose, scenario.origin))
     moments = propagate_scenario(checked, method=method, beta=k)
-    unreliable = unreliable_in_scenario(checked, moments, method=method, beta=k)
-    if count := int(np.count_nonzero(unreliable)):
-        remedy = "" if method == "form" else f"; use --method {AUTOMATIC}"
-        text = f"the {method} bound is off in {count} of {len(unreliable)} cells that were checked"
-        yield warning("band-off", text + remedy)
+    off = np.flatnonzero(unreliable_in_scenario(checked, moments, method=method, beta=k))
+    if off.size:
+        true = band_of_scenario(checked.at_poses(off), method=AUTOMATIC, beta=k).upper
+        most = np.nanmax(abs(true - moments.upper[off]), initial=0.0)
+        remedy = "use variance at poses there" if method == "form" else f"use --method {AUTOMATIC}"
+        yield warning(
+            "band-off",
+            f"the {method} bound is off in {off.size} of {len(moments.upper)} cells that were "
+            f"checked, by up to {most:.2g}; {remedy}",
+        )
 
 
 def _draw(figure: Figure, result: Result, route: FloatArray) -> None:

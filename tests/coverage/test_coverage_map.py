@@ -3,6 +3,7 @@
 import io
 import json
 import math
+import re
 import time
 from pathlib import Path
 
@@ -511,3 +512,19 @@ def test_the_bound_at_another_k(tool):
     code, out, err = tool("map", "--k", "2")
     assert (code, out) == (2, "")
     assert err == "Error: k is for the upper bound: it needs upper\n"
+
+
+def test_a_bound_that_is_off_says_by_how_much():
+    """A radar sees nothing beyond its limit by FORM, and the aircraft may be within it."""
+    s = scenario(
+        radar={"position_m": [0, 0, 0], "p_fa": 1e-6, "constant": 50, "max_range_km": 41.2},
+        aircraft__rcs={"model": "constant", "rcs_m2": 1.0},
+        uncertainty={
+            "aircraft": {"position_m": 2000, "attitude_deg": 1},
+            "radar": {"s": {"position_m": 10, "constant": 1}},
+        },
+        analysis={"level": "s", "method": "automatic"},
+    )
+    result = coverage_map(s, upper=True, step_km=5, north_km=(38, 48), east_km=(-5, 5))
+    (warning,) = (text for text in result.warnings if text.endswith("[band-off]"))
+    assert re.search(r"by up to (1|0\.9\d?); use variance at poses there", warning), warning
