@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radar_sense.axis import reached
 from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
-from radar_sense.propagation.automatic import Automatic
+from radar_sense.propagation.automatic import PART_OF_BOUND, Automatic
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
 from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
@@ -30,9 +30,9 @@ VERIFIED = 16
 #: Steps in ln of a factor: outwards to bracket it, and down from one that draws refuse, with the
 #: halvings of the last step down.
 STEP, STEP_DOWN, HALVINGS = float(np.log(4.0)), 0.35, 6
-#: Step in ln of a factor on the way to a growth. Beside a limit in reach σ is large over more than
-#: a decade, from a third of the distance of the limit to several ranges.
-WAY = float(np.log(10.0))
+#: Step in ln of a factor on the way to a growth, half a decade. Beside a limit in reach σ is large
+#: over more than a decade, from a third of the distance of the limit to several ranges.
+WAY = float(np.log(10.0)) / 2.0
 #: Standard errors by which draws are sure that a limit is exceeded.
 SURE = 5.0
 #: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
@@ -256,7 +256,7 @@ class _Goal:
     def _allowed(self) -> float:
         """The limit, and what a value above it may be off."""
         if self.k is not None:
-            return self.limit + BOUND_CHANGE
+            return self.limit + min(BOUND_CHANGE, PART_OF_BOUND * self.limit)
         return (1.0 + (STD_CHANGE if self.method in FIRST_ORDER else SLACK)) * self.limit
 
     def _largest_other(self, names: Collection[str], pose: int) -> str | None:
