@@ -12,11 +12,12 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from radar_sense.axis import reached
 from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
-from radar_sense.propagation.automatic import PART_OF_BOUND, Automatic
+from radar_sense.propagation.automatic import ERRORS, PART_OF_BOUND
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
 from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
@@ -192,8 +193,8 @@ class _Goal:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
-            at = float(np.exp(high))
-            if self._is_refused(names, at) if high < last else not self._holds(names, at):
+            holds = self._holds(names, float(np.exp(high)))
+            if holds is False or (high == last and not holds):
                 break
         else:
             return (factor, known) if factor else (np.inf, True)
@@ -209,35 +210,26 @@ class _Goal:
         return float(np.exp(low)), False
 
     def _holds(self, names: Collection[str], factor: float) -> bool | None:
-        """Return whether draws say that the limit holds at a factor; None if they are not sure."""
-        rows = self._rows(names, factor)
-        values, errors = self._drawn(names, factor, DRAWS, rows)
-        if self._exceeds(values, errors):
-            return False
-        allowed = np.full(len(rows), self._allowed)
-        if self.k is not None:
-            by_draws = Automatic(scaled(self.scenario, names, factor).at(rows))
-            values, errors = by_draws.quantile(self.k), by_draws.error(self.k)
-            if self.method == AUTOMATIC:
-                allowed = self.limit + 2.0 * errors
-        if np.all(values <= allowed):
-            return True
-        return False if self._exceeds(values, errors) else None
+        """Return whether draws say that the limit holds at a factor; None if they are not sure.
 
-    def _is_refused(self, names: Collection[str], factor: float) -> bool:
-        """Return whether draws are sure that the limit does not hold at a factor."""
-        rows = self._rows(names, factor)
-        return self._exceeds(*self._drawn(names, factor, DRAWS, rows))
+        A bound holds if P_D exceeds the limit with the probability of the bound at most.
+        """
+        changed = scaled(self.scenario, names, factor).at(self._rows(names, factor))
+        if self.k is None:
+            found = estimate(changed, DRAWS, 3.0)
+            values, errors, most, slack = 3.0 * found.std, 3.0 * found.std_error, self._allowed, 0.0
+        else:
+            found = estimate(changed, DRAWS, self.k, self._allowed)
+            values, errors, most, slack = found.above, found.above_error, ndtr(-self.k), ERRORS
+        if np.any(values - SURE * errors > most):
+            return False
+        return True if np.all(values <= most + slack * errors) else None
 
     def _rows(self, names: Collection[str], factor: float) -> NDArray[np.intp]:
         """Return the poses with the largest values by the method, and by few draws at all poses."""
         both = self.values(names, factor), self._drawn(names, factor, LOOK)[0]
         largest = [np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED] for values in both]
         return np.union1d(*largest)
-
-    def _exceeds(self, values: FloatArray, errors: FloatArray) -> bool:
-        """Return whether values by draws are sure to exceed the limit at any pose."""
-        return bool(np.any(values - SURE * errors > self._allowed))
 
     def _drawn(
         self,

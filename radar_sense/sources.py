@@ -11,6 +11,7 @@ import itertools
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,6 +64,7 @@ class Contribution:
         share: Share of the variance of P_D (n,), NaN where nothing is uncertain.
         share_error: Standard error of the share (n,), by Sobol' indices.
         total_index: Total Sobol' index (n,) of a source, by Sobol' indices.
+        total_error: Standard error of the total index (n,).
         part_of: Name of the source that it is a part of; "" for a source.
     """
 
@@ -71,6 +73,7 @@ class Contribution:
     share: FloatArray
     share_error: FloatArray | None = None
     total_index: FloatArray | None = None
+    total_error: FloatArray | None = None
     part_of: str = ""
 
     @property
@@ -200,10 +203,12 @@ def _budget(
     mean: FloatArray,
     std: FloatArray,
     std_by_name: Mapping[str, FloatArray],
-    share_error: Mapping[str, FloatArray] | None = None,
-    total_index: Mapping[str, FloatArray] | None = None,
+    by_indices: Mapping[str, Mapping[str, FloatArray]] = MappingProxyType({}),
 ) -> Budget:
-    """Return the budget with shares, from the standard deviations of sources, parts and finer."""
+    """Return the budget with shares, from the standard deviations of sources, parts and finer.
+
+    Fields that only Sobol' indices have are by name of the contribution.
+    """
     sources, parts = sources_of(scenario), parts_of(scenario)
     finer = [name for name in std_by_name if name not in sources and name not in parts]
     part_of = {name: part.source for name, part in parts.items()}
@@ -213,14 +218,13 @@ def _budget(
         for name in finer
         if name.endswith(f"_{parameter}")
     }
-    errors, indices = share_error or {}, total_index or {}
     variance = np.where(std > 0, std**2, np.nan)
     shares = {name: values**2 / variance for name, values in std_by_name.items()}
     left = 1.0 - np.sum([shares[name] for name in sources], axis=0)
     unknown = np.full_like(std, np.nan)
     found = {
         name: Contribution(
-            name, values, share, errors.get(name), indices.get(name), part_of.get(name, "")
+            name, values, share, part_of=part_of.get(name, ""), **by_indices.get(name, {})
         )
         for name, values, share in (
             *((name, std_by_name[name], share) for name, share in shares.items()),
@@ -425,13 +429,15 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         seed=scenario.seed,
     )
     std = np.sqrt(indices.variance)
-    first_order = dict(zip(groups, np.nan_to_num(indices.first), strict=True))
-    error = dict(zip(groups, indices.first_error, strict=True))
     # The estimate of a small share can be negative.
-    alone = {name: std * np.sqrt(np.maximum(share, 0.0)) for name, share in first_order.items()}
-    error["interaction"] = np.sqrt(np.sum(indices.first_error[: len(shown)] ** 2, axis=0))
-    total = {s: indices.total[i] for i, s in enumerate(shown)}
-    return _budget(scenario, indices.mean, std, alone, error, total)
+    shares = np.maximum(np.nan_to_num(indices.first), 0.0)
+    alone = dict(zip(groups, std * np.sqrt(shares), strict=True))
+    fields = {name: {"share_error": indices.first_error[i]} for i, name in enumerate(groups)}
+    for i, name in enumerate(shown):
+        fields[name] |= {"total_index": indices.total[i], "total_error": indices.total_error[i]}
+    of_sources = np.sum(indices.first_error[: len(shown)] ** 2, axis=0)
+    fields["interaction"] = {"share_error": np.sqrt(of_sources)}
+    return _budget(scenario, indices.mean, std, alone, fields)
 
 
 def _errors(sqrt_cov: FloatArray, normals: FloatArray, poses: slice) -> Iterable[FloatArray]:

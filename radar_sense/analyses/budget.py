@@ -94,6 +94,10 @@ def budget(
             add(f"share_error_{c.name}", c.share_error, f"Standard error of the share of {c.name}.")
     for c in parts:
         add(f"three_sigma_{c.name}", c.three_sigma, f"3 sigma of P_D from {c.meaning}.")
+    for c in sources:
+        if c.total_error is not None:
+            meaning = f"Standard error of the total Sobol' index of {c.name}."
+            add(f"total_index_error_{c.name}", c.total_error, meaning)
 
     if at_pose == 0:
         result.report += ["nothing to measure: P_D is certain"]

@@ -34,6 +34,7 @@ class SobolIndices:
         first: First-order indices (g, s).
         total: Total indices (g, s).
         first_error: Standard errors of the first-order indices (g, s).
+        total_error: Standard errors of the total indices (g, s).
     """
 
     mean: FloatArray
@@ -41,6 +42,7 @@ class SobolIndices:
     first: FloatArray
     total: FloatArray
     first_error: FloatArray
+    total_error: FloatArray
 
 
 def sobol_indices(
@@ -101,12 +103,16 @@ def sobol_indices(
     means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
     constant = variances.mean(axis=0) == 0
     firsts[..., constant] = totals[..., constant] = np.nan
+    first_error, total_error = (
+        indices.std(axis=0, ddof=1) / np.sqrt(REPLICATES) for indices in (firsts, totals)
+    )
     return SobolIndices(
         mean=means.mean(axis=0),
         variance=variances.mean(axis=0),
         first=firsts.mean(axis=0),
         total=totals.mean(axis=0),
-        first_error=firsts.std(axis=0, ddof=1) / np.sqrt(REPLICATES),
+        first_error=first_error,
+        total_error=total_error,
     )
 
 
