@@ -17,7 +17,7 @@ from scipy.special import ndtr
 from radar_sense.axis import reached
 from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
-from radar_sense.propagation.automatic import ERRORS, PART_OF_BOUND
+from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import estimate
 from radar_sense.scenario import Scenario
 from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
@@ -193,8 +193,7 @@ class _Goal:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
-            holds = self._holds(names, float(np.exp(high)))
-            if holds is False or (high == last and not holds):
+            if not self._holds(names, float(np.exp(high))):
                 break
         else:
             return (factor, known) if factor else (np.inf, True)
@@ -217,13 +216,13 @@ class _Goal:
         changed = scaled(self.scenario, names, factor).at(self._rows(names, factor))
         if self.k is None:
             found = estimate(changed, DRAWS, 3.0)
-            values, errors, most, slack = 3.0 * found.std, 3.0 * found.std_error, self._allowed, 0.0
+            values, errors, most = 3.0 * found.std, 3.0 * found.std_error, self._allowed
         else:
             found = estimate(changed, DRAWS, self.k, self._allowed)
-            values, errors, most, slack = found.above, found.above_error, ndtr(-self.k), ERRORS
+            values, errors, most = found.above, found.above_error, float(ndtr(-self.k))
         if np.any(values - SURE * errors > most):
             return False
-        return True if np.all(values <= most + slack * errors) else None
+        return True if np.all(values <= most) else None
 
     def _rows(self, names: Collection[str], factor: float) -> NDArray[np.intp]:
         """Return the poses with the largest values by the method, and by few draws at all poses."""
