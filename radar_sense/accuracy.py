@@ -18,7 +18,7 @@ from radar_sense.axis import reached
 from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
-from radar_sense.propagation.draws import estimate
+from radar_sense.propagation.draws import Estimate, estimate
 from radar_sense.scenario import Scenario
 from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
@@ -123,7 +123,7 @@ class _Goal:
         residual = values[pose]
         if self.method == AUTOMATIC or (factor is None and not residual > self.limit):
             rows = self._rows(names, finite_factor)
-            drawn, errors = self._drawn(names, finite_factor, DRAWS, rows)
+            drawn, errors = self._value(self._drawn(names, finite_factor, DRAWS, rows))
             agrees = abs(values[rows] - drawn) <= SURE * errors
             found = np.where(agrees, values[rows], drawn)
             largest = int(np.argmax(reached(found)))
@@ -213,12 +213,10 @@ class _Goal:
 
         A bound holds if P_D exceeds the limit with the probability of the bound at most.
         """
-        changed = scaled(self.scenario, names, factor).at(self._rows(names, factor))
+        found = self._drawn(names, factor, DRAWS, self._rows(names, factor))
         if self.k is None:
-            found = estimate(changed, DRAWS, 3.0)
-            values, errors, most = 3.0 * found.std, 3.0 * found.std_error, self._allowed
+            (values, errors), most = self._value(found), self._allowed
         else:
-            found = estimate(changed, DRAWS, self.k, self._allowed)
             values, errors, most = found.above, found.above_error, float(ndtr(-self.k))
         if np.any(values - SURE * errors > most):
             return False
@@ -226,7 +224,8 @@ class _Goal:
 
     def _rows(self, names: Collection[str], factor: float) -> NDArray[np.intp]:
         """Return the poses with the largest values by the method, and by few draws at all poses."""
-        both = self.values(names, factor), self._drawn(names, factor, LOOK)[0]
+        looked, _ = self._value(self._drawn(names, factor, LOOK))
+        both = self.values(names, factor), looked
         largest = [np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED] for values in both]
         return np.union1d(*largest)
 
@@ -236,9 +235,14 @@ class _Goal:
         factor: float,
         draws: int,
         rows: NDArray[np.intp] | slice = slice(None),
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return 3σ of P_D, or its upper bound, by draws (k,) at some poses, and its errors."""
-        found = estimate(scaled(self.scenario, names, factor).at(rows), draws, self.k or 3.0)
+    ) -> Estimate:
+        """Return what draws say at some poses, at the deviations of a factor."""
+        p_max = np.nan if self.k is None else self._allowed
+        changed = scaled(self.scenario, names, factor).at(rows)
+        return estimate(changed, draws, self.k or 3.0, p_max)
+
+    def _value(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
+        """Return 3σ of P_D, or its upper bound, by draws (k,), and the standard error."""
         if self.k is None:
             return 3.0 * found.std, 3.0 * found.std_error
         return found.upper, found.upper_error

@@ -105,7 +105,7 @@ class Budget:
             network. Empty for a single radar, and for Sobol' indices.
         total: All sources together.
         interaction: What is left of the variance, by correlations and nonlinearity of P_D. Its
-            share is 1 minus those of the sources, and can be negative.
+            share is 1 minus the shares of the sources. The share can be negative.
     """
 
     mean: FloatArray

@@ -116,12 +116,13 @@ def judge(states: UncertainStates, band: Moments, digits: int, beta: float = BET
     drawn, error = draw_in_parts(states, DRAWS, beta)
     tolerance = np.array([numerical_tolerance(value, digits) for value in drawn[1]])
     delta = np.maximum(tolerance, ROUNDING * abs(drawn[0]))
-    draws, verdict = np.full(n, DRAWS), Verdict(values, drawn, error, delta, np.full(n, DRAWS))
-    rows, count = np.flatnonzero(verdict.undecided), DRAWS
-    more = np.square(2.0 * error[:, rows] / delta[rows]).max(
-        axis=0, initial=1
-    )  # until it is stable
-    most = float(np.minimum(DRAWS * more, MOST_DRAWS).sum())
+    draws, count = np.full(n, DRAWS), DRAWS
+    verdict = Verdict(values, drawn, error, delta, draws)
+    rows = np.flatnonzero(verdict.undecided)
+    # as many as it takes until the draws are stable
+    more = np.square(2.0 * error[:, rows] / delta[rows]).max(axis=0, initial=GROWTH)
+    growth = GROWTH ** np.ceil(np.log(more) / np.log(GROWTH))
+    most = float(np.minimum(DRAWS * growth, MOST_DRAWS).sum())
     foresee(f"{most:,.0f} draws of P_D", most * len(states.model.radars), less="fewer --digits")
     report("poses", n - len(rows), n)
     while rows.size and count < MOST_DRAWS:

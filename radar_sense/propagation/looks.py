@@ -51,7 +51,7 @@ class Looks:
         for mask, draws in ((~with_lobes, FIRST), (with_lobes, LOBED)):
             rows = np.flatnonzero(mask)
             if rows.size:
-                found.put(rows, self._estimate(rows, draws))
+                found.put(rows, self._at(rows, draws))
         return found
 
     def until(
@@ -72,19 +72,16 @@ class Looks:
             more = GROWTH * drawn.draws[rows].astype(int)
             for draws in np.unique(more):
                 some = rows[more == draws]
-                drawn.put(some, self._again(some, int(draws)))
+                drawn.put(some, self._at(some, int(draws)))
         return drawn
 
-    def _again(self, rows: NDArray[np.intp], draws: int) -> Estimate:
+    def _at(self, rows: NDArray[np.intp], draws: int) -> Estimate:
         """Return what this number of draws says at some poses, from before where it is known."""
         known = self._drawn.setdefault(draws, Estimate.constant(len(self.states), np.nan))
         new = rows[np.isnan(known.draws[rows])]
         if new.size:
-            known.put(new, self._estimate(new, draws))
+            known.put(new, estimate(self.states.at(new), draws, self._beta, self._p_max))
         return known.at(rows)
-
-    def _estimate(self, rows: NDArray[np.intp], draws: int) -> Estimate:
-        return estimate(self.states.at(rows), draws, self._beta, self._p_max)
 
 
 def lobed(states: UncertainStates) -> NDArray[np.bool_]:

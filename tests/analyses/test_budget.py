@@ -301,7 +301,8 @@ def test_factors_beyond_the_values_of_a_method_are_not_known(monkeypatch):
             assert found["residual"] > 0.02
 
 
-#: P_D at 151 km is that of a weak radar, or of a strong one if errors bring it within its limit.
+#: At 151 km a weak radar sees the aircraft. A strong radar, whose limit is at 150 km, sees it only
+#: if errors bring the two together.
 AT_A_LIMIT = """
 name: limit
 radars:
@@ -388,7 +389,7 @@ def test_draws_find_the_poses_at_which_they_verify(monkeypatch):
     content["geometry"]["range_km"] = {"start": 120, "stop": 180, "step": 0.5}
     found = required_accuracies(parse_scenario(yaml_text(content)), 0.3, method="automatic")["all"]
     beyond = np.hypot(150e3, 2980) - 150e3
-    # P_D is 1 within the limit, and its variance is that of a coin
+    # P_D is 1 within the limit and 0 beyond, which has the variance q (1 - q)
     inside = norm.sf(beyond / (found.factor * np.hypot(100, 10)))
     assert 3 * np.sqrt(inside * (1 - inside)) == pytest.approx(0.3, rel=0.05)
 

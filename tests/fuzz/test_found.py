@@ -149,7 +149,7 @@ uncertainty:
 analysis: {level: low}
 """
 
-#: Lobes of 3 deg: P_D falls below 0.5 at every range with a probability above that of the bound.
+#: With lobes this narrow, P(P_D < 0.5) is above 0.00135 at every range: there is no lower bound.
 NO_LOWER_BOUND = """\
 name: found
 radar: {position_m: [0, 0, -20], constant: 20, p_fa: 1.0e-6}
