@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,7 +20,10 @@ from radar_sense.axis import Axis
 from radar_sense.errors import InputError
 from radar_sense.model.geometry import orbit
 from radar_sense.model.trajectory import Route, interpolate
-from radar_sense.states import POSITION, FloatArray, real_array
+from radar_sense.states import ATTITUDE, FloatArray, real_array
+
+if TYPE_CHECKING:
+    from typing_extensions import Self
 
 #: C_aa of an aircraft whose poses are certain.
 CERTAIN = np.zeros((6, 6))
@@ -93,28 +96,37 @@ class _Level(Geometry):
     down: float = 0.0
     azimuth_from: str = "east"
 
+    @classmethod
+    def of(cls, axis: Axis, attitude: FloatArray, **line: Any) -> Self:
+        """Return a line by its fields, with poses along an axis (n,) at an attitude (3,) [rad]."""
+        at_origin = np.concatenate([np.zeros(3), attitude])[np.newaxis]
+        return cls(axis, at_origin, **line).at(axis.values)
+
     @property
     def continuous(self) -> bool:
         """Whether there are poses between the poses: with two poses or more."""
         return len(self.axis) > 1 and self.covariance.ndim == 2
 
-    @property
-    def attitude(self) -> FloatArray:
-        """Roll, pitch and yaw (3,) [rad] at all poses."""
-        attitude: FloatArray = self.aircraft[0, POSITION.stop :]
-        return attitude
+    def at(self, coordinate: FloatArray) -> Self:
+        """Return the line at other azimuths (k,) [deg] or ground ranges (k,) [km]."""
+        azimuth, radius = self._polar(coordinate)
+        position = orbit(
+            np.deg2rad(azimuth), radius=radius, down=self.down, azimuth_from=self.azimuth_from
+        )
+        attitude = np.broadcast_to(self.aircraft[0, ATTITUDE], position.shape)
+        aircraft = np.hstack([position, attitude])
+        aircraft.flags.writeable = False
+        axis = dataclasses.replace(self.axis, values=coordinate)
+        return dataclasses.replace(self, axis=axis, aircraft=aircraft)
 
-
-def _level_states(position: FloatArray, attitude: FloatArray) -> FloatArray:
-    """Return states (n, 6), read-only, at positions (n, 3) with one attitude (3,)."""
-    aircraft = np.hstack([position, np.broadcast_to(attitude, position.shape)])
-    aircraft.flags.writeable = False
-    return aircraft
+    def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return azimuth (k,) [deg] and horizontal distance (k,) [m] from the origin."""
+        raise NotImplementedError
 
 
 @dataclass(frozen=True, eq=False)
 class Orbit(_Level):
-    """A level circle about the origin.
+    """A level circle about the origin, by azimuth [deg].
 
     Attributes:
         radius: Horizontal radius [m].
@@ -124,33 +136,13 @@ class Orbit(_Level):
     shortest = 0.01
     steps = "geometry.azimuth_deg"
 
-    @classmethod
-    def of(
-        cls,
-        azimuth: FloatArray,
-        attitude: FloatArray,
-        *,
-        radius: float,
-        down: float,
-        azimuth_from: str,
-    ) -> Orbit:
-        """Return the orbit at azimuths (n,) [deg] with an attitude (3,) [rad]."""
-        position = orbit(np.deg2rad(azimuth), radius=radius, down=down, azimuth_from=azimuth_from)
-        aircraft = _level_states(position, attitude)
-        return cls(
-            axes.azimuth(azimuth), aircraft, radius=radius, down=down, azimuth_from=azimuth_from
-        )
-
-    def at(self, coordinate: FloatArray) -> Orbit:
-        """Return the orbit at other azimuths (k,) [deg]."""
-        level: dict[str, Any] = {"down": self.down, "azimuth_from": self.azimuth_from}
-        other = Orbit.of(coordinate, self.attitude, radius=self.radius, **level)
-        return dataclasses.replace(other, covariance=self.covariance)
+    def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return coordinate, np.full(coordinate.shape, self.radius)
 
 
 @dataclass(frozen=True, eq=False)
 class Radial(_Level):
-    """A level straight line away from the origin.
+    """A level straight line away from the origin, by ground range [km].
 
     Attributes:
         azimuth: Azimuth of the line [deg].
@@ -160,27 +152,8 @@ class Radial(_Level):
     shortest = 1e-3
     steps = "geometry.range_km"
 
-    @classmethod
-    def of(
-        cls,
-        range_km: FloatArray,
-        attitude: FloatArray,
-        *,
-        azimuth: float,
-        down: float,
-        azimuth_from: str,
-    ) -> Radial:
-        """Return the line at ground ranges (n,) [km] with an attitude (3,) [rad]."""
-        angle = np.full(range_km.shape, np.deg2rad(azimuth))
-        position = orbit(angle, radius=1e3 * range_km, down=down, azimuth_from=azimuth_from)
-        aircraft, along = _level_states(position, attitude), axes.ground_range(range_km)
-        return cls(along, aircraft, azimuth=azimuth, down=down, azimuth_from=azimuth_from)
-
-    def at(self, coordinate: FloatArray) -> Radial:
-        """Return the line at other ground ranges (k,) [km]."""
-        level: dict[str, Any] = {"down": self.down, "azimuth_from": self.azimuth_from}
-        other = Radial.of(coordinate, self.attitude, azimuth=self.azimuth, **level)
-        return dataclasses.replace(other, covariance=self.covariance)
+    def _polar(self, coordinate: FloatArray) -> tuple[FloatArray, FloatArray]:
+        return np.full(coordinate.shape, self.azimuth), 1e3 * coordinate
 
 
 @dataclass(frozen=True, eq=False)

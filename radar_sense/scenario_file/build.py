@@ -129,10 +129,10 @@ def _geometry(file: sections.File, place: Place) -> tuple[Geometry, Any]:
         "azimuth_from": stated.azimuth_from,
     }
     if isinstance(stated, sections.Radial):
-        ranges = _steps(stated.range_km, place["geometry"]["range_km"]["step"])
-        return Radial.of(ranges, level, azimuth=float(stated.azimuth_deg), **of_both), stated
-    azimuths = _steps(stated.azimuth_deg, place["geometry"]["azimuth_deg"]["step"])
-    return Orbit.of(azimuths, level, radius=stated.range_km * KM, **of_both), stated
+        along = axis.ground_range(_steps(stated.range_km, place["geometry"]["range_km"]["step"]))
+        return Radial.of(along, level, azimuth=float(stated.azimuth_deg), **of_both), stated
+    around = axis.azimuth(_steps(stated.azimuth_deg, place["geometry"]["azimuth_deg"]["step"]))
+    return Orbit.of(around, level, radius=stated.range_km * KM, **of_both), stated
 
 
 def _steps(stated: sections.Sweep | sections.Ranges, place: Place) -> FloatArray:
