@@ -34,9 +34,9 @@ STRIDE = 8
 HALVINGS = 42
 #: Factors by which a bracket of a bound grows, in this order.
 EXPANSIONS = (1.1, 1.1, 1.2, 1.5, 2.0, 4.0, 16.0, 256.0, 1e4, 1e6)
-#: Most steps of regula falsi, and |z| that counts as a root. An error of z by 1e-7 is a relative
-#: error of the distance by 1e-8.
-FALSI_STEPS, FALSI_TOLERANCE = 40, 1e-7
+#: Relative error of the distance that ends a search, and |z| that counts as a root. An error of z
+#: by 1e-7 is a relative error of the distance by 1e-8.
+NEAR_ENOUGH, Z_TOLERANCE = 1e-10, 1e-7
 #: Factor on the distance of a limit. The product is within the limit in spite of rounding.
 INSIDE = 1.0 - 1e-9
 #: |z| of a P_D that is 0 or 1 to rounding.
@@ -269,7 +269,7 @@ def reach_of_bound(
     guess: FloatArray,
     value: float,
     bound: Callable[[Rays, FloatArray], FloatArray],
-    tolerance: float = FALSI_TOLERANCE,
+    tolerance: float = Z_TOLERANCE,
 ) -> FloatArray:
     """Return how far (n,) a bound of P_D reaches a value, within the limits of the radar.
 
@@ -283,6 +283,8 @@ def reach_of_bound(
     Returns:
         Distances (n,) [m]: 0 where the bound is nowhere as high, NaN where it is not known.
     """
+    from scipy.optimize.elementwise import find_root  # slow to import
+
     wanted, limit = ndtri(value), np.nan_to_num(seen.limit)
 
     def excess(rows: NDArray[np.intp], distance: FloatArray) -> FloatArray:
@@ -309,64 +311,18 @@ def reach_of_bound(
     reach = np.where(at_near < 0, 0.0, far)  # `far` is the limit if the bound is high enough there
     unknown = np.isnan(at_near) | np.isnan(at_far)
     rows = np.flatnonzero((at_near >= 0) & (at_far < 0))
-    reach[rows] = np.exp(
-        _falsi(
-            lambda active, x: excess(rows[active], np.exp(x)),
-            np.log(near[rows]),
-            np.log(far[rows]),
-            at_near[rows],
-            at_far[rows],
-            tolerance,
-        )
+    root = find_root(
+        lambda x, row: excess(row, np.exp(x)),
+        (np.log(near[rows]), np.log(far[rows])),
+        args=(rows,),
+        tolerances={"xatol": NEAR_ENOUGH, "fatol": tolerance},
     )
+    reach[rows] = np.exp(root.x)
     inside = np.maximum(reach, NEAREST)[:, np.newaxis] * INSIDE
     reach[(reach > 0) & ~seen.all_rays.visible(inside)[:, 0]] = 0
     reach[unknown] = np.nan
     reach[limit == 0] = 0.0
     return reach
-
-
-def _falsi(
-    function: Callable[[NDArray[np.intp], FloatArray], FloatArray],
-    low: FloatArray,
-    high: FloatArray,
-    at_low: FloatArray,
-    at_high: FloatArray,
-    tolerance: float,
-) -> FloatArray:
-    """Return roots (k,) of functions between two ends of different signs; NaN where one is NaN.
-
-    This is the Illinois variant of regula falsi (M. Dowell and P. Jarratt, BIT 11, 1971). The value
-    at an end that stays is halved.
-
-    Args:
-        function: From indices of roots, and arguments, to values.
-        low: Lower ends (k,).
-        high: Upper ends (k,).
-        at_low: Values at the lower ends.
-        at_high: Values at the upper ends.
-        tolerance: Size of a value that counts as 0.
-    """
-    root = 0.5 * (low + high)
-    low, high, at_low, at_high = (np.array(end) for end in (low, high, at_low, at_high))
-    side = np.zeros(len(low))
-    active = np.arange(len(low))
-    for _ in range(FALSI_STEPS):
-        if not len(active):
-            break
-        a, b, fa, fb = low[active], high[active], at_low[active], at_high[active]
-        x = b - fb * (b - a) / (fb - fa)
-        value = function(active, x)
-        root[active] = np.where(np.isnan(value), np.nan, x)
-        left = (value >= 0) == (fa >= 0)
-        low[active], at_low[active] = np.where(left, x, a), np.where(left, value, fa)
-        high[active], at_high[active] = np.where(left, b, x), np.where(left, fb, value)
-        again = side[active] == np.where(left, 1, -1)
-        at_high[active[again & left]] *= 0.5
-        at_low[active[again & ~left]] *= 0.5
-        side[active] = np.where(left, 1, -1)
-        active = active[abs(value) > tolerance]
-    return root
 
 
 def _farthest(
