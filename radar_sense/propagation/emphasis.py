@@ -23,13 +23,15 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 
+from radar_sense.model.antenna import Mask
 from radar_sense.model.geometry import Attitude, Vector, radar_from_aircraft, slant_range
+from radar_sense.model.horizon import Horizon
 from radar_sense.states import (
     AIRCRAFT,
-    ATTITUDE,
     CONSTANT,
     DOWN,
     POSITION,
@@ -59,6 +61,11 @@ DIFFERENCE = 1e-4
 MOST = 600.0
 #: A direction counts if its singular value is above this part of the largest.
 INDEPENDENT = 1e-6
+
+#: From states, of the aircraft (k, 6) and of the radars (k, 7m), to the gradient by both.
+Gradient: TypeAlias = Callable[
+    [UncertainStates, FloatArray, FloatArray], tuple[FloatArray, FloatArray]
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,11 +153,15 @@ def _centres(states: UncertainStates, beta: float) -> tuple[list[FloatArray], li
             falling.append(rising[-1])
         if radar.max_range < math.inf:
             falling.append(_approach(states, -beta, i))
-        for limit, gradient in ((radar.horizon, _of_horizon), (radar.mask, _of_mask)):
-            if limit is not None:
-                above, below = _extremes(states, both, partial(gradient, number=i))
-                rising.append(above)
-                falling.append(below)
+        by_height: list[Gradient] = []
+        if radar.horizon is not None:
+            by_height.append(partial(_of_horizon, number=i, horizon=radar.horizon))
+        if radar.mask is not None:
+            by_height.append(partial(_of_mask, number=i, mask=radar.mask))
+        for gradient in by_height:
+            above, below = _extremes(states, both, gradient)
+            rising.append(above)
+            falling.append(below)
     return rising, falling
 
 
@@ -180,9 +191,7 @@ def _shares(states: UncertainStates, centres: FloatArray, falling: int) -> Float
 
 
 def _extremes(
-    states: UncertainStates,
-    betas: Sequence[float],
-    gradient: Callable[[UncertainStates, FloatArray, FloatArray], tuple[FloatArray, FloatArray]],
+    states: UncertainStates, betas: Sequence[float], gradient: Gradient
 ) -> list[FloatArray]:
     """Return u (k, d) for each β, near the greatest z within |u| ≤ β, or near the least within −β.
 
@@ -230,38 +239,37 @@ def _of_radar(
     """Return the gradient of z of one radar by all states, without its limits."""
     own = of_radar(number)
     _, by_aircraft, of_own = states.model.models[number].unchecked_probit(aircraft, radar[:, own])
-    by_radar = np.zeros_like(radar)
-    by_radar[:, own] = of_own
-    return by_aircraft, by_radar
+    return by_aircraft, _gradient(states, radar=(own, of_own))[1]
 
 
 def _of_horizon(
-    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
+    states: UncertainStates,
+    aircraft: FloatArray,
+    radar: FloatArray,
+    number: int,
+    horizon: Horizon,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient of √h + √h', of the heights of the aircraft and of a radar."""
-    horizon, start = states.model.radars[number].horizon, of_radar(number).start
-    by_aircraft, by_radar = _zeros(states)
-    if horizon is not None:
-        for by, at, first in ((by_aircraft, aircraft, 0), (by_radar, radar, start)):
-            height = horizon.height(at[:, first : first + 3])
-            by[:, first + DOWN] = -0.5 / np.sqrt(np.maximum(height, LEAST_HEIGHT))
-    return by_aircraft, by_radar
+
+    def by_down(position: FloatArray) -> FloatArray:
+        return -0.5 / np.sqrt(np.maximum(horizon.height(position), LEAST_HEIGHT))
+
+    own = of_radar(number, POSITION)
+    of_aircraft = DOWN, by_down(aircraft[:, POSITION])
+    return _gradient(states, of_aircraft, (own.start + DOWN, by_down(radar[:, own])))
 
 
 def _of_mask(
-    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int
+    states: UncertainStates, aircraft: FloatArray, radar: FloatArray, number: int, mask: Mask
 ) -> tuple[FloatArray, FloatArray]:
     """Return the gradient of the clearance above a mask, by central differences."""
-    mask, position = states.model.radars[number].mask, of_radar(number, POSITION)
-    by_aircraft, by_radar = _zeros(states)
-    if mask is not None:
-        own = radar[:, position]
-        step = DIFFERENCE * slant_range(aircraft, own)[:, np.newaxis]
-        for axis in np.eye(len(AIRCRAFT))[POSITION]:
-            above, below = (mask.clearance(aircraft + s * axis, own) for s in (step, -step))
-            by_aircraft[:, axis > 0] = (above - below)[:, np.newaxis]
-        by_radar[:, position] = -by_aircraft[:, POSITION]
-    return by_aircraft, by_radar
+    position = of_radar(number, POSITION)
+    own, by_position = radar[:, position], np.empty((len(states), 3))
+    step = DIFFERENCE * slant_range(aircraft, own)[:, np.newaxis]
+    for i, axis in enumerate(np.eye(len(AIRCRAFT))[POSITION]):
+        above, below = (mask.clearance(aircraft + s * axis, own) for s in (step, -step))
+        by_position[:, i] = above - below
+    return _gradient(states, (POSITION, by_position), (position, -by_position))
 
 
 def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
@@ -272,11 +280,9 @@ def _approach(states: UncertainStates, beta: float, number: int) -> FloatArray:
     position = of_radar(number, POSITION)
     way = states.radar[:, position] - states.aircraft[:, POSITION]
     distance = np.sqrt(np.sum(way * way, axis=1, keepdims=True))
-    by_aircraft, by_radar = _zeros(states)
     with np.errstate(divide="ignore", invalid="ignore"):
-        by_aircraft[:, POSITION] = way / distance
-        by_radar[:, position] = -way / distance
-        by_u = states.by_normals(by_aircraft, by_radar, states.radar)
+        gradient = _gradient(states, (POSITION, way / distance), (position, -way / distance))
+        by_u = states.by_normals(*gradient, states.radar)
         std = np.sqrt(np.sum(by_u * by_u, axis=1, keepdims=True))
         centre: FloatArray = by_u / std * np.minimum(beta, distance / std)
     return np.nan_to_num(centre)
@@ -290,43 +296,27 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
     radar, position = states.model.radars[number], of_radar(number, POSITION)
     line = radar_from_aircraft(states.aircraft, states.radar[:, position])
     distance = np.sqrt(line.x**2 + line.y**2 + line.z**2)
-    gradients = []
     if radar.model.rcs.isotropic:
         of_line = np.stack(line, axis=-1)[np.newaxis]  # the range is enough
         if radar.model.antenna is not None or radar.mask is not None:
             of_line = np.eye(3)[:, np.newaxis]
-        for along_line in of_line:
-            by_aircraft, by_radar = _zeros(states)
-            by_radar[:, position] = along_line
-            by_aircraft[:, POSITION] = -along_line
-            gradients.append((by_aircraft, by_radar))
+        gradients = [_gradient(states, (POSITION, -by), (position, by)) for by in of_line]
     else:
-        attitude = Attitude.from_state(states.aircraft)
+        gradients, attitude = [], Attitude.from_state(states.aircraft)
         body = attitude.to_body(line)
         for axis in np.eye(3):
             along = Vector(*(np.full(distance.shape, x) for x in axis))
-            by_line, by_angles = attitude.pull_back(body, along)
-            by_aircraft, by_radar = _zeros(states)
-            by_radar[:, position] = np.stack(by_line, axis=-1)
-            by_aircraft[:, POSITION] = -by_radar[:, position]
-            by_aircraft[:, ATTITUDE] = np.stack(by_angles, axis=-1)
-            gradients.append((by_aircraft, by_radar))
+            by_line, by_angles = (np.stack(by, axis=-1) for by in attitude.pull_back(body, along))
+            of_aircraft = slice(None), np.hstack([-by_line, by_angles])
+            gradients.append(_gradient(states, of_aircraft, (position, by_line)))
     of_gain = of_radar(number, slice(CONSTANT, TILT_ERROR))
     _, by_all = _of_radar(states, states.aircraft, states.radar, number)
-    nothing, by_gain = _zeros(states)
-    by_gain[:, of_gain] = np.nan_to_num(by_all[:, of_gain])
-    gradients.append((nothing, by_gain))
+    gradients.append(_gradient(states, radar=(of_gain, np.nan_to_num(by_all[:, of_gain]))))
     if radar.model.antenna is not None:
-        by_aircraft, by_radar = _zeros(states)
-        by_radar[:, of_radar(number).start + TILT_ERROR] = 1.0
-        gradients.append((by_aircraft, by_radar))
+        gradients.append(_gradient(states, radar=(position.start + TILT_ERROR, 1.0)))
     if radar.horizon is not None:
-        by_aircraft, by_radar = _zeros(states)
-        by_aircraft[:, DOWN] = 1.0
-        gradients.append((by_aircraft, by_radar))
-        by_aircraft, by_radar = _zeros(states)
-        by_radar[:, position.start + DOWN] = 1.0
-        gradients.append((by_aircraft, by_radar))
+        gradients.append(_gradient(states, (DOWN, 1.0)))
+        gradients.append(_gradient(states, radar=(position.start + DOWN, 1.0)))
     by_u = [states.by_normals(*gradient, states.radar) for gradient in gradients]
     columns = np.nan_to_num(np.stack(by_u, axis=-1))
     length = np.sqrt(np.sum(columns**2, axis=1, keepdims=True))
@@ -336,7 +326,17 @@ def _directions(states: UncertainStates, number: int) -> FloatArray:
     return np.where((size > INDEPENDENT * size[:, :1])[:, np.newaxis], directions, 0.0)
 
 
-def _zeros(states: UncertainStates) -> tuple[FloatArray, FloatArray]:
-    """Return zero gradients by the aircraft (k, 6) and by the radars (k, 7m)."""
-    k = len(states)
-    return np.zeros((k, len(AIRCRAFT))), np.zeros((k, states.radar.shape[-1]))
+def _gradient(
+    states: UncertainStates,
+    aircraft: tuple[int | slice, FloatArray | float] = (0, 0.0),
+    radar: tuple[int | slice, FloatArray | float] = (0, 0.0),
+) -> tuple[FloatArray, FloatArray]:
+    """Return a gradient by the aircraft (k, 6) and by the radars (k, 7m).
+
+    It is 0 but at some components of each, which are given with their values.
+    """
+    shapes = (len(states), len(AIRCRAFT)), (len(states), states.radar.shape[-1])
+    gradient = np.zeros(shapes[0]), np.zeros(shapes[1])
+    for by, (components, values) in zip(gradient, (aircraft, radar), strict=True):
+        by[:, components] = values
+    return gradient
