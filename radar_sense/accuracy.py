@@ -6,7 +6,7 @@ at the deviations that this leads to.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
@@ -19,6 +19,7 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import AUTOMATIC, BOUND_CHANGE, STD_CHANGE
 from radar_sense.propagation.automatic import PART_OF_BOUND
 from radar_sense.propagation.draws import Estimate, estimate
+from radar_sense.propagation.looks import Looks
 from radar_sense.scenario import Scenario
 from radar_sense.sources import error_budget, parts_of, scaled, sources_of, value_function
 from radar_sense.states import FloatArray
@@ -92,7 +93,8 @@ def required_accuracies(
     """
     goal = _Goal(scenario, limit, k, method)
     whole, parts = list(sources_of(scenario)), list(parts_of(scenario))
-    return {**{name: goal.required([name]) for name in whole + parts}, "all": goal.required(whole)}
+    by_name = {name: goal.required((name,)) for name in whole + parts}
+    return {**by_name, "all": goal.required(tuple(whole))}
 
 
 class _Goal:
@@ -107,6 +109,7 @@ class _Goal:
             lambda pose: error_budget(scenario.at_poses(slice(pose, pose + 1)), method)
         )
         self.values = self._values_of(scenario)
+        self.rows = cache(self._rows)
         # If poses are above the limit, the factor depends on these poses alone.
         above = ~(self.values((), 1.0) <= limit)
         self.critical, self.critical_values = scenario, self.values
@@ -114,7 +117,7 @@ class _Goal:
             self.critical = scenario.at_poses(np.flatnonzero(above))
             self.critical_values = self._values_of(self.critical)
 
-    def required(self, names: Collection[str]) -> RequiredAccuracy:
+    def required(self, names: tuple[str, ...]) -> RequiredAccuracy:
         """Return the largest factor that the method finds and draws confirm."""
         factor, known = self._confirmed(names, *self._largest(names))
         finite_factor = np.exp(LARGEST_LOG_FACTOR) if factor == np.inf else factor or 0.0
@@ -122,7 +125,7 @@ class _Goal:
         pose = int(np.argmax(reached(np.nan_to_num(values, nan=np.inf))))
         residual = values[pose]
         if self.method == AUTOMATIC or (factor is None and not residual > self.limit):
-            rows = self._rows(names, finite_factor)
+            rows = self.rows(names, finite_factor)
             drawn, errors = self._value(self._drawn(names, finite_factor, DRAWS, rows))
             agrees = abs(values[rows] - drawn) <= SURE * errors
             found = np.where(agrees, values[rows], drawn)
@@ -136,11 +139,11 @@ class _Goal:
             known=known,
         )
 
-    def _values_of(self, scenario: Scenario) -> Callable[[Collection[str], float], FloatArray]:
+    def _values_of(self, scenario: Scenario) -> Callable[[tuple[str, ...], float], FloatArray]:
         """Return 3σ of P_D, or its upper bound, at each pose, as a function of names and factor."""
         return value_function(scenario, "form" if self.method == AUTOMATIC else self.method, self.k)
 
-    def _largest(self, names: Collection[str]) -> tuple[float | None, bool]:
+    def _largest(self, names: tuple[str, ...]) -> tuple[float | None, bool]:
         """Return the largest factor by the method, and whether larger factors have a value."""
 
         def beyond(log_factor: float) -> NDArray[np.bool_]:
@@ -178,7 +181,7 @@ class _Goal:
         return factor, known
 
     def _confirmed(
-        self, names: Collection[str], factor: float | None, known: bool
+        self, names: tuple[str, ...], factor: float | None, known: bool
     ) -> tuple[float | None, bool]:
         """Return the factor if draws confirm it, else the largest one that they do.
 
@@ -192,54 +195,83 @@ class _Goal:
             if not certain:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
+        low = None
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
             if not self._holds(names, float(np.exp(high))):
                 break
+            low = high
         else:
             return (factor, known) if factor else (np.inf, True)
-        low = high - STEP_DOWN
-        while not (holds := self._holds(names, float(np.exp(low)))):
-            if low == -LARGEST_LOG_FACTOR:
-                impossible = self._holds(names, 0.0) is False
-                return (None, True) if impossible else (0.0, holds is False)
-            low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
+        if low is None:
+            low = high - STEP_DOWN
+            while not (holds := self._holds(names, float(np.exp(low)))):
+                if low == -LARGEST_LOG_FACTOR:
+                    impossible = self._holds(names, 0.0) is False
+                    return (None, True) if impossible else (0.0, holds is False)
+                low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
+        confirmed = low
+        rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
-            low, high = (middle, high) if self._holds(names, np.exp(middle)) else (low, middle)
-        return float(np.exp(low)), False
+            holds = self._holds(names, float(np.exp(middle)), rows)
+            low, high = (middle, high) if holds else (low, middle)
+        if self._holds(names, float(np.exp(low))):  # at its own poses too
+            confirmed = low
+        return float(np.exp(confirmed)), False
 
-    def _holds(self, names: Collection[str], factor: float) -> bool | None:
+    def _holds(
+        self, names: tuple[str, ...], factor: float, rows: NDArray[np.intp] | None = None
+    ) -> bool | None:
         """Return whether draws say that the limit holds at a factor; None if they are not sure.
 
         A bound holds if P_D exceeds the limit with the probability of the bound at most.
-        """
-        found = self._drawn(names, factor, DRAWS, self._rows(names, factor))
-        if self.k is None:
-            (values, errors), most = self._value(found), self._allowed
-        else:
-            values, errors, most = found.above, found.above_error, float(ndtr(-self.k))
-        if np.any(values - SURE * errors > most):
-            return False
-        return True if np.all(values <= most) else None
 
-    def _rows(self, names: Collection[str], factor: float) -> NDArray[np.intp]:
+        Args:
+            names: Names of sources and parts.
+            factor: Factor on their standard deviations.
+            rows: Poses to judge; None for those of `_rows` at the factor.
+        """
+        rows = self.rows(names, factor) if rows is None else rows
+        most = self._allowed if self.k is None else float(ndtr(-self.k))
+
+        def compared(found: Estimate) -> tuple[FloatArray, FloatArray]:
+            """Return by how much (j,) the limit is exceeded, and the error that is sure."""
+            if self.k is None:
+                values, errors = self._value(found)
+            else:
+                values, errors = found.above, found.above_error
+            return values - most, SURE * errors
+
+        def settled(_: NDArray[np.intp], found: Estimate) -> NDArray[np.bool_]:
+            excess, sure = compared(found)
+            return np.asarray((abs(excess) >= sure) | np.any(excess > sure))
+
+        excess, sure = compared(self._looks(names, factor, rows).until(settled, DRAWS))
+        if np.any(excess > sure):
+            return False
+        return True if np.all(excess <= 0.0) else None
+
+    def _rows(self, names: tuple[str, ...], factor: float) -> NDArray[np.intp]:
         """Return the poses with the largest values by the method, and by few draws at all poses."""
         looked, _ = self._value(self._drawn(names, factor, LOOK))
         both = self.values(names, factor), looked
         largest = [np.argsort(-np.nan_to_num(values, nan=np.inf))[:VERIFIED] for values in both]
         return np.union1d(*largest)
 
+    def _looks(self, names: tuple[str, ...], factor: float, rows: NDArray[np.intp]) -> Looks:
+        """Return looks at some poses, at the deviations of a factor."""
+        changed = scaled(self.scenario, names, factor).at(rows)
+        return Looks(changed, self.k or 3.0, np.nan if self.k is None else self._allowed)
+
     def _drawn(
         self,
-        names: Collection[str],
+        names: tuple[str, ...],
         factor: float,
         draws: int,
         rows: NDArray[np.intp] | slice = slice(None),
     ) -> Estimate:
         """Return what draws say at some poses, at the deviations of a factor."""
-        p_max = np.nan if self.k is None else self._allowed
-        changed = scaled(self.scenario, names, factor).at(rows)
-        return estimate(changed, draws, self.k or 3.0, p_max)
+        return estimate(scaled(self.scenario, names, factor).at(rows), draws, self.k or 3.0)
 
     def _value(self, found: Estimate) -> tuple[FloatArray, FloatArray]:
         """Return 3σ of P_D, or its upper bound, by draws (k,), and the standard error."""
@@ -254,7 +286,7 @@ class _Goal:
             return self.limit + min(BOUND_CHANGE, PART_OF_BOUND * self.limit)
         return (1.0 + (STD_CHANGE if self.method in FIRST_ORDER else SLACK)) * self.limit
 
-    def _largest_other(self, names: Collection[str], pose: int) -> str | None:
+    def _largest_other(self, names: tuple[str, ...], pose: int) -> str | None:
         """Return the largest of the other sources; "P_D itself" where it exceeds the limit."""
         at = self.scenario.at_poses(slice(pose, pose + 1))
         if self.k is not None and at.model.p_d(at.aircraft[0], at.radar) > self.limit:

@@ -158,7 +158,7 @@ def test_required_accuracies_where_the_value_of_another_pose_falls_again(
         def value(names, factor):
             evaluated.append((*names, len(grows)))
             bump = 2.0 * np.exp(-0.5 * ((factor - 10) / width) ** 2)
-            return np.where(grows, factor / 10, bump if names == ["radar_position"] else 0.0)
+            return np.where(grows, factor / 10, bump if names == ("radar_position",) else 0.0)
 
         return value
 
