@@ -324,19 +324,39 @@ def rows(words_by_name: Mapping[str, str]) -> list[str]:
     return [f"  {name:{width}}  {words}" for name, words in words_by_name.items()]
 
 
-#: Scenario, mean and standard deviation of P_D (n,) of a radar of a network alone.
-Alone = tuple[Scenario, FloatArray, FloatArray]
+#: A scenario, and mean and standard deviation of P_D (n,) by a method.
+Spread = tuple[Scenario, FloatArray, FloatArray]
 
 
-def radars_alone(scenario: Scenario, method: str) -> dict[str, Alone]:
-    """Return each radar of a network alone, by name; {} for a single radar."""
-    return {
-        name: (alone, *mean_and_std(distribution(alone, method)))
-        for name, alone in single_radar_scenarios(scenario).items()
+def add_radars_alone(result: Result, at_level: Mapping[str, Scenario], how: str = "") -> None:
+    """Add the largest 3 sigma of each radar of a network alone, and where draws say it is off.
+
+    Args:
+        result: The result.
+        at_level: The scenario by level.
+        how: As in `add_radars`.
+    """
+    method = result.method
+    alone = {
+        level: {
+            name: (radar, *mean_and_std(distribution(radar, method)))
+            for name, radar in single_radar_scenarios(scenario).items()
+        }
+        for level, scenario in at_level.items()
     }
+    add_radars(result, alone, how)
+    of_each = len(alone) > 1
+    result.warnings += std_off(
+        {
+            f"{name} alone{f', {level}' if of_each else ''}": radar
+            for level, radars in alone.items()
+            for name, radar in radars.items()
+        },
+        method,
+    )
 
 
-def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Alone]], how: str = "") -> None:
+def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Spread]], how: str = "") -> None:
     """Add the largest 3 sigma of each radar of a network alone, at one level or at several.
 
     Args:
@@ -365,12 +385,15 @@ def add_radars(result: Result, at_level: Mapping[str, Mapping[str, Alone]], how:
     )
 
 
-def alone_warnings(radars: Mapping[str, Alone], method: str) -> Iterator[tuple[str, str]]:
-    """Yield radars alone, and what is wrong with their σ by a method."""
-    for name, (alone, mean, std) in radars.items():
-        off = std_off_in_scenario(alone, mean, std, method=method)
-        for text in std_warnings(alone.axis, std, off, method):
-            yield f"{name} alone", text
+def std_off(spreads: Mapping[str, Spread], method: str) -> tuple[str, ...]:
+    """Return where draws say that σ by a method is off, in one line for all labels alike."""
+    return gathered(
+        (label, text)
+        for label, (scenario, mean, std) in spreads.items()
+        for text in std_warnings(
+            scenario.axis, std, std_off_in_scenario(scenario, mean, std, method=method), method
+        )
+    )
 
 
 def band_label(level: str, method: str, k: float = 3.0) -> str:

@@ -136,13 +136,10 @@ def budget(
         **{name: value for name, value in optional.items() if value},
     }
     if method != MONTE_CARLO:
-        alone = words.radars_alone(scenario, method)
-        words.add_radars(result, {scenario.level: alone})
-    add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
-    if method != MONTE_CARLO:
         off = std_off_in_scenario(scenario, found.mean, total.std, method=method)
         result.warnings += words.std_warnings(axis, total.std, off, method)
-        result.warnings += words.gathered(words.alone_warnings(alone, method))
+        words.add_radars_alone(result, {scenario.level: scenario})
+    add_required_accuracy(result, target=target, threshold=threshold, k=k, at=at)
     result.warnings += words.table_warnings(scenario)
     if method == "linear":  # other methods report the interaction
         # where σ of all sources is not off, the source that first order misses is small

@@ -67,7 +67,6 @@ def montecarlo(
     mc = monte_carlo(
         scenario, method=method, k=k, sampler=sampler, workers=workers, executor=executor
     )
-    radars = words.radars_alone(scenario, method)
 
     words.add_axis(result.table, axis)
     words.add_band(result.table, mc.band, k)
@@ -83,8 +82,7 @@ def montecarlo(
         "largest_mean_shift": words.peak(abs(mc.mean - mc.band.p_d), axis),
         "radar_constants_set_to_zero": mc.clipped,
     }
-    words.add_radars(result, {scenario.level: radars}, how=method)
-    result.warnings += words.gathered(words.alone_warnings(radars, method))
+    words.add_radars_alone(result, {scenario.level: scenario}, how=method)
     result.warnings += words.clipping_warnings(mc.clipped)
     result.warnings += words.table_warnings(scenario, runs=mc.runs)
     label = words.band_label(scenario.level, method, k)

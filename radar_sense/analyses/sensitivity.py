@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from radar_sense import words
 from radar_sense.axis import Axis
 from radar_sense.command import METHOD, ONE_RADAR, Result, command
-from radar_sense.propagation import distribution, mean_and_std, std_off_in_scenario
+from radar_sense.propagation import distribution, mean_and_std
 from radar_sense.scenario import Scenario
 from radar_sense.states import FloatArray
 
@@ -30,14 +30,14 @@ def sensitivity(scenario: Scenario) -> Result:
     """3 sigma of P_D for every level of radar uncertainty."""
     method, axis, result = scenario.method, scenario.axis, Result(scenario, scenario.method)
     at_level = {level: scenario.with_analysis(level=level) for level in scenario.levels}
-    moments = {level: mean_and_std(distribution(s, method)) for level, s in at_level.items()}
+    spreads = {n: (s, *mean_and_std(distribution(s, method))) for n, s in at_level.items()}
 
     words.add_axis(result.table, axis)
-    lines = {level: 3 * std for level, (_, std) in moments.items()}
+    lines = {level: 3 * std for level, (_, _, std) in spreads.items()}
     for level, three_sigma in lines.items():
         meaning = f"3 sigma of P_D at the level {level} of radar uncertainty."
         result.table.add(f"three_sigma_{level}", three_sigma, meaning)
-    for level, (mean, _) in moments.items():
+    for level, (_, mean, _) in spreads.items():
         words.add_mean(result.table, mean, method, f"_{level}")
 
     worst = {level: words.peak(three_sigma, axis) for level, three_sigma in lines.items()}
@@ -45,20 +45,8 @@ def sensitivity(scenario: Scenario) -> Result:
     by_method = "" if method == "linear" else f" ({method})"
     result.report += [f"largest 3 sigma of P_D by level{by_method}:"]
     result.report += words.rows({n: words.describe_extreme(top, axis) for n, top in worst.items()})
-    alone = {level: words.radars_alone(s, method) for level, s in at_level.items()}
-    words.add_radars(result, alone)
-    result.warnings += words.gathered(
-        (level, text)
-        for level, (mean, std) in moments.items()
-        for text in words.std_warnings(
-            axis, std, std_off_in_scenario(at_level[level], mean, std, method=method), method
-        )
-    )
-    result.warnings += words.gathered(
-        (f"{name}, {level}", text)
-        for level, radars in alone.items()
-        for name, text in words.alone_warnings(radars, method)
-    )
+    result.warnings += words.std_off(spreads, method)
+    words.add_radars_alone(result, at_level)
     result.warnings += words.table_warnings(scenario)
     result.report += words.std_trust(result)
     result.draw = partial(_draw, axis=axis, lines=lines)
