@@ -161,7 +161,8 @@ class Path(Geometry):
     """A path: rows with times, and a straight flight from row to row.
 
     Position is linear in time, in latitude and longitude if the path follows the curve of the
-    earth. Attitude turns the short way at a constant rate. Covariances are interpolated linearly.
+    earth. Attitude turns the short way at a constant rate. Covariances are linear in time, relative
+    to north, east and down at the aircraft.
 
     Attributes:
         time_s: Time of each pose (n,) [s], increasing.

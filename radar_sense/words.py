@@ -84,6 +84,11 @@ WARNINGS: dict[str, str] = {
         "The method has no number there: it did not converge, or the radar is straight above or "
         "below the aircraft, where the aspect has no gradient. Draws have a number."
     ),
+    "origin-far": (
+        "Errors of attitude are stated relative to level at the aircraft, and turned into the "
+        "frame of the origin to first order. Where level differs by some degrees and yaw is badly "
+        "known, this is too rough: choose an origin near the route."
+    ),
     "rows-apart": (
         "Aspect or range change so much between two rows of a path that P_D between them may "
         "differ from both. Let geometry.interpolate add poses."

@@ -164,54 +164,74 @@ def turn_to_origin(
     for block in slices(len(attitude)):
         turn = geodesy.turn_to_origin(place[block], origin)
         turned[block] = geodesy.turned_attitude(attitude[block], turn)
-        if covariance is None:
-            continue
-        part = covariance[block]
-        uncertain = np.any(part[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
-        steep = uncertain & (np.abs(turned[block, 1]) > np.pi / 2 - _STEEP)
-        if steep.any():
-            raise InputError(
-                f"{source}: at time_s {float(time[block][steep][0])!r} the aircraft's nose points "
-                "straight up or down in the frame of the origin, where roll and yaw have no "
-                "covariance"
+        if covariance is not None:
+            covariance[block] = _turned(
+                source, time[block], covariance[block], attitude[block], turned[block], turn
             )
-        jacobian = np.zeros_like(part)
-        jacobian[:, POSITION, POSITION] = turn
-        # The Jacobian is infinite at a pitch of ±90°. A certain attitude does not need it.
-        jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
-            attitude[block][uncertain], turned[block][uncertain]
-        )
-        part = jacobian @ part @ np.swapaxes(jacobian, -1, -2)
-        part = 0.5 * (part + np.swapaxes(part, -1, -2))
-        # A variance of 0 may round to a negative number.
-        certain = np.diagonal(part, axis1=-2, axis2=-1) <= 0
-        part[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
-        covariance[block] = part
     return turned
 
 
 def covariance_in_frame(
-    covariance: FloatArray, time: FloatArray, aircraft: FloatArray, origin: tuple[float, ...]
+    covariance: FloatArray,
+    time: FloatArray,
+    aircraft: FloatArray,
+    origin: tuple[float, ...],
+    *,
+    back: bool = False,
 ) -> FloatArray:
     """Return C_aa of each pose (n, 6, 6) in the frame of an origin.
 
     Args:
-        covariance: C_aa (6, 6), relative to north, east and down at the aircraft.
+        covariance: C_aa (6, 6) or (n, 6, 6), relative to north, east and down at the aircraft.
         time: Time of each pose (n,) [s], for errors.
         aircraft: States (n, 6) in the frame of the origin.
         origin: Latitude, longitude [rad] and height above the ellipsoid [m].
+        back: Whether the covariance is turned the other way: from the frame of the origin to north,
+            east and down at the aircraft.
 
     Raises:
-        InputError: If the nose points straight up or down in the frame of the origin.
+        InputError: If the nose points straight up or down in the axes that are turned to.
     """
     place = geodesy.geodetic_from_ned(aircraft[:, POSITION], origin)
-    attitude = np.empty_like(place)
+    found = np.array(np.broadcast_to(covariance, (len(place), *covariance.shape[-2:])))
     for block in slices(len(place)):
-        to_level = np.swapaxes(geodesy.turn_to_origin(place[block], origin), -1, -2)
-        attitude[block] = geodesy.turned_attitude(aircraft[block, ATTITUDE], to_level)
-    covariances = np.repeat(covariance[np.newaxis], len(place), axis=0)
-    turn_to_origin("geometry", time, place, attitude, covariances, origin)
-    return without_rounding(covariances)
+        turn = geodesy.turn_to_origin(place[block], origin)
+        in_frame, to_level = aircraft[block, ATTITUDE], np.swapaxes(turn, -1, -2)
+        ends = geodesy.turned_attitude(in_frame, to_level), in_frame, turn
+        if back:
+            ends = in_frame, ends[0], to_level
+        found[block] = _turned("geometry", time[block], found[block], *ends)
+    return without_rounding(found)
+
+
+def _turned(
+    source: str,
+    time: FloatArray,
+    covariance: FloatArray,
+    attitude: FloatArray,
+    turned: FloatArray,
+    turn: FloatArray,
+) -> FloatArray:
+    """Return C_aa (k, 6, 6) in other axes: attitudes (k, 3) before and after, turns (k, 3, 3)."""
+    uncertain = np.any(covariance[:, ATTITUDE, ATTITUDE] != 0, axis=(-2, -1))
+    steep = uncertain & (np.abs(turned[:, 1]) > np.pi / 2 - _STEEP)
+    if steep.any():
+        raise InputError(
+            f"{source}: at time_s {float(time[steep][0])!r} the aircraft's nose points straight up "
+            "or down in the frame of the origin, where roll and yaw have no covariance"
+        )
+    jacobian = np.zeros_like(covariance)
+    jacobian[:, POSITION, POSITION] = turn
+    # The Jacobian is infinite at a pitch of ±90°. A certain attitude does not need it.
+    jacobian[uncertain, ATTITUDE, ATTITUDE] = geodesy.turned_attitude_jacobian(
+        attitude[uncertain], turned[uncertain]
+    )
+    covariance = jacobian @ covariance @ np.swapaxes(jacobian, -1, -2)
+    covariance = 0.5 * (covariance + np.swapaxes(covariance, -1, -2))
+    # A variance of 0 may round to a negative number.
+    certain = np.diagonal(covariance, axis1=-2, axis2=-1) <= 0
+    covariance[certain[:, :, np.newaxis] | certain[:, np.newaxis, :]] = 0.0
+    return covariance
 
 
 def slices(count: int) -> Iterator[slice]:

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from radar_sense.errors import InputError, check_choice
 from radar_sense.model import geodesy
-from radar_sense.model.track import attitude_of_motion, slices, turn_to_origin
+from radar_sense.model.track import (
+    attitude_of_motion,
+    covariance_in_frame,
+    slices,
+    turn_to_origin,
+)
 from radar_sense.states import POSITION, FloatArray
 
 #: Most poses of a route.
@@ -84,7 +89,8 @@ def resample(route: Route, step_s: float, method: str = "legs") -> Route:
     A given attitude turns from pose to pose about one axis at a constant rate (K. Shoemake,
     "Animating rotation with quaternion curves", SIGGRAPH 1985). Unlike interpolated Euler angles,
     the result does not depend on the frame. There is no singularity at a pitch of 90° or a yaw of
-    180°. Covariances are interpolated linearly, which keeps them semidefinite.
+    180°. Covariances are interpolated linearly, which keeps them semidefinite. They are relative to
+    north, east and down at the aircraft for this, so that the origin of the frame changes nothing.
 
     Args:
         route: The route.
@@ -158,16 +164,35 @@ def interpolate(route: Route, time: FloatArray, method: str = "legs") -> Route:
         attitude = attitude_of_motion("route", place, velocity, acceleration, route.origin)
         if route.origin is not None:
             attitude = turn_to_origin("route", time, place, attitude, None, route.origin)
-    covariance = None
-    if route.covariance is not None:
-        leg, fraction = _leg(route.time_s, time)
-        covariance = np.empty((len(time), 6, 6))
-        for block in slices(len(time)):
-            weight = fraction[block, np.newaxis, np.newaxis]
-            before, after = route.covariance[leg[block]], route.covariance[leg[block] + 1]
-            covariance[block] = (1.0 - weight) * before + weight * after
     aircraft = np.hstack([position, attitude])
+    covariance = _covariance(route, time, aircraft)
     return Route(time, aircraft, covariance, route.attitude_given, route.origin)
+
+
+def _covariance(route: Route, time: FloatArray, aircraft: FloatArray) -> FloatArray | None:
+    """Return C_aa (n, 6, 6), linear between poses relative to north, east, down at the aircraft."""
+    if route.covariance is None:
+        return None
+    leg, fraction = _leg(route.time_s, time)
+    covariance = np.empty((len(time), 6, 6))
+    for block in slices(len(time)):
+        before, after = (_at_aircraft(route, rows) for rows in (leg[block], leg[block] + 1))
+        weight = fraction[block, np.newaxis, np.newaxis]
+        found = (1.0 - weight) * before + weight * after
+        if route.origin is not None:
+            found = covariance_in_frame(found, time[block], aircraft[block], route.origin)
+        covariance[block] = found
+    return covariance
+
+
+def _at_aircraft(route: Route, rows: NDArray[np.intp]) -> FloatArray:
+    """Return C_aa (k, 6, 6) of poses (k,), relative to north, east, down at the aircraft."""
+    assert route.covariance is not None
+    covariance = route.covariance[rows]
+    if route.origin is None:
+        return covariance
+    time, aircraft = route.time_s[rows], route.aircraft[rows]
+    return covariance_in_frame(covariance, time, aircraft, route.origin, back=True)
 
 
 def _leg(times: FloatArray, at: FloatArray) -> tuple[NDArray[np.intp], FloatArray]:

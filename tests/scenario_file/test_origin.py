@@ -13,6 +13,7 @@ from helpers import single, with_arrays
 import radar_sense as rs
 from radar_sense.coverage.grid import Grid, p_d_in_cells
 from radar_sense.model.trajectory import resample
+from radar_sense.plausibility import plausibility_warnings
 from radar_sense.propagation import propagate_scenario
 from radar_sense.scenario_file.route_file import load_route
 
@@ -160,6 +161,66 @@ def test_the_origin_changes_nothing(tmp_path):
             )
         poses, hidden = poses + margin.size, hidden + np.sum(margin < 0)
     assert 0.1 < hidden / poses < 0.9
+
+
+STDS = ",".join(f"std_{name}_deg" for name in ("roll", "pitch", "yaw"))
+
+
+@pytest.mark.parametrize("by_row", [False, True])
+@pytest.mark.parametrize("given", [False, True])
+@pytest.mark.parametrize("interpolate", [None, {"step_s": 10, "method": "legs"}])
+def test_the_origin_changes_nothing_between_rows(by_row, given, interpolate, tmp_path):
+    """An aircraft that turns, and knows level better than north, as an inertial system does."""
+    rows, names = [(0, 50, 10, 3000), (100, 50.1, 10, 3000), (200, 50.1, 10.2, 3200)], ""
+    if given:
+        names += ",roll_deg,pitch_deg,yaw_deg"
+        rows = [(*row, 0, 2, yaw) for row, yaw in zip(rows, (-70, 80, 100), strict=True)]
+    uncertainty = {"aircraft": {"position_m": 10, "attitude_deg": [0.1, 0.2, 6]}}
+    if by_row:
+        names += f",std_north_m,std_east_m,std_down_m,{STDS}"
+        rows = [(*row, 10, 20, 5, 0.1, 0.2, yaw) for row, yaw in zip(rows, (6, 2, 4), strict=True)]
+        uncertainty = {}
+    found = []
+    for origin in ((50, 10, 0), (57, 4, 0), (45, 20, 900)):
+        s = written(
+            tmp_path,
+            [(51.4, 12.0, 100)],
+            rows,
+            origin,
+            stds=names,
+            interpolate=interpolate,
+            **uncertainty,
+        )
+        between = s.along(s.geometry.at(np.linspace(2.0, 198.0, 50)))
+        found.append([propagate_scenario(x, method="linear").std for x in (s, between)])
+    for other in found[1:]:
+        for std, expected in zip(other, found[0], strict=True):
+            np.testing.assert_allclose(std, expected, rtol=1e-5)
+    assert np.ptp(found[0][1]) > 0.2 * np.max(found[0][1])
+
+
+@pytest.mark.parametrize(
+    ("yaw", "origin", "far"), [(20, 56, True), (20, 50.2, False), (2, 56, False)]
+)
+def test_an_origin_too_far_for_the_attitude_errors_is_warned_of(yaw, origin, far, tmp_path):
+    """By as much as the bound by draws differs from the one about an origin near by."""
+    rows = [(t, 50, 10, 3000, 0, 0, 40 + 100 * t) for t in (0, 1)]
+    found = []
+    for latitude in (origin, 50):
+        s = written(
+            tmp_path,
+            [(50.8, 10.5, 100)],
+            rows,
+            (latitude, 10, 0),
+            stds=",roll_deg,pitch_deg,yaw_deg",
+            aircraft={"position_m": 10, "attitude_deg": [0.1, 0.1, yaw]},
+        )
+        s = with_arrays(s, cov_radar={"a": np.zeros((4, 4))})
+        told = [text for text in plausibility_warnings(s) if "[origin-far]" in text]
+        bounds = rs.monte_carlo(s, runs=20_000, method="linear")
+        found.append((bool(told), np.stack([bounds.lower, bounds.upper])))
+    assert [told for told, _ in found] == [far, False]
+    assert (np.max(abs(found[0][1] - found[1][1])) > 0.005) == far
 
 
 def test_monte_carlo_draws_have_the_same_horizon(tmp_path):
