@@ -29,12 +29,12 @@ DRAWS, LOOK = 16_384, 256
 #: Poses at which draws verify a factor: as many with the largest values by the method, and as many
 #: with the largest values by few draws at all poses.
 VERIFIED = 16
-#: Steps in ln of a factor: outwards to bracket it, and down from one that draws refuse, with the
-#: halvings of the last step down.
-STEP, STEP_DOWN, HALVINGS = float(np.log(4.0)), 0.35, 6
-#: Step in ln of a factor on the way to a growth, half a decade. Beside a limit in reach σ is large
-#: over more than a decade, from a third of the distance of the limit to several ranges.
-WAY = float(np.log(10.0)) / 2.0
+#: Step in ln of a factor by a method, outwards to bracket it.
+STEP = float(np.log(4.0))
+#: Step in ln of a factor that draws confirm, half a decade, and how near it is near enough. Beside
+#: a limit in reach σ is large over more than a decade, from a third of the distance of the limit
+#: to several ranges.
+WAY, NEAR = float(np.log(10.0)) / 2.0, 0.005
 #: Standard errors by which draws are sure that a limit is exceeded.
 SURE = 5.0
 #: Part of the limit by which 3σ of the draws may exceed it, their standard error. First order may
@@ -203,7 +203,7 @@ class _Goal:
         else:
             return (factor, known) if factor else (np.inf, True)
         if low is None:
-            low = high - STEP_DOWN
+            low = high - WAY
             while not (holds := self._holds(names, float(np.exp(low)))):
                 if low == -LARGEST_LOG_FACTOR:
                     impossible = self._holds(names, 0.0) is False
@@ -211,7 +211,7 @@ class _Goal:
                 low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         confirmed = low
         rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))
-        for _ in range(HALVINGS):
+        while high - low > NEAR:
             middle = 0.5 * (low + high)
             holds = self._holds(names, float(np.exp(middle)), rows)
             low, high = (middle, high) if holds else (low, middle)
