@@ -4,7 +4,7 @@ A mission needs a path with times, and the time from one look of a radar to the 
 `radar.scan_period_s`. Each radar has a first look at the first pose. Between two poses the aircraft
 flies a straight line. The line is in latitude and longitude if the path follows the curve of the
 earth, and in the local frame otherwise. The attitude turns the short way at a constant rate. The
-covariance is interpolated linearly. Poses far apart in a turn make a poor path.
+covariance is linear, relative to level at the aircraft. Poses far apart in a turn make a poor path.
 `geometry.interpolate` adds poses. The errors of the poses have the correlation time
 `uncertainty.aircraft_correlation_s`. The errors of a radar are the same at all looks.
 
@@ -17,7 +17,7 @@ track. The bounds are from draws, see `mission.recombined`.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -90,12 +90,12 @@ class Source:
     Attributes:
         radar: Name of the radar; "" for the network.
         p_d: P_D of the looks at each time (K,), NaN where there is no look.
-        events: Probability by each time (K,) of detection, and of a track if wanted.
+        events: Probability of each event by each time (K,): detection, and a track if wanted.
     """
 
     radar: str
     p_d: FloatArray
-    events: list[Cumulative]
+    events: Mapping[Event, Cumulative]
 
 
 @command(
@@ -177,14 +177,14 @@ def mission(
             }
             for source, period, times in zip(radars, periods, looks.times, strict=True)
         }
-    for name, found in zip(names, network.events, strict=True):
+    for name, found in zip(names, network.events.values(), strict=True):
         result.report += _answer(name, found, scenario.level, axis, k)
     if radars:
         result.report.append("each radar alone, by the end:")
         rows = {
             source.radar: ", ".join(
                 f"{event.key} {words.probability(found.p[-1])} ({_band(found, 'to')})"
-                for event, found in zip(EVENTS, source.events, strict=False)
+                for event, found in source.events.items()
             )
             + f", every {period:g} s"
             for source, period in zip(radars, periods, strict=True)
@@ -230,9 +230,10 @@ def _sources(looks: Looks, missions: Sequence[list[Cumulative]]) -> list[Source]
     schedule, p_d = looks.schedule, looks.nominal_p_d()
     times = np.arange(len(schedule.time))
     together = p_d_by_time(schedule, fuse(schedule.radars, p_d), times)[:, 0]
-    sources = [Source("", together, missions[0])]
-    alone = zip(looks.scenario.model.names, p_d, looks.times, missions[1:], strict=False)
-    for name, of_looks, at, events in alone:
+    network, *alone = (dict(zip(EVENTS, events, strict=False)) for events in missions)
+    sources = [Source("", together, network)]
+    names = looks.scenario.model.names
+    for name, of_looks, at, events in zip(names, p_d, looks.times, alone, strict=False):
         by_time = np.full(len(times), np.nan)
         by_time[at] = of_looks[:, 0]
         sources.append(Source(name, by_time, events))
@@ -245,7 +246,7 @@ def _add_columns(table: Table, source: Source, drawn: MissionDraws | None, k: fl
     end = f"_{source.radar}" if source.radar else ""
     together = "" if source.radar else ", or of all looks at this time together"
     table.add(f"p_d{end}", source.p_d, f"{of}P_D of the look{together}.")
-    for i, (event, found) in enumerate(zip(EVENTS, source.events, strict=False)):
+    for i, (event, found) in enumerate(source.events.items()):
         before, this = event.before, f"the probability {event.p}{end}"
         table.add(f"{event.p}{end}", found.p, f"{of}Probability that {event.meaning} by now.")
         table.add(f"sigma_{event.stem}{end}", found.std, f"{of}Standard deviation of {this}.")
@@ -268,7 +269,7 @@ def _add_errors(table: Table, source: Source, k: float) -> None:
     """Add the standard errors of the bounds."""
     of = f"For radar {source.radar} alone: " if source.radar else ""
     end = f"_{source.radar}" if source.radar else ""
-    for event, found in zip(EVENTS, source.events, strict=False):
+    for event, found in source.events.items():
         for side, error in (("lower", found.lower_se), ("upper", found.upper_se)):
             name = f"{event.before}{side}_{k:.12g}sigma"
             table.add(f"{name}_se{end}", error, f"{of}Standard error of {name}{end}.")
@@ -278,7 +279,7 @@ def _largest_errors(network: Source, axis: Axis) -> dict[str, Any]:
     """Return the largest standard error of the bounds of each event, with the time."""
     return {
         event.key: words.peak(np.maximum(found.lower_se, found.upper_se), axis)
-        for event, found in zip(EVENTS, network.events, strict=False)
+        for event, found in network.events.items()
     }
 
 
@@ -302,7 +303,7 @@ def _summaries(source: Source, axis: Axis, k: float) -> dict[str, Any]:
                 for level in MILESTONES
             },
         }
-        for event, found in zip(EVENTS, source.events, strict=False)
+        for event, found in source.events.items()
     }
 
 
@@ -324,7 +325,7 @@ def _differences(network: Source, drawn: MissionDraws, axis: Axis) -> dict[str, 
 
     return {
         event.key: largest(found, draws)
-        for event, found, draws in zip(EVENTS, network.events, drawn.events, strict=False)
+        for (event, found), draws in zip(network.events.items(), drawn.events, strict=True)
     }
 
 
