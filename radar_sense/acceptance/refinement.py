@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radar_sense.flight import CERTAIN
 from radar_sense.model.geometry import body_vector, slant_range
 from radar_sense.model.radar import Radar
 from radar_sense.propagation import Band
@@ -123,13 +124,15 @@ def refined(
     """
     place = scenario.geometry.coordinate
     shortest, n = scenario.geometry.shortest, len(place)
-    peaks, scanned = scan(scenario)
+    # P_D of the nominal states and steps of geometry need no covariances between the rows
+    nominal = scenario.along(dataclasses.replace(scenario.geometry, covariance=CERTAIN))
+    peaks, scanned = scan(nominal)
     place = np.union1d(place, peaks)
     if scenario.time_s is None and scenario.axis.values[0] > scenario.axis.values[-1]:
         place = place[::-1]
     row = np.full(len(place), -1)  # number of the row, or −1
     row[np.isin(place, scenario.geometry.coordinate)] = np.arange(n)
-    place, row = _divided(scenario, place, row, LARGEST_TURN, shortest, MAX_POSES)
+    place, row = _divided(nominal, place, row, LARGEST_TURN, shortest, MAX_POSES)
     if len(place) > n:
         values = propagate(along(scenario, place[row < 0]))
         band = _merged(band, values, row)
