@@ -15,7 +15,6 @@ from functools import lru_cache
 import numpy as np
 from scipy.special import ndtr
 
-from radar_sense.limits import Limit
 from radar_sense.model.radar_equation import LOSSES_KEY, MOST_NEPERS, NEPERS, RADARS
 from radar_sense.states import FloatArray
 
@@ -23,7 +22,6 @@ from radar_sense.states import FloatArray
 #: standard deviations. c_r has no mean if a divisor may be 0. Without the limit 3 draws in ten
 #: million would be lower.
 MAX_DIVISOR_STD, LOWEST_DIVISOR = 1.0 / 6.0, -5.0
-TOLERANCE_DB = Limit(at_least=0, at_most=20)
 _LOSS = f"{LOSSES_KEY}."  # begins the key of a loss by name
 
 

@@ -34,7 +34,6 @@ from radar_sense.limits import (
 from radar_sense.model import trajectory
 from radar_sense.model.antenna import TILT
 from radar_sense.model.detectors import DETECTORS, Detector, North
-from radar_sense.model.radar_constant import TOLERANCE_DB
 from radar_sense.model.radar_equation import LOSSES, LOSSES_KEY, RADARS, SEARCH_FACTORS
 from radar_sense.model.rcs import RCS_MODELS
 from radar_sense.model.rcs_table import ENVELOPE
@@ -106,7 +105,7 @@ class HalfWidth:
 def _tolerances() -> type:
     """Return the section of standard deviations by parameter of a data sheet."""
     limits = {
-        name: TOLERANCE_DB if f.metadata["decibels"] else NOT_NEGATIVE
+        name: STD_DB if f.metadata["decibels"] else NOT_NEGATIVE
         for cls in RADARS.values()
         for f in dataclasses.fields(cls)
         for name in f.metadata.get("units", {})
@@ -116,7 +115,7 @@ def _tolerances() -> type:
         name: key(f"Standard deviation of {name}.", number_or(limit, HalfWidth), default=None)
         for name, limit in limits.items()
     }
-    losses = named(_LOSS, number_or(TOLERANCE_DB, HalfWidth), "loss")
+    losses = named(_LOSS, number_or(STD_DB, HalfWidth), "loss")
     keys[LOSSES_KEY] = key("Standard deviations of the losses by name.", losses, default=None)
     return _section("Tolerances", "Standard deviations by parameter of a data sheet.", keys)
 
