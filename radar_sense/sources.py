@@ -65,6 +65,7 @@ class Contribution:
         share_error: Standard error of the share (n,), by Sobol' indices.
         total_index: Total Sobol' index (n,) of a source, by Sobol' indices.
         total_error: Standard error of the total index (n,).
+        std_error: Standard error of `std` (n,) of all sources together, by Sobol' indices.
         part_of: Name of the source that it is a part of; "" for a source.
     """
 
@@ -74,6 +75,7 @@ class Contribution:
     share_error: FloatArray | None = None
     total_index: FloatArray | None = None
     total_error: FloatArray | None = None
+    std_error: FloatArray | None = None
     part_of: str = ""
 
     @property
@@ -437,6 +439,10 @@ def _by_sobol_indices(scenario: Scenario) -> Budget:
         fields[name] |= {"total_index": indices.total[i], "total_error": indices.total_error[i]}
     of_sources = np.sum(indices.first_error[: len(shown)] ** 2, axis=0)
     fields["interaction"] = {"share_error": np.sqrt(of_sources)}
+    # dσ = dσ²/(2σ)
+    of_variance = indices.variance_error
+    error = np.divide(of_variance, 2.0 * std, out=np.zeros_like(std), where=std > 0)
+    fields["total"] = {"std_error": error}
     return _budget(scenario, indices.mean, std, alone, fields)
 
 

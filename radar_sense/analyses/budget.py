@@ -98,6 +98,9 @@ def budget(
         if c.total_error is not None:
             meaning = f"Standard error of the total Sobol' index of {c.name}."
             add(f"total_index_error_{c.name}", c.total_error, meaning)
+    if total.std_error is not None:
+        meaning = "Standard error of three_sigma_total."
+        add("three_sigma_error_total", 3.0 * total.std_error, meaning)
 
     if at_pose == 0:
         result.report += ["nothing to measure: P_D is certain"]
@@ -170,6 +173,8 @@ def _row(c: Contribution, pose: int, width: int) -> str:
     error = None if c.share_error is None else c.share_error[pose]
     value = "" if c.name == "interaction" else words.probability(c.three_sigma[pose])
     share = "" if c.name == "total" else words.percent(c.share[pose], error)
+    if c.std_error is not None and c.std_error[pose] > 0:
+        share = f" +/- {words.probability(3.0 * c.std_error[pose])}"
     label = f"  {c.label}" if c.part_of else c.label
     return f"  {label:{width}}{value:6}{share}".rstrip()
 

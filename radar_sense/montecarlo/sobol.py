@@ -26,7 +26,7 @@ MAX_VALUES = 1_000_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SobolIndices:
-    """Indices of g groups for s outputs, with the standard errors of the first-order indices.
+    """Indices of g groups for s outputs, with standard errors.
 
     Attributes:
         mean: Mean of the outputs (s,).
@@ -35,6 +35,7 @@ class SobolIndices:
         total: Total indices (g, s).
         first_error: Standard errors of the first-order indices (g, s).
         total_error: Standard errors of the total indices (g, s).
+        variance_error: Standard errors of the variance (s,).
     """
 
     mean: FloatArray
@@ -43,6 +44,7 @@ class SobolIndices:
     total: FloatArray
     first_error: FloatArray
     total_error: FloatArray
+    variance_error: FloatArray
 
 
 def sobol_indices(
@@ -103,8 +105,8 @@ def sobol_indices(
     means, variances, firsts, totals = (np.stack(v) for v in zip(*replicates, strict=True))
     constant = variances.mean(axis=0) == 0
     firsts[..., constant] = totals[..., constant] = np.nan
-    first_error, total_error = (
-        indices.std(axis=0, ddof=1) / np.sqrt(REPLICATES) for indices in (firsts, totals)
+    first_error, total_error, variance_error = (
+        found.std(axis=0, ddof=1) / np.sqrt(REPLICATES) for found in (firsts, totals, variances)
     )
     return SobolIndices(
         mean=means.mean(axis=0),
@@ -113,6 +115,7 @@ def sobol_indices(
         total=totals.mean(axis=0),
         first_error=first_error,
         total_error=total_error,
+        variance_error=variance_error,
     )
 
 

@@ -16,7 +16,7 @@ from radar_sense.errors import InputError
 from radar_sense.propagation import METHODS, form, propagate_scenario
 from radar_sense.scenario_file.load import load_scenario, parse_scenario
 from radar_sense.sources import error_budget
-from radar_sense.words import describe_poses
+from radar_sense.words import describe_poses, probability
 
 FEW = {"start": 0, "stop": 90, "step": 15}
 NOTHING = {"position_m": 0, "attitude_deg": 0}
@@ -71,6 +71,11 @@ def test_sobol_indices_agree_with_the_linear_budget_where_that_is_good():
         share, error = sobol.sources[source].share[0], sobol.sources[source].share_error[0]
         assert share == pytest.approx(linear.sources[source].share[0], abs=4 * error + 0.02)
     assert sobol.total.std[0] == pytest.approx(linear.total.std[0], rel=0.01)
+    assert sobol.total.std[0] * 1e-4 < sobol.total.std_error[0] < sobol.total.std[0] * 0.01
+    found = analyses.budget(s, method="montecarlo")
+    error = 3 * sobol.total.std_error
+    np.testing.assert_array_equal(found.table["three_sigma_error_total"], error)
+    assert any(line.endswith(f" +/- {probability(error[0])}") for line in found.report)
     for source in SOURCES:
         assert sobol.sources[source].total_index[0] >= sobol.sources[source].share[0] - 0.02
 
