@@ -191,36 +191,36 @@ class _Goal:
         if not factor:
             if known and self.method != AUTOMATIC:
                 return factor, known
-            certain = self._holds(names, 0.0)
+            certain = self._holds(names, -np.inf)
             if not certain:
                 return None, certain is False
         last = LARGEST_LOG_FACTOR if not factor else min(float(np.log(factor)), LARGEST_LOG_FACTOR)
         low = None
         for high in (*np.arange(0.0, last, WAY).tolist(), last):
-            if not self._holds(names, float(np.exp(high))):
+            if not self._holds(names, high):
                 break
             low = high
         else:
             return (factor, known) if factor else (np.inf, True)
         if low is None:
             low = high - WAY
-            while not (holds := self._holds(names, float(np.exp(low)))):
+            while not (holds := self._holds(names, low)):
                 if low == -LARGEST_LOG_FACTOR:
-                    impossible = self._holds(names, 0.0) is False
+                    impossible = self._holds(names, -np.inf) is False
                     return (None, True) if impossible else (0.0, holds is False)
                 low, high = max(low - 2.0 * (high - low), -LARGEST_LOG_FACTOR), low
         confirmed = low
         rows = np.union1d(*(self.rows(names, float(np.exp(end))) for end in (low, high)))
         while high - low > NEAR:
             middle = 0.5 * (low + high)
-            holds = self._holds(names, float(np.exp(middle)), rows)
+            holds = self._holds(names, middle, rows)
             low, high = (middle, high) if holds else (low, middle)
-        if self._holds(names, float(np.exp(low))):  # at its own poses too
+        if self._holds(names, low):  # at its own poses too
             confirmed = low
         return float(np.exp(confirmed)), False
 
     def _holds(
-        self, names: tuple[str, ...], factor: float, rows: NDArray[np.intp] | None = None
+        self, names: tuple[str, ...], log_factor: float, rows: NDArray[np.intp] | None = None
     ) -> bool | None:
         """Return whether draws say that the limit holds at a factor; None if they are not sure.
 
@@ -228,9 +228,10 @@ class _Goal:
 
         Args:
             names: Names of sources and parts.
-            factor: Factor on their standard deviations.
+            log_factor: ln of the factor on their standard deviations; −inf for 0.
             rows: Poses to judge; None for those of `_rows` at the factor.
         """
+        factor = float(np.exp(log_factor))
         rows = self.rows(names, factor) if rows is None else rows
         most = self._allowed if self.k is None else float(ndtr(-self.k))
 
